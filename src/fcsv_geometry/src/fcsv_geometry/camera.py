@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pinhole camera with Brown-Conrady distortion ("plumb_bob"). Pixel centres are at whole numbers."""
+from dataclasses import dataclass, replace
+from typing import Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_geometry.errors import GeometryError
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """Intrinsics in pixels; ``distortion`` is k1, k2, p1, p2, k3 (OpenCV order), all zero for a pinhole.
+
+    Raises GeometryError on non-finite values, a focal length that is not positive, or an empty picture.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: Tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        values = [self.fx, self.fy, self.cx, self.cy, *self.distortion]
+        if not np.isfinite(values).all():
+            raise GeometryError(f"camera intrinsics are not finite: {values}")
+        if self.fx <= 0 or self.fy <= 0 or self.width < 1 or self.height < 1:
+            raise GeometryError(
+                f"camera has size {self.width}x{self.height}, focal length {self.fx}, {self.fy} px: not a camera"
+            )
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, horizontal_fov_rad: float, distortion=(0.0,) * 5) -> "PinholeCamera":
+        """Square pixels, principal point in the middle.
+
+        >>> round(PinholeCamera.from_fov(640, 480, np.radians(56)).fx, 1)
+        601.8
+        """
+        f = width / 2 / np.tan(horizontal_fov_rad / 2)
+        return cls(width, height, f, f, (width - 1) / 2, (height - 1) / 2, tuple(distortion))
+
+    @property
+    def K(self) -> np.ndarray:
+        """3x3 camera matrix."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def undistorted(self) -> "PinholeCamera":
+        """The same camera without distortion: what the picture from undistort() belongs to."""
+        return replace(self, distortion=(0.0,) * len(self.distortion))
+
+    def undistort(self, image: np.ndarray, interpolation: int = cv2.INTER_LINEAR) -> np.ndarray:
+        """The picture as the undistorted camera would have taken it; pixels without a source are 0."""
+        if not any(self.distortion):
+            return image
+        return cv2.undistort(image, self.K, np.array(self.distortion)) if interpolation == cv2.INTER_LINEAR else (
+            cv2.remap(image, *self._undistort_maps(), interpolation)
+        )
+
+    def _undistort_maps(self):
+        return cv2.initUndistortRectifyMap(
+            self.K, np.array(self.distortion), None, self.K, (self.width, self.height), cv2.CV_32FC1
+        )
+
+    def project(self, p_cam: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2) of points (N, 3) in the optical frame (m); NaN for points not in front."""
+        p_cam = np.asarray(p_cam, float).reshape(-1, 3)
+        uv, _ = cv2.projectPoints(p_cam, np.zeros(3), np.zeros(3), self.K, np.array(self.distortion))
+        uv = uv.reshape(-1, 2)
+        uv[p_cam[:, 2] <= 0] = np.nan
+        return uv
+
+    def normalize(self, uv_px: np.ndarray) -> np.ndarray:
+        """Undistorted x/z, y/z (N, 2) of pixels (N, 2)."""
+        uv = np.ascontiguousarray(uv_px, dtype=float).reshape(-1, 1, 2)
+        return cv2.undistortPoints(uv, self.K, np.array(self.distortion)).reshape(-1, 2)
+
+    def rays(self) -> np.ndarray:
+        """Directions (height, width, 3), z = 1, optical frame, of every pixel's centre (distortion included)."""
+        u, v = np.meshgrid(np.arange(self.width, dtype=float), np.arange(self.height, dtype=float))
+        xy = self.normalize(np.stack([u, v], -1)).reshape(self.height, self.width, 2)
+        return np.concatenate([xy, np.ones_like(xy[..., :1])], -1)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Strict configuration: a dataclass is the only home of defaults, a file may only name its fields."""
+import dataclasses
+import math
+import typing
+from pathlib import Path
+from typing import Any, Mapping, Type, TypeVar
+
+import yaml
+
+from fcsv_geometry.errors import ConfigError
+
+T = TypeVar("T")
+
+
+def load(path, cls: Type[T]) -> T:
+    """A dataclass from a YAML file; nested dataclasses and lists of them included.
+
+    A ``ValueError`` raised by a dataclass's ``__post_init__`` ("field: what is wrong") is reported with
+    the file's name. Raises ConfigError naming file and field on an unknown key, a missing one, a wrong
+    type, NaN, or a value that the dataclass refuses.
+    """
+    return from_mapping(read_yaml(path), cls, str(path))
+
+
+def read_yaml(path) -> Any:
+    """The document in a YAML file. Raises ConfigError where it cannot be read or parsed."""
+    try:
+        return yaml.safe_load(Path(path).read_text())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}" if mark else ""
+        raise ConfigError(f"{path}{where}: not valid YAML ({getattr(error, 'problem', error)})") from error
+
+
+def from_mapping(document: Any, cls: Type[T], source: str, at: str = "") -> T:
+    """A dataclass from a parsed mapping; ``source`` and ``at`` name file and field in errors."""
+    here = at or "top level"
+    if not isinstance(document, Mapping):
+        raise ConfigError(f"{source}: {here} must be a mapping of {_names(cls)}, got {_kind(document)}")
+    hints = typing.get_type_hints(cls)
+    fields = {f.name: f for f in dataclasses.fields(cls) if f.init}
+    for key in document:
+        if key not in fields:
+            raise ConfigError(f"{source}: unknown key '{_join(at, key)}'; known here: {_names(cls)}")
+    for name, f in fields.items():
+        required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        if required and name not in document:
+            raise ConfigError(f"{source}: '{_join(at, name)}' is missing")
+    values = {k: _convert(v, hints[k], source, _join(at, k)) for k, v in document.items()}
+    try:
+        return cls(**values)
+    except ValueError as error:
+        raise ConfigError(f"{source}: {_join(at, str(error))}") from error
+
+
+def _convert(value: Any, kind: Any, source: str, at: str) -> Any:
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.Union:  # Optional[X]
+        return None if value is None else _convert(value, args[0], source, at)
+    if dataclasses.is_dataclass(kind):
+        return from_mapping(value, kind, source, at)
+    if origin in (list, tuple):
+        return _convert_sequence(value, origin, args, source, at)
+    if origin is dict:
+        if not isinstance(value, Mapping):
+            raise ConfigError(f"{source}: '{at}' must be a mapping, got {_kind(value)}")
+        return {k: _convert(v, args[1], source, f"{at}.{k}") for k, v in value.items()}
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if kind is Any:
+        return value
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        raise ConfigError(f"{source}: '{at}' must be {kind.__name__}, got {_kind(value)}")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"{source}: '{at}' must be finite, got {value}")
+    return value
+
+
+def _convert_sequence(value, origin, args, source, at):
+    if not isinstance(value, (list, tuple)):
+        raise ConfigError(f"{source}: '{at}' must be a list, got {_kind(value)}")
+    fixed = origin is tuple and args[-1] is not Ellipsis
+    if fixed and len(value) != len(args):
+        raise ConfigError(f"{source}: '{at}' must have {len(args)} values, got {len(value)}")
+    kinds = args if fixed else (args[0],) * len(value)
+    return origin(_convert(v, k, source, f"{at}[{i}]") for i, (v, k) in enumerate(zip(value, kinds)))
+
+
+def _join(at: str, key: str) -> str:
+    return f"{at}.{key}" if at else str(key)
+
+
+def _names(cls) -> str:
+    return ", ".join(f.name for f in dataclasses.fields(cls) if f.init)
+
+
+def _kind(value: Any) -> str:
+    return "nothing" if value is None else f"{type(value).__name__} {value!r}"[:80]

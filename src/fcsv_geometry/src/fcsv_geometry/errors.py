@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Errors that every fcsv package builds on: one line that names what is wrong, where, and what to do."""
+
+
+class FcsvError(Exception):
+    """Base of all fcsv errors; commands print it as one line and exit with a non-zero status."""
+
+
+class ConfigError(FcsvError):
+    """A configuration file has an unknown key, a value out of range, or cannot be read."""
+
+
+class GeometryError(FcsvError):
+    """A transform, quaternion or camera model is not what it claims to be (NaN, not a rotation, ...)."""
+
+
+class PoseUnavailable(FcsvError):
+    """No pose can be given for the asked stamp: nothing near enough in time. Drop the data, count it."""

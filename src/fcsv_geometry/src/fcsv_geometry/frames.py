@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of the frames (docs/conventions.md); rviz's fixed frame is HOME."""
+
+HOME = "home"
+
+
+def odom(vehicle: str) -> str:
+    """O_n: where the vehicle's own odometry began, level."""
+    return f"{vehicle}/odom"
+
+
+def base_link(vehicle: str) -> str:
+    """D_n: body, forward-left-up."""
+    return f"{vehicle}/base_link"
+
+
+def camera_optical(vehicle: str) -> str:
+    """C_n: z forward, x right, y down."""
+    return f"{vehicle}/camera_optical"
+
+
+def tag(vehicle: str) -> str:
+    """A_n: the AprilTag on the back."""
+    return f"{vehicle}/tag"

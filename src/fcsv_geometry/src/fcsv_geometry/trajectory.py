@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stamped poses of one body, and the pose at a stamp between them."""
+import bisect
+from typing import List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.errors import PoseUnavailable
+
+
+class Trajectory:
+    """Poses T_a_b in order of time (s), interpolated at a stamp, never beyond ``extrapolation_s``.
+
+    ``gap_s`` is the longest silence that is bridged; ``keep_s`` bounds the memory of a live buffer.
+    """
+
+    def __init__(self, gap_s: float = 0.1, extrapolation_s: float = 0.0, keep_s: Optional[float] = None):
+        self._gap_s = gap_s
+        self._extrapolation_s = extrapolation_s
+        self._keep_s = keep_s
+        self._stamps_s: List[float] = []
+        self._poses: List[np.ndarray] = []
+
+    def __len__(self) -> int:
+        return len(self._stamps_s)
+
+    @property
+    def span_s(self) -> Tuple[float, float]:
+        """First and last stamp (s). Raises PoseUnavailable when empty."""
+        if not self._stamps_s:
+            raise PoseUnavailable("no pose yet")
+        return self._stamps_s[0], self._stamps_s[-1]
+
+    def latest(self) -> Tuple[float, np.ndarray]:
+        """Newest stamp (s) and T_a_b. Raises PoseUnavailable when empty."""
+        return self.span_s[1], self._poses[-1]
+
+    def add(self, stamp_s: float, T_a_b: np.ndarray) -> bool:
+        """Append a pose; one that does not come after the newest is refused (False)."""
+        if self._stamps_s and stamp_s <= self._stamps_s[-1]:
+            return False
+        self._stamps_s.append(stamp_s)
+        self._poses.append(T_a_b)
+        if self._keep_s is not None and self._stamps_s[0] < stamp_s - 2 * self._keep_s:
+            cut = bisect.bisect_left(self._stamps_s, stamp_s - self._keep_s)
+            del self._stamps_s[:cut], self._poses[:cut]
+        return True
+
+    def at(self, stamp_s: float) -> np.ndarray:
+        """T_a_b at a stamp (s). Raises PoseUnavailable beyond the ends or inside too long a silence."""
+        first_s, last_s = self.span_s
+        if stamp_s < first_s:
+            raise PoseUnavailable(f"stamp is {first_s - stamp_s:.3f} s before the first pose")
+        if stamp_s > last_s:
+            if stamp_s - last_s > self._extrapolation_s or len(self) < 2:
+                raise PoseUnavailable(f"stamp is {stamp_s - last_s:.3f} s after the newest pose")
+            return self._between(len(self) - 2, stamp_s)
+        return self._between(max(bisect.bisect_left(self._stamps_s, stamp_s) - 1, 0), stamp_s)
+
+    def _between(self, index: int, stamp_s: float) -> np.ndarray:
+        if len(self) == 1:
+            return self._poses[0]
+        before_s, after_s = self._stamps_s[index : index + 2]
+        if after_s - before_s > self._gap_s:
+            raise PoseUnavailable(f"poses are silent for {after_s - before_s:.3f} s around the stamp")
+        alpha = (stamp_s - before_s) / (after_s - before_s)
+        if 0.0 <= alpha <= 1.0:
+            return transforms.interpolate(self._poses[index], self._poses[index + 1], alpha)
+        return self._extrapolated(index, alpha)
+
+    def _extrapolated(self, index: int, alpha: float) -> np.ndarray:
+        step = transforms.invert(self._poses[index]) @ self._poses[index + 1]
+        turn = transforms.Rotation.from_matrix(step[:3, :3]).as_rotvec() * (alpha - 1.0)
+        R = self._poses[index + 1][:3, :3] @ transforms.Rotation.from_rotvec(turn).as_matrix()
+        p0, p1 = self._poses[index][:3, 3], self._poses[index + 1][:3, 3]
+        return transforms.transform(R, p1 + (p1 - p0) * (alpha - 1.0))

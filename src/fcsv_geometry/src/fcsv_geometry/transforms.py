@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid transforms as 4x4 float64 arrays: ``T_a_b`` takes points of frame b to frame a, p_a = T_a_b @ p_b.
+
+Axes are REP 103 (x forward, y left, z up); optical frames are z forward, x right, y down.
+"""
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from fcsv_geometry.errors import GeometryError
+
+#: Rotation from the optical frame (z forward) to the body-like frame (x forward) of the same camera.
+R_FLU_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def transform(R_a_b: np.ndarray, p_a_b: np.ndarray) -> np.ndarray:
+    """T_a_b from a 3x3 rotation and the position of b's origin in a (m).
+
+    >>> transform(np.eye(3), [1, 2, 3])[:3, 3].tolist()
+    [1.0, 2.0, 3.0]
+    """
+    T_a_b = np.eye(4)
+    T_a_b[:3, :3] = R_a_b
+    T_a_b[:3, 3] = p_a_b
+    return T_a_b
+
+
+def invert(T_a_b: np.ndarray) -> np.ndarray:
+    """T_b_a, by transposing the rotation.
+
+    >>> T = from_xyz_rpy([1, 2, 3], [0.1, 0.2, 0.3])
+    >>> np.allclose(T @ invert(T), np.eye(4))
+    True
+    """
+    R_b_a = T_a_b[:3, :3].T
+    return transform(R_b_a, -R_b_a @ T_a_b[:3, 3])
+
+
+def apply(T_a_b: np.ndarray, p_b: np.ndarray) -> np.ndarray:
+    """Points (..., 3) of frame b in frame a."""
+    return p_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def from_xyz_rpy(p_a_b_m, rpy_rad) -> np.ndarray:
+    """T_a_b from a position (m) and roll, pitch, yaw about fixed x, y, z (rad; REP 103, R = Rz Ry Rx).
+
+    >>> np.allclose(from_xyz_rpy([0, 0, 0], [0, 0, np.pi / 2]) @ [1, 0, 0, 1], [0, 1, 0, 1])
+    True
+    """
+    return transform(Rotation.from_euler("xyz", rpy_rad).as_matrix(), p_a_b_m)
+
+
+def from_xyz_yaw(p_a_b_m, yaw_rad: float) -> np.ndarray:
+    """Four-degree-of-freedom T_a_b: a position (m) and a rotation about z alone (rad)."""
+    return from_xyz_rpy(p_a_b_m, [0.0, 0.0, yaw_rad])
+
+
+def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
+    """T_a_b from a position (m) and a quaternion, normalised here.
+
+    Raises GeometryError where either holds NaN or the quaternion's length is not near one.
+    """
+    q = np.asarray(q_a_b_xyzw, float)
+    p = np.asarray(p_a_b_m, float)
+    norm = np.linalg.norm(q)
+    if not (np.isfinite(p).all() and np.isfinite(norm)):
+        raise GeometryError(f"pose is not finite: position {p.tolist()}, quaternion {q.tolist()}")
+    if abs(norm - 1.0) > 0.01:
+        raise GeometryError(f"quaternion {q.tolist()} has length {norm:.3g}, not 1")
+    return transform(Rotation.from_quat(q / norm).as_matrix(), p)
+
+
+def quaternion_xyzw(T_a_b: np.ndarray) -> np.ndarray:
+    """q_a_b (x, y, z, w) of the rotation, with w >= 0."""
+    q = Rotation.from_matrix(T_a_b[:3, :3]).as_quat()
+    return q if q[3] >= 0 else -q
+
+
+def rpy(T_a_b: np.ndarray) -> np.ndarray:
+    """Roll, pitch, yaw (rad) about fixed x, y, z: the inverse of from_xyz_rpy."""
+    return Rotation.from_matrix(T_a_b[:3, :3]).as_euler("xyz")
+
+
+def yaw(T_a_b: np.ndarray) -> float:
+    """Heading (rad) of b's x axis in a's horizontal plane."""
+    return float(np.arctan2(T_a_b[1, 0], T_a_b[0, 0]))
+
+
+def level(T_a_b: np.ndarray) -> np.ndarray:
+    """T_a_b with roll and pitch removed: same position, same heading of the x axis."""
+    return from_xyz_yaw(T_a_b[:3, 3], yaw(T_a_b))
+
+
+def rotation_angle(R_a: np.ndarray, R_b: np.ndarray) -> float:
+    """Angle (rad) between two rotations; 3x3 or 4x4.
+
+    >>> round(rotation_angle(np.eye(3), from_xyz_yaw([0, 0, 0], 0.1)), 6)
+    0.1
+    """
+    return float(np.linalg.norm(Rotation.from_matrix(R_a[:3, :3].T @ R_b[:3, :3]).as_rotvec()))
+
+
+def interpolate(T_a_b0: np.ndarray, T_a_b1: np.ndarray, alpha: float) -> np.ndarray:
+    """Between two poses: linear in position, spherical-linear in rotation; alpha 0 gives the first."""
+    R = Slerp([0.0, 1.0], Rotation.from_matrix([T_a_b0[:3, :3], T_a_b1[:3, :3]]))(alpha).as_matrix()
+    return transform(R, (1.0 - alpha) * T_a_b0[:3, 3] + alpha * T_a_b1[:3, 3])
+
+
+def require_rigid(T_a_b: np.ndarray, name: str) -> np.ndarray:
+    """The array back as float64 where it is a finite 4x4 rigid transform; else GeometryError naming it."""
+    T = np.asarray(T_a_b, float)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise GeometryError(f"{name} is not a finite 4x4 transform")
+    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-5) or np.linalg.det(T[:3, :3]) < 0:
+        raise GeometryError(f"the rotation of {name} is not a rotation (not orthonormal, or mirrored)")
+    return T

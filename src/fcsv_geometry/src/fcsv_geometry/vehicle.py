@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is fixed on a vehicle: where its camera, tracking camera and tag sit, and which tag it carries."""
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, Iterable, Tuple
+
+import numpy as np
+
+from fcsv_geometry import config, transforms
+
+Vector3 = Tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Pose of a part in the body frame: metres, and degrees about fixed x, y, z (a person types them)."""
+
+    xyz_m: Vector3
+    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+
+    @property
+    def T_body_part(self) -> np.ndarray:
+        return transforms.from_xyz_rpy(self.xyz_m, np.radians(self.rpy_deg))
+
+
+@dataclass(frozen=True)
+class VehicleGeometry:
+    """One vehicle, as in config/vehicles/NAME.yaml.
+
+    ``camera`` and ``tag`` are given forward-left-up: the camera's x looks out of the lens, the tag's x
+    out of its printed face (a tag on the back has yaw 180 degrees). ``tracking_camera`` is the
+    T265's pose frame (x out of its lens side, REP 103), pitched 90 degrees when it looks down.
+    """
+
+    name: str
+    system_id: int
+    tag_id: int
+    tag_size_m: float
+    camera: Mount
+    tracking_camera: Mount
+    tag: Mount
+    radius_m: float = 0.25
+
+    def __post_init__(self):
+        if not self.name.isidentifier():
+            raise ValueError(f"name: '{self.name}' is not a ROS name; use letters, digits and _")
+        if not 1 <= self.system_id <= 255:
+            raise ValueError(f"system_id: {self.system_id} is not in 1..255")
+        if self.tag_size_m <= 0:
+            raise ValueError(f"tag_size_m: {self.tag_size_m} must be positive")
+        if self.radius_m <= 0:
+            raise ValueError(f"radius_m: {self.radius_m} must be positive")
+
+    @property
+    def T_body_cam(self) -> np.ndarray:
+        """Camera's optical frame in the body frame."""
+        return self.camera.T_body_part @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+
+    @property
+    def T_body_t265(self) -> np.ndarray:
+        return self.tracking_camera.T_body_part
+
+    @property
+    def T_body_tag(self) -> np.ndarray:
+        """Tag frame of the AprilRobotics detector: seen from its front x right, y down, z into the tag."""
+        R_flu_tag = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        return self.tag.T_body_part @ transforms.transform(R_flu_tag, np.zeros(3))
+
+
+def load_vehicles(folder, names: Iterable[str]) -> Dict[str, VehicleGeometry]:
+    """Named vehicles from ``folder``/NAME.yaml, in order. Raises ConfigError on a clash of ids or names."""
+    vehicles: Dict[str, VehicleGeometry] = {}
+    for name in names:
+        path = Path(folder) / f"{name}.yaml"
+        vehicle = config.load(path, VehicleGeometry)
+        if vehicle.name != name:
+            raise config.ConfigError(f"{path}: name is '{vehicle.name}', the file says '{name}'")
+        for other in vehicles.values():
+            if other.tag_id == vehicle.tag_id:
+                raise config.ConfigError(f"{path}: tag_id {vehicle.tag_id} is also {other.name}'s; tags must differ")
+            if other.system_id == vehicle.system_id:
+                raise config.ConfigError(f"{path}: system_id {vehicle.system_id} is also {other.name}'s")
+        vehicles[name] = vehicle
+    return vehicles

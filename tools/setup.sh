@@ -1,0 +1,98 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Brings a machine from nothing to a built workspace; safe to repeat, quick when nothing is to do.
+#   tools/setup.sh          Debian 12 (its own ROS packages) or Ubuntu 20.04 with Noetic
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+say()  { printf '\033[1m[setup]\033[0m %s\n' "$*"; }
+fail() { printf '[setup] ERROR: %s\n' "$*" >&2; exit 1; }
+
+PYTHON=/usr/bin/python3   # the only interpreter that sees the system's ROS
+MSGS="std sensor nav geometry diagnostic visualization actionlib"
+
+debian_packages() {
+  echo build-essential cmake python3-venv python3-dev iproute2 \
+    ros-base catkin rviz rosbash rospack-tools topic-tools \
+    python3-rospy python3-rosbag python3-roslaunch python3-rostest python3-rosmaster python3-rosnode \
+    python3-tf2-ros python3-tf2-geometry-msgs python3-cv-bridge python3-actionlib python3-std-srvs \
+    python3-diagnostic-updater python3-apriltag python3-rviz python3-python-qt-binding python3-pyqt5 \
+    ros-nav-msgs xvfb
+  for m in $MSGS; do [ "$m" = actionlib ] || echo "lib$m-msgs-dev python3-$m-msgs"; done
+}
+
+noetic_packages() {
+  echo build-essential cmake python3-venv python3-dev iproute2 xvfb
+  for p in ros-base rviz rosbash topic-tools tf2-ros tf2-geometry-msgs cv-bridge actionlib std-srvs \
+           diagnostic-updater apriltag rostest python-qt-binding rosbag; do echo "ros-noetic-$p"; done
+  for m in $MSGS; do [ "$m" = actionlib ] || echo "ros-noetic-$m-msgs"; done
+}
+
+platform() {  # sets DISTRO and PACKAGES
+  [ -r /etc/os-release ] || fail "no /etc/os-release: fcsv runs on Debian 12 and Ubuntu 20.04"
+  # shellcheck disable=SC1091
+  . /etc/os-release
+  case "$ID-$VERSION_ID" in
+    debian-12) DISTRO=debian; PACKAGES=$(debian_packages) ;;
+    ubuntu-20.04)
+      DISTRO=noetic; PACKAGES=$(noetic_packages)
+      apt-cache show ros-noetic-ros-base >/dev/null 2>&1 ||
+        fail "the ROS Noetic package source is not configured on this Ubuntu 20.04; add it as ROS's own installation page says, then run 'make setup' again" ;;
+    *) fail "$PRETTY_NAME is not supported: use Debian 12 or Ubuntu 20.04 with ROS Noetic" ;;
+  esac
+}
+
+missing_packages() {
+  local have
+  have=$(dpkg-query -W -f '${binary:Package} ${db:Status-Status}\n' 2>/dev/null | awk '$2=="installed"{sub(/:.*/,"",$1); print $1}' | sort -u)
+  # shellcheck disable=SC2086
+  comm -23 <(tr ' ' '\n' <<<$PACKAGES | sort -u) <(printf '%s\n' "$have")
+}
+
+system_packages() {
+  local lacking sudo=""
+  lacking=$(missing_packages)
+  [ -z "$lacking" ] && return
+  say "installing system packages: $(tr '\n' ' ' <<<"$lacking")"
+  if [ "$(id -u)" -ne 0 ]; then
+    command -v sudo >/dev/null || fail "these packages are missing and there is no sudo; install them as root: $(tr '\n' ' ' <<<"$lacking")"
+    sudo="sudo"
+  fi
+  $sudo apt-get update -q >/dev/null || fail "'apt-get update' failed: check the network and the package sources"
+  # shellcheck disable=SC2086
+  $sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $lacking >build/apt.log 2>&1 ||
+    { tail -5 build/apt.log >&2; fail "apt-get could not install the packages (whole log: build/apt.log)"; }
+}
+
+virtual_environment() {
+  local want
+  want=$(sha256sum requirements.txt | cut -d' ' -f1)
+  if [ -x .venv/bin/python ] && [ "$(cat .venv/fcsv-requirements 2>/dev/null)" = "$want" ]; then return; fi
+  say "installing pinned Python packages into .venv"
+  [ -x .venv/bin/python ] || "$PYTHON" -m venv --system-site-packages .venv
+  .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt >build/pip.log 2>&1 ||
+    { tail -5 build/pip.log >&2; fail "pip could not install requirements.txt (whole log: build/pip.log)"; }
+  echo "$want" >.venv/fcsv-requirements
+}
+
+workspace() {  # configure and build catkin; nothing to do when no message, node or package file changed
+  local stamp=build/fcsv-built want
+  want=$( { find src -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -path '*/msg/*' -o -path '*/srv/*' -o -path '*/nodes/*' -type f
+            echo CMakeLists.txt; } | LC_ALL=C sort | while read -r f; do [ -f "$f" ] && case "$f" in */nodes/*) echo "$f" ;; *) sha256sum "$f" ;; esac; done; pwd )
+  [ -f devel/setup.sh ] && [ "$(cat $stamp 2>/dev/null)" = "$want" ] && return
+  say "building the catkin workspace"
+  [ "$DISTRO" = noetic ] && . /opt/ros/noetic/setup.sh
+  # no client library but C++ and Python is used, so the others are not generated
+  ROS_LANG_DISABLE=geneus:genlisp:gennodejs cmake -S . -B build -DPYTHON_EXECUTABLE="$PWD/.venv/bin/python" >build/cmake.log 2>&1 ||
+    { tail -15 build/cmake.log >&2; fail "cmake could not configure the workspace (whole log: build/cmake.log)"; }
+  cmake --build build -j"$(nproc)" >build/build.log 2>&1 ||
+    { tail -15 build/build.log >&2; fail "the build failed (whole log: build/build.log)"; }
+  echo "$want" >$stamp
+}
+
+mkdir -p build
+platform
+system_packages
+virtual_environment
+workspace
+say "ready: . devel/setup.sh"
