@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: where things are, and real data that may be absent."""
+"""What all tests share: where things are, real data that may be absent, and a ROS master of their own."""
+import os
 from pathlib import Path
 
 import pytest
@@ -20,3 +21,41 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("real data is not beside this checkout (../shared/data)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def ros_master(tmp_path_factory):
+    """A master on a free port; this process is a rospy node on it (once: rospy knows one master a process)."""
+    from fcsv_sim.machines import Machine
+
+    with Machine("tests", tmp_path_factory.mktemp("ros")) as machine:
+        os.environ.update({k: v for k, v in machine.env.items() if k.startswith("ROS_")})
+        import rospy
+
+        rospy.init_node("fcsv_tests", anonymous=True, disable_signals=True, disable_rostime=False)
+        yield machine
+        rospy.signal_shutdown("tests are over")
+
+
+@pytest.fixture
+def start_node(ros_master):
+    """start_node(package, node, name=, ns=, params={}, remaps={}) -> Process; stopped after the test."""
+    import rospy
+
+    started = []
+
+    def start(package, node, name=None, ns="", params=None, remaps=None):
+        name = name or node
+        command = ["rosrun", package, node, f"__name:={name}"] + ([f"__ns:={ns}"] if ns else [])
+        for key, value in (params or {}).items():
+            rospy.set_param("/".join([("/" + ns.strip("/")) if ns else "", name, key]), value)
+        command += [f"{a}:={b}" for a, b in (remaps or {}).items()]
+        process = ros_master.run(command, f"{package}-{name}-{len(started)}")
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.stop(grace_s=5.0)
+        if process.returncode not in (0, None):
+            print(f"--- {process.command}: exit {process.returncode}\n{process.tail(20)}")
