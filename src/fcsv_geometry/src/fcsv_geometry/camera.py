@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pinhole camera with Brown-Conrady distortion ("plumb_bob"). Pixel centres are at whole numbers."""
+
 from dataclasses import dataclass, replace
 from typing import Tuple
 
@@ -56,8 +57,10 @@ class PinholeCamera:
         """The picture as the undistorted camera would have taken it; pixels without a source are 0."""
         if not any(self.distortion):
             return image
-        return cv2.undistort(image, self.K, np.array(self.distortion)) if interpolation == cv2.INTER_LINEAR else (
-            cv2.remap(image, *self._undistort_maps(), interpolation)
+        return (
+            cv2.undistort(image, self.K, np.array(self.distortion))
+            if interpolation == cv2.INTER_LINEAR
+            else (cv2.remap(image, *self._undistort_maps(), interpolation))
         )
 
     def _undistort_maps(self):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strict configuration: a dataclass is the only home of defaults, a file may only name its fields."""
+
 import dataclasses
 import math
 import typing

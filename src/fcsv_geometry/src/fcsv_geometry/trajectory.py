@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stamped poses of one body, and the pose at a stamp between them."""
+
 import bisect
 from typing import List, Optional, Tuple
 

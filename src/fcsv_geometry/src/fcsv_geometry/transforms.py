@@ -3,6 +3,7 @@
 
 Axes are REP 103 (x forward, y left, z up); optical frames are z forward, x right, y down.
 """
+
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is fixed on a vehicle: where its camera, tracking camera and tag sit, and which tag it carries."""
+
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, Iterable, Tuple

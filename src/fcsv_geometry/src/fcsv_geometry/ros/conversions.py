@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages to arrays and back: the only place where it is done."""
+
 import numpy as np
 import rospy
 from cv_bridge import CvBridge, CvBridgeError

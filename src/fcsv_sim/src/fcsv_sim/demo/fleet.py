@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated fleet: one machine per vehicle and the control PC, on the launch files that real ones use."""
+
+import json
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, List, Tuple
+
+from fcsv_sim.machines import Machine, Process, free_port
+
+CONTROL = "control"
+
+
+@dataclass(frozen=True)
+class FleetPlan:
+    """What flies, where it starts, and where its records go."""
+
+    folder: Path  # out/demo: run/ holds the machines' logs, session/ the bags
+    mission_file: Path
+    seed: int = 1
+    vehicles: Tuple[str, ...] = ("uav1", "uav2")
+    column_spacing_m: float = 3.5
+    rviz: bool = False
+
+    @property
+    def run_folder(self) -> Path:
+        return self.folder / "run"
+
+    @property
+    def session_folder(self) -> Path:
+        return self.folder / "session"
+
+    @property
+    def sim_folder(self) -> Path:
+        return self.run_folder / "sim"
+
+    def start_xyz_yaw(self, index: int) -> List[float]:
+        """On the ground, in a column, facing the town (world frame, m and rad)."""
+        return [-index * self.column_spacing_m, 0.0, 0.0, 0.0]
+
+
+class SimulatedFleet:
+    """Starts and stops all machines of a plan; ports are free ones, so that fleets run side by side."""
+
+    def __init__(self, plan: FleetPlan):
+        self.plan = plan
+        for folder in (plan.sim_folder, plan.session_folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        self.machines: Dict[str, Machine] = {n: Machine(n, plan.run_folder) for n in (*plan.vehicles, CONTROL)}
+        self._endpoints = {n: f"127.0.0.1:{free_port()}" for n in self.machines}
+        self._mavlink_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
+        self._rc_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
+        self.launches: Dict[str, Process] = {}
+
+    @property
+    def control(self) -> Machine:
+        return self.machines[CONTROL]
+
+    def start(self) -> None:
+        """Masters first, then every machine's one launch file. Raises MachineError."""
+        for machine in self.machines.values():
+            machine.start_master()
+        self._write_description()
+        for index, vehicle in enumerate(self.plan.vehicles):
+            self.launches[vehicle] = self.machines[vehicle].launch(
+                "fcsv_bringup", "uav.launch", **self._vehicle_args(vehicle, index)
+            )
+        self.launches[CONTROL] = self.control.launch("fcsv_bringup", "control.launch", **self._control_args())
+
+    def stop(self) -> None:
+        """Interrupt every launch, then end the masters; recorders close their bags on the way."""
+        for process in self.launches.values():
+            process.signal(2)
+        for machine in self.machines.values():
+            machine.stop()
+
+    def dead_launches(self) -> List[str]:
+        """Machines whose launch has ended by itself."""
+        return [name for name, process in self.launches.items() if process.returncode is not None]
+
+    def _common_args(self, name: str) -> Dict[str, object]:
+        return {
+            "sim": True,
+            "sim_dir": self.plan.sim_folder,
+            "seed": self.plan.seed,
+            "vehicles": ",".join(self.plan.vehicles),
+            "record_dir": self.plan.session_folder,
+            "listen": self._endpoints[name],
+            "peers": ",".join(f"{n}={e}" for n, e in self._endpoints.items() if n != name),
+        }
+
+    def _vehicle_args(self, vehicle: str, index: int) -> Dict[str, object]:
+        return {
+            **self._common_args(vehicle),
+            "uav": vehicle,
+            "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
+            "sim_mavlink_port": self._mavlink_ports[vehicle],
+            "sim_rc_port": self._rc_ports[vehicle],
+            "sim_start": ",".join(map(str, self.plan.start_xyz_yaw(index))),
+        }
+
+    def _control_args(self) -> Dict[str, object]:
+        return {
+            **self._common_args(CONTROL),
+            "mission": self.plan.mission_file,
+            "sim_rc_ports": ",".join(str(p) for p in self._rc_ports.values()),
+            "rviz": self.plan.rviz,
+        }
+
+    def _write_description(self) -> None:
+        """run/fleet.json: how to attach a tool to a machine while it runs (export its ROS_MASTER_URI)."""
+        description = {n: {"ROS_MASTER_URI": m.master_uri, "folder": str(m.folder)} for n, m in self.machines.items()}
+        (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
