@@ -41,7 +41,8 @@ def test_camera_info_that_cannot_be_used(info, word):
 
 
 @pytest.mark.parametrize("encoding, dtype, channels", [
-    ("rgb8", np.uint8, 3), ("bgr8", np.uint8, 3), ("mono8", np.uint8, 1), ("mono16", np.uint16, 1), ("32FC1", np.float32, 1),
+    ("rgb8", np.uint8, 3), ("bgr8", np.uint8, 3), ("mono8", np.uint8, 1), ("mono16", np.uint16, 1),
+    ("32FC1", np.float32, 1),
 ])  # fmt: skip
 def test_image_round_trip(encoding, dtype, channels):
     shape = (12, 16, channels) if channels > 1 else (12, 16)
