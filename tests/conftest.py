@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all tests share: where things are, real data that may be absent, and a ROS master of their own."""
+
 import os
 from pathlib import Path
 
