@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a mapping method gives back: the map, and everything a person needs to judge it."""
+
+from dataclasses import dataclass, field
+from typing import Dict, List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_geometry.camera import PinholeCamera
+
+AXES = ("horizontal", "vertical")
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """One stereo configuration: ``axis`` of the baseline, its length (m) and the inward tilt (rad)."""
+
+    axis: str
+    baseline_m: float
+    tilt_rad: float = 0.0
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class ImageEntry:
+    """A picture that the map rests on; ``prior_T_home_cam`` is its pose before refinement."""
+
+    name: str
+    vehicle: str
+    stamp_s: float
+    T_home_cam: np.ndarray
+    prior_T_home_cam: np.ndarray
+    refined: bool = False
+    inliers: Optional[int] = None
+    epipolar_rms_px: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class PairResult:
+    """One matched pair.
+
+    Rectified pictures are HxWx3 uint8 RGB and ``disparity`` HxW float32 (px, NaN where none) in the rectified view;
+    ``depth`` is HxW float32 (m along the optical axis, NaN where none) in the map's reference picture, untrimmed.
+    ``candidates`` lists every other picture that was tried with its match rate.
+    """
+
+    configuration: Configuration
+    reference_name: str
+    other_name: str
+    reference_rectified: np.ndarray
+    other_rectified: np.ndarray
+    disparity: np.ndarray
+    depth: np.ndarray
+    match_rate: float
+    effective_range_m: Tuple[float, float]
+    candidates: List[Tuple[str, float]]
+    T_home_cam_reference: np.ndarray
+    T_home_cam_other: np.ndarray
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The undistorted picture (HxWx3 uint8 RGB) that depth and sigma belong to."""
+
+    name: str
+    stamp_s: float
+    vehicle: str
+    image: np.ndarray
+    camera: PinholeCamera
+    T_home_cam: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """N points in home: float32 (N,3) m, uint8 (N,3) RGB, float32 (N,) standard deviation in m, uint8 (N,) pair."""
+
+    points_home_m: np.ndarray
+    colors: np.ndarray
+    sigma_m: np.ndarray
+    baseline_index: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points_home_m)
+
+
+@dataclass
+class MapResult:
+    """A map and its evidence. ``depth`` and ``sigma`` are float32 HxW (m), NaN where there is nothing."""
+
+    method: str
+    reference: Reference
+    images: List[ImageEntry]
+    pairs: List[PairResult]
+    depth: np.ndarray
+    sigma: np.ndarray
+    cloud: Cloud
+    timing_s: Dict[str, float] = field(default_factory=dict)
+    warnings: List[str] = field(default_factory=list)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the reference picture's pixels that have a depth."""
+        return float(np.isfinite(self.depth).mean())
+
+    @property
+    def points(self) -> int:
+        return len(self.cloud)
