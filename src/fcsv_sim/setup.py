@@ -3,4 +3,6 @@ from distutils.core import setup
 
 from catkin_pkg.python_setup import generate_distutils_setup
 
-setup(**generate_distutils_setup(packages=["fcsv_sim", "fcsv_sim.ros"], package_dir={"": "src"}))
+PACKAGES = ["fcsv_sim", "fcsv_sim.autopilot", "fcsv_sim.demo", "fcsv_sim.ros"]
+
+setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))

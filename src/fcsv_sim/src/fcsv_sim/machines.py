@@ -4,6 +4,7 @@
 Whatever a machine starts runs in a process group of its own and is stopped by it, also when the
 process that holds the machine dies (the kernel then interrupts the children).
 """
+
 import ctypes
 import os
 import signal

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The MAVLink 2 side of the simulated autopilot, over UDP towards a companion (NED and FRD live only here)."""
+
+import os
+
+os.environ.setdefault("MAVLINK20", "1")
+
+import math
+from typing import Callable, Dict, Tuple
+
+from pymavlink import mavutil
+
+from fcsv_sim.autopilot import modes, parameters
+from fcsv_sim.autopilot.core import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Autopilot
+
+_M = mavutil.mavlink
+_PREARM_BIT = 0x10000000
+_FLAGS_OK = 0x33F
+_LOCAL, _IGNORE_XYZ, _IGNORE_V, _IGNORE_A, _IGNORE_YAW = 1, 0x007, 0x038, 0x1C0, 0x400
+
+
+def ned(p_ext_m) -> Tuple[float, float, float]:
+    """East-north-up to north-east-down."""
+    return float(p_ext_m[1]), float(p_ext_m[0]), -float(p_ext_m[2])
+
+
+def heading(yaw_rad: float) -> float:
+    """Counter-clockwise from east to clockwise from north, and back: the map is its own inverse."""
+    return math.remainder(math.pi / 2 - yaw_rad, 2 * math.pi)
+
+
+class MavlinkServer:
+    """Speaks for one Autopilot. ``step`` reads what came and sends what is due; it never waits."""
+
+    def __init__(self, autopilot: Autopilot, companion: str, system_id: int):
+        self._pilot = autopilot
+        self._link = mavutil.mavlink_connection(
+            f"udpout:{companion}", source_system=system_id, source_component=1, dialect="ardupilotmega"
+        )
+        self._mav = self._link.mav
+        self._parameters = dict(parameters.DEFAULTS, SYSID_THISMAV=(system_id, parameters.INT16))
+        self._intervals_s: Dict[int, float] = {}
+        self._due_s: Dict[int, float] = {_M.MAVLINK_MSG_ID_HEARTBEAT: 0.0}
+        self._client_seen = False
+        self._boot_s = None
+        self._next_timesync_s = 0.0
+        self._attitude = (0.0, 0.0, 0.0)
+        self._streams: Dict[int, Callable] = {
+            _M.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            _M.MAVLINK_MSG_ID_ATTITUDE: self._attitude_message,
+            _M.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
+            _M.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery,
+            _M.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._ekf_status,
+            _M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
+            _M.MAVLINK_MSG_ID_HOME_POSITION: self._home,
+            _M.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
+            _M.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._version,
+            _M.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
+        }
+
+    def step(self, now_s: float, attitude_rpy_rad) -> None:
+        """Handle all that came; send heartbeats, streams and texts that are due. ENU attitude of the body."""
+        if self._boot_s is None:
+            self._boot_s = now_s
+        self._now_s, self._attitude = now_s, attitude_rpy_rad
+        while True:
+            try:
+                message = self._link.recv_msg()
+            except ConnectionRefusedError:
+                break  # nobody listens yet
+            if message is None:
+                break
+            self._handle(message)
+        try:
+            self._send_due()
+        except (ConnectionRefusedError, BlockingIOError):
+            pass
+
+    def close(self) -> None:
+        self._link.close()
+
+    # ---- incoming ------------------------------------------------------------------------------------------
+
+    def _handle(self, message) -> None:
+        self._client_seen = True
+        handler = getattr(self, "_on_" + message.get_type().lower(), None)
+        if handler is not None:
+            handler(message)
+
+    def _on_vision_position_estimate(self, m) -> None:
+        position = (m.y, m.x, -m.z)
+        self._pilot.estimator.vision(self._now_s, position, heading(m.yaw), m.reset_counter)
+
+    def _on_odometry(self, m) -> None:
+        if (m.frame_id, m.child_frame_id) != (20, 12):
+            return  # other frames are dropped without a word
+        w, x, y, z = m.q
+        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        self._pilot.estimator.vision(self._now_s, (m.y, m.x, -m.z), heading(yaw), m.reset_counter)
+
+    def _on_set_gps_global_origin(self, m) -> None:
+        if self._pilot.set_origin(self._now_s, (m.latitude, m.longitude, m.altitude)):
+            self._origin()
+            self._home()
+
+    def _on_set_mode(self, m) -> None:
+        self._pilot.set_mode(self._now_s, m.custom_mode)
+
+    def _on_set_position_target_local_ned(self, m) -> None:
+        mask = m.type_mask
+        if m.coordinate_frame != _LOCAL:
+            return
+        yaw = None if mask & _IGNORE_YAW else heading(m.yaw)
+        position = None if mask & _IGNORE_XYZ else (m.y, m.x, -m.z)
+        velocity = None if mask & _IGNORE_V else (m.vy, m.vx, -m.vz)
+        if position is not None and velocity is None and not mask & _IGNORE_A:
+            position = self._pilot.estimator.p_ext_m.copy()  # position with acceleration, no velocity: it stops
+        self._pilot.set_point(self._now_s, position, velocity, yaw)
+
+    def _on_param_request_read(self, m) -> None:
+        name = m.param_id if m.param_index < 0 else list(self._parameters)[m.param_index]
+        if name in self._parameters:  # an unknown name gets no answer
+            self._send_parameter(name)
+
+    def _on_param_request_list(self, _m) -> None:
+        for name in self._parameters:
+            self._send_parameter(name)
+
+    def _on_param_set(self, m) -> None:
+        if m.param_id in self._parameters and math.isfinite(m.param_value):
+            self._parameters[m.param_id] = (m.param_value, self._parameters[m.param_id][1])
+            self._send_parameter(m.param_id)
+
+    def _send_parameter(self, name: str) -> None:
+        value, kind = self._parameters[name]
+        index = list(self._parameters).index(name)
+        self._mav.param_value_send(name.encode(), value, kind, len(self._parameters), index)
+
+    def _on_request_data_stream(self, m) -> None:
+        groups = {1: (24, 27), 2: (1, 36), 6: (32, 33), 10: (30,), 11: (74,), 12: (193,), 0: (1, 30, 32, 193)}
+        for message_id in groups.get(m.req_stream_id, ()):
+            if message_id in self._streams:
+                self._set_interval(message_id, 1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1)
+
+    def _on_command_long(self, m) -> None:
+        self._mav.command_ack_send(m.command, self._command(m))
+
+    def _command(self, m) -> int:
+        pilot, now_s = self._pilot, self._now_s
+        if m.command == _M.MAV_CMD_DO_SET_MODE:
+            return pilot.set_mode(now_s, int(m.param2)) if int(m.param1) & 1 else DENIED
+        if m.command == _M.MAV_CMD_COMPONENT_ARM_DISARM:
+            force = m.param2 in (2989.0, 21196.0)
+            return pilot.arm(now_s, force) if m.param1 == 1 else pilot.disarm(now_s, m.param2 == 21196.0)
+        if m.command == _M.MAV_CMD_NAV_TAKEOFF:
+            return pilot.takeoff(m.param7)
+        if m.command == _M.MAV_CMD_NAV_LAND:
+            return pilot.set_mode(now_s, modes.LAND)
+        if m.command == _M.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return self._set_interval(int(m.param1), m.param2)
+        if m.command == _M.MAV_CMD_REQUEST_MESSAGE:
+            if int(m.param1) not in self._streams:
+                return FAILED
+            if int(m.param1) == _M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN and pilot.origin is None:
+                return FAILED
+            self._streams[int(m.param1)]()
+            return ACCEPTED
+        return UNSUPPORTED
+
+    def _set_interval(self, message_id: int, interval_us: float) -> int:
+        if message_id in (_M.MAVLINK_MSG_ID_ODOMETRY, _M.MAVLINK_MSG_ID_ESTIMATOR_STATUS):
+            return FAILED
+        if message_id not in self._streams and message_id != _M.MAVLINK_MSG_ID_HEARTBEAT:
+            return ACCEPTED if interval_us <= 0 else FAILED
+        self._intervals_s.pop(message_id, None)
+        if interval_us > 0:
+            self._intervals_s[message_id] = max(interval_us / 1e6, 1 / 200.0)
+            self._due_s[message_id] = self._now_s
+        return ACCEPTED
+
+    # ---- outgoing ------------------------------------------------------------------------------------------
+
+    def _send_due(self) -> None:
+        now_s = self._now_s
+        if now_s >= self._due_s[_M.MAVLINK_MSG_ID_HEARTBEAT]:
+            self._due_s[_M.MAVLINK_MSG_ID_HEARTBEAT] = now_s + 1.0
+            self._heartbeat()
+        if now_s >= self._next_timesync_s:
+            self._next_timesync_s = now_s + 10.0
+            self._mav.timesync_send(0, int(now_s * 1e9))
+        for message_id, interval_s in self._intervals_s.items():
+            if now_s >= self._due_s[message_id]:
+                self._due_s[message_id] = max(self._due_s[message_id] + interval_s, now_s - interval_s)
+                self._streams[message_id]()
+        if self._client_seen:
+            for severity, text in self._pilot.texts:
+                self._mav.statustext_send(severity, text[:50].encode())
+            self._pilot.texts.clear()
+
+    def _milliseconds(self) -> int:
+        return int((self._now_s - self._boot_s) * 1000) & 0xFFFFFFFF
+
+    def _heartbeat(self) -> None:
+        base = _M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (_M.MAV_MODE_FLAG_SAFETY_ARMED if self._pilot.armed else 0)
+        base |= _M.MAV_MODE_FLAG_GUIDED_ENABLED if self._pilot.mode == modes.GUIDED else 0
+        base |= _M.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED if self._pilot.rc_alive(self._now_s) else 0
+        status = _M.MAV_STATE_ACTIVE if self._pilot.flying else _M.MAV_STATE_STANDBY
+        self._mav.heartbeat_send(_M.MAV_TYPE_QUADROTOR, _M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self._pilot.mode, status)
+
+    def _local_position(self) -> None:
+        if self._pilot.origin is None or not self._pilot.estimator.position_ok(self._now_s):
+            return  # ack 0 does not promise data
+        estimate = self._pilot.estimator
+        self._mav.local_position_ned_send(self._milliseconds(), *ned(estimate.p_ext_m), *ned(estimate.v_ext_mps))
+
+    def _attitude_message(self) -> None:
+        roll, pitch, _ = self._attitude
+        yaw = heading(self._pilot.estimator.yaw_ext_rad)
+        self._mav.attitude_send(self._milliseconds(), roll, -pitch, yaw, 0.0, 0.0, 0.0)
+
+    def _sys_status(self) -> None:
+        ready = self._pilot.armed or not self._pilot.prearm_failures(self._now_s)
+        health = 0x0FFFFFFF | (_PREARM_BIT if ready else 0)
+        share = int(self._pilot.battery_share * 100)
+        self._mav.sys_status_send(
+            0x1FFFFFFF, 0x1FFFFFFF, health, 200, int(self._pilot.battery_v * 1000), 1500, share, 0, 0, 0, 0, 0, 0
+        )
+
+    def _battery(self) -> None:
+        cell_mv = int(self._pilot.battery_v * 250)
+        voltages = [cell_mv] * 4 + [65535] * 6
+        share = int(self._pilot.battery_share * 100)
+        self._mav.battery_status_send(0, 0, 1, 32767, voltages, 1500, 0, 0, share)
+
+    def _ekf_status(self) -> None:
+        good = self._pilot.estimator.position_ok(self._now_s)
+        self._mav.ekf_status_report_send(_FLAGS_OK if good else 0x0A7, 0.05, 0.05, 0.05, 0.0, 0.0)
+
+    def _origin(self) -> None:
+        if self._pilot.origin is not None:
+            self._mav.gps_global_origin_send(*self._pilot.origin, int(self._now_s * 1e6))
+
+    def _home(self) -> None:
+        if self._pilot.origin is not None:
+            self._mav.home_position_send(*self._pilot.origin, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+
+    def _rc_channels(self) -> None:
+        self._mav.rc_channels_send(self._milliseconds(), 8, *([1500] * 18), 255)
+
+    def _version(self) -> None:
+        self._mav.autopilot_version_send(0, 0x04030800, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+
+    def _extended_state(self) -> None:
+        self._mav.extended_sys_state_send(0, 2 if self._pilot.flying else 1)

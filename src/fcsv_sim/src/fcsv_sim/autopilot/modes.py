@@ -1,0 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ArduCopter's flight modes, as far as they are flown here, and what each needs."""
+
+STABILIZE, ALT_HOLD, GUIDED, LOITER, LAND, BRAKE = 0, 2, 4, 5, 9, 17
+NAMES = {
+    STABILIZE: "STABILIZE", ALT_HOLD: "ALT_HOLD", GUIDED: "GUIDED", LOITER: "LOITER", LAND: "LAND", BRAKE: "BRAKE",
+}  # fmt: skip
+NUMBERS = {name: number for number, name in NAMES.items()}
+NEEDS_POSITION = {GUIDED, LOITER, BRAKE}
+MANUAL_ARMING = {STABILIZE, ALT_HOLD, LOITER}  # modes that may be armed with the sticks

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A T265 tracking camera: where it believes to be, with the errors that the real one has.
+
+Its odometry frame is level, begins where it was switched on, and has a yaw of its own; position
+drifts by about 1 % of the distance, heading slowly; it may jump (the thesis saw 30 m at take-off).
+"""
+
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fcsv_geometry import transforms
+
+
+@dataclass(frozen=True)
+class T265Errors:
+    """Standard deviations; drift grows with distance moved."""
+
+    scale: float = 0.006
+    walk_m_per_sqrt_m: float = 0.012
+    heading_deg_per_sqrt_m: float = 0.015
+    level_deg: float = 0.04
+    position_noise_m: float = 0.0015
+    attitude_noise_deg: float = 0.03
+    noise_correlation_s: float = 0.1
+    takeoff_jump_m: float = 0.0
+    takeoff_height_m: float = 0.3
+
+
+class T265:
+    """Turns true poses of the tracking camera into its odometry."""
+
+    def __init__(self, errors: T265Errors, T_body_t265: np.ndarray, seed: int):
+        self._errors = errors
+        self._T_body_t265 = T_body_t265
+        self._random = np.random.default_rng([seed, 3])
+        self._yaw_origin = self._random.uniform(-np.pi, np.pi)
+        self._scale = 1.0 + self._random.normal(0.0, errors.scale)
+        level = np.radians(errors.level_deg) * self._random.standard_normal(2)
+        self._R_level = Rotation.from_rotvec([level[0], level[1], 0.0]).as_matrix()
+        self._noise = np.zeros(6)
+        self._p_before: Optional[np.ndarray] = None
+        self._p_odom = np.zeros(3)
+        self._heading_drift = 0.0
+        self._jump_left_m = errors.takeoff_jump_m
+        self._start_z = 0.0
+        self._stamp_s: Optional[float] = None
+
+    def odometry(self, stamp_s: float, T_world_body: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """T_odom_t265 and the velocities (linear m/s, angular rad/s) in the pose frame, from the truth at a stamp."""
+        T_world_t265 = T_world_body @ self._T_body_t265
+        if self._p_before is None:
+            self._p_before, self._start_z = T_world_t265[:3, 3].copy(), T_world_t265[2, 3]
+            self._T_before, self._stamp_s = T_world_t265, stamp_s
+        step = T_world_t265[:3, 3] - self._p_before
+        distance = float(np.linalg.norm(step))
+        self._p_before = T_world_t265[:3, 3].copy()
+        self._drift(step, distance)
+        if self._jump_left_m and T_world_t265[2, 3] - self._start_z > self._errors.takeoff_height_m:
+            self._p_odom[2] -= self._jump_left_m
+            self._jump_left_m = 0.0
+        dt_s = max(stamp_s - self._stamp_s, 1e-4)
+        noise = self._coloured_noise(dt_s)
+        R_odom_world = self._R_odom_world()
+        R = self._R_level @ Rotation.from_rotvec(noise[3:]).as_matrix() @ R_odom_world @ T_world_t265[:3, :3]
+        T_odom_t265 = transforms.transform(R, self._p_odom + noise[:3])
+        linear, angular = self._velocities(T_world_t265, dt_s)
+        self._T_before, self._stamp_s = T_world_t265, stamp_s
+        return T_odom_t265, linear, angular
+
+    def _R_odom_world(self) -> np.ndarray:
+        return Rotation.from_euler("z", self._yaw_origin + self._heading_drift).as_matrix()
+
+    def _drift(self, step: np.ndarray, distance: float) -> None:
+        root = np.sqrt(distance)
+        self._heading_drift += np.radians(self._errors.heading_deg_per_sqrt_m) * root * self._random.standard_normal()
+        walk = self._errors.walk_m_per_sqrt_m * root * self._random.standard_normal(3)
+        self._p_odom += self._R_odom_world() @ step * self._scale + walk
+
+    def _coloured_noise(self, dt_s: float) -> np.ndarray:
+        """First-order noise: neighbouring samples of a tracker are not independent."""
+        keep = np.exp(-dt_s / self._errors.noise_correlation_s)
+        sigma = np.repeat([self._errors.position_noise_m, np.radians(self._errors.attitude_noise_deg)], 3)
+        self._noise = keep * self._noise + np.sqrt(1 - keep**2) * sigma * self._random.standard_normal(6)
+        return self._noise
+
+    def _velocities(self, T_world_t265: np.ndarray, dt_s: float):
+        R = T_world_t265[:3, :3]
+        linear = R.T @ (T_world_t265[:3, 3] - self._T_before[:3, 3]) / dt_s
+        angular = Rotation.from_matrix(self._T_before[:3, :3].T @ R).as_rotvec() / dt_s
+        return linear, angular

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated vehicle: airframe, autopilot, RC receiver and MAVLink link, stepped together in real time."""
+
+from dataclasses import dataclass, field
+from typing import Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.autopilot.mavlink_server import MavlinkServer
+from fcsv_sim.dynamics import STEP_S, Airframe, Quadrotor
+from fcsv_sim.rc import RcReceiver
+from fcsv_sim.truth import TruthWriter
+
+PASS_S = 0.01  # the autopilot's outer loops run at 100 Hz
+_SUBSTEPS = int(round(PASS_S / STEP_S))
+
+
+@dataclass(frozen=True)
+class VehicleParameters:
+    """Of one simulated vehicle; start: x, y, z (m) and yaw (rad) in the world."""
+
+    name: str
+    system_id: int
+    sim_dir: str
+    companion: str = "127.0.0.1:14550"
+    rc_port: int = 5501
+    seed: int = 1
+    start_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    wind_mps: float = 1.0
+    airframe: Airframe = field(default_factory=Airframe)
+
+
+class SimulatedVehicle:
+    """``advance_to`` brings body and autopilot to a time and writes the truth on the way."""
+
+    def __init__(self, parameters: VehicleParameters, now_s: float):
+        *position, yaw = parameters.start_xyz_yaw
+        T_world_body = transforms.from_xyz_yaw(position, yaw)
+        seed = parameters.seed * 1000 + parameters.system_id
+        self.body = Quadrotor(parameters.airframe, T_world_body, seed, parameters.wind_mps)
+        self.autopilot = Autopilot(self.body.hover_thrust, seed)
+        self._truth = TruthWriter(parameters.sim_dir, parameters.name)
+        self._rc = RcReceiver(parameters.rc_port)
+        self._server = MavlinkServer(self.autopilot, parameters.companion, parameters.system_id)
+        self._now_s = now_s
+        self._v_before = np.zeros(3)
+        self._command = (0.0, 0.0, 0.0, 0.0)
+
+    def advance_to(self, now_s: float, most_passes: int = 20) -> None:
+        """Catch up with the clock; after a long hiccup time is skipped rather than raced through."""
+        if now_s - self._now_s > most_passes * PASS_S:
+            self._now_s = now_s - most_passes * PASS_S
+        while self._now_s + PASS_S <= now_s:
+            self._pass()
+
+    def _pass(self) -> None:
+        states = self.body.advance(self._command, _SUBSTEPS)
+        for i, state in enumerate(states):
+            self._write_truth(self._now_s + (i + 1) * STEP_S, state)
+        self._now_s += PASS_S
+        end = states[-1]
+        x, y, z, w = end[6:10]
+        roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        acc = (end[3:6] - self._v_before) / PASS_S
+        self._v_before = end[3:6].copy()
+        frame = self._rc.newest()
+        if frame is not None:
+            self.autopilot.rc_frame(self._now_s, frame)
+        self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, end[12], end[2])
+        self._server.step(self._now_s, (roll, pitch, yaw))
+        self._command = self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, end[5])
+
+    def _write_truth(self, stamp_s: float, state: np.ndarray) -> None:
+        """The pose with the airframe's vibration: camera and tracking camera both feel it."""
+        x, y, z, w = state[6:10]
+        a, b, c = self.body.vibration(stamp_s, self._command[3]) / 2.0
+        q = (x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c)
+        self._truth.write_raw(stamp_s, state[0:3], q / np.linalg.norm(q), state[3:6])
+
+    def close(self) -> None:
+        self._rc.close()
+        self._server.close()

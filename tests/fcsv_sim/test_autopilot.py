@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated autopilot against what was measured on ArduCopter 4.3.8, over real MAVLink, in accelerated time."""
+
+import os
+
+os.environ.setdefault("MAVLINK20", "1")
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+
+from fcsv_geometry import transforms
+from fcsv_sim import rc
+from fcsv_sim.autopilot import modes
+from fcsv_sim.vehicle import SimulatedVehicle, VehicleParameters
+
+M = mavutil.mavlink
+YAW_EXT = 0.7  # the feed's frame is turned against the world
+
+
+class Flight:
+    """A simulated vehicle, its external navigation (perfect, in a frame of its own) and a companion, without sleeping."""
+
+    def __init__(self, folder, wind_mps=0.5):
+        self.companion = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=1, source_component=191)
+        port = self.companion.port.getsockname()[1]
+        parameters = VehicleParameters("uav1", 1, str(folder), f"127.0.0.1:{port}", 0, 4, wind_mps=wind_mps)
+        self.t = 1000.0
+        self.vehicle = SimulatedVehicle(parameters, self.t)
+        self.pilot = self.vehicle.autopilot
+        self.T_ext_world = transforms.from_xyz_yaw([5.0, -3.0, 1.0], YAW_EXT)
+        self.feed_hz, self.offset_m, self.yaw_step, self.reset_counter = 30.0, np.zeros(3), 0.0, 0
+        self.received = []
+        self._next_feed = self.t
+        self.rc = rc.RcSender(self.vehicle._rc.port)
+        self.sticks = None
+        self.run(0.05)
+
+    def run(self, seconds):
+        end = self.t + seconds
+        while self.t < end:
+            self.t += 0.01
+            if self.sticks is not None:
+                self.rc.send(*self.sticks)
+            if self.feed_hz and self.t >= self._next_feed:
+                self._next_feed = self.t + 1.0 / self.feed_hz
+                self.feed()
+            self.vehicle.advance_to(self.t + 1e-6)
+            while True:
+                message = self.companion.recv_msg()
+                if message is None:
+                    break
+                self.received.append(message)
+        return self
+
+    def feed(self):
+        T = self.T_ext_world @ self.vehicle.body.T_world_body
+        p, yaw = T[:3, 3] + self.offset_m, transforms.yaw(T) + self.yaw_step
+        self.companion.mav.vision_position_estimate_send(
+            int(self.t * 1e6), p[1], p[0], -p[2], 0, 0, np.pi / 2 - yaw, reset_counter=self.reset_counter
+        )
+
+    def command(self, number, *params):
+        self.received.clear()
+        self.companion.mav.command_long_send(1, 1, number, 0, *(list(params) + [0] * (7 - len(params))))
+        self.run(0.05)
+        return [m.result for m in self.received if m.get_type() == "COMMAND_ACK" and m.command == number][0]
+
+    def texts(self):
+        return " ".join(m.text for m in self.received if m.get_type() == "STATUSTEXT")
+
+    def of(self, kind):
+        return [m for m in self.received if m.get_type() == kind]
+
+    def ready(self):
+        self.run(3.0)
+        self.companion.mav.set_gps_global_origin_send(1, 353600000, 1491600000, 0)
+        return self.run(0.5)
+
+    def airborne(self, altitude_m=4.0):
+        self.ready()
+        assert self.command(M.MAV_CMD_DO_SET_MODE, 1, modes.GUIDED) == 0
+        assert self.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
+        assert self.command(M.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, altitude_m + 1.0) == 0
+        return self.run(12.0)
+
+    def target(self, p_ext, yaw_ext=None, mask=0x9F8):
+        yaw = 0.0 if yaw_ext is None else np.pi / 2 - yaw_ext
+        self.companion.mav.set_position_target_local_ned_send(
+            0, 1, 1, 1, mask, p_ext[1], p_ext[0], -p_ext[2], 0, 0, 0, 0, 0, 0, yaw, 0
+        )
+
+    @property
+    def p_ext(self):
+        return (self.T_ext_world @ self.vehicle.body.T_world_body)[:3, 3]
+
+    @property
+    def height(self):
+        return self.vehicle.body.position_m[2]
+
+    def close(self):
+        self.vehicle.close()
+        self.companion.close()
+        self.rc.close()
+
+
+@pytest.fixture
+def flight(tmp_path):
+    flight = Flight(tmp_path)
+    yield flight
+    flight.close()
+
+
+def test_unasked_it_sends_heartbeats_only(flight):
+    flight.feed_hz = 0
+    flight.received.clear()
+    flight.run(5.0)
+    kinds = {m.get_type() for m in flight.received} - {"BAD_DATA"}
+    assert kinds == {"HEARTBEAT"} and len(flight.of("HEARTBEAT")) == 5
+
+
+def test_message_intervals(flight):
+    flight.ready()
+    assert flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 20000) == 0
+    flight.received.clear()
+    flight.run(2.0)
+    assert len(flight.of("LOCAL_POSITION_NED")) == pytest.approx(100, abs=2)
+    for refused in (M.MAVLINK_MSG_ID_ODOMETRY, M.MAVLINK_MSG_ID_ESTIMATOR_STATUS):
+        assert flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, refused, 20000) == 4
+
+
+def test_arming_needs_feed_and_origin(flight):
+    flight.feed_hz = 0
+    flight.run(3.0)
+    assert flight.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 4
+    flight.run(0.1)
+    assert "VisOdom: not healthy" in flight.texts()
+    flight.feed_hz = 30.0
+    flight.run(1.0)
+    assert flight.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 4
+    flight.run(0.1)
+    assert "AHRS: waiting for home" in flight.texts()
+    assert flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.GUIDED) == 4
+    flight.run(0.1)
+    assert "requires position" in flight.texts()
+
+
+def test_origin_is_dropped_before_the_filter_runs_and_ignored_once_set(flight):
+    flight.companion.mav.set_gps_global_origin_send(1, 1, 1, 0)
+    flight.run(0.5)
+    assert flight.pilot.origin is None
+    flight.ready()
+    assert flight.of("GPS_GLOBAL_ORIGIN")[0].latitude == 353600000
+    flight.companion.mav.set_gps_global_origin_send(1, 7, 7, 0)
+    flight.run(0.5)
+    assert flight.pilot.origin[0] == 353600000
+
+
+def test_take_off_hold_and_overshoot(flight):
+    flight.airborne()
+    assert flight.height == pytest.approx(4.0, abs=0.3)
+    start = flight.p_ext.copy()
+    goal = start + [4.0, 0.0, 0.0]
+    flight.target(goal, YAW_EXT)
+    furthest = 0.0
+    for _ in range(100):
+        flight.run(0.1)
+        furthest = max(furthest, flight.p_ext[0] - goal[0])
+    assert 0.0 < furthest < 0.45  # about 0.2 m on the real one
+    for _ in range(50):
+        flight.run(0.1)
+        assert np.linalg.norm(flight.p_ext - goal) < 0.3  # holds stay within 0.3 m
+    assert abs(transforms.yaw(flight.T_ext_world @ flight.vehicle.body.T_world_body) - YAW_EXT) < np.radians(3)
+
+
+def test_a_set_point_never_lifts_off(flight):
+    flight.ready()
+    flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.GUIDED)
+    flight.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    for _ in range(30):
+        flight.target(flight.p_ext + [0, 0, 5.0], 0.0)
+        flight.run(0.1)
+    assert flight.height < 0.05
+    flight.run(8.0)
+    assert not flight.pilot.armed  # and ten seconds after arming it disarms itself
+
+
+def test_type_masks(flight):
+    flight.airborne()
+    p = flight.p_ext.copy()
+    flight.target(p + [3, 0, 0], YAW_EXT, mask=0x9F9)  # one ignore bit drops the whole position
+    flight.run(3.0)
+    assert np.linalg.norm(flight.p_ext - p) < 0.4
+    flight.target(p + [0, 4, 0], None, mask=0xDF8)  # position alone: yaws into the direction of travel
+    flight.run(8.0)
+    assert transforms.yaw(flight.T_ext_world @ flight.vehicle.body.T_world_body) == pytest.approx(np.pi / 2, abs=0.15)
+
+
+def test_set_points_are_ignored_outside_guided(flight):
+    flight.airborne()
+    flight.sticks = (0, 0, 0, 0, "LOITER")
+    flight.run(1.0)
+    assert flight.pilot.mode == modes.LOITER
+    p = flight.p_ext.copy()
+    flight.target(p + [3, 0, 0], YAW_EXT)
+    flight.run(3.0)
+    assert np.linalg.norm(flight.p_ext - p) < 0.4
+
+
+def test_disarming_in_the_air_is_refused(flight):
+    flight.airborne()
+    assert flight.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 0) == 4 and flight.pilot.armed
+
+
+def test_land_disarms(flight):
+    flight.airborne()
+    assert flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.LAND) == 0
+    flight.run(15.0)
+    assert flight.height < 0.05 and not flight.pilot.armed
+
+
+def test_loss_of_the_feed_lands_after_eight_seconds(flight):
+    flight.airborne()
+    flight.feed_hz = 0
+    flight.run(7.0)
+    assert flight.pilot.mode == modes.GUIDED
+    flight.run(2.0)
+    assert flight.pilot.mode == modes.LAND
+    flight.run(0.2)
+    assert "EKF Failsafe" in flight.texts()
+    flight.run(20.0)
+    assert flight.height < 0.05 and not flight.pilot.armed
+
+
+class TestJumps:
+    def test_half_a_metre_is_followed(self, flight):
+        flight.airborne()
+        p = flight.p_ext.copy()
+        flight.offset_m = np.array([0.5, 0, 0])
+        flight.run(4.0)
+        assert flight.p_ext[0] - p[0] == pytest.approx(-0.5, abs=0.3)
+
+    def test_five_metres_are_rejected_then_adopted(self, flight):
+        flight.airborne()
+        p = flight.p_ext.copy()
+        flight.offset_m = np.array([5.0, 0, 0])
+        flight.run(4.5)
+        assert np.linalg.norm(flight.p_ext - p) < 0.7
+        flight.run(8.0)
+        assert flight.p_ext[0] - p[0] < -2.0  # flies off
+
+    def test_with_a_reset_the_position_is_adopted_and_the_difference_flown(self, flight):
+        flight.airborne()
+        p = flight.p_ext.copy()
+        flight.offset_m, flight.reset_counter = np.array([2.0, 0, 0]), 1
+        flight.run(0.3)
+        assert flight.pilot.estimator.p_ext_m[0] == pytest.approx(p[0] + 2.0, abs=0.4)
+        flight.run(6.0)
+        assert flight.p_ext[0] - p[0] == pytest.approx(-2.0, abs=0.5)
+
+    def test_a_yaw_step_is_not_adopted(self, flight):
+        flight.airborne()
+        yaw = flight.pilot.estimator.yaw_ext_rad
+        flight.yaw_step, flight.reset_counter = np.radians(30), 1
+        flight.run(6.0)
+        assert abs(flight.pilot.estimator.yaw_ext_rad - yaw) < np.radians(5)
+
+
+class TestTransmitter:
+    def test_an_operator_takes_off_in_alt_hold_and_loiters(self, flight):
+        flight.ready()
+        flight.sticks = (0, 0, -1, 1, "ALT_HOLD")
+        flight.run(2.5)
+        assert flight.pilot.armed
+        flight.sticks = (0, 0, 0.6, 0, "ALT_HOLD")
+        flight.run(4.0)
+        assert flight.height > 2.0
+        flight.sticks = (0, 0, 0, 0, "LOITER")
+        flight.run(3.0)
+        p = flight.vehicle.body.position_m
+        flight.run(5.0)
+        assert np.linalg.norm(flight.vehicle.body.position_m - p) < 0.3
+        flight.sticks = (0, 0.5, 0, 0, "LOITER")  # stick forward
+        flight.run(3.0)
+        moved = flight.vehicle.body.position_m - p
+        assert moved[0] > 2.0 and abs(moved[1]) < 0.7
+
+    def test_loiter_without_a_transmitter_comes_down(self, flight):
+        flight.airborne(6.0)
+        flight.sticks = (0, 0, 0, 0, "LOITER")
+        flight.run(2.0)
+        flight.sticks = None
+        flight.run(8.0)
+        assert flight.height < 3.0
+
+    def test_alt_hold_does_not_care_for_a_jump_of_the_odometry(self, flight):
+        flight.ready()
+        flight.sticks = (0, 0, -1, 1, "ALT_HOLD")
+        flight.run(2.5)
+        flight.sticks = (0, 0, 0.6, 0, "ALT_HOLD")
+        flight.run(3.0)
+        flight.sticks = (0, 0, 0.0, 0, "ALT_HOLD")
+        flight.run(1.0)
+        height = flight.height
+        flight.offset_m = np.array([0, 0, -30.0])
+        flight.run(7.0)
+        assert flight.height == pytest.approx(height, abs=0.7)
+
+
+def test_parameters(flight):
+    flight.companion.mav.param_request_read_send(1, 1, b"VISO_TYPE", -1)
+    flight.companion.mav.param_request_read_send(1, 1, b"NO_SUCH", -1)
+    flight.received.clear()
+    flight.run(0.2)
+    values = flight.of("PARAM_VALUE")
+    assert [(v.param_id, v.param_value, v.param_type) for v in values] == [("VISO_TYPE", 2.0, 2)]
+
+
+def test_velocity_times_out(flight):
+    flight.airborne()
+    flight.companion.mav.set_position_target_local_ned_send(0, 1, 1, 1, 0xDC7, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 0, 0)
+    flight.run(2.0)
+    assert flight.pilot.estimator.v_ext_mps[0] > 0.7
+    flight.run(4.0)
+    assert abs(flight.pilot.estimator.v_ext_mps[0]) < 0.3
