@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node's health as diagnostics: rates of what flows, counts of what was dropped, and what is wrong now."""
+
+import threading
+import time
+from typing import Dict, Optional
+
+import diagnostic_updater
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+
+
+class Health:
+    """Published once a second. ``flows`` maps a flow's name to the rate (Hz) below which it is a warning."""
+
+    def __init__(self, hardware_id: str, flows: Optional[Dict[str, float]] = None):
+        self._lock = threading.Lock()
+        self._flows = dict(flows or {})
+        self._ticks = dict.fromkeys(self._flows, 0)
+        self._counts: Dict[str, int] = {}
+        self._values: Dict[str, str] = {}
+        self._problems: Dict[str, str] = {}
+        self._since_s = time.monotonic()
+        self._updater = diagnostic_updater.Updater()
+        self._updater.setHardwareID(hardware_id)
+        self._updater.add("health", self._report)
+        self._timer = rospy.Timer(rospy.Duration(1.0), lambda _event: self._updater.update())
+
+    def tick(self, flow: str) -> None:
+        """One message of a flow went through."""
+        with self._lock:
+            self._ticks[flow] = self._ticks.get(flow, 0) + 1
+
+    def drop(self, reason: str, detail: str = "") -> None:
+        """Something was dropped: counted here, warned about at a throttled rate."""
+        with self._lock:
+            self._counts[reason] = self._counts.get(reason, 0) + 1
+        rospy.logwarn_throttle(5.0, f"dropped: {reason}{': ' + detail if detail else ''}")
+
+    def value(self, name: str, value) -> None:
+        with self._lock:
+            self._values[name] = str(value)
+
+    def problem(self, name: str, text: str) -> None:
+        """An error that stands until it is cleared with an empty text."""
+        with self._lock:
+            if text and self._problems.get(name) != text:
+                rospy.logerr("%s", text)
+            if text:
+                self._problems[name] = text
+            else:
+                self._problems.pop(name, None)
+
+    def _report(self, status):
+        with self._lock:
+            elapsed_s = max(time.monotonic() - self._since_s, 1e-3)
+            self._since_s = time.monotonic()
+            rates = {name: ticks / elapsed_s for name, ticks in self._ticks.items()}
+            self._ticks = dict.fromkeys(self._ticks, 0)
+            slow = [name for name, least in self._flows.items() if rates.get(name, 0.0) < least]
+            status.summary(DiagnosticStatus.OK, "well")
+            if slow:
+                status.summary(DiagnosticStatus.WARN, "slow or silent: " + ", ".join(slow))
+            if self._problems:
+                status.summary(DiagnosticStatus.ERROR, "; ".join(self._problems.values()))
+            for name, rate in rates.items():
+                status.add(f"{name} [Hz]", f"{rate:.1f}")
+            for name, count in self._counts.items():
+                status.add(f"dropped: {name}", str(count))
+            for name, value in self._values.items():
+                status.add(name, value)
+        return status

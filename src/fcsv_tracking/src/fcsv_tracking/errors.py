@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of the trackers."""
+
+from fcsv_geometry.errors import FcsvError
+
+
+class TrackingError(FcsvError):
+    """Base of this package's errors."""
+
+
+class OdometryRejected(TrackingError):
+    """A sample of the tracking camera that must not reach the autopilot; ``reason`` is its counter's name."""
+
+    def __init__(self, reason: str, message: str):
+        super().__init__(message)
+        self.reason = reason
+
+
+class TagError(TrackingError):
+    """The tag detector cannot be set up, or a picture is not one it can look at."""
+
+
+class CalibrationRefused(TrackingError):
+    """A calibration that would not be good enough; the message tells the operator what to do."""
+
+
+class HomeRefused(TrackingError):
+    """Home cannot be set now; the message says why."""

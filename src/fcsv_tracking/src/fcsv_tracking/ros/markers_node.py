@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Vehicles, what their cameras see, and their tags, as markers for rviz."""
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from fcsv_geometry import frames
+from fcsv_geometry.ros import conversions
+from fcsv_geometry.vehicle import VehicleGeometry, load_vehicles
+
+_COLORS = ((0.95, 0.35, 0.2), (0.2, 0.55, 0.95), (0.3, 0.8, 0.3), (0.9, 0.75, 0.2))
+_FRUSTUM_M = 2.0
+_HALF_VIEW = (np.tan(np.radians(28.0)), np.tan(np.radians(21.7)))  # 56 x 43.5 degrees
+
+
+def vehicle_markers(vehicle: VehicleGeometry, color) -> MarkerArray:
+    """Body, frustum and tag of one vehicle, fixed in its own frames."""
+    n = vehicle.name
+    rgba = ColorRGBA(*color, 1.0)
+    body = _marker(n, 0, Marker.CUBE, frames.base_link(n), ColorRGBA(*color, 0.9))
+    body.scale = Vector3(0.36, 0.30, 0.12)
+    tag = _marker(n, 1, Marker.CUBE, frames.tag(n), ColorRGBA(1, 1, 1, 1))
+    tag.scale = Vector3(vehicle.tag_size_m, vehicle.tag_size_m, 0.005)
+    view = _marker(n, 2, Marker.LINE_LIST, frames.camera_optical(n), rgba)
+    view.scale.x = 0.03
+    w, h = _HALF_VIEW
+    corners = [np.array([sx * w, sy * h, 1.0]) * _FRUSTUM_M for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    for a, b in zip(corners, corners[1:] + corners[:1]):
+        view.points += [Point(0, 0, 0), Point(*a), Point(*a), Point(*b)]
+    label = _marker(n, 3, Marker.TEXT_VIEW_FACING, frames.base_link(n), rgba)
+    label.pose.position.z, label.scale.z, label.text = 0.5, 0.4, n
+    return MarkerArray([body, tag, view, label])
+
+
+def _marker(vehicle: str, number: int, kind: int, frame: str, color: ColorRGBA) -> Marker:
+    marker = Marker(header=conversions.header(0.0, frame), ns=vehicle, id=number, type=kind, color=color)
+    marker.pose, marker.frame_locked = Pose(Point(), Quaternion(0, 0, 0, 1)), True
+    return marker
+
+
+def main() -> None:
+    """Publish once a second; rviz keeps them locked to their frames."""
+    rospy.init_node("markers")
+    names = list(rospy.get_param("~vehicles"))
+    vehicles = load_vehicles(rospy.get_param("~vehicles_dir"), names)
+    publishers = {n: rospy.Publisher(f"/{n}/markers", MarkerArray, queue_size=1, latch=True) for n in names}
+    rate = rospy.Rate(1.0)
+    while not rospy.is_shutdown():
+        for i, name in enumerate(names):
+            publishers[name].publish(vehicle_markers(vehicles[name], _COLORS[i % len(_COLORS)]))
+        try:
+            rate.sleep()
+        except rospy.ROSInterruptException:
+            return

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""AprilTags (tag36h11) in a picture: corners by the AprilRobotics detector, pose by IPPE and refinement."""
+
+from dataclasses import dataclass
+from typing import List, Mapping, Optional, Tuple
+
+import cv2
+import numpy as np
+from apriltag import apriltag
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+
+FAMILY = "tag36h11"
+#: The detector puts pixel centres at (0.5, 0.5); ours are at whole numbers (tests/fcsv_tracking/test_tags.py).
+_PIXEL_CENTRE_PX = 0.5
+
+
+@dataclass(frozen=True)
+class TagObservation:
+    """One tag in one picture; corners (4,2) run bottom-left, bottom-right, top-right, top-left as printed."""
+
+    id: int
+    size_m: float
+    corners_px: np.ndarray
+    corners_normalized: np.ndarray
+    T_cam_tag: np.ndarray
+    T_cam_tag_other: Optional[np.ndarray]  # the second planar solution, where there is one
+    reprojection_rms_px: float
+    decision_margin: float
+    hamming: int
+
+
+def corner_points(size_m: float) -> np.ndarray:
+    """The corners (4,3) in the tag's frame (x right, y down, z into the tag), in the detector's order."""
+    h = size_m / 2.0
+    return np.array([[-h, h, 0.0], [h, h, 0.0], [h, -h, 0.0], [-h, -h, 0.0]])
+
+
+class TagDetector:
+    """Finds the tags of known size; a tag of another id or family is not there."""
+
+    def __init__(self, sizes_m: Mapping[int, float], decimate: float = 1.0, threads: int = 1):
+        self._sizes_m = dict(sizes_m)
+        self._detector = apriltag(FAMILY, threads=threads, decimate=decimate, refine_edges=True, maxhamming=1)
+
+    def detect(self, gray: np.ndarray, camera: PinholeCamera) -> List[TagObservation]:
+        """Observations in an undistorted or distorted picture (HxW uint8) of ``camera``."""
+        if gray.dtype != np.uint8 or gray.ndim != 2:
+            raise ValueError(f"picture must be HxW uint8, got {gray.shape} {gray.dtype}")
+        found = []
+        for raw in self._detector.detect(np.ascontiguousarray(gray)):
+            size_m = self._sizes_m.get(raw["id"])
+            if size_m is None or raw["hamming"] > 1 or raw["margin"] < 20.0:
+                continue
+            corners_px = np.array(raw["lb-rb-rt-lt"], float) - _PIXEL_CENTRE_PX
+            found.append(_observation(raw, size_m, corners_px, camera))
+        return found
+
+
+def _observation(raw, size_m, corners_px, camera) -> TagObservation:
+    normalized = camera.normalize(corners_px)
+    solutions = planar_poses(normalized, size_m)
+    best, rms = solutions[0]
+    other = solutions[1][0] if len(solutions) > 1 else None
+    f = (camera.fx + camera.fy) / 2.0
+    return TagObservation(
+        int(raw["id"]), size_m, corners_px, normalized, best, other, rms * f, float(raw["margin"]), int(raw["hamming"])
+    )
+
+
+def planar_poses(corners_normalized: np.ndarray, size_m: float) -> List[Tuple[np.ndarray, float]]:
+    """T_cam_tag and rms (normalised units) of the planar solutions, best first (IPPE, refined)."""
+    points = corner_points(size_m)
+    image = corners_normalized.reshape(-1, 1, 2)
+    # IPPE_SQUARE wants top-left, top-right, bottom-right, bottom-left with y up in the object: plain IPPE does not
+    _, rotations, translations, _ = cv2.solvePnPGeneric(points, image, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    solutions = []
+    for rvec, tvec in zip(rotations, translations):
+        rvec, tvec = cv2.solvePnPRefineLM(points, image, np.eye(3), None, rvec.copy(), tvec.copy())
+        projected, _ = cv2.projectPoints(points, rvec, tvec, np.eye(3), None)
+        rms = float(np.sqrt(np.mean(np.sum((projected - image) ** 2, axis=-1))))
+        solutions.append((transforms.transform(cv2.Rodrigues(rvec)[0], tvec.ravel()), rms))
+    return sorted(solutions, key=lambda s: s[1])

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tag detection: the detector's pixel convention, poses, and photographs of printed tags."""
+
+import re
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_tracking.tags import TagDetector, corner_points, planar_poses
+
+CAMERA = PinholeCamera.from_fov(640, 480, np.radians(56.0))
+SUPER = 8
+
+
+def render(T_cam_tag, size_m=0.16, tag_id=1, camera=CAMERA):
+    """A tag36h11 in front of grey, area-sampled: the ideal camera."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    # OpenCV draws the family upside down against its authors' pictures
+    bits = cv2.rotate(cv2.aruco.generateImageMarker(dictionary, tag_id, 80), cv2.ROTATE_180)
+    board = np.full((100, 100), 255, np.uint8)
+    board[10:90, 10:90] = bits
+    pixel_m = size_m / 80
+    # board pixel (u, v), centres at whole numbers, to the tag's plane
+    A = np.array([[pixel_m, 0, -49.5 * pixel_m], [0, pixel_m, -49.5 * pixel_m], [0, 0, 1.0]])
+    H = camera.K @ T_cam_tag[:3, [0, 1, 3]] @ A
+    S = np.array([[SUPER, 0, (SUPER - 1) / 2], [0, SUPER, (SUPER - 1) / 2], [0, 0, 1.0]])
+    big = np.full((camera.height * SUPER, camera.width * SUPER), 120, np.uint8)
+    cv2.warpPerspective(
+        board, S @ H, big.shape[::-1], dst=big, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_TRANSPARENT
+    )
+    return cv2.resize(big, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+
+
+def pose(distance_m, yaw_deg=0.0, x=0.1, y=-0.05, roll_deg=0.0):
+    return transforms.from_xyz_rpy([x, y, distance_m], np.radians([0.0, yaw_deg, roll_deg]))
+
+
+@pytest.mark.parametrize("distance_m, yaw_deg, roll_deg", [(2.0, 20, 5), (3.5, 0, 0), (3.5, -30, 10), (4.0, 25, -7)])
+def test_pose_and_corners_are_unbiased(distance_m, yaw_deg, roll_deg):
+    detector = TagDetector({1: 0.16})
+    errors = []
+    for shift in np.linspace(0, 0.01, 12):  # through a few subpixel phases
+        T = pose(distance_m, yaw_deg, 0.1 + shift, -0.05 + 0.7 * shift, roll_deg)
+        (seen,) = detector.detect(render(T), CAMERA)
+        truth = CAMERA.project(transforms.apply(T, corner_points(0.16)))
+        errors.append(seen.corners_px - truth)
+        assert seen.id == 1 and np.abs(seen.corners_px - truth).max() < 0.5
+        assert np.linalg.norm(seen.T_cam_tag[:3, 3] - T[:3, 3]) < 0.03 * distance_m
+    # a wrong pixel convention would show as a common half pixel; an exactly upright tag leaves 0.07 px
+    assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.12
+
+
+def test_both_planar_solutions_are_offered():
+    T = pose(3.5, 15)
+    p = transforms.apply(T, corner_points(0.16))
+    solutions = planar_poses(p[:, :2] / p[:, 2:], 0.16)
+    assert len(solutions) == 2 and np.allclose(solutions[0][0], T, atol=1e-4)
+    assert solutions[1][1] > solutions[0][1]
+
+
+def test_other_ids_sizes_and_families_are_not_there():
+    picture = render(pose(3.0))
+    assert TagDetector({2: 0.16}).detect(picture, CAMERA) == []
+    (twice,) = TagDetector({1: 0.32}).detect(picture, CAMERA)  # a wrong size is a wrong distance, nothing else
+    assert twice.T_cam_tag[2, 3] == pytest.approx(6.0, rel=0.02)
+
+
+def test_mirrored_or_hidden_tags_are_not_found():
+    picture = render(pose(3.0))
+    assert TagDetector({1: 0.16}).detect(picture[:, ::-1].copy(), CAMERA) == []
+    picture[:, 330:] = 120
+    assert TagDetector({1: 0.16}).detect(picture, CAMERA) == []
+
+
+def test_wrong_pictures_are_refused():
+    with pytest.raises(ValueError, match="HxW uint8"):
+        TagDetector({1: 0.16}).detect(np.zeros((480, 640, 3), np.uint8), CAMERA)
+
+
+class TestPhotographs:
+    """Printed tags, 65 mm, turned by known angles (see the data's README)."""
+
+    def load(self, shared_data, key):
+        info = yaml.safe_load((shared_data / "apriltags" / "test_info.yaml").read_text())[key]
+        K = np.array(info["K"]).reshape(3, 3)
+        camera = PinholeCamera(info["width"], info["height"], K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        return info, camera
+
+    def test_angles(self, shared_data):
+        info, camera = self.load(shared_data, "rotation_test")
+        detector = TagDetector({i: info["tag_size"] for i in range(587)})
+        seen = {}
+        for path in sorted((shared_data / "apriltags").glob("test_image_rotation_*.png")):
+            angle_deg = int(re.search(r"_(-?\d+)\.png", path.name).group(1))
+            (tag,) = detector.detect(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), camera)
+            normal = tag.T_cam_tag[:3, 2]
+            seen[angle_deg] = np.degrees(np.arctan2(normal[0], normal[2]))
+        assert len(seen) == 7
+        sign = np.sign(sum(a * s for a, s in seen.items()))
+        errors = {a: abs(sign * s - a) for a, s in seen.items()}
+        assert max(errors.values()) <= 3.5, errors
+
+    def test_several_at_once(self, shared_data):
+        info, camera = self.load(shared_data, "multiple_tags_test")
+        detector = TagDetector({i: info["tag_size"] for i in range(587)})
+        for path in sorted((shared_data / "apriltags").glob("test_image_multiple_*.png")):
+            ids = [t.id for t in detector.detect(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), camera)]
+            assert len(ids) >= 4 and len(set(ids)) == len(ids), (path.name, ids)
