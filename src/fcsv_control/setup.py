@@ -3,4 +3,6 @@ from distutils.core import setup
 
 from catkin_pkg.python_setup import generate_distutils_setup
 
-setup(**generate_distutils_setup(packages=["fcsv_control", "fcsv_control.ros"], package_dir={"": "src"}))
+PACKAGES = ["fcsv_control", "fcsv_control.flight", "fcsv_control.mission", "fcsv_control.ros"]
+
+setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))
