@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""People with transmitters: one pilot per vehicle who sees it from the ground, and one who presses the buttons.
+
+They are not perfect: hands shake, decisions take time.
+"""
+
+from dataclasses import dataclass
+from typing import Dict, Optional, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+
+_LOITER_SPEED_MPS = 3.0
+_YAW_STICK_RPS = np.radians(100.0)
+_LEAN_RAD = np.radians(30.0)
+
+
+@dataclass(frozen=True)
+class Sticks:
+    """-1..1: roll right, pitch forward, throttle up, yaw right; and the mode switch."""
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    throttle: float = 0.0
+    yaw: float = 0.0
+    mode: str = "LOITER"
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a pilot sees: T_world_body, velocity (m/s, world), and on the screen armed and mode."""
+
+    T_world_body: np.ndarray
+    v_world_mps: np.ndarray
+    armed: bool
+    mode: str
+
+
+@dataclass(frozen=True)
+class Field:
+    """Where things are to happen (world frame): the column on the field, then the starting point."""
+
+    column_m: Tuple[float, float, float] = (0.0, 0.0, 4.0)
+    start_xy_m: Tuple[float, float] = (1.0, 0.0)
+    home_height_m: float = 8.0
+    spacing_m: float = 3.5
+    sway_m: float = 0.8
+    sway_period_s: float = 8.0
+
+
+class Pilot:
+    """One pilot: from what is to be done and seen to sticks."""
+
+    def __init__(self, index: int, field: Field, seed: int):
+        self._index = index
+        self._field = field
+        self._random = np.random.default_rng([seed, 4, index])
+        self._arming_since_s: Optional[float] = None
+        self._switched_s = float("-inf")
+        self._airborne = False
+        self._shake = np.zeros(3)
+
+    def sticks(self, now_s: float, phase: str, sight: Sight) -> Sticks:
+        """Sticks for the mission's phase."""
+        if phase == "WAIT_VEHICLES" or (phase in ("DONE", "ABORTED") and not sight.armed):
+            return Sticks(throttle=-1.0, mode="ALT_HOLD")
+        if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):
+            return self._take_off(now_s, sight)
+        if phase in ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME"):
+            goal, v_goal = self.goal(now_s, phase)
+            return self._fly_to(goal, v_goal, sight)
+        return Sticks()  # hands off: the mission flies, or the autopilot lands
+
+    def goal(self, now_s: float, phase: str):
+        """Position and velocity (world) that the pilot aims at."""
+        f = self._field
+        behind = np.array([-f.spacing_m * self._index, 0.0, 0.0])
+        if phase in ("MOVE_HOME", "SET_HOME"):
+            return np.array([*f.start_xy_m, f.home_height_m]) + behind, np.zeros(3)
+        goal, v = np.array(f.column_m) + behind, np.zeros(3)
+        if phase == "CALIBRATE" and self._index % 2 == 0:  # every second one sways: each pair moves against each other
+            w = 2 * np.pi / f.sway_period_s
+            goal[1] += f.sway_m * np.sin(w * now_s)
+            v[1] = f.sway_m * w * np.cos(w * now_s)
+            goal[2] += 0.15 * np.sin(1.7 * w * now_s)
+        return goal, v
+
+    def _take_off(self, now_s: float, sight: Sight) -> Sticks:
+        if not sight.armed:
+            return self._arm(now_s)
+        z = sight.T_world_body[2, 3]
+        target_z = self._field.column_m[2]
+        if z > target_z - 0.4:
+            self._airborne = True
+        if not self._airborne:
+            roll, pitch = self._lean_back_to_column(sight)
+            return Sticks(roll, pitch, 0.75 if z < target_z - 1.0 else 0.4, 0.0, "ALT_HOLD")
+        if now_s - self._switched_s > 2.5:  # refused (no position yet)? switch back and forth again
+            self._switched_s = now_s
+        roll, pitch = self._lean_back_to_column(sight)
+        mode = "ALT_HOLD" if now_s - self._switched_s < 0.3 else "LOITER"
+        return Sticks(roll, pitch, 0.0, 0.0, mode) if sight.mode != "LOITER" else Sticks()
+
+    def _arm(self, now_s: float) -> Sticks:
+        """Throttle low, rudder right for three seconds; let go for one and try again."""
+        if self._arming_since_s is None or now_s - self._arming_since_s > 4.0:
+            self._arming_since_s = now_s + 0.3 * self._index
+        rudder = 1.0 if 0.0 <= now_s - self._arming_since_s < 3.0 else 0.0
+        return Sticks(throttle=-1.0, yaw=rudder, mode="ALT_HOLD")
+
+    def _lean_back_to_column(self, sight: Sight):
+        goal, _ = self.goal(0.0, "COLUMN")
+        error = goal[:2] - sight.T_world_body[:2, 3]
+        acc = np.clip(0.8 * error - 1.4 * sight.v_world_mps[:2], -1.5, 1.5)
+        forward, left = self._in_body(acc, sight)
+        return float(np.clip(-left / 9.81 / _LEAN_RAD, -1, 1)), float(np.clip(forward / 9.81 / _LEAN_RAD, -1, 1))
+
+    def _fly_to(self, goal: np.ndarray, v_goal: np.ndarray, sight: Sight) -> Sticks:
+        error = goal - sight.T_world_body[:3, 3]
+        v = v_goal + np.clip(0.7 * error, -1.2, 1.2)
+        if not v_goal.any():
+            v[np.abs(error) < 0.08] = 0.0  # good enough: hands off
+        forward, left = self._in_body(v[:2], sight)
+        self._shake = 0.95 * self._shake + 0.004 * self._random.standard_normal(3)
+        climb = v[2] / (2.5 if v[2] > 0 else 1.5)
+        yaw = 1.2 * transforms.yaw(sight.T_world_body) / _YAW_STICK_RPS
+        return Sticks(
+            roll=_stick(-left / _LOITER_SPEED_MPS + self._shake[0], 0.05),
+            pitch=_stick(forward / _LOITER_SPEED_MPS + self._shake[1], 0.05),
+            throttle=_stick(climb, 0.1),
+            yaw=_stick(yaw, 0.05) if abs(transforms.yaw(sight.T_world_body)) > np.radians(1.5) else 0.0,
+        )
+
+    @staticmethod
+    def _in_body(xy, sight: Sight):
+        yaw = transforms.yaw(sight.T_world_body)
+        c, s = np.cos(yaw), np.sin(yaw)
+        return c * xy[0] + s * xy[1], -s * xy[0] + c * xy[1]
+
+
+def _stick(value: float, dead: float) -> float:
+    """A deflection that gets over the dead band, or none."""
+    if abs(value) < dead / 3:
+        return 0.0
+    return float(np.clip(np.sign(value) * max(abs(value), dead + 0.01), -1.0, 1.0))
+
+
+class ButtonPresser:
+    """The operator at the screen: confirms what is waited for once it looks right, after a moment."""
+
+    def __init__(self, field: Field, delay_s: float = 1.5):
+        self._field = field
+        self._delay_s = delay_s
+        self._right_since_s: Optional[float] = None
+
+    def press(
+        self, now_s: float, waits_for: str, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]
+    ) -> bool:
+        """Whether to press the button now."""
+        right = bool(waits_for) and (waits_for == "execute" or self._in_place(now_s, phase, sights, pilots))
+        if not right:
+            self._right_since_s = None
+            return False
+        self._right_since_s = self._right_since_s or now_s
+        if now_s - self._right_since_s < self._delay_s:
+            return False
+        self._right_since_s = None
+        return True
+
+    @staticmethod
+    def _in_place(now_s: float, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]) -> bool:
+        for sight, pilot in zip(sights.values(), pilots):
+            goal, _ = pilot.goal(now_s, phase)
+            far = np.linalg.norm(goal - sight.T_world_body[:3, 3]) > 0.3
+            if far or np.linalg.norm(sight.v_world_mps) > 0.25:
+                return False
+        return True
