@@ -48,7 +48,7 @@ class SimulatedFleet:
         for folder in (plan.sim_folder, plan.session_folder):
             folder.mkdir(parents=True, exist_ok=True)
         self.machines: Dict[str, Machine] = {n: Machine(n, plan.run_folder) for n in (*plan.vehicles, CONTROL)}
-        self._endpoints = {n: f"127.0.0.1:{free_port()}" for n in self.machines}
+        self._endpoints = {n: f"127.0.0.1:{free_port()}/{free_port()}" for n in self.machines}
         self._mavlink_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
         self._rc_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
         self.launches: Dict[str, Process] = {}

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Real relays between real masters: what crosses, what does not, and what comes back by itself."""
+
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+
+from fcsv_sim.machines import Machine, free_port
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+
+class Net:
+    """Two machines with a relay each."""
+
+    def __init__(self, folder, root):
+        self.links = root / "config/links/default.yaml"
+        self.machines = {n: Machine(n, folder).start_master() for n in ("control", "uav1")}
+        self.endpoints = {n: f"127.0.0.1:{free_port()}/{free_port()}" for n in self.machines}
+        self.relays = {n: self.relay(n) for n in self.machines}
+
+    def relay(self, name):
+        peers = ",".join(f"{n}={e}" for n, e in self.endpoints.items() if n != name)
+        return self.machines[name].run(
+            ["rosrun", "fcsv_multimaster", "relay", f"_machine:={name}", f"_links:={self.links}",
+             f"_listen:={self.endpoints[name]}", f"_peers:={peers}"], "relay",
+        )  # fmt: skip
+
+    def python(self, name, code):
+        """A rospy script on a machine; it runs until the test ends."""
+        path = self.machines[name].folder / f"script-{time.time()}.py"
+        path.write_text("import rospy, sys, time\nrospy.init_node('t', anonymous=True)\n" + textwrap.dedent(code))
+        return self.machines[name].run([sys.executable, str(path)], path.stem)
+
+    def hears(self, name, topic, timeout_s=6.0):
+        """The next message of a topic on a machine as text, or "" when none comes."""
+        command = ["timeout", str(timeout_s), "rostopic", "echo", "-n", "1", topic]
+        return subprocess.run(command, env=self.machines[name].env, capture_output=True, text=True).stdout
+
+    def stop(self):
+        for machine in self.machines.values():
+            machine.stop()
+
+
+@pytest.fixture
+def net(tmp_path, root):
+    net = Net(tmp_path, root)
+    yield net
+    net.stop()
+
+
+STATE = """
+    from fcsv_msgs.msg import State
+    p = rospy.Publisher('/uav1/mavros/state', State, queue_size=1)
+    from std_msgs.msg import String
+    q = rospy.Publisher('/uav1/secret', String, queue_size=1)
+    while not rospy.is_shutdown():
+        p.publish(State(mode='{mode}')); q.publish('x'); time.sleep(0.05)
+"""
+HOME = """
+    from fcsv_msgs.msg import Home
+    p = rospy.Publisher('/home', Home, queue_size=1, latch=True)
+    p.publish(Home(reference='uav1')); rospy.spin()
+"""
+
+
+def test_listed_topics_cross_and_others_do_not(net):
+    net.python("uav1", STATE.format(mode="GUIDED"))
+    assert "mode: \"GUIDED\"" in net.hears("control", "/uav1/mavros/state")
+    assert net.hears("control", "/uav1/secret", 2.0) == ""
+
+
+def test_latched_events_reach_who_comes_late_and_nothing_echoes(net):
+    net.relays["uav1"].stop()
+    net.python("control", HOME)
+    time.sleep(1.0)
+    net.relays["uav1"] = net.relay("uav1")
+    assert "uav1" in net.hears("uav1", "/home", 8.0)
+    count = subprocess.run(["rosnode", "list"], env=net.machines["control"].env, capture_output=True, text=True).stdout
+    info = subprocess.run(["rostopic", "info", "/home"], env=net.machines["control"].env, capture_output=True, text=True)
+    assert "relay" in count and info.stdout.split("Subscribers")[0].count("*") == 1  # only the one who publishes it
+
+
+def test_a_restarted_master_is_told_again(net):
+    net.python("uav1", STATE.format(mode="LOITER"))
+    assert "LOITER" in net.hears("control", "/uav1/mavros/state")
+    net.machines["uav1"].kill_master()
+    time.sleep(1.0)
+    net.machines["uav1"].start_master()
+    net.python("uav1", STATE.format(mode="BRAKE"))  # the old publisher is lost with its master, a new one comes
+    deadline = time.monotonic() + 15
+    while "BRAKE" not in net.hears("control", "/uav1/mavros/state", 2.0):
+        assert time.monotonic() < deadline
+    assert net.relays["uav1"].returncode is None
+
+
+def test_another_version_of_a_message_is_named_and_dropped(net):
+    net.python("uav1", """
+        from std_msgs.msg import String
+        class State(String):
+            _type = 'fcsv_msgs/State'; _md5sum = 'f' * 32
+        p = rospy.Publisher('/uav1/mavros/state', State, queue_size=1)
+        while not rospy.is_shutdown():
+            p.publish(State('x')); time.sleep(0.05)
+    """)  # fmt: skip
+    assert net.hears("control", "/uav1/mavros/state", 4.0) == ""
+    assert "another" in net.relays["control"].log.read_text()
+
+
+def test_a_wrong_links_file_ends_the_relay_with_one_line(net, tmp_path):
+    net.relays["control"].stop()
+    net.links = tmp_path / "links.yaml"
+    net.links.write_text("classes: {}\nto_control: [{topic: /x, class: nope}]")
+    relay = net.relay("control")
+    assert relay.wait(10.0) == 2 and "to_control[0].class" in relay.log.read_text()
