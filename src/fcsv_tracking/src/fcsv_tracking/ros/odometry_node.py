@@ -1,71 +1,153 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The path from tracking camera to autopilot on a vehicle: T265 odometry in, gated body pose out."""
+"""Tracking camera to body odometry, at 200 Hz, and at 30 Hz to the autopilot and the radio."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Optional
 
 import rospy
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import Updater
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
 from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
-from fcsv_geometry.ros.health import Health
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.errors import FcsvError
+from fcsv_msgs.msg import Calibration
 from fcsv_tracking.errors import OdometryRejected
-from fcsv_tracking.odometry import BodyOdometry, OdometryGate, quaternion_xyzw
+from fcsv_tracking.odometry import BodyOdometry, BodyPose, GateParameters, Rebase
+from fcsv_tracking.ros import parameters
+
+
+@dataclass(frozen=True)
+class OdometryParameters:
+    """Parameters of the node."""
+
+    vehicle: str
+    vehicles_dir: str
+    state_rate_hz: float = 30.0
+    stale_s: float = 0.3  # silence that diagnostics call an error
+    gate: GateParameters = field(default_factory=GateParameters)
+
+    def __post_init__(self):
+        if not 0 < self.state_rate_hz <= 200:
+            raise ValueError(f"state_rate_hz: {self.state_rate_hz} is not in (0, 200]")
 
 
 class OdometryNode:
-    """Publishes odometry/body with every sample, odometry/state and the vision pose at 30 Hz."""
+    """t265/odom/sample -> odometry/body, odometry/state, mavros/vision_pose/pose."""
 
     def __init__(self):
-        self._name = rospy.get_param("~vehicle")
-        vehicle = load_vehicles(rospy.get_param("~vehicles_dir"), [self._name])[self._name]
-        gate = OdometryGate(**rospy.get_param("~gate", {}))
-        self._period_s = 1.0 / rospy.get_param("~state_rate_hz", 30.0)
-        self._R_body_t265 = vehicle.T_body_t265[:3, :3]
-        self._core = BodyOdometry(vehicle.T_body_t265, gate)
+        self._parameters = parameters.read(OdometryParameters)
+        name = self._parameters.vehicle
+        geometry = parameters.vehicles(self._parameters.vehicles_dir, [name])[name]
+        self._expected = (f"{name}/t265_odom_frame", f"{name}/t265_pose_frame")
+        self._odom, self._body = frames.odom(name), frames.base_link(name)
+        # the re-basing outlives a restart of this node, or a restart would undo it: a jump
+        self._rebase_param = rospy.get_namespace() + "odometry_rebase"
+        self._core = BodyOdometry(geometry.T_body_t265, self._parameters.gate, self._stored_rebase())
+        self._jumps_stored = 0
         self._next_state_s = 0.0
-        self._expected_frame = f"{self._name}/t265_odom_frame"
-        self._health = Health(self._name, {"odometry": 50.0})
-        rospy.loginfo("odometry of %s: %s", self._name, gate)
-        self._body = rospy.Publisher("odometry/body", Odometry, queue_size=50)
-        self._state = rospy.Publisher("odometry/state", Odometry, queue_size=5)
-        self._vision = rospy.Publisher("mavros/vision_pose/pose", PoseStamped, queue_size=1)
+        self._received_s: Optional[float] = None
+        self._received = self._received_before = 0
+        self._calibrated_s: Optional[float] = None
+        self._updater = Updater()
+        self._updater.setHardwareID(name)
+        self._updater.add("odometry", self._diagnose)
+        self._body_publisher = rospy.Publisher("odometry/body", Odometry, queue_size=50, tcp_nodelay=True)
+        self._state_publisher = rospy.Publisher("odometry/state", Odometry, queue_size=10, tcp_nodelay=True)
+        self._vision_publisher = rospy.Publisher(
+            "mavros/vision_pose/pose", PoseStamped, queue_size=10, tcp_nodelay=True
+        )
+        self._timer = rospy.Timer(rospy.Duration(1.0), lambda _: self._updater.force_update())
+        rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("t265/odom/sample", Odometry, self._on_sample, queue_size=50, tcp_nodelay=True)
 
     def _on_sample(self, message: Odometry) -> None:
-        if message.header.frame_id != self._expected_frame:
-            self._health.drop("wrong frame", f"{message.header.frame_id} is not {self._expected_frame}")
-            return
-        p, q = message.pose.pose.position, message.pose.pose.orientation
-        stamp_s = message.header.stamp.to_sec()
-        jumps = self._core.jumps
+        self._received += 1
+        self._received_s = rospy.get_time()
         try:
-            T_odom_body = self._core.body_pose(stamp_s, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+            pose = self._convert_and_feed(message)
         except OdometryRejected as error:
-            self._health.drop("rejected sample", str(error))
+            rospy.logwarn_throttle(2.0, f"{self._odom}: {error}")
+            self._updater.update()
             return
-        if self._core.jumps > jumps:
-            text = f"{self._name}: odometry jumped by {self._core.last_jump_m:.2f} m; taken back. Calibrate again"
-            self._health.problem("jump", text)
-        self._health.tick("odometry")
-        self._publish(message, stamp_s, T_odom_body)
+        self._publish(pose, message.pose.covariance)
+        if self._core.status.jumps != self._jumps_stored:
+            self._store_jump()
 
-    def _publish(self, sample: Odometry, stamp_s: float, T_odom_body) -> None:
-        out = Odometry(header=sample.header)
-        out.header.frame_id, out.child_frame_id = frames.odom(self._name), frames.base_link(self._name)
-        out.pose.pose = Pose(Point(*T_odom_body[:3, 3]), Quaternion(*quaternion_xyzw(T_odom_body)))
-        v, w = sample.twist.twist.linear, sample.twist.twist.angular
-        out.twist.twist.linear = Vector3(*(self._R_body_t265 @ (v.x, v.y, v.z)))
-        out.twist.twist.angular = Vector3(*(self._R_body_t265 @ (w.x, w.y, w.z)))
-        out.pose.covariance, out.twist.covariance = sample.pose.covariance, sample.twist.covariance
-        self._body.publish(out)
-        if stamp_s >= self._next_state_s:
-            self._next_state_s = max(self._next_state_s + self._period_s, stamp_s)
-            self._state.publish(out)
-            self._vision.publish(PoseStamped(out.header, out.pose.pose))
+    def _convert_and_feed(self, message: Odometry) -> BodyPose:
+        found = (message.header.frame_id, message.child_frame_id)
+        if found != self._expected:
+            raise self._core.reject("frames", f"odometry has frames {found}, expected {self._expected}")
+        p, q = message.pose.pose.position, message.pose.pose.orientation
+        v, w = message.twist.twist.linear, message.twist.twist.angular
+        return self._core.feed(
+            message.header.stamp.to_sec(), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w), (v.x, v.y, v.z), (w.x, w.y, w.z)
+        )
+
+    def _publish(self, body: BodyPose, covariance) -> None:
+        message = Odometry()
+        message.header.stamp = rospy.Time.from_sec(body.stamp_s)
+        message.header.frame_id, message.child_frame_id = self._odom, self._body
+        message.pose.pose = Pose(Point(*body.p_odom_body), Quaternion(*body.q_odom_body_xyzw))
+        message.twist.twist = Twist(Vector3(*body.linear_mps), Vector3(*body.angular_radps))
+        message.pose.covariance = covariance
+        self._body_publisher.publish(message)
+        if body.stamp_s >= self._next_state_s:
+            period_s = 1.0 / self._parameters.state_rate_hz
+            self._next_state_s = max(self._next_state_s + period_s, body.stamp_s)
+            self._state_publisher.publish(message)
+            self._vision_publisher.publish(PoseStamped(message.header, message.pose.pose))
+
+    def _stored_rebase(self) -> Rebase:
+        stored = rospy.get_param(self._rebase_param, None)
+        return Rebase(float(stored["yaw_rad"]), tuple(stored["p_m"])) if stored else Rebase()
+
+    def _store_jump(self) -> None:
+        self._jumps_stored = self._core.status.jumps
+        rebase = self._core.rebase
+        rospy.set_param(self._rebase_param, {"yaw_rad": rebase.yaw_rad, "p_m": list(rebase.p_m)})
+        rospy.logerr(
+            f"{self._odom}: odometry jumped (number {self._jumps_stored}, largest "
+            f"{self._core.status.largest_jump_m:.2f} m); undone for the autopilot, calibrate again"
+        )
+        self._updater.force_update()
+
+    def _on_calibration(self, message: Calibration) -> None:
+        if any(self._parameters.vehicle in (link.parent, link.child) for link in message.links):
+            self._calibrated_s = message.header.stamp.to_sec()
+
+    def _diagnose(self, status):
+        core = self._core.status
+        age_s = math.inf if self._received_s is None else rospy.get_time() - self._received_s
+        if age_s > self._parameters.stale_s:
+            status.summary(DiagnosticStatus.ERROR, "no odometry from the tracking camera")
+        elif core.lost:
+            status.summary(DiagnosticStatus.ERROR, "tracker lost: it jumps again and again, pose withheld")
+        elif core.last_jump_stamp_s and (self._calibrated_s or 0.0) < core.last_jump_stamp_s:
+            status.summary(DiagnosticStatus.ERROR, "odometry jumped: calibrate again")
+        elif core.rejected:
+            status.summary(DiagnosticStatus.WARN, "odometry samples were rejected")
+        else:
+            status.summary(DiagnosticStatus.OK, "odometry is passed on")
+        status.add("samples in the last period", self._received - self._received_before)
+        self._received_before = self._received
+        status.add("passed", core.passed)
+        status.add("jumps", core.jumps)
+        status.add("largest jump (m)", f"{core.largest_jump_m:.3f}")
+        status.add("largest jump (deg)", f"{math.degrees(core.largest_jump_rad):.1f}")
+        for reason, count in sorted(core.rejected.items()):
+            status.add(f"rejected: {reason}", count)
+        return status
 
 
 def main() -> None:
     """Run the node."""
     rospy.init_node("odometry")
-    OdometryNode()
+    try:
+        OdometryNode()
+    except FcsvError as error:
+        rospy.logfatal(str(error))
+        raise SystemExit(1) from None
     rospy.spin()
