@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Posed photographs: a folder ``images/`` with COLMAP's text model; poses are priors, ``home`` is the model's world."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, List, Optional
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.errors import GeometryError
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
+from fcsv_stereo.result import Configuration
+
+#: Parameters of each camera model in order, as names of fx, fy, cx, cy, k1, k2, p1, p2.
+_MODELS = {
+    "SIMPLE_PINHOLE": ("f", "cx", "cy"),
+    "PINHOLE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
+    "RADIAL": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+}
+
+
+@dataclass(frozen=True)
+class PosedImage:
+    """A line of images.txt; T_home_cam with home the model's world."""
+
+    name: str
+    camera_id: int
+    T_home_cam: np.ndarray
+
+
+def is_model(folder: Path) -> bool:
+    """Whether a folder looks like posed photographs."""
+    return any((folder / f).exists() for f in ("images.txt", "cameras.txt", "images"))
+
+
+def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
+    """Every other picture paired with the reference (default: the first in images.txt). Raises InputError."""
+    cameras = read_cameras(folder / "cameras.txt")
+    posed = read_images(folder / "images.txt", cameras)
+    by_name = {p.name: p for p in posed}
+    if reference is not None and reference not in by_name:
+        raise InputError(f"{folder / 'images.txt'}: no picture '{reference}'; the first is {posed[0].name}")
+    if len(posed) < 2:
+        raise InputError(f"{folder / 'images.txt'}: holds {len(posed)} picture; a pair needs two")
+    _require_poses(folder, by_name)
+    first = by_name[reference] if reference else posed[0]
+    pictures = {p.name: _load(folder, p, cameras[p.camera_id]) for p in posed}
+    view = pictures[first.name]
+    configurations = [
+        ConfigurationInput(_configuration(view, pictures[p.name]), [view], [pictures[p.name]])
+        for p in posed
+        if p.name != first.name
+    ]
+    return MapInput("photographs", configurations)
+
+
+def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
+    """cameras.txt; pixel centres come at 0.5 and leave at whole numbers. Raises InputError."""
+    cameras = {}
+    for number, words in _lines(path):
+        try:
+            model, width, height = words[1], int(words[2]), int(words[3])
+            if model not in _MODELS:
+                raise InputError(f"{path}, line {number}: camera model {model} is not one of {', '.join(_MODELS)}")
+            if len(words) - 4 != len(_MODELS[model]):
+                raise InputError(f"{path}, line {number}: {model} has {len(_MODELS[model])} parameters")
+            values = dict(zip(_MODELS[model], map(float, words[4:])))
+            fx, fy = values.get("fx", values.get("f")), values.get("fy", values.get("f"))
+            distortion = tuple(values.get(k, 0.0) for k in ("k1", "k2", "p1", "p2")) + (0.0,)
+            camera = PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion)
+            cameras[int(words[0])] = camera
+        except (ValueError, IndexError, TypeError) as error:
+            raise InputError(f"{path}, line {number}: not a camera ({error})") from error
+        except GeometryError as error:
+            raise InputError(f"{path}, line {number}: {error}") from error
+    if not cameras:
+        raise InputError(f"{path}: holds no camera")
+    return cameras
+
+
+def read_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[PosedImage]:
+    """images.txt: qw qx qy qz tx ty tz of T_cam_world, every second line (points) is skipped. Raises InputError."""
+    images: List[PosedImage] = []
+    for number, line in _image_lines(path):
+        words = line.split()
+        try:
+            values = [float(w) for w in words[1:8]]
+            camera_id, name = int(words[8]), " ".join(words[9:])
+        except (ValueError, IndexError) as error:
+            raise InputError(f"{path}, line {number}: not a posed picture ({error})") from error
+        if camera_id not in cameras:
+            raise InputError(f"{path}, line {number}: camera {camera_id} of {name} is not in cameras.txt")
+        qw, qx, qy, qz, *t = values
+        try:
+            T_cam_home = transforms.from_xyz_quaternion(t, [qx, qy, qz, qw])
+        except GeometryError as error:
+            raise InputError(f"{path}, line {number}: pose of {name}: {error}") from error
+        images.append(PosedImage(name, camera_id, transforms.invert(T_cam_home)))
+    if not images:
+        raise InputError(f"{path}: holds no picture")
+    return images
+
+
+def _lines(path: Path):
+    if not path.is_file():
+        raise InputError(f"{path} is missing: posed photographs need images/, cameras.txt and images.txt (COLMAP text)")
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        if line.strip() and not line.startswith("#"):
+            yield number, line.split()
+
+
+def _image_lines(path: Path):
+    """The first of every two lines after the comments; the second may be empty."""
+    if not path.is_file():
+        raise InputError(f"{path} is missing: photographs without poses cannot be mapped; export them as COLMAP text")
+    lines = [(i, s) for i, s in enumerate(path.read_text().splitlines(), 1) if not s.startswith("#")]
+    while lines and not lines[0][1].strip():
+        lines.pop(0)
+    for number, line in lines[::2]:
+        if line.strip():
+            yield number, line
+
+
+def _require_poses(folder: Path, by_name: Dict[str, PosedImage]) -> None:
+    """A photograph that nobody posed would silently be missing from the map."""
+    for path in sorted((folder / "images").glob("*")):
+        if path.suffix.lower() in (".jpg", ".jpeg", ".png", ".tif", ".tiff") and path.name not in by_name:
+            raise InputError(f"{path}: has no pose in images.txt; add it or take the file away")
+
+
+def _load(folder: Path, posed: PosedImage, camera: PinholeCamera) -> Picture:
+    path = folder / "images" / posed.name
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(f"{path}: cannot be read as a picture")
+    if image.shape[:2] != (camera.height, camera.width):
+        size = f"{image.shape[1]}x{image.shape[0]}"
+        raise InputError(f"{path}: is {size}, cameras.txt says {camera.width}x{camera.height} for camera {posed.camera_id}")
+    rgb = cv2.cvtColor(camera.undistort(image), cv2.COLOR_BGR2RGB)
+    return Picture(posed.name, "camera", 0.0, rgb, camera.undistorted(), posed.T_home_cam)
+
+
+def _configuration(reference: Picture, other: Picture) -> Configuration:
+    if (reference.camera.width, reference.camera.height) != (other.camera.width, other.camera.height):
+        raise InputError(f"{other.name} and {reference.name} have two sizes; one reference needs pictures of one size")
+    p = transforms.invert(reference.T_home_cam)[:3, :3] @ (other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3])
+    baseline_m = float(np.linalg.norm(p))
+    if baseline_m < 1e-6:
+        raise InputError(f"{other.name} and {reference.name} were taken from one place: no baseline")
+    axis = "horizontal" if abs(p[0]) >= abs(p[1]) else "vertical"
+    return Configuration(axis, baseline_m, 0.0, f"{reference.name} with {other.name}")

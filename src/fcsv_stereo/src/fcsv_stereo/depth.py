@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From disparity to depth, and from one view to another."""
+
+import cv2
+import numpy as np
+
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.rectify import RectifiedPair
+
+
+def depth_from_disparity(pair: RectifiedPair, disparity: np.ndarray) -> np.ndarray:
+    """z (m, NaN where none) in the reference's rectified view.
+
+    Equation 2.5 with the component of the baseline along the axis (5.7), and with what it leaves out: cameras
+    that are not exactly abreast (p_z) and principal points that differ. With x = (u - c)/f of the reference and
+    x' = x - d/f of the other: z = (p - x' p_z) f / d.
+    """
+    i = pair.axis_index
+    f = pair.K_reference[i, i]
+    d = disparity - (pair.K_reference[i, 2] - pair.K_other[i, 2])
+    shape = disparity.shape
+    u = np.broadcast_to(np.arange(shape[1])[None, :] if i == 0 else np.arange(shape[0])[:, None], shape)
+    x_other = (u - pair.K_reference[i, 2]) / f - d / f
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = (pair.baseline_m - x_other * pair.p_rect_other_m[2]) * f / d
+        z[~((z > 0) & np.isfinite(z))] = np.nan
+    return z.astype(np.float32)
+
+
+def points_from_depth(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """Points (H,W,3) in the camera's frame; NaN where there is no depth."""
+    v, u = np.indices(depth.shape, dtype=np.float32)
+    return np.stack([(u - K[0, 2]) / K[0, 0] * depth, (v - K[1, 2]) / K[1, 1] * depth, depth], axis=-1)
+
+
+def resample(points_home: np.ndarray, T_cam_home: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+    """Depth (H,W, NaN) of points (N,3) of home as ``camera`` sees them: the nearest wins, single holes are closed."""
+    p = points_home @ T_cam_home[:3, :3].T + T_cam_home[:3, 3]
+    p = p[np.isfinite(p).all(axis=1) & (p[:, 2] > 0)]
+    u = np.rint(p[:, 0] / p[:, 2] * camera.fx + camera.cx).astype(int)
+    v = np.rint(p[:, 1] / p[:, 2] * camera.fy + camera.cy).astype(int)
+    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    flat = v[inside] * camera.width + u[inside]
+    depth = np.full(camera.width * camera.height, np.inf, np.float32)
+    np.minimum.at(depth, flat, p[inside, 2].astype(np.float32))
+    return close_holes(depth.reshape(camera.height, camera.width))
+
+
+def close_holes(depth: np.ndarray) -> np.ndarray:
+    """Pixels without depth (inf) among at least five neighbours that agree get their median-like middle."""
+    filled = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32)
+    known = np.isfinite(depth).astype(np.float32)
+    count = cv2.boxFilter(known, -1, (3, 3), normalize=False)
+    mean = cv2.boxFilter(filled, -1, (3, 3), normalize=False) / np.maximum(count, 1.0)
+    high = cv2.dilate(filled, np.ones((3, 3)))
+    close = (known == 0) & (count >= 5) & (high < 1.1 * mean)
+    out = np.where(known > 0, filled, np.nan)
+    out[close] = mean[close]
+    return out.astype(np.float32)

@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of stereo: one line that names file, field and remedy."""
+
+from fcsv_geometry.errors import FcsvError
+
+
+class StereoError(FcsvError):
+    """Base of all errors of this package."""
+
+
+class InputError(StereoError):
+    """A session, bag or folder of photographs that cannot be mapped."""
+
+
+class MatchingError(StereoError):
+    """Pictures were read but nothing could be matched."""
+
+
+class OutputError(StereoError):
+    """The result cannot be written where it was asked for."""

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""OpenCV's matchers behind one face: pictures whose disparity runs along +x in, disparity in px out (NaN none)."""
+
+from dataclasses import dataclass
+from typing import Callable, Dict, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_stereo.rectify import RectifiedPair
+
+
+@dataclass(frozen=True)
+class DisparityWindow:
+    """Disparities (px) that count; smaller ones are too far to be measured, larger ones are false matches."""
+
+    least_px: float = 8.0
+    most_px: float = 256.0
+
+    def __post_init__(self):
+        if not 0 <= self.least_px < self.most_px:
+            raise ValueError(f"disparity window {self.least_px}..{self.most_px} px is empty")
+
+
+def quasi_dense(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:
+    """Quasi-Dense matching (the thesis's choice); whole pixels, matches in two dimensions."""
+    matcher = cv2.stereo.QuasiDenseStereo.create(left.shape[::-1])
+    matcher.process(np.ascontiguousarray(left), np.ascontiguousarray(right))
+    return matcher.getDisparity()
+
+
+def sgbm(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:
+    """Semi-global block matching, sub-pixel."""
+    matcher = cv2.StereoSGBM_create(
+        minDisparity=int(window.least_px), numDisparities=_levels(window), blockSize=5, P1=8 * 25, P2=32 * 25,
+        disp12MaxDiff=1, uniquenessRatio=8, speckleWindowSize=80, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )  # fmt: skip
+    return _scaled(matcher.compute(left, right), window)
+
+
+def bm(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:
+    """Block matching."""
+    matcher = cv2.StereoBM_create(_levels(window), 15)
+    matcher.setMinDisparity(int(window.least_px))
+    return _scaled(matcher.compute(left, right), window)
+
+
+MATCHERS: Dict[str, Callable[[np.ndarray, np.ndarray, DisparityWindow], np.ndarray]] = {
+    "quasi-dense": quasi_dense,
+    "sgbm": sgbm,
+    "bm": bm,
+}
+
+
+def match(pair: RectifiedPair, matcher: str, window: DisparityWindow, offset_px: Optional[float] = 0.0) -> np.ndarray:
+    """Signed disparity (px, float32, NaN where none) along the pair's axis in the reference's rectified view.
+
+    Pictures are turned so that the disparity runs along +x, and the other one is shifted by ``offset_px`` (added
+    back), which keeps disparities of convergent pairs small and positive; None finds it from a few features.
+    """
+    sign = 1.0 if pair.baseline_m > 0 else -1.0
+    turn, back = _turns(pair.axis, sign)
+    left, right = (turn(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY)) for i in (pair.reference, pair.other))
+    seen, seen_other = turn(pair.mask_reference), turn(pair.mask_other)
+    if offset_px is None:
+        offset_px = _offset(left, right, window)
+    offset = int(round(offset_px))
+    shifted, seen_other = _shift(right, offset), _shift(seen_other.astype(np.uint8), offset) > 0
+    disparity = MATCHERS[matcher](left, shifted, window).astype(np.float32)
+    valid = (disparity >= window.least_px) & (disparity <= window.most_px) & seen
+    valid &= _source_seen(disparity, seen_other)
+    disparity = np.where(valid, disparity + offset, np.nan).astype(np.float32)
+    return sign * back(disparity)
+
+
+def match_rate(disparity: np.ndarray) -> float:
+    """Share of pixels with a disparity (thesis 5.4)."""
+    return float(np.isfinite(disparity).mean())
+
+
+def _turns(axis: str, sign: float) -> Tuple[Callable, Callable]:
+    """How to turn pictures so that disparity u_reference - u_other is positive along x, and back."""
+    if axis == "horizontal":
+        flip = (lambda a: a) if sign > 0 else (lambda a: np.ascontiguousarray(a[:, ::-1]))
+        return flip, flip
+    k = 1 if sign > 0 else -1  # rows become columns: down (other below) or up (other above) becomes right
+    return (lambda a: np.ascontiguousarray(np.rot90(a, k))), (lambda a: np.ascontiguousarray(np.rot90(a, -k)))
+
+
+def _shift(image: np.ndarray, offset: int) -> np.ndarray:
+    """The picture moved right by ``offset`` pixels, zeros where nothing comes."""
+    if offset == 0:
+        return image
+    out = np.zeros_like(image)
+    if abs(offset) >= image.shape[1]:
+        return out
+    if offset > 0:
+        out[:, offset:] = image[:, :-offset]
+    else:
+        out[:, :offset] = image[:, -offset:]
+    return out
+
+
+def _offset(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> float:
+    """An offset that brings the smallest of the features' disparities to just above the window's lower end."""
+    sift = cv2.SIFT_create(2000)
+    (k1, d1), (k2, d2) = sift.detectAndCompute(left, None), sift.detectAndCompute(right, None)
+    if d1 is None or d2 is None or len(k1) < 8 or len(k2) < 8:
+        return 0.0
+    pairs = cv2.BFMatcher().knnMatch(d1, d2, 2)
+    good = [m for m, n in (p for p in pairs if len(p) == 2) if m.distance < 0.7 * n.distance]
+    d = np.array([np.subtract(k1[m.queryIdx].pt, k2[m.trainIdx].pt) for m in good]).reshape(-1, 2)
+    d = d[np.abs(d[:, 1]) < 4.0, 0]  # rows correspond
+    if len(d) < 20:
+        return 0.0
+    return float(np.percentile(d, 3) - window.least_px - 8.0)
+
+
+def _source_seen(disparity: np.ndarray, seen_other: np.ndarray) -> np.ndarray:
+    """Whether the pixel that was matched lies inside the other picture."""
+    height, width = disparity.shape
+    source = np.arange(width)[None, :] - np.nan_to_num(disparity, nan=0.0)
+    column = np.clip(np.rint(source), 0, width - 1).astype(int)
+    inside = (source >= 0) & (source <= width - 1)
+    return inside & np.take_along_axis(seen_other, column, axis=1)
+
+
+def _levels(window: DisparityWindow) -> int:
+    return int(np.ceil((window.most_px - int(window.least_px)) / 16.0)) * 16
+
+
+def _scaled(raw: np.ndarray, window: DisparityWindow) -> np.ndarray:
+    disparity = raw.astype(np.float32) / 16.0
+    disparity[raw < int(window.least_px) * 16] = np.nan
+    return disparity

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""OUT/: map.ply, depth.npy, sigma.npy, report.json, report.html; all of it, or none."""
+
+import json
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Optional
+
+import numpy as np
+
+from fcsv_stereo.errors import OutputError
+from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.result import Cloud, MapResult
+
+FILES = ("map.ply", "depth.npy", "sigma.npy", "report.json", "report.html")
+_POINT = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("sigma", "<f4"),
+     ("baseline", "u1")]
+)  # fmt: skip
+_PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
+
+
+def check_out(out: Path) -> None:
+    """An earlier map may be replaced, anything else is left alone. Raises OutputError."""
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"{out}: is a file; give a folder with -o")
+    foreign = [p.name for p in out.iterdir() if p.name not in FILES] if out.exists() else []
+    if foreign:
+        raise OutputError(f"{out}: holds '{foreign[0]}', which is not of a map; give another folder with -o")
+
+
+class StagedOutput:
+    """A folder beside OUT that takes its place when everything is in it, and leaves no trace otherwise."""
+
+    def __init__(self, out: Path):
+        self._out = out
+        check_out(out)
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            self.folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+        except OSError as error:
+            raise OutputError(f"{out.parent}: cannot be written ({error.strerror})") from error
+
+    def __enter__(self) -> "StagedOutput":
+        return self
+
+    def __exit__(self, kind, _value, _traceback) -> None:
+        try:
+            if kind is None:
+                self.folder.chmod(0o755)
+                if self._out.exists():
+                    shutil.rmtree(self._out)
+                self.folder.rename(self._out)
+        finally:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def write_arrays(result: MapResult, folder: Path) -> None:
+    """map.ply, depth.npy and sigma.npy."""
+    write_ply(result.cloud, folder / "map.ply")
+    np.save(folder / "depth.npy", result.depth.astype(np.float32))
+    np.save(folder / "sigma.npy", result.sigma.astype(np.float32))
+
+
+def write_ply(cloud: Cloud, path: Path) -> None:
+    """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the configuration)."""
+    points = np.empty(len(cloud), _POINT)
+    for i, axis in enumerate("xyz"):
+        points[axis] = cloud.points_home_m[:, i]
+    for i, color in enumerate(("red", "green", "blue")):
+        points[color] = cloud.colors[:, i]
+    points["sigma"], points["baseline"] = cloud.sigma_m, cloud.baseline_index
+    properties = "\n".join(f"property {_PLY_TYPES[_POINT[n].str]} {n}" for n in _POINT.names)
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{properties}\nend_header\n"
+    path.write_bytes(head.encode() + points.tobytes())
+
+
+def read_ply(path: Path) -> Cloud:
+    """What write_ply wrote. Raises OutputError on another layout."""
+    data = Path(path).read_bytes()
+    head, found, body = data.partition(b"end_header\n")
+    words = head.decode(errors="replace").split()
+    names = tuple(words[i + 2] for i, w in enumerate(words) if w == "property")
+    if not found or names != _POINT.names:
+        raise OutputError(f"{path}: is not a map.ply of this program")
+    p = np.frombuffer(body, _POINT)
+    colors = np.stack([p["red"], p["green"], p["blue"]], axis=1)
+    return Cloud(np.stack([p["x"], p["y"], p["z"]], axis=1), colors, p["sigma"].copy(), p["baseline"].copy())
+
+
+def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) -> dict:
+    """report.json (design, "Commands that stay")."""
+    camera = result.reference.camera
+    document = {
+        "method": result.method,
+        "reference": {
+            "image": result.reference.name, "width": camera.width, "height": camera.height, "fx": camera.fx,
+            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy, "T_home_cam": result.reference.T_home_cam.tolist(),
+        },
+        "images": [
+            {
+                "name": e.name, "T_home_cam": e.T_home_cam.tolist(), "prior_T_home_cam": e.prior_T_home_cam.tolist(),
+                "refined": e.refined, "inliers": e.inliers, "epipolar_rms_px": e.epipolar_rms_px,
+            }
+            for e in result.images
+        ],
+        "configurations": [
+            {
+                "name": p.configuration.name, "axis": p.configuration.axis, "baseline_m": p.configuration.baseline_m,
+                "tilt_deg": float(np.degrees(p.configuration.tilt_rad)),
+                "effective_range_m": [round(float(x), 3) for x in p.effective_range_m],
+                "match_rate": p.match_rate, "pair": [p.reference_name, p.other_name],
+            }
+            for p in result.pairs
+        ],
+        "coverage": result.coverage,
+        "points": result.points,
+        "timing_s": {k: round(v, 4) for k, v in result.timing_s.items()},
+        "warnings": result.warnings,
+    }  # fmt: skip
+    if evaluation is not None:
+        document["truth"] = evaluation.to_dict()
+    return document
+
+
+def write_report_json(document: dict, folder: Path) -> None:
+    (folder / "report.json").write_text(json.dumps(document, indent=1, allow_nan=False))

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A session folder, or one bag that holds everything, as input of a map (docs/architecture.md, "Session")."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, List, Optional
+
+import numpy as np
+import rosbag
+import yaml
+from rosbag.bag import ROSBagException, ROSBagUnindexedException
+
+from fcsv_geometry import frames, transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.errors import FcsvError, GeometryError, PoseUnavailable
+from fcsv_geometry.ros import conversions
+from fcsv_geometry.trajectory import Trajectory
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
+from fcsv_stereo.result import Configuration
+
+_ENCODINGS = ("rgb8", "bgr8", "mono8", "rgba8", "bgra8")
+
+
+@dataclass
+class _Recorded:
+    """What the bags of a session hold, but for the pictures."""
+
+    bags: List[Path]
+    captures: List = field(default_factory=list)
+    calibration: Optional[object] = None
+    home: Optional[object] = None
+    T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
+    cameras: Dict[str, PinholeCamera] = field(default_factory=dict)
+    tracks: Dict[str, Trajectory] = field(default_factory=dict)
+
+
+def is_session(path: Path) -> bool:
+    """Whether a path looks like a session folder or a bag."""
+    return path.suffix in (".bag", ".active") or (path / "session.yaml").exists() or any(path.glob("*.bag"))
+
+
+def read_session(path: Path) -> MapInput:
+    """Pictures of every recording window with their poses in home. Raises InputError naming file, topic and remedy."""
+    recorded = _Recorded(_bags(path))
+    for bag in recorded.bags:
+        _read_bag(bag, recorded)
+    _require(path, recorded)
+    T_home_odom = _odoms_in_home(path, recorded)
+    warnings: List[str] = []
+    configurations = _pictures(path, recorded, T_home_odom, warnings)
+    truth = path / "truth" if path.is_dir() and (path / "truth" / "scene.ply").exists() else None
+    return MapInput("session", configurations, truth, warnings)
+
+
+def _bags(path: Path) -> List[Path]:
+    if path.is_file():
+        return [path]
+    description = path / "session.yaml"
+    if not description.exists():
+        return sorted(path.glob("*.bag"))
+    try:
+        document = yaml.safe_load(description.read_text())
+        names = list(document["bags"].values())
+    except (yaml.YAMLError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(f"{description}: not a session description ('bags' is missing or unreadable): {error}") from error
+    for name in names:
+        if (path / name).exists():
+            continue
+        if (path / f"{name}.active").exists():
+            raise InputError(f"{path / name}.active was never closed: run 'rosbag reindex' on it and rename it to {name}")
+        raise InputError(f"{path / name} is missing: copy the bag of that machine into the session")
+    return [path / name for name in names]
+
+
+def _read_bag(path: Path, recorded: _Recorded) -> None:
+    """Everything but pictures, in one pass."""
+    try:
+        with rosbag.Bag(str(path)) as bag:
+            topics = [t for t in bag.get_type_and_topic_info().topics if not t.endswith("image_raw")]
+            for topic, message, _ in bag.read_messages(topics=topics):
+                _take(path, topic, message, recorded)
+    except ROSBagUnindexedException as error:
+        raise InputError(f"{path}: is truncated or was not closed: run 'rosbag reindex {path.name}'") from error
+    except (ROSBagException, EOFError, OSError, ValueError, AssertionError) as error:
+        raise InputError(f"{path}: cannot be read as a bag ({error})") from error
+
+
+def _take(path: Path, topic: str, message, recorded: _Recorded) -> None:
+    vehicle, _, name = topic.strip("/").partition("/")
+    try:
+        if topic == "/mission/capture":
+            recorded.captures = [c for c in recorded.captures if c.index != message.index] + [message]
+        elif topic == "/calibration":
+            recorded.calibration = message
+        elif topic == "/home":
+            recorded.home = message
+        elif topic == "/tf_static":
+            _take_extrinsics(message, recorded)
+        elif name == "camera/color/camera_info":
+            recorded.cameras.setdefault(vehicle, conversions.camera_from_info(message))
+        elif name == "odometry/body":
+            track = recorded.tracks.setdefault(vehicle, Trajectory(gap_s=0.1))
+            track.add(message.header.stamp.to_sec(), conversions.pose_to_transform(message.pose.pose))
+    except GeometryError as error:
+        raise InputError(f"{path}, topic {topic}: {error}") from error
+
+
+def _take_extrinsics(message, recorded: _Recorded) -> None:
+    for t in message.transforms:
+        vehicle = t.header.frame_id.split("/")[0]
+        if (t.header.frame_id, t.child_frame_id) == (frames.base_link(vehicle), frames.camera_optical(vehicle)):
+            recorded.T_body_cam[vehicle] = conversions.transform_from_msg(t.transform)
+
+
+def _require(path: Path, recorded: _Recorded) -> None:
+    """Name what is missing, and where it should have come from."""
+    needed = {
+        "/mission/capture": (recorded.captures, "no configuration was recorded"),
+        "/calibration": (recorded.calibration, "the vehicles were never calibrated"),
+        "/home": (recorded.home, "home was never set"),
+    }
+    for topic, (value, meaning) in needed.items():
+        if not value:
+            raise InputError(f"{path}: topic {topic} is missing: {meaning}, or control.bag is not in the session")
+    recorded.captures.sort(key=lambda c: c.index)
+    for vehicle in {v for c in recorded.captures for v in (c.reference, c.vehicle)}:
+        for topic, found in (
+            (f"/{vehicle}/odometry/body", recorded.tracks),
+            (f"/{vehicle}/camera/color/camera_info", recorded.cameras),
+            (f"/tf_static ({frames.base_link(vehicle)} to {frames.camera_optical(vehicle)})", recorded.T_body_cam),
+        ):
+            if vehicle not in found:
+                raise InputError(f"{path}: topic {topic} is missing: is the bag of {vehicle} in the session, and whole?")
+
+
+def _odoms_in_home(path: Path, recorded: _Recorded) -> Dict[str, np.ndarray]:
+    """T_home_odom of every calibrated vehicle (6.3)."""
+    try:
+        reference = recorded.home.reference
+        T_home_odom = {reference: transforms.invert(conversions.pose_to_transform(recorded.home.home_in_odom))}
+        links = {(k.parent, k.child): conversions.pose_to_transform(k.child_odom_in_parent_odom)
+                 for k in recorded.calibration.links}  # fmt: skip
+    except GeometryError as error:
+        raise InputError(f"{path}: /calibration or /home: {error}") from error
+    for _ in links:
+        for (parent, child), T_parent_child in links.items():
+            if parent in T_home_odom:
+                T_home_odom.setdefault(child, T_home_odom[parent] @ T_parent_child)
+            elif child in T_home_odom:
+                T_home_odom[parent] = T_home_odom[child] @ transforms.invert(T_parent_child)
+    return T_home_odom
+
+
+def _pictures(path, recorded: _Recorded, T_home_odom, warnings: List[str]) -> List[ConfigurationInput]:
+    stock = {v: _vehicle_pictures(v, recorded, T_home_odom, warnings) for v in recorded.tracks if v in recorded.cameras}
+    configurations = []
+    for c in recorded.captures:
+        start_s, stop_s = c.start.to_sec(), c.stop.to_sec()
+        name = c.configuration.name
+        inside = {}
+        for vehicle in (c.reference, c.vehicle):
+            if vehicle not in T_home_odom:
+                raise InputError(f"{path}: /calibration does not say where {vehicle} is")
+            inside[vehicle] = [p for p in stock[vehicle] if start_s <= p.stamp_s <= stop_s]
+        if not all(inside.values()):
+            empty = [v for v, pictures in inside.items() if not pictures]
+            warnings.append(f"configuration '{name}' is left out: no usable picture of {', '.join(empty)} in its window")
+            continue
+        axis = "vertical" if c.configuration.axis == c.configuration.VERTICAL else "horizontal"
+        configuration = Configuration(axis, c.configuration.baseline_m, c.configuration.tilt_rad, name)
+        configurations.append(ConfigurationInput(configuration, inside[c.reference], inside[c.vehicle]))
+    if not configurations:
+        raise InputError(
+            f"{path}: no configuration has pictures of both vehicles in its window: do image_raw, odometry and "
+            f"/mission/capture overlap in time, and did the clocks agree? {'; '.join(warnings)}"
+        )
+    return configurations
+
+
+def _vehicle_pictures(vehicle: str, recorded: _Recorded, T_home_odom, warnings: List[str]) -> List[Picture]:
+    """Undistorted pictures of one vehicle inside any window, with their poses; without a pose they are left out."""
+    if vehicle not in T_home_odom:
+        return []
+    topic = f"/{vehicle}/camera/color/image_raw"
+    windows = [(c.start.to_sec(), c.stop.to_sec()) for c in recorded.captures]
+    camera, pictures, lost = recorded.cameras[vehicle], [], 0
+    for bag_path in recorded.bags:
+        try:
+            with rosbag.Bag(str(bag_path)) as bag:
+                for _, message, _ in bag.read_messages(topics=[topic]):
+                    stamp_s = message.header.stamp.to_sec()
+                    if not any(a <= stamp_s <= b for a, b in windows):
+                        continue
+                    image = _image(bag_path, topic, message, camera)
+                    try:
+                        T_odom_body = recorded.tracks[vehicle].at(stamp_s)
+                    except PoseUnavailable:
+                        lost += 1
+                        continue
+                    T_home_cam = T_home_odom[vehicle] @ T_odom_body @ recorded.T_body_cam[vehicle]
+                    name = f"{vehicle}/{stamp_s:.3f}"
+                    image = camera.undistort(image)
+                    pictures.append(Picture(name, vehicle, stamp_s, image, camera.undistorted(), T_home_cam))
+        except FcsvError:
+            raise
+        except (ROSBagException, EOFError, OSError) as error:
+            raise InputError(f"{bag_path}: a chunk cannot be read ({error}): run 'rosbag reindex'") from error
+    if lost:
+        warnings.append(f"{lost} pictures of {vehicle} have no odometry at their stamp and are left out")
+    return sorted(pictures, key=lambda p: p.stamp_s)
+
+
+def _image(path: Path, topic: str, message, camera: PinholeCamera) -> np.ndarray:
+    if message.encoding not in _ENCODINGS:
+        known = ", ".join(_ENCODINGS)
+        raise InputError(f"{path}, topic {topic}: encoding '{message.encoding}' is not one of {known}")
+    if (message.width, message.height) != (camera.width, camera.height):
+        sizes = f"{message.width}x{message.height}, camera_info says {camera.width}x{camera.height}"
+        raise InputError(f"{path}, topic {topic}: picture is {sizes}")
+    try:
+        return conversions.image_to_array(message, "rgb8")
+    except GeometryError as error:
+        raise InputError(f"{path}, topic {topic}: {error}") from error
