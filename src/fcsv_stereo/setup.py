@@ -3,4 +3,6 @@ from distutils.core import setup
 
 from catkin_pkg.python_setup import generate_distutils_setup
 
-setup(**generate_distutils_setup(packages=["fcsv_stereo", "fcsv_stereo.ros"], package_dir={"": "src"}))
+PACKAGES = ["fcsv_stereo", "fcsv_stereo.report", "fcsv_stereo.ros"]
+
+setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))

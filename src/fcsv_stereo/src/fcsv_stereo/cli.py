@@ -69,8 +69,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--method", choices=sorted(pipeline.METHODS), default="thesis")
     parser.add_argument("--reference", help="photographs: name of the reference picture (default: first in images.txt)")
     parser.add_argument("--matcher", choices=sorted(MATCHERS), default="quasi-dense")
-    parser.add_argument("--rectify", choices=sorted(RECTIFIERS), help="default: home for sessions, bouguet for photographs")
-    parser.add_argument("--error", default="10%", help="accepted depth error: metres, or a share of the distance (10%%)")
+    parser.add_argument(
+        "--rectify", choices=sorted(RECTIFIERS), help="default: home for sessions, bouguet for photographs"
+    )
+    parser.add_argument(
+        "--error", default="10%", help="accepted depth error: metres, or a share of the distance (10%%)"
+    )
     parser.add_argument(
         "--disparity", nargs=2, type=float, metavar=("LEAST", "MOST"), default=[window.least_px, window.most_px],
         help=f"disparities in px that count (default {window.least_px:g} {window.most_px:g})",

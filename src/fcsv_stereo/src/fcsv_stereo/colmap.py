@@ -141,7 +141,9 @@ def _load(folder: Path, posed: PosedImage, camera: PinholeCamera) -> Picture:
         raise InputError(f"{path}: cannot be read as a picture")
     if image.shape[:2] != (camera.height, camera.width):
         size = f"{image.shape[1]}x{image.shape[0]}"
-        raise InputError(f"{path}: is {size}, cameras.txt says {camera.width}x{camera.height} for camera {posed.camera_id}")
+        raise InputError(
+            f"{path}: is {size}, cameras.txt says {camera.width}x{camera.height} for camera {posed.camera_id}"
+        )
     rgb = cv2.cvtColor(camera.undistort(image), cv2.COLOR_BGR2RGB)
     return Picture(posed.name, "camera", 0.0, rgb, camera.undistorted(), posed.T_home_cam)
 

@@ -33,7 +33,9 @@ def load(path: Path, reference: Optional[str] = None) -> MapInput:
     raise InputError(f"{path}: is neither a session (session.yaml or bags) nor posed photographs (images/, images.txt)")
 
 
-def run(path: Path, out: Path, method: str, options: ThesisOptions, reference: Optional[str], progress: Progress) -> dict:
+def run(
+    path: Path, out: Path, method: str, options: ThesisOptions, reference: Optional[str], progress: Progress
+) -> dict:
     """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written."""
     started = time.perf_counter()
     output.check_out(out)

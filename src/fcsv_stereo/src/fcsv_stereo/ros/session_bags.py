@@ -63,12 +63,16 @@ def _bags(path: Path) -> List[Path]:
         document = yaml.safe_load(description.read_text())
         names = list(document["bags"].values())
     except (yaml.YAMLError, TypeError, KeyError, AttributeError) as error:
-        raise InputError(f"{description}: not a session description ('bags' is missing or unreadable): {error}") from error
+        raise InputError(
+            f"{description}: not a session description ('bags' is missing or unreadable): {error}"
+        ) from error
     for name in names:
         if (path / name).exists():
             continue
         if (path / f"{name}.active").exists():
-            raise InputError(f"{path / name}.active was never closed: run 'rosbag reindex' on it and rename it to {name}")
+            raise InputError(
+                f"{path / name}.active was never closed: run 'rosbag reindex' on it and rename it to {name}"
+            )
         raise InputError(f"{path / name} is missing: copy the bag of that machine into the session")
     return [path / name for name in names]
 
@@ -131,7 +135,9 @@ def _require(path: Path, recorded: _Recorded) -> None:
             (f"/tf_static ({frames.base_link(vehicle)} to {frames.camera_optical(vehicle)})", recorded.T_body_cam),
         ):
             if vehicle not in found:
-                raise InputError(f"{path}: topic {topic} is missing: is the bag of {vehicle} in the session, and whole?")
+                raise InputError(
+                    f"{path}: topic {topic} is missing: is the bag of {vehicle} in the session, and whole?"
+                )
 
 
 def _odoms_in_home(path: Path, recorded: _Recorded) -> Dict[str, np.ndarray]:
@@ -165,7 +171,9 @@ def _pictures(path, recorded: _Recorded, T_home_odom, warnings: List[str]) -> Li
             inside[vehicle] = [p for p in stock[vehicle] if start_s <= p.stamp_s <= stop_s]
         if not all(inside.values()):
             empty = [v for v, pictures in inside.items() if not pictures]
-            warnings.append(f"configuration '{name}' is left out: no usable picture of {', '.join(empty)} in its window")
+            warnings.append(
+                f"configuration '{name}' is left out: no usable picture of {', '.join(empty)} in its window"
+            )
             continue
         axis = "vertical" if c.configuration.axis == c.configuration.VERTICAL else "horizontal"
         configuration = Configuration(axis, c.configuration.baseline_m, c.configuration.tilt_rad, name)

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of a map, each a matplotlib figure."""
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import LogNorm
+
+from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.result import MapResult, PairResult
+
+DEPTH_MAP = "turbo_r"
+_NONE = "#20242b"
+
+
+def picture(image: np.ndarray, title: str):
+    """A photograph."""
+    figure, axes = plt.subplots(figsize=(7.2, 5.4))
+    axes.imshow(image)
+    axes.set_title(title, fontsize=10)
+    axes.axis("off")
+    return figure
+
+
+def pair(p: PairResult):
+    """Both rectified pictures with a few corresponding lines, and the disparity beside them."""
+    figure, axes = plt.subplots(1, 3, figsize=(15, 4.0))
+    for ax, image, name in zip(axes, (p.reference_rectified, p.other_rectified), (p.reference_name, p.other_name)):
+        ax.imshow(image)
+        ax.set_title(name, fontsize=9)
+        _lines(ax, image.shape, p.configuration.axis)
+        ax.axis("off")
+    shown = np.abs(p.disparity)
+    known = shown[np.isfinite(shown)]
+    top = float(np.percentile(known, 99)) if known.size else 1.0
+    drawn = axes[2].imshow(shown, cmap=_with_none("turbo"), vmin=0, vmax=top)
+    axes[2].set_title(f"disparity, {p.match_rate:.0%} matched", fontsize=9)
+    axes[2].axis("off")
+    figure.colorbar(drawn, ax=axes[2], label="px", shrink=0.85)
+    figure.tight_layout()
+    return figure
+
+
+def depth(image: np.ndarray, title: str, label: str = "m"):
+    """Depth or sigma on a logarithmic scale of colour."""
+    known = image[np.isfinite(image) & (image > 0)]
+    low, high = np.percentile(known, [1, 99]) if known.size else (1.0, 10.0)
+    figure, axes = plt.subplots(figsize=(7.2, 4.9))
+    drawn = axes.imshow(image, cmap=_with_none(DEPTH_MAP), norm=LogNorm(max(low, 1e-3), max(high, low * 1.01)))
+    axes.set_title(title, fontsize=10)
+    axes.axis("off")
+    figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)
+    return figure
+
+
+def depth_error(found: np.ndarray, truth: np.ndarray):
+    """Relative error against truth; grey where nothing was answered."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = (found / truth - 1.0) * 100.0
+    figure, axes = plt.subplots(figsize=(7.2, 4.9))
+    drawn = axes.imshow(error, cmap=_with_none("RdBu", "#b8b8b8"), vmin=-20, vmax=20)
+    axes.set_title("error of depth against truth (red: too near)", fontsize=10)
+    axes.axis("off")
+    figure.colorbar(drawn, ax=axes, label="% of the distance", shrink=0.85, extend="both")
+    return figure
+
+
+def from_above(result: MapResult, by_baseline: bool):
+    """The cloud seen from above with a distance grid; x forward is up."""
+    cloud = result.cloud
+    points = cloud.points_home_m
+    keep = np.random.default_rng(0).permutation(len(points))[:150000]
+    points, index = points[keep], cloud.baseline_index[keep]
+    reach = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 99.5)) if len(points) else 10.0
+    figure, axes = plt.subplots(figsize=(7.2, 7.2))
+    if by_baseline:
+        colors = plt.get_cmap("tab10")(index % 10)
+        for i, p in enumerate(result.pairs):
+            axes.scatter([], [], color=plt.get_cmap("tab10")(i % 10), label=p.configuration.name, s=20)
+        axes.legend(fontsize=8, loc="upper right")
+    else:
+        colors = cloud.colors[keep] / 255.0
+    axes.scatter(-points[:, 1], points[:, 0], c=colors, s=0.6, linewidths=0)
+    _rings(axes, reach)
+    _field_of_view(axes, result, reach)
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.62 * reach, 0.62 * reach)
+    axes.set_ylim(-0.04 * reach, 1.06 * reach)
+    axes.set_xlabel("to the right of home (m)")
+    axes.set_ylabel("ahead of home (m)")
+    axes.set_title("map from above, " + ("by configuration" if by_baseline else "in colour"), fontsize=10)
+    return figure
+
+
+def errors_by_range(result: MapResult, truth: np.ndarray, evaluation: Evaluation):
+    """Median and 90th percentile of the error over distance, with the prediction of equation 2.12."""
+    known = np.isfinite(result.depth) & np.isfinite(truth) & (truth <= evaluation.most_m)
+    edges = np.linspace(0, evaluation.most_m, 21)
+    middle, half, ninety, predicted = [], [], [], []
+    for a, b in zip(edges, edges[1:]):
+        inside = known & (truth > a) & (truth <= b)
+        if inside.sum() < 30:
+            continue
+        error = np.abs(result.depth[inside] - truth[inside])
+        middle.append((a + b) / 2)
+        half.append(np.median(error))
+        ninety.append(np.percentile(error, 90))
+        predicted.append(np.median(result.sigma[inside]))
+    figure, axes = plt.subplots(figsize=(7.2, 4.2))
+    axes.plot(middle, half, "o-", label="median error")
+    axes.plot(middle, ninety, "o--", label="90 % are below", alpha=0.7)
+    axes.plot(middle, predicted, "r:", label="predicted (2.12, 1 px)")
+    axes.set_xlabel("true distance (m)")
+    axes.set_ylabel("error of depth (m)")
+    axes.set_ylim(0, 3.0 * max([*predicted, *half, 1.0]))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return figure
+
+
+def histogram(result: MapResult):
+    """How far the mapped pixels are."""
+    values = result.depth[np.isfinite(result.depth)]
+    figure, axes = plt.subplots(figsize=(7.2, 3.2))
+    axes.hist(values, bins=80, color="#3a6ea5")
+    for p in result.pairs:
+        if p.effective_range_m[1] < values.max():
+            axes.axvline(p.effective_range_m[1], color="#c0392b", lw=0.8, ls="--")
+    axes.set_xlabel("depth (m); dashed: trim points")
+    axes.set_ylabel("pixels")
+    return figure
+
+
+def _with_none(name: str, color: str = _NONE):
+    colormap = plt.get_cmap(name).copy()
+    colormap.set_bad(color)
+    return colormap
+
+
+def _lines(axes, shape, axis: str) -> None:
+    for k in range(1, 6):
+        if axis == "horizontal":
+            axes.axhline(shape[0] * k / 6, color="#ffe14d", lw=0.6)
+        else:
+            axes.axvline(shape[1] * k / 6, color="#ffe14d", lw=0.6)
+
+
+def _rings(axes, reach: float) -> None:
+    step = next((s for s in (1, 2, 5, 10, 20, 50, 100, 200) if reach / s <= 8), 500)
+    angles = np.radians(np.linspace(-60, 60, 121))
+    for r in np.arange(step, reach * 1.1, step):
+        axes.plot(r * np.sin(angles), r * np.cos(angles), color="#888888", lw=0.6, alpha=0.7)
+        axes.text(r * np.sin(angles[-1]) * 0.52, r * 0.995, f"{r:.0f} m", fontsize=7, color="#444444")
+
+
+def _field_of_view(axes, result: MapResult, reach: float) -> None:
+    camera, T = result.reference.camera, result.reference.T_home_cam
+    for u in (0, camera.width - 1):
+        d = T[:3, :3] @ np.array([(u - camera.cx) / camera.fx, 0.0, 1.0])
+        d = d / np.linalg.norm(d) * reach * 1.1
+        p = T[:3, 3]
+        axes.plot([-p[1], -(p[1] + d[1])], [p[0], p[0] + d[0]], color="#2c7fb8", lw=0.9)

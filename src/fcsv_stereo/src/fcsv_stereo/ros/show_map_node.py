@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shows a finished map in rviz: the fused cloud, one cloud per baseline, the reference picture."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import rospy
+from sensor_msgs.msg import PointCloud2, PointField
+
+from fcsv_geometry import frames
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros import conversions
+from fcsv_stereo.output import read_ply
+from fcsv_stereo.result import Cloud
+
+_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4")])
+
+
+def cloud_message(cloud: Cloud, chosen: np.ndarray, stamp_s: float) -> PointCloud2:
+    """Points of home with packed colour and sigma."""
+    points = np.empty(int(chosen.sum()), _POINT)
+    for i, axis in enumerate("xyz"):
+        points[axis] = cloud.points_home_m[chosen, i]
+    colors = cloud.colors[chosen].astype(np.uint32)
+    points["rgb"] = colors[:, 0] << 16 | colors[:, 1] << 8 | colors[:, 2]
+    points["sigma"] = cloud.sigma_m[chosen]
+    message = PointCloud2(header=conversions.header(stamp_s, frames.HOME), height=1, width=len(points))
+    kinds = {"<f4": PointField.FLOAT32, "<u4": PointField.FLOAT32}  # rgb travels in a float's bits
+    message.fields = [PointField(n, _POINT.fields[n][1], kinds[_POINT[n].str], 1) for n in _POINT.names]
+    message.point_step, message.row_step, message.is_dense = _POINT.itemsize, _POINT.itemsize * len(points), True
+    message.data = points.tobytes()
+    return message
+
+
+def publish_map(out: Path) -> list:
+    """Latched publishers of everything in OUT; keep them."""
+    cloud = read_ply(out / "map.ply")
+    document = json.loads((out / "report.json").read_text())
+    clouds = {"/map/points": np.ones(len(cloud), bool)}
+    for i, c in enumerate(document["configurations"]):
+        name = re.sub(r"\W+", "_", f"{c['axis']}_{c['baseline_m']:g}m")
+        clouds[f"/map/baselines/{name}"] = cloud.baseline_index == i
+    publishers = []
+    for topic, chosen in clouds.items():
+        publisher = rospy.Publisher(topic, PointCloud2, queue_size=1, latch=True)
+        publisher.publish(cloud_message(cloud, chosen, 0.0))
+        publishers.append(publisher)
+        rospy.loginfo("%s: %d points", topic, chosen.sum())
+    return publishers
+
+
+def main() -> int:
+    """Publish the map in the folder given as argument or parameter ~out, and stay."""
+    rospy.init_node("show_map")
+    words = rospy.myargv(sys.argv)[1:]
+    out = Path(words[0] if words else rospy.get_param("~out"))
+    try:
+        publishers = publish_map(out)
+    except (FcsvError, OSError, ValueError) as error:
+        rospy.logfatal("show_map: %s", error)
+        return 2
+    rospy.spin()
+    return 0 if publishers else 1
