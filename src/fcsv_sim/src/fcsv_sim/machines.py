@@ -67,20 +67,52 @@ class Process:
             self._popen.send_signal(number)
 
     def stop(self, grace_s: float = 12.0) -> None:
-        """Interrupt, wait, then kill the whole group. Safe to call again."""
+        """Interrupt, wait, then kill whatever is left of the tree. Safe to call again."""
+        tree = self._tree()
         for number, patience_s in ((signal.SIGINT, grace_s), (signal.SIGTERM, 3.0)):
             self.signal(number)
             if self.wait(patience_s) is not None:
                 break
-        try:
-            os.killpg(self.pid, signal.SIGKILL)  # the leader, or what it left behind
-        except ProcessLookupError:
-            pass
+        _kill(tree)
         self._popen.wait()
+
+    def kill(self) -> None:
+        """The whole tree dies at once, as in a crash."""
+        _kill(self._tree())
+        self._popen.wait()
+
+    def _tree(self) -> Dict[int, str]:
+        """This process and its descendants (roslaunch gives each of its own a group), by start time."""
+        if self.returncode is not None:
+            return {}
+        parents, starts = {}, {}
+        for entry in Path("/proc").glob("[0-9]*"):
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue  # it ended meanwhile
+            parents[int(entry.name)], starts[int(entry.name)] = int(fields[1]), fields[19]
+        tree = {self.pid}
+        while True:
+            more = {p for p, parent in parents.items() if parent in tree} - tree
+            if not more:
+                return {p: starts[p] for p in tree if p in starts}
+            tree |= more
 
     def tail(self, lines: int = 12) -> str:
         """The end of its log."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
+
+
+def _kill(tree: Dict[int, str]) -> None:
+    """SIGKILL to those of a tree that still are who they were."""
+    for pid, start in tree.items():
+        try:
+            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+            if fields[19] == start:
+                os.kill(pid, signal.SIGKILL)
+        except (OSError, ProcessLookupError):
+            pass
 
 
 class Machine:
@@ -129,8 +161,7 @@ class Machine:
     def kill_master(self) -> None:
         """The roscore dies at once, as a crash would have it; the nodes go on."""
         if self._core is not None:
-            os.killpg(self._core.pid, signal.SIGKILL)
-            self._core.stop()
+            self._core.kill()
 
     def run(self, command: Sequence[str], log: str) -> Process:
         """A process of this machine; its output in ``log``.log in the machine's folder."""
