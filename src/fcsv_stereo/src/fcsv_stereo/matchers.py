@@ -25,6 +25,10 @@ class DisparityWindow:
 def quasi_dense(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:
     """Quasi-Dense matching (the thesis's choice); whole pixels, matches in two dimensions."""
     matcher = cv2.stereo.QuasiDenseStereo.create(left.shape[::-1])
+    settings = matcher.Param
+    settings.borderX = settings.borderY = 6  # the correlation window needs no more; OpenCV's 15 wastes a frame
+    settings.gftMaxNumFeatures, settings.gftMinSeperationDist = 1500, 5  # seeds on small things too
+    matcher.Param = settings
     matcher.process(np.ascontiguousarray(left), np.ascontiguousarray(right))
     return matcher.getDisparity()
 
