@@ -17,7 +17,7 @@ debian_packages() {
     python3-rospy python3-rosbag python3-roslaunch python3-rostest python3-rosmaster python3-rosnode \
     python3-tf2-ros python3-tf2-geometry-msgs python3-cv-bridge python3-actionlib python3-std-srvs \
     python3-diagnostic-updater python3-apriltag python3-rviz python3-python-qt-binding python3-pyqt5 \
-    ros-nav-msgs xvfb
+    ros-nav-msgs xvfb libembree3-3
   for m in $MSGS; do [ "$m" = actionlib ] || echo "lib$m-msgs-dev python3-$m-msgs"; done
 }
 

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Other vehicles in the picture: hull, arms, motors, spinning rotors and the tag, with occlusion both ways."""
+
+import math
+from dataclasses import dataclass
+from typing import Sequence
+
+import numpy as np
+from numba import njit
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_sim.render import kernel_cache
+from fcsv_sim.render.light import SUN, haze, respond
+from fcsv_sim.render.tag import tag_bitmap
+
+kernel_cache.drop_stale(__file__, "light")
+
+_SAMPLES = 16
+_MOTORS = [(x, y) for x in (-0.088, 0.088) for y in (-0.088, 0.088)]
+_ROTOR_Z, _ROTOR_RADIUS, _ROTOR_OPACITY = 0.055, 0.064, 0.35
+_S0, _S1, _S2 = (float(v) for v in SUN)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A vehicle at a place: T_world_body."""
+
+    geometry: VehicleGeometry
+    T_world_body: np.ndarray
+
+
+def _parts() -> np.ndarray:
+    """Boxes (K, 13): centre (3), half size (3), yaw, colour (3), spare: 0.36 x 0.30 x 0.19 m over all, in the body."""
+    dark, grey, red = (0.022, 0.022, 0.025), (0.10, 0.10, 0.11), (0.35, 0.03, 0.02)
+    parts = [
+        ((-0.01, 0.0, 0.0), (0.10, 0.045, 0.028), 0.0, dark),
+        ((-0.01, 0.0, 0.045), (0.07, 0.03, 0.02), 0.0, (0.05, 0.05, 0.14)),
+        ((-0.125, 0.0, 0.02), (0.026, 0.012, 0.012), 0.0, grey),
+        ((0.105, 0.0, 0.03), (0.012, 0.045, 0.013), 0.0, grey),
+        ((0.06, 0.0, -0.045), (0.012, 0.05, 0.012), 0.0, grey),
+    ]
+    for x, y in _MOTORS:
+        parts.append(((x / 2, y / 2, 0.01), (0.062, 0.011, 0.006), math.atan2(y, x), dark))
+        parts.append(((x, y, 0.03), (0.014, 0.014, 0.022), 0.0, red if x > 0 else grey))
+        parts.append(((x, y, -0.04), (0.006, 0.006, 0.045), 0.0, dark))
+    return np.array([[*c, *h, yaw, *colour] for c, h, yaw, colour in parts])
+
+
+_BOXES = _parts()
+
+
+def sample_offsets(count: int = _SAMPLES) -> np.ndarray:
+    """Places in a pixel (count,2): every row and every column of a count x count grid is used once, so that an edge
+    along an axis is resolved to 1/count px; mean zero."""
+    bits = int(math.log2(count))
+    reverse = np.array([int(format(i, f"0{bits}b")[::-1], 2) for i in range(count)])
+    return (np.stack([np.arange(count), reverse], -1) + 0.5) / count - 0.5
+
+
+_OFFSETS = sample_offsets()
+
+
+def draw_bodies(bodies: Sequence[Body], T_world_cam: np.ndarray, camera: PinholeCamera, directions: np.ndarray,
+                exposure: float, values: np.ndarray, depth: np.ndarray) -> None:  # fmt: skip
+    """Draw into values (H,W,3) and depth (H,W; NaN where there is nothing), farthest first."""
+    placed = [(transforms.invert(T_world_cam) @ b.T_world_body, b) for b in bodies]
+    for T_cam_body, body in sorted(placed, key=lambda p: -p[0][2, 3]):
+        window = _window(T_cam_body[:3, 3], body.geometry.radius_m + 0.1, camera)
+        if window is None:
+            continue
+        T_body_tag = body.geometry.T_body_tag
+        _draw(
+            values, depth, directions, window, _OFFSETS, transforms.invert(T_cam_body), body.T_world_body[:3, :3],
+            transforms.invert(T_body_tag), _BOXES, tag_bitmap(body.geometry.tag_id), body.geometry.tag_size_m, exposure,
+        )  # fmt: skip
+
+
+def _window(p_cam: np.ndarray, radius_m: float, camera: PinholeCamera):
+    """Pixel rectangle (u0, v0, u1, v1) around a ball, or None where it is not in the picture."""
+    if p_cam[2] < 2 * radius_m:
+        return None
+    (u, v) = camera.project(p_cam)[0]
+    reach = 1.2 * camera.fx * radius_m / (p_cam[2] - radius_m) + 2
+    u0, v0 = max(0, int(u - reach)), max(0, int(v - reach))
+    u1, v1 = min(camera.width, int(u + reach) + 1), min(camera.height, int(v + reach) + 1)
+    return (u0, v0, u1, v1) if u0 < u1 and v0 < v1 and np.isfinite([u, v]).all() else None
+
+
+@njit(fastmath=True)
+def _hit_box(box, o, d):
+    """Nearest t > 0 of a ray and a box turned about z; and the face's normal (body frame). t = inf: none."""
+    c, s = math.cos(box[6]), math.sin(box[6])
+    qx, qy = o[0] - box[0], o[1] - box[1]
+    ox, oy, oz = c * qx + s * qy, c * qy - s * qx, o[2] - box[2]
+    dx, dy, dz = c * d[0] + s * d[1], c * d[1] - s * d[0], d[2]
+    low, high, axis, sign = 0.0, 1e30, 0, 1.0
+    for k in range(3):
+        a, b, h = (ox, dx, box[3]) if k == 0 else (oy, dy, box[4]) if k == 1 else (oz, dz, box[5])
+        if abs(b) < 1e-12:
+            b = 1e-12
+        t0, t1 = (-h - a) / b, (h - a) / b
+        if t0 > t1:
+            t0, t1 = t1, t0
+        if t0 > low:
+            low, axis, sign = t0, k, (-1.0 if b > 0 else 1.0)
+        high = min(high, t1)
+    if low > high or low <= 0.0:
+        return np.inf, 0.0, 0.0, 0.0
+    if axis == 2:
+        return low, 0.0, 0.0, sign
+    return (low, c * sign, s * sign, 0.0) if axis == 0 else (low, -s * sign, c * sign, 0.0)
+
+
+@njit(fastmath=True)
+def _trace(o, d, boxes, T_tag_body, bitmap, size_m, light):
+    """Nearest part: t, r, g, b (radiance before haze). light: sun's direction in the body frame, then world's up."""
+    best, r, g, b = np.inf, 0.0, 0.0, 0.0
+    nx, ny, nz = 0.0, 0.0, 0.0
+    for i in range(len(boxes)):
+        t, x, y, z = _hit_box(boxes[i], o, d)
+        if t < best:
+            best, nx, ny, nz, r, g, b = t, x, y, z, boxes[i, 7], boxes[i, 8], boxes[i, 9]
+    oz = T_tag_body[2, 0] * o[0] + T_tag_body[2, 1] * o[1] + T_tag_body[2, 2] * o[2] + T_tag_body[2, 3]
+    dz = T_tag_body[2, 0] * d[0] + T_tag_body[2, 1] * d[1] + T_tag_body[2, 2] * d[2]
+    if abs(dz) > 1e-9:
+        t = -oz / dz
+        if 0.0 < t < best:
+            x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
+            u = T_tag_body[0, 0] * x + T_tag_body[0, 1] * y + T_tag_body[0, 2] * z + T_tag_body[0, 3]
+            v = T_tag_body[1, 0] * x + T_tag_body[1, 1] * y + T_tag_body[1, 2] * z + T_tag_body[1, 3]
+            column, row = int(math.floor(u / size_m * 8.0 + 5.0)), int(math.floor(v / size_m * 8.0 + 5.0))
+            if 0 <= column < 10 and 0 <= row < 10:
+                front = -1.0 if dz > 0.0 else 1.0
+                nx, ny, nz = front * T_tag_body[2, 0], front * T_tag_body[2, 1], front * T_tag_body[2, 2]
+                tone = 0.03 + 0.67 * bitmap[row, column] if dz > 0.0 else 0.3
+                best, r, g, b = t, tone, tone, tone
+    sun = 1.55 * max(0.0, nx * light[0] + ny * light[1] + nz * light[2])
+    up = 0.5 + 0.5 * (nx * light[3] + ny * light[4] + nz * light[5])
+    return best, r * (sun + 0.3 + 0.25 * up), g * (0.95 * sun + 0.3 + 0.3 * up), b * (0.85 * sun + 0.3 + 0.4 * up)
+
+
+@njit(fastmath=True)
+def _rotor_veil(o, d, best):
+    """How much light the spinning rotors in front of ``best`` let through."""
+    if abs(d[2]) < 1e-9:
+        return 1.0
+    t = (_ROTOR_Z - o[2]) / d[2]
+    if t <= 0.0 or t > best:
+        return 1.0
+    x, y = abs(o[0] + t * d[0]) - 0.088, abs(o[1] + t * d[1]) - 0.088
+    return 1.0 - _ROTOR_OPACITY if x * x + y * y < _ROTOR_RADIUS * _ROTOR_RADIUS else 1.0
+
+
+@njit(fastmath=True, nogil=True, cache=True)
+def _draw(
+    values, depth, directions, window, offsets, T_body_cam, R_world_body, T_tag_body, boxes, bitmap, size_m, exposure
+):
+    """Area-sampled: every sample is the body, seen through its rotors, or what the picture shows behind it."""
+    height, width = depth.shape
+    o = T_body_cam[:3, 3].copy()
+    light = np.zeros(6)
+    for k in range(3):
+        light[k] = R_world_body[0, k] * _S0 + R_world_body[1, k] * _S1 + R_world_body[2, k] * _S2
+        light[3 + k] = R_world_body[2, k]
+    d, c = np.zeros(3), np.zeros(3)
+    u0, v0, u1, v1 = window
+    for v in range(v0, v1):
+        for u in range(u0, u1):
+            ua, ub, va, vb = max(u - 1, 0), min(u + 1, width - 1), max(v - 1, 0), min(v + 1, height - 1)
+            behind = depth[v, u] if depth[v, u] == depth[v, u] else np.inf
+            sums = np.zeros(3)
+            for s in range(len(offsets) + 1):
+                # the last sample is the pixel's centre: it decides the depth
+                a = offsets[s, 0] / (ub - ua) if s < len(offsets) else 0.0
+                b = offsets[s, 1] / (vb - va) if s < len(offsets) else 0.0
+                for k in range(3):
+                    c[k] = directions[v, u, k] + a * (directions[v, ub, k] - directions[v, ua, k])
+                    c[k] += b * (directions[vb, u, k] - directions[va, u, k])
+                for k in range(3):
+                    d[k] = T_body_cam[k, 0] * c[0] + T_body_cam[k, 1] * c[1] + T_body_cam[k, 2] * c[2]
+                t, r, g, bl = _trace(o, d, boxes, T_tag_body, bitmap, size_m, light)
+                if s == len(offsets):
+                    if t < behind:
+                        depth[v, u] = t
+                    continue
+                veil = _rotor_veil(o, d, min(t, behind))
+                if t < behind:
+                    r, g, bl = haze(r, g, bl, t)
+                    sums[0] += veil * respond(r * exposure)
+                    sums[1] += veil * respond(g * exposure)
+                    sums[2] += veil * respond(bl * exposure)
+                else:
+                    for k in range(3):
+                        sums[k] += veil * values[v, u, k]
+            for k in range(3):
+                values[v, u, k] = sums[k] / len(offsets)

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a town, with their true depth, from any pose."""
+
+from dataclasses import dataclass
+from typing import Sequence, Tuple
+
+import numpy as np
+
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.transforms import require_rigid
+from fcsv_sim.render import sampling
+from fcsv_sim.render.bodies import Body, draw_bodies
+from fcsv_sim.render.caster import make_caster
+from fcsv_sim.render.rays import T, ray_buffer, set_rays
+from fcsv_sim.render.shade import shade_rays
+from fcsv_sim.render.tables import build_tables
+from fcsv_sim.world.town import Town
+
+_EDGE_CONTRAST = 0.06
+_MOST_EDGES = 0.2  # share of pixels that get extra rays, at most: bounds the time of a picture
+
+
+@dataclass(frozen=True)
+class Quality:
+    """``samples``: rays per pixel where surfaces meet (1 or 5); ``threads``: of the ray caster."""
+
+    samples: int = 5
+    threads: int = 1
+
+    def __post_init__(self):
+        if self.samples not in (1, 5):
+            raise ValueError(f"samples: {self.samples} must be 1 (previews) or 5 (antialiased edges)")
+        if self.threads < 1:
+            raise ValueError(f"threads: {self.threads} must be at least 1")
+
+
+class Renderer:
+    """Holds a town's ray caster and tables; not thread-safe."""
+
+    def __init__(self, town: Town, quality: Quality = Quality()):
+        self._quality = quality
+        self._caster = make_caster(town.vertices, town.triangles, quality.threads)
+        self._tables = build_tables(town, self._distances)
+        self._camera = None
+
+    def render(self, T_world_cam: np.ndarray, camera: PinholeCamera, exposure: float = 1.0,
+               bodies: Sequence[Body] = ()) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """rgb (H,W,3) uint8 and depth (H,W) float32: metres along the optical axis, NaN for sky."""
+        values, depth = self.values(T_world_cam, camera, exposure, bodies)
+        return (values * 255.0 + 0.5).astype(np.uint8), depth
+
+    def values(self, T_world_cam: np.ndarray, camera: PinholeCamera, exposure: float = 1.0,
+               bodies: Sequence[Body] = ()) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """The same before it is made into bytes: float32 0..1. Raises GeometryError where the pose is none."""
+        T_world_cam = require_rigid(T_world_cam, "T_world_cam")
+        self._prepare(camera)
+        R, p = np.ascontiguousarray(T_world_cam[:3, :3]), np.ascontiguousarray(T_world_cam[:3, 3])
+        sampling.fill_rays(self._directions.reshape(-1, 3), self._order, R, p, self._rays)
+        self._caster.cast(self._rays)
+        shaded = self._shade(self._rays, self._all, R, exposure)
+        values = np.empty((camera.height, camera.width, 3), np.float32)
+        depth = np.empty((camera.height, camera.width), np.float32)
+        sampling.collect(self._rays, self._order, shaded, *self._tables[:3], values.reshape(-1, 3), depth.ravel(),
+                         self._surface.ravel())  # fmt: skip
+        if self._quality.samples > 1:
+            self._refine_edges(values, R, p, exposure)
+        draw_bodies(bodies, T_world_cam, camera, self._directions, exposure, values, depth)
+        return values, depth
+
+    def _prepare(self, camera: PinholeCamera) -> None:
+        """What depends on the camera alone."""
+        if camera == self._camera:
+            return
+        self._camera = camera
+        self._directions = np.ascontiguousarray(camera.rays(), np.float32)
+        self._order = sampling.tiled(camera.height, camera.width)
+        self._all = np.arange(len(self._order), dtype=np.int32)
+        self._rays = ray_buffer(len(self._order))
+        self._surface = np.empty((camera.height, camera.width), np.int64)
+        self._marked = np.empty((camera.height, camera.width), np.bool_)
+
+    def _shade(self, rays: np.ndarray, wanted: np.ndarray, R_world_cam: np.ndarray, exposure: float) -> np.ndarray:
+        """Picture values (len(wanted),3) of what the wanted ones of cast rays hit."""
+        out = np.empty((len(wanted), 3), np.float32)
+        shade_rays(*self._tables, R_world_cam, self._camera.fx, self._camera.fy, rays, wanted, float(exposure), out)
+        return out
+
+    def _refine_edges(self, values: np.ndarray, R: np.ndarray, p: np.ndarray, exposure: float) -> None:
+        """More rays where surfaces meet in different colours; the strongest edges first."""
+        threshold, most = _EDGE_CONTRAST, _MOST_EDGES * self._marked.size
+        while True:
+            count = sampling.find_edges(values, self._surface, threshold, self._marked)
+            if count <= most:
+                break
+            threshold *= 1.5
+        each = len(sampling.OFFSETS)
+        rays, source, wanted = (
+            ray_buffer(count * each),
+            np.empty(count * each, np.int32),
+            np.empty(count * each, np.int32),
+        )
+        sampling.fill_edge_rays(self._directions, self._marked, self._order, sampling.OFFSETS, R, p, rays)
+        self._caster.cast(rays)
+        new = sampling.new_surfaces(
+            rays, *self._tables[:3], self._surface, self._marked, self._order, each, source, wanted
+        )
+        extra = self._shade(rays, wanted[:new], R, exposure)
+        sampling.average_edges(values, self._marked, self._order, extra, source, each)
+
+    def _distances(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Distances (N), in units of the directions, from origins (N,3); inf where nothing is hit."""
+        rays = ray_buffer(len(origin))
+        set_rays(rays, origin, direction)
+        self._caster.cast(rays)
+        return rays[:, T]
