@@ -14,12 +14,16 @@ _DIP_M = 0.2  # a way does not go lower than the lower of its ends by more than 
 _EPSILON_M = 1e-6
 
 
-def distance_to_segment(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
-    """Smallest distance (m) of a point from the segment a to b, all (3,)."""
+def distance_to_segments(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Smallest distances (N,) in m of a point (3,) from the segments of a (3,) to each of b (N, 3).
+
+    >>> distance_to_segments(np.array([1.0, 2.0, 0.0]), np.zeros(3), np.array([[4.0, 0.0, 0.0]])).tolist()
+    [2.0]
+    """
     ab = b - a
-    length2 = float(ab @ ab)
-    s = 0.0 if length2 < 1e-12 else float(np.clip((point - a) @ ab / length2, 0.0, 1.0))
-    return float(np.linalg.norm(a + s * ab - point))
+    length2 = np.maximum((ab * ab).sum(1), 1e-12)
+    s = np.clip(ab @ (point - a) / length2, 0.0, 1.0)
+    return np.linalg.norm(a + s[:, None] * ab - point, axis=1)
 
 
 def route(start_m, goal_m, others_m: Sequence[np.ndarray], separation_m: float) -> List[np.ndarray]:
@@ -33,13 +37,8 @@ def route(start_m, goal_m, others_m: Sequence[np.ndarray], separation_m: float) 
     start, goal = np.asarray(start_m, float), np.asarray(goal_m, float)
     others = [np.asarray(o, float) for o in others_m]
     clear_m = [_clearance(goal, other, separation_m) for other in others]
-    nodes = [start, goal, *_corners(others, separation_m, min(start[2], goal[2]) - _DIP_M)]
-    lengths = np.full((len(nodes), len(nodes)), np.inf)
-    for i, a in enumerate(nodes):
-        for j in range(i + 1, len(nodes)):
-            if all(_leg_is_free(a, nodes[j], o, c) for o, c in zip(others, clear_m)):
-                # every corner costs a stop: rather one metre more than one corner more
-                lengths[i, j] = lengths[j, i] = np.linalg.norm(nodes[j] - a) + 1.0
+    nodes = np.array([start, goal, *_corners(others, separation_m, min(start[2], goal[2]) - _DIP_M)])
+    lengths = np.array([_lengths(a, nodes, others, clear_m) for a in nodes])
     _, before = dijkstra(lengths, indices=0, return_predecessors=True)
     way = [1]
     while way[0] != 0:
@@ -68,11 +67,18 @@ def _corners(others: Sequence[np.ndarray], separation_m: float, lowest_m: float)
     return [p for p in points if p[2] >= lowest_m]
 
 
-def _leg_is_free(a: np.ndarray, b: np.ndarray, other: np.ndarray, clear_m: float) -> bool:
-    """A leg may start too near (the vehicle stands there) as long as it leads away from its first metre on."""
-    nearest_m, start_m = distance_to_segment(other, a, b), float(np.linalg.norm(a - other))
-    leads_away = start_m < clear_m and nearest_m >= start_m - _EPSILON_M
-    return nearest_m >= clear_m - _EPSILON_M or leads_away
+def _lengths(a: np.ndarray, nodes: np.ndarray, others: Sequence[np.ndarray], clear_m: Sequence[float]) -> np.ndarray:
+    """Of the legs from a to every node (N,), infinite where one is not free.
+
+    A leg may start too near (the vehicle stands there) as long as it leads away from its first metre on.
+    """
+    # every corner costs a stop: rather one metre more than one corner more
+    lengths = np.linalg.norm(nodes - a, axis=1) + 1.0
+    for other, clear in zip(others, clear_m):
+        nearest_m, start_m = distance_to_segments(other, a, nodes), float(np.linalg.norm(a - other))
+        least_m = min(clear, start_m) - _EPSILON_M
+        lengths[nearest_m < least_m] = np.inf
+    return lengths
 
 
 def _in_words(point: np.ndarray) -> str:
