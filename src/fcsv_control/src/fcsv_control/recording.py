@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each machine records for a session (docs/architecture.md, "Session")."""
 
-from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import List, Optional, Tuple
 
 PICTURES: Tuple[str, ...] = ("camera/color/image_raw", "camera/color/camera_info")
 _VEHICLE: Tuple[str, ...] = ("odometry/body", "tags/detections", "mavros/state", "mavros/statustext/recv")
@@ -11,6 +13,36 @@ _HEARD: Tuple[str, ...] = (
     "camera_pose", "markers", "recorder/status",
 )  # fmt: skip
 _CONTROL: Tuple[str, ...] = ("/calibration", "/home", "/mission/state", "/mission/capture", "/tf", "/tf_static")
+ROLES = ("vehicle", "control")
+
+
+@dataclass(frozen=True)
+class RecorderParameters:
+    """Parameters of the recorder node. ``mission`` and ``seed`` are for session.yaml, which the control PC writes."""
+
+    role: str
+    name: str
+    folder: str
+    vehicles: List[str] = field(default_factory=list)
+    mission: Optional[str] = None
+    seed: Optional[int] = None
+    topics: List[str] = field(default_factory=list)  # more topics to record always, absolute names
+    pictures_on: bool = False  # before anybody said what is wanted
+    least_free_mib: int = 500
+    most_waiting_mib: int = 96  # of messages that wait for a slow disk; beyond they are dropped and counted
+
+    def __post_init__(self):
+        if self.role not in ROLES:
+            raise ValueError(f"role: '{self.role}' is not one of {', '.join(ROLES)}")
+        if not self.name.isidentifier():
+            raise ValueError(f"name: '{self.name}' is not a ROS name; use letters, digits and _")
+        if self.role == "control" and not (self.vehicles and self.mission):
+            raise ValueError("vehicles, mission: the control PC's recorder needs both, for session.yaml")
+        if self.least_free_mib < 1 or self.most_waiting_mib < 1:
+            raise ValueError("least_free_mib, most_waiting_mib: must be at least 1")
+        bad = [t for t in self.topics if not t.startswith("/")]
+        if bad:
+            raise ValueError(f"topics: '{bad[0]}' is not absolute; begin it with /")
 
 
 @dataclass(frozen=True)
@@ -21,10 +53,27 @@ class RecordingPlan:
     pictures: List[str]
 
 
-def plan(role: str, name: str, vehicles: Sequence[str]) -> RecordingPlan:
+def plan(p: RecorderParameters) -> RecordingPlan:
     """Of a machine: role "vehicle" (its own topics) or "control" (what it hears of all vehicles)."""
-    if role == "vehicle":
-        return RecordingPlan([f"/{name}/{t}" for t in _VEHICLE] + ["/tf_static"], [f"/{name}/{t}" for t in PICTURES])
-    if role == "control":
-        return RecordingPlan([*_CONTROL, *(f"/{v}/{t}" for v in vehicles for t in _HEARD)], [])
-    raise ValueError(f"role: '{role}' is neither vehicle nor control")
+    if p.role == "vehicle":
+        always = [f"/{p.name}/{t}" for t in _VEHICLE] + ["/tf_static"]
+        return RecordingPlan([*always, *p.topics], [f"/{p.name}/{t}" for t in PICTURES])
+    return RecordingPlan([*_CONTROL, *(f"/{v}/{t}" for v in p.vehicles for t in _HEARD), *p.topics], [])
+
+
+def keep_earlier(path: Path) -> Optional[Path]:
+    """Where a file that an earlier flight left was moved to, so that it is not written over; None where there is none.
+
+    The new name carries the time at which the file was written last: uav1.20260102T030405Z.bag.
+    """
+    if not path.exists():
+        return None
+    written = datetime.fromtimestamp(path.stat().st_mtime, timezone.utc).strftime("%Y%m%dT%H%M%SZ")
+    stem, _, suffixes = path.name.partition(".")
+    kept = path.with_name(f"{stem}.{written}.{suffixes}")
+    number = 1
+    while kept.exists():
+        number += 1
+        kept = path.with_name(f"{stem}.{written}-{number}.{suffixes}")
+    path.rename(kept)
+    return kept

@@ -1,28 +1,88 @@
 # SPDX-License-Identifier: Apache-2.0
-"""session.yaml: what belongs together."""
+"""session.yaml: what belongs together (docs/architecture.md, "Session")."""
 
 import dataclasses
+import os
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional, Sequence
+from typing import Any, Dict, List, Optional
 
 import yaml
 
-from fcsv_control.mission.config import load_mission
+from fcsv_control.errors import SessionError
+from fcsv_control.mission.config import Mission
+from fcsv_geometry import config
+
+FILE = "session.yaml"
+VERSION = 1
 
 
-def write_session(folder, vehicles: Sequence[str], mission_file, created: str, seed: Optional[int] = None) -> Path:
-    """Write (or overwrite) session.yaml in ``folder``; raises ConfigError where the mission cannot be read."""
-    mission = load_mission(mission_file)
-    document = {
-        "version": 1,
-        "created": created,
-        "reference": mission.reference,
-        "vehicles": list(vehicles),
-        "bags": {**{v: f"{v}.bag" for v in vehicles}, "control": "control.bag"},
-        "mission": dataclasses.asdict(mission),
-    }
-    if seed is not None:
-        document["simulation"] = {"seed": seed}
-    path = Path(folder) / "session.yaml"
-    path.write_text(yaml.safe_dump(document, sort_keys=False))
+@dataclass(frozen=True)
+class Simulation:
+    """Present only where a session was simulated."""
+
+    seed: int
+
+
+@dataclass(frozen=True)
+class Session:
+    """A session folder's description; ``bags`` maps a machine's name to its bag's file name in the folder."""
+
+    created: str  # UTC, ISO 8601
+    reference: str
+    vehicles: List[str]
+    bags: Dict[str, str]
+    mission: Mission
+    simulation: Optional[Simulation] = None
+    version: int = VERSION
+
+    def __post_init__(self):
+        if self.version != VERSION:
+            raise ValueError(f"version: {self.version} is not known here; this reads version {VERSION}")
+        if self.reference not in self.vehicles:
+            raise ValueError(f"reference: '{self.reference}' is not among the vehicles {', '.join(self.vehicles)}")
+        missing = [n for n in [*self.vehicles, "control"] if n not in self.bags]
+        if missing:
+            raise ValueError(f"bags: there is none for {', '.join(missing)}")
+        outside = [b for b in self.bags.values() if Path(b).name != b]
+        if outside:
+            raise ValueError(f"bags: '{outside[0]}' is not a plain file name in the session's folder")
+
+
+def new_session(mission: Mission, vehicles: List[str], created: str, seed: Optional[int] = None) -> Session:
+    """The description of a flight that begins: each machine writes NAME.bag. Raises MissionError."""
+    mission.check_vehicles(vehicles)
+    bags = {name: f"{name}.bag" for name in [*vehicles, "control"]}
+    simulation = None if seed is None else Simulation(seed)
+    return Session(created, mission.reference, list(vehicles), bags, mission, simulation)
+
+
+def save_session(folder, session: Session) -> Path:
+    """Write session.yaml, whole or not at all. Raises SessionError where the disk refuses."""
+    document: Dict[str, Any] = {"version": session.version, **_without_none(dataclasses.asdict(session))}
+    path = Path(folder) / FILE
+    partial = path.with_name(FILE + ".partial")
+    try:
+        partial.write_text(yaml.safe_dump(document, sort_keys=False))
+        os.replace(partial, path)
+    except OSError as error:
+        raise SessionError(f"{path}: cannot be written ({error.strerror})") from error
     return path
+
+
+def load_session(folder) -> Session:
+    """A session folder's description, with all its bags there. Raises ConfigError or SessionError."""
+    folder = Path(folder)
+    session = config.load(folder / FILE, Session)
+    for name, bag in session.bags.items():
+        if (folder / f"{bag}.active").exists():
+            raise SessionError(f"{folder / bag}.active: was not closed properly; run 'rosbag reindex' and rename it")
+        if not (folder / bag).is_file():
+            raise SessionError(f"{folder / bag}: missing; copy the bag of {name} into the session's folder")
+    return session
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return [_without_none(v) for v in value] if isinstance(value, (list, tuple)) else value

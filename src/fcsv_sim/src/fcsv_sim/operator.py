@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """People with transmitters: one pilot per vehicle who sees it from the ground, and one who presses the buttons.
 
-They are not perfect: hands shake, decisions take time.
+They are not perfect: they react late, hands shake, decisions take time.
 """
 
+from collections import deque
 from dataclasses import dataclass
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Deque, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS
 
-_LOITER_SPEED_MPS = 3.0
 _YAW_STICK_RPS = np.radians(100.0)
 _LEAN_RAD = np.radians(30.0)
+_REACTION_S = 0.3
+_LAND_BY_HAND_S = 15.0  # a mission that lands gets so long to do it; then the pilot does
 
 
 @dataclass(frozen=True)
@@ -50,19 +53,50 @@ class Field:
 
 
 class Pilot:
-    """One pilot: from what is to be done and seen to sticks."""
+    """One pilot: from what is to be done and seen to sticks. Takes time (s) as an argument; it must rise."""
 
     def __init__(self, index: int, field: Field, seed: int):
         self._index = index
         self._field = field
         self._random = np.random.default_rng([seed, 4, index])
+        self._seen: Deque[Tuple[float, Sight]] = deque()
+        self._phase, self._phase_since_s = "", 0.0
         self._arming_since_s: Optional[float] = None
         self._switched_s = float("-inf")
         self._airborne = False
+        self._switch = "ALT_HOLD"
         self._shake = np.zeros(3)
 
     def sticks(self, now_s: float, phase: str, sight: Sight) -> Sticks:
-        """Sticks for the mission's phase."""
+        """Sticks for the mission's phase; what is seen is acted upon 0.3 s later."""
+        sight = self._reacted_to(now_s, sight)
+        if phase != self._phase:
+            self._phase, self._phase_since_s = phase, now_s
+        sticks = self._decide(now_s, phase, sight)
+        self._switch = sticks.mode
+        return sticks
+
+    def goal(self, now_s: float, phase: str) -> Tuple[np.ndarray, np.ndarray]:
+        """Position (m) and velocity (m/s), world, that the pilot aims at."""
+        f = self._field
+        behind = np.array([-f.spacing_m * self._index, 0.0, 0.0])
+        if phase in ("MOVE_HOME", "SET_HOME"):
+            return np.array([*f.start_xy_m, f.home_height_m]) + behind, np.zeros(3)
+        goal, v = np.array(f.column_m) + behind, np.zeros(3)
+        if phase == "CALIBRATE" and self._index % 2 == 0:  # every second one sways: each pair moves against each other
+            w, t_s = 2 * np.pi / f.sway_period_s, now_s - self._phase_since_s
+            goal[1] += f.sway_m * np.sin(w * t_s)
+            v[1] = f.sway_m * w * np.cos(w * t_s)
+            goal[2] += 0.15 * np.sin(1.7 * w * t_s)
+        return goal, v
+
+    def _reacted_to(self, now_s: float, sight: Sight) -> Sight:
+        self._seen.append((now_s, sight))
+        while len(self._seen) > 1 and self._seen[1][0] <= now_s - _REACTION_S:
+            self._seen.popleft()
+        return self._seen[0][1]
+
+    def _decide(self, now_s: float, phase: str, sight: Sight) -> Sticks:
         if phase == "WAIT_VEHICLES" or (phase in ("DONE", "ABORTED") and not sight.armed):
             return Sticks(throttle=-1.0, mode="ALT_HOLD")
         if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):
@@ -70,21 +104,10 @@ class Pilot:
         if phase in ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME"):
             goal, v_goal = self.goal(now_s, phase)
             return self._fly_to(goal, v_goal, sight)
-        return Sticks()  # hands off: the mission flies, or the autopilot lands
-
-    def goal(self, now_s: float, phase: str):
-        """Position and velocity (world) that the pilot aims at."""
-        f = self._field
-        behind = np.array([-f.spacing_m * self._index, 0.0, 0.0])
-        if phase in ("MOVE_HOME", "SET_HOME"):
-            return np.array([*f.start_xy_m, f.home_height_m]) + behind, np.zeros(3)
-        goal, v = np.array(f.column_m) + behind, np.zeros(3)
-        if phase == "CALIBRATE" and self._index % 2 == 0:  # every second one sways: each pair moves against each other
-            w = 2 * np.pi / f.sway_period_s
-            goal[1] += f.sway_m * np.sin(w * now_s)
-            v[1] = f.sway_m * w * np.cos(w * now_s)
-            goal[2] += 0.15 * np.sin(1.7 * w * now_s)
-        return goal, v
+        if phase in ("LAND", "DONE", "ABORTED") and sight.mode != "LAND":
+            if now_s - self._phase_since_s > _LAND_BY_HAND_S:
+                return Sticks(mode="LAND")
+        return Sticks(mode=self._switch)  # hands off: the mission flies, or the autopilot lands
 
     def _take_off(self, now_s: float, sight: Sight) -> Sticks:
         if not sight.armed:
@@ -100,7 +123,7 @@ class Pilot:
             self._switched_s = now_s
         roll, pitch = self._lean_back_to_column(sight)
         mode = "ALT_HOLD" if now_s - self._switched_s < 0.3 else "LOITER"
-        return Sticks(roll, pitch, 0.0, 0.0, mode) if sight.mode != "LOITER" else Sticks()
+        return Sticks(roll, pitch, 0.0, 0.0, mode)
 
     def _arm(self, now_s: float) -> Sticks:
         """Throttle low, rudder right for three seconds; let go for one and try again."""
@@ -109,34 +132,37 @@ class Pilot:
         rudder = 1.0 if 0.0 <= now_s - self._arming_since_s < 3.0 else 0.0
         return Sticks(throttle=-1.0, yaw=rudder, mode="ALT_HOLD")
 
-    def _lean_back_to_column(self, sight: Sight):
+    def _lean_back_to_column(self, sight: Sight) -> Tuple[float, float]:
+        """Roll and pitch sticks in ALT_HOLD, where a stick is a lean."""
         goal, _ = self.goal(0.0, "COLUMN")
         error = goal[:2] - sight.T_world_body[:2, 3]
-        acc = np.clip(0.8 * error - 1.4 * sight.v_world_mps[:2], -1.5, 1.5)
-        forward, left = self._in_body(acc, sight)
+        acc = np.clip(0.5 * error - 1.2 * sight.v_world_mps[:2], -1.5, 1.5)
+        forward, left = _in_body(acc, sight)
         return float(np.clip(-left / 9.81 / _LEAN_RAD, -1, 1)), float(np.clip(forward / 9.81 / _LEAN_RAD, -1, 1))
 
     def _fly_to(self, goal: np.ndarray, v_goal: np.ndarray, sight: Sight) -> Sticks:
+        """Sticks in LOITER, where a stick is a velocity."""
         error = goal - sight.T_world_body[:3, 3]
         v = v_goal + np.clip(0.7 * error, -1.2, 1.2)
         if not v_goal.any():
             v[np.abs(error) < 0.08] = 0.0  # good enough: hands off
-        forward, left = self._in_body(v[:2], sight)
+        forward, left = _in_body(v[:2], sight)
         self._shake = 0.95 * self._shake + 0.004 * self._random.standard_normal(3)
-        climb = v[2] / (2.5 if v[2] > 0 else 1.5)
-        yaw = 1.2 * transforms.yaw(sight.T_world_body) / _YAW_STICK_RPS
+        climb = v[2] / (MAX_CLIMB_MPS if v[2] > 0 else MAX_SINK_MPS)
+        heading_rad = transforms.yaw(sight.T_world_body)
         return Sticks(
-            roll=_stick(-left / _LOITER_SPEED_MPS + self._shake[0], 0.05),
-            pitch=_stick(forward / _LOITER_SPEED_MPS + self._shake[1], 0.05),
+            roll=_stick(-left / LOITER_SPEED_MPS + self._shake[0], 0.05),
+            pitch=_stick(forward / LOITER_SPEED_MPS + self._shake[1], 0.05),
             throttle=_stick(climb, 0.1),
-            yaw=_stick(yaw, 0.05) if abs(transforms.yaw(sight.T_world_body)) > np.radians(1.5) else 0.0,
+            yaw=_stick(0.8 * heading_rad / _YAW_STICK_RPS, 0.05) if abs(heading_rad) > np.radians(1.5) else 0.0,
         )
 
-    @staticmethod
-    def _in_body(xy, sight: Sight):
-        yaw = transforms.yaw(sight.T_world_body)
-        c, s = np.cos(yaw), np.sin(yaw)
-        return c * xy[0] + s * xy[1], -s * xy[0] + c * xy[1]
+
+def _in_body(xy: np.ndarray, sight: Sight) -> Tuple[float, float]:
+    """A horizontal world vector as forward and left of the vehicle."""
+    yaw = transforms.yaw(sight.T_world_body)
+    c, s = np.cos(yaw), np.sin(yaw)
+    return c * xy[0] + s * xy[1], -s * xy[0] + c * xy[1]
 
 
 def _stick(value: float, dead: float) -> float:
@@ -149,8 +175,7 @@ def _stick(value: float, dead: float) -> float:
 class ButtonPresser:
     """The operator at the screen: confirms what is waited for once it looks right, after a moment."""
 
-    def __init__(self, field: Field, delay_s: float = 1.5):
-        self._field = field
+    def __init__(self, delay_s: float = 1.5):
         self._delay_s = delay_s
         self._right_since_s: Optional[float] = None
 
@@ -162,7 +187,7 @@ class ButtonPresser:
         if not right:
             self._right_since_s = None
             return False
-        self._right_since_s = self._right_since_s or now_s
+        self._right_since_s = now_s if self._right_since_s is None else self._right_since_s
         if now_s - self._right_since_s < self._delay_s:
             return False
         self._right_since_s = None

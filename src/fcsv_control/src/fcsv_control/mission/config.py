@@ -2,10 +2,11 @@
 """The mission file: config/missions/NAME.yaml."""
 
 from dataclasses import dataclass, field
-from typing import List, Optional
+from typing import List, Optional, Sequence
 
 import numpy as np
 
+from fcsv_control.errors import MissionError
 from fcsv_geometry import config
 
 AXES = ("horizontal", "vertical")
@@ -13,14 +14,18 @@ AXES = ("horizontal", "vertical")
 
 @dataclass(frozen=True)
 class StereoConfiguration:
-    """One place of the moving camera. ``tilt_deg`` turns it inward (horizontal only: the cameras are fixed)."""
+    """One place of the moving camera: right of the reference (horizontal) or above it (vertical).
+
+    ``tilt_deg`` turns it inward: for a horizontal baseline by yaw to the left. A vertical baseline would need pitch
+    down, which a fixed camera on a hovering multirotor cannot have; so there it must be 0.
+    """
 
     axis: str
     baseline_m: float
     tilt_deg: float = 0.0
     record_s: float = 5.0
     name: Optional[str] = None
-    vehicle: Optional[str] = None  # who moves; default: the second of the column
+    vehicle: Optional[str] = None  # who moves; default: the first that is not the reference
 
     def __post_init__(self):
         if self.axis not in AXES:
@@ -36,8 +41,14 @@ class StereoConfiguration:
 
     @property
     def title(self) -> str:
+        """Its name, or what it is in words."""
         tilt = f" tilt {self.tilt_deg:g} deg" if self.tilt_deg else ""
         return self.name or f"{self.axis} {self.baseline_m:g} m{tilt}"
+
+    @property
+    def tilt_rad(self) -> float:
+        """Inward tilt (rad)."""
+        return float(np.radians(self.tilt_deg))
 
 
 @dataclass(frozen=True)
@@ -45,11 +56,12 @@ class SettleBounds:
     """When a vehicle counts as standing at its place, and how well it must hold while recording."""
 
     position_m: float = 0.12
+    heading_deg: float = 3.0
     speed_mps: float = 0.15
-    pose_age_s: float = 0.5
+    pose_age_s: float = 0.3
     time_s: float = 1.5
-    timeout_s: float = 40.0
-    hold_m: float = 0.15
+    timeout_s: float = 30.0  # for each way-point, and to become calm at the place
+    hold_m: float = 0.15  # a recording that leaves this is taken again
     attempts: int = 3
 
     def __post_init__(self):
@@ -65,7 +77,9 @@ class Mission:
     name: str
     configurations: List[StereoConfiguration]
     reference: str = "uav1"
-    min_separation_m: float = 1.5
+    min_separation_m: float = 1.5  # between cameras; what no way and no configuration may undercut
+    low_battery_share: float = 0.2  # below: everybody holds until the operator decides
+    empty_battery_share: float = 0.1  # below: everybody lands
     home_height_m: float = 8.0  # a hint for the operators: above the take-off place
     column_spacing_m: float = 3.5  # likewise
     settle: SettleBounds = field(default_factory=SettleBounds)
@@ -76,21 +90,53 @@ class Mission:
         if not self.min_separation_m > 0:
             raise ValueError(f"min_separation_m: {self.min_separation_m} must be positive")
         for i, c in enumerate(self.configurations):
-            if c.baseline_m < self.min_separation_m:
-                raise ValueError(
-                    f"configurations[{i}].baseline_m: {c.baseline_m} is under the vehicles' minimum separation of "
-                    f"{self.min_separation_m} m (min_separation_m)"
-                )
+            self._check_configuration(f"configurations[{i}]", c)
         if not 1.0 <= self.column_spacing_m <= 8.0:
             raise ValueError(f"column_spacing_m: {self.column_spacing_m} is not in 1..8 m (the tag must be seen)")
-        if self.home_height_m < 1.0 + max(0.0, self.min_separation_m):
-            raise ValueError(f"home_height_m: {self.home_height_m} is too near the ground")
+        if self.column_spacing_m < self.min_separation_m:
+            raise ValueError(
+                f"column_spacing_m: {self.column_spacing_m} is under min_separation_m {self.min_separation_m}; "
+                f"line up further apart"
+            )
+        if self.home_height_m < 1.0 + self.min_separation_m:
+            raise ValueError(
+                f"home_height_m: {self.home_height_m} is too near the ground; give at least "
+                f"{1.0 + self.min_separation_m:g}"
+            )
+        if not 0.0 <= self.empty_battery_share <= self.low_battery_share < 1.0:
+            raise ValueError(
+                f"low_battery_share: {self.low_battery_share} must be in 0..1 and not under "
+                f"empty_battery_share {self.empty_battery_share}"
+            )
+
+    def _check_configuration(self, where: str, c: StereoConfiguration) -> None:
+        if c.baseline_m < self.min_separation_m:
+            raise ValueError(
+                f"{where}.baseline_m: {c.baseline_m} is under the vehicles' minimum separation of "
+                f"{self.min_separation_m} m (min_separation_m); use a longer baseline"
+            )
+        if c.vehicle == self.reference:
+            raise ValueError(f"{where}.vehicle: {c.vehicle} is the reference and holds at home; name another")
+
+    def mover(self, index: int, vehicles: Sequence[str]) -> str:
+        """Who takes configuration ``index``'s place."""
+        return self.configurations[index].vehicle or next(v for v in vehicles if v != self.reference)
+
+    def check_vehicles(self, vehicles: Sequence[str]) -> None:
+        """Raises MissionError where the list names a vehicle that does not fly."""
+        if self.reference not in vehicles or len(vehicles) < 2:
+            raise MissionError(
+                f"mission '{self.name}': reference '{self.reference}' needs to be one of two or more vehicles, "
+                f"this fleet is {', '.join(vehicles)}"
+            )
+        for i, c in enumerate(self.configurations):
+            if c.vehicle is not None and c.vehicle not in vehicles:
+                raise MissionError(
+                    f"mission '{self.name}': configurations[{i}].vehicle is '{c.vehicle}', this fleet is "
+                    f"{', '.join(vehicles)}"
+                )
 
 
 def load_mission(path) -> Mission:
     """A mission from its file. Raises ConfigError naming file, field and remedy."""
     return config.load(path, Mission)
-
-
-def tilt_rad(configuration: StereoConfiguration) -> float:
-    return float(np.radians(configuration.tilt_deg))

@@ -1,158 +1,155 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The list of configurations, one after the other: go there, settle, record, go on."""
+"""The list of configurations, one after the other: go there, settle, record, go on; at last out of each other's way."""
 
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_control.mission.config import Mission, StereoConfiguration
-from fcsv_control.mission.outbox import Order, Outbox
-from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, body_set_point, camera_place, route
+from fcsv_control.errors import MissionError
+from fcsv_control.mission.config import Mission
+from fcsv_control.mission.journey import Journey
+from fcsv_control.mission.outbox import Outbox
+from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, level_camera
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_geometry import frames, transforms
+from fcsv_control.mission.standing import CaptureWindow, Standing
 
-_ARRIVED_M = 0.5
-_PICTURES_LAG_S = 0.3  # from the order to the first picture that is written
 
-Capture = Tuple[int, str, float, float, float]
+@dataclass(frozen=True)
+class Task:
+    """A vehicle's place: that of a configuration, or (None) where it was parked when the list began."""
+
+    vehicle: str
+    index: Optional[int]
+
+
+def tasks(mission: Mission, vehicles: Sequence[str]) -> List[Task]:
+    """What is flown in order. A vehicle that has done its part goes back to its place in the column before another
+    moves and before all land: nobody comes down on somebody."""
+    found: List[Task] = []
+    for i in range(len(mission.configurations)):
+        mover = mission.mover(i, vehicles)
+        if found and found[-1].vehicle != mover:
+            found.append(Task(found[-1].vehicle, None))
+        found.append(Task(mover, i))
+    return [*found, Task(found[-1].vehicle, None)]
 
 
 class FlightList:
-    """Flies the configurations of a mission in GUIDED; ``step`` returns a capture when a recording counts."""
+    """Flies a mission's configurations in GUIDED. ``step`` raises MissionError where it cannot go on."""
 
-    def __init__(self, mission: Mission, vehicles: Sequence[str], outbox: Outbox):
+    def __init__(self, mission: Mission, vehicles: Sequence[str], outbox: Outbox, snapshot: Snapshot):
         self._mission = mission
         self._vehicles = list(vehicles)
         self._outbox = outbox
-        self.index = 0
+        self._tasks = tasks(mission, vehicles)
+        self._parked = {n: level_camera(snapshot.vehicles[n].T_home_cam) for n in vehicles}
+        self._attempts: Dict[int, int] = {}
+        self._home = self._journey(mission.reference, T_HOME_CAM_AT_HOME)
+        self._reference_is_home = False
+        self._journey_now: Optional[Journey] = None
+        self._standing: Optional[Standing] = None
+        self._paused = False
         self.detail = ""
-        self.failed = ""
-        self._begin()
-        self._reference_order: Optional[Order] = None
+        self.notes: List[str] = []  # configurations that were left out, and why
 
     @property
     def finished(self) -> bool:
-        return self.index >= len(self._mission.configurations)
+        return not self._tasks
 
-    def pause(self, now_s: float) -> None:
-        """Something is wrong with a vehicle: what was being recorded does not count."""
-        if self._recording_since_s is not None:
-            self._record(now_s, False)
-        self._begin(self._attempt)
+    @property
+    def index(self) -> int:
+        """Of the running configuration; the last one's on the way back."""
+        return next((t.index for t in self._tasks if t.index is not None), len(self._mission.configurations) - 1)
 
-    def step(self, snapshot: Snapshot) -> Optional[Capture]:
-        """Advance the running configuration."""
-        if self.finished:
-            return None
-        if not self._hold_reference(snapshot):
-            return None
-        configuration = self._mission.configurations[self.index]
-        mover = self._mover(configuration)
-        target = camera_place(configuration)
-        if self._way is None:
-            return self._plan(snapshot, mover, target)
-        if self._way:
-            self._travel(snapshot, mover, target)
-            return None
-        if self._recording_since_s is None:
-            self._settle(snapshot, configuration, mover, target)
-            return None
-        return self._watch_recording(snapshot, configuration, mover, target)
-
-    # ---- parts of one configuration ------------------------------------------------------------------------
-
-    def _begin(self, attempt: int = 0) -> None:
-        self._attempt = attempt
-        self._way: Optional[List[np.ndarray]] = None
-        self._order: Optional[Order] = None
-        self._since_s: Optional[float] = None
-        self._started_s: Optional[float] = None
-        self._recording_since_s: Optional[float] = None
-        self._worst_m = 0.0
-
-    def _mover(self, configuration: StereoConfiguration) -> str:
-        others = [v for v in self._vehicles if v != self._mission.reference]
-        return configuration.vehicle or others[0]
-
-    def _hold_reference(self, snapshot: Snapshot) -> bool:
-        """The reference goes to home once and stays: its camera's place, level."""
-        if self._reference_order is None or self._reference_order.outcome not in (None, ""):
-            name = self._mission.reference
-            self._reference_order = self._goto(snapshot, name, T_HOME_CAM_AT_HOME)
-        return self._reference_order.done
-
-    def _goto(self, snapshot: Snapshot, name: str, T_home_cam: np.ndarray) -> Order:
-        target = body_set_point(T_home_cam, snapshot.T_home_odom[name], snapshot.T_body_cam[name])
-        return self._outbox.order(snapshot.now_s, name, "GOTO", target=target, frame=frames.odom(name))
-
-    def _plan(self, snapshot: Snapshot, mover: str, target: np.ndarray) -> None:
-        here = snapshot.vehicles[mover].T_home_cam[:3, 3]
-        others = [snapshot.vehicles[n].T_home_cam[:3, 3] for n in self._vehicles if n != mover]
-        try:
-            self._way = route(here, target[:3, 3], others, self._mission.min_separation_m - 0.3)
-        except ValueError as error:
-            self.failed = f"configuration {self.index + 1}: {error}"
-        self._started_s = snapshot.now_s
-
-    def _travel(self, snapshot: Snapshot, mover: str, target: np.ndarray) -> None:
-        point = self._way[0]
-        last = len(self._way) == 1
-        T_home_cam = target if last else transforms.transform(target[:3, :3], point)
-        if self._order is None or self._order.outcome not in (None, ""):
-            self._order = self._goto(snapshot, mover, T_home_cam)
-        here = snapshot.vehicles[mover].T_home_cam[:3, 3]
-        self.detail = f"{mover} on its way to {self._mission.configurations[self.index].title}"
-        if self._order.done and np.linalg.norm(here - T_home_cam[:3, 3]) < _ARRIVED_M:
-            self._way.pop(0)
-            self._order = None
-        self._check_timeout(snapshot)
-
-    def _errors(self, snapshot: Snapshot, mover: str, target: np.ndarray) -> float:
-        """Largest distance (m) of mover and reference from their places."""
-        places = {mover: target, self._mission.reference: T_HOME_CAM_AT_HOME}
-        return max(float(np.linalg.norm(snapshot.vehicles[n].T_home_cam[:3, 3] - T[:3, 3])) for n, T in places.items())
-
-    def _settle(self, snapshot: Snapshot, configuration, mover: str, target: np.ndarray) -> None:
-        bounds = self._mission.settle
-        error_m = self._errors(snapshot, mover, target)
-        views = [snapshot.vehicles[n] for n in (mover, self._mission.reference)]
-        calm = error_m < bounds.position_m and all(
-            v.speed_mps < bounds.speed_mps and v.pose_age_s < bounds.pose_age_s for v in views
-        )
-        self.detail = f"{mover} settles at {configuration.title} ({error_m:.2f} m off)"
-        if not calm:
-            self._since_s = None
-            self._check_timeout(snapshot)
+    def pause(self, snapshot: Snapshot) -> None:
+        """Something is wrong: whoever is in GUIDED holds where it is; a running recording does not count."""
+        if self._paused:
             return
-        self._since_s = self._since_s or snapshot.now_s
-        if snapshot.now_s - self._since_s >= bounds.time_s:
-            self._record(snapshot.now_s, True)
-            self._recording_since_s, self._worst_m = snapshot.now_s + _PICTURES_LAG_S, 0.0
-            self._attempt += 1
-
-    def _watch_recording(self, snapshot: Snapshot, configuration, mover: str, target) -> Optional[Capture]:
-        bounds = self._mission.settle
-        self._worst_m = max(self._worst_m, self._errors(snapshot, mover, target))
-        self.detail = f"recording {configuration.title}"
-        if self._worst_m > bounds.hold_m and self._attempt < bounds.attempts:
-            self._record(snapshot.now_s, False)  # a gust: this recording does not count
-            attempt = self._attempt
-            self._begin(attempt)
-            self._way, self._started_s = [], snapshot.now_s
-            return None
-        if snapshot.now_s - self._recording_since_s < configuration.record_s:
-            return None
-        self._record(snapshot.now_s, False)
-        capture = (self.index, mover, self._recording_since_s, snapshot.now_s, self._worst_m)
-        self.index += 1
-        self._begin()
-        return capture
-
-    def _record(self, now_s: float, on: bool) -> None:
+        self._paused = True
+        if self._standing is not None:
+            self._standing.stop(snapshot)
         for name in self._vehicles:
-            self._outbox.order(now_s, name, "RECORD", flag=on)
+            if snapshot.vehicles[name].mode == "GUIDED":
+                self._outbox.order(snapshot.now_s, name, "HOLD")
+        self._begin()
 
-    def _check_timeout(self, snapshot: Snapshot) -> None:
-        if snapshot.now_s - self._started_s > self._mission.settle.timeout_s:
-            title = self._mission.configurations[self.index].title
-            self.failed = f"{title} was not reached within {self._mission.settle.timeout_s:.0f} s ({self.detail})"
+    def step(self, snapshot: Snapshot) -> Optional[CaptureWindow]:
+        """Advance the running task; a recording that counts comes back once."""
+        self._paused = False
+        if self.finished or not self._bring_reference_home(snapshot):
+            return None
+        task = self._tasks[0]
+        if self._standing is not None:
+            return self._stand(snapshot, task)
+        if self._travel(snapshot, task):
+            if task.index is None:
+                self._next()
+            else:
+                self._standing = self._stand_at(task)
+        return None
+
+    # ---- parts of one task ---------------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        """The running task from its start, and the reference home again."""
+        self._journey_now, self._standing = None, None
+        self._home = self._journey(self._mission.reference, T_HOME_CAM_AT_HOME)
+        self._reference_is_home = False
+
+    def _next(self) -> None:
+        self._tasks.pop(0)
+        self._journey_now, self._standing = None, None
+
+    def _journey(self, name: str, T_home_cam: np.ndarray) -> Journey:
+        m = self._mission
+        return Journey(self._outbox, name, T_home_cam, m.min_separation_m, m.settle.timeout_s)
+
+    def _others(self, name: str) -> List[str]:
+        return [n for n in self._vehicles if n != name]
+
+    def _bring_reference_home(self, snapshot: Snapshot) -> bool:
+        """It goes there once and stays; nobody else moves before."""
+        if not self._reference_is_home:
+            name = self._mission.reference
+            self.detail = f"{name} goes home"
+            self._reference_is_home = self._home.step(snapshot, self._others(name))
+        return self._reference_is_home
+
+    def _travel(self, snapshot: Snapshot, task: Task) -> bool:
+        if self._journey_now is None:
+            place, words = self._place(task)
+            self._journey_now = self._journey(task.vehicle, place)
+            self.detail = f"{task.vehicle} on its way to {words}"
+        return self._journey_now.step(snapshot, self._others(task.vehicle))
+
+    def _place(self, task: Task) -> Tuple[np.ndarray, str]:
+        if task.index is None:
+            return self._parked[task.vehicle], "its place in the column"
+        configuration = self._mission.configurations[task.index]
+        return camera_place(configuration), configuration.title
+
+    def _stand_at(self, task: Task) -> Standing:
+        self._attempts[task.index] = self._attempts.get(task.index, 0) + 1
+        places = {task.vehicle: self._place(task)[0], self._mission.reference: T_HOME_CAM_AT_HOME}
+        last = self._attempts[task.index] >= self._mission.settle.attempts
+        return Standing(self._mission, task.index, task.vehicle, places, self._outbox, last)
+
+    def _stand(self, snapshot: Snapshot, task: Task) -> Optional[CaptureWindow]:
+        """Settle and record; what was disturbed is taken again, what never becomes calm is left out."""
+        verdict, window = self._standing.step(snapshot)
+        self.detail = self._standing.detail
+        if verdict == "again":
+            self._standing = self._stand_at(task)
+        elif verdict == "given up":
+            title = self._mission.configurations[task.index].title
+            self.notes.append(f"{title} left out, not calm there: {self._standing.detail}")
+            self._next()
+        elif verdict == "done":
+            self._next()
+        return window
+
+    def require_some(self, captures: int) -> None:
+        """Raises MissionError where the whole list left nothing."""
+        if not captures:
+            raise MissionError("no configuration could be recorded: " + "; ".join(self.notes))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional
 
 _REPEAT_S = 0.3
+_RECORDING = {"RECORD"}  # all other kinds move the vehicle
 
 
 @dataclass
@@ -15,6 +16,7 @@ class Order:
     kind: str
     arguments: Dict[str, Any]
     number: int
+    ordered_s: float
     expires_s: float
     outcome: Optional[str] = None
     last_sent_s: float = field(default=float("-inf"))
@@ -23,9 +25,14 @@ class Order:
     def done(self) -> bool:
         return self.outcome == ""
 
+    @property
+    def failed(self) -> bool:
+        return bool(self.outcome)
+
 
 class Outbox:
-    """Orders of one sender."""
+    """Orders of one sender. A newer order replaces an older open one of the same sort: a late repetition of a way-point
+    must not undo the hold that came after it."""
 
     def __init__(self, lifetime_s: float = 5.0):
         self._lifetime_s = lifetime_s
@@ -34,8 +41,11 @@ class Outbox:
 
     def order(self, now_s: float, vehicle: str, kind: str, **arguments) -> Order:
         """A new order; sent by the next due()."""
+        for older in list(self._open.values()):
+            if older.vehicle == vehicle and (older.kind in _RECORDING) == (kind in _RECORDING):
+                self._close(older, "replaced by a newer command")
         self._number += 1
-        order = Order(vehicle, kind, arguments, self._number, now_s + self._lifetime_s)
+        order = Order(vehicle, kind, arguments, self._number, now_s, now_s + self._lifetime_s)
         self._open[order.number] = order
         return order
 
@@ -43,8 +53,7 @@ class Outbox:
         """Orders to publish now, again where no acknowledgement came."""
         for order in list(self._open.values()):
             if now_s > order.expires_s:
-                order.outcome = f"{order.vehicle} did not acknowledge {order.kind} within {self._lifetime_s:.0f} s"
-                del self._open[order.number]
+                self._close(order, f"{order.vehicle} did not acknowledge {order.kind} in time")
         due = [o for o in self._open.values() if now_s - o.last_sent_s >= _REPEAT_S]
         for order in due:
             order.last_sent_s = now_s
@@ -54,5 +63,8 @@ class Outbox:
         """An acknowledgement came: "" when done, else the reason."""
         order = self._open.get(number)
         if order is not None and order.vehicle == vehicle:
-            order.outcome = outcome
-            del self._open[number]
+            self._close(order, outcome)
+
+    def _close(self, order: Order, outcome: str) -> None:
+        order.outcome = outcome
+        del self._open[order.number]

@@ -6,22 +6,25 @@ from typing import Dict, Optional
 
 import numpy as np
 
+_INF = float("inf")
+
 
 @dataclass(frozen=True)
 class VehicleView:
     """One vehicle as heard over the radio; ages in s, infinite where nothing came yet."""
 
-    pose_age_s: float = float("inf")
-    T_odom_body: Optional[np.ndarray] = None
-    speed_mps: float = float("inf")
-    height_m: float = 0.0  # above where it stood disarmed
-    state_age_s: float = float("inf")
+    pose_age_s: float = _INF
+    speed_mps: float = _INF
+    height_m: float = 0.0  # by the autopilot's estimate, above where it stood disarmed
+    state_age_s: float = _INF
     connected: bool = False
     armed: bool = False
     mode: str = ""
     sees_front_s: float = 0.0  # for how long it has seen the tag of the vehicle in front
     T_home_cam: Optional[np.ndarray] = None  # once calibration and home are known
-    battery_share: float = float("nan")
+    battery_share: float = float("nan")  # 0..1, NaN where unknown
+    recorder_age_s: float = _INF
+    recorder_problem: str = ""
 
 
 @dataclass(frozen=True)
@@ -32,3 +35,7 @@ class Snapshot:
     vehicles: Dict[str, VehicleView]
     T_home_odom: Dict[str, np.ndarray] = field(default_factory=dict)
     T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
+
+    def p_home_cam(self, name: str) -> np.ndarray:
+        """Position (m) of a vehicle's camera in home; only where it is known."""
+        return self.vehicles[name].T_home_cam[:3, 3]

@@ -1,133 +1,114 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records a machine's part of a session to a local bag; a radio that fails costs nothing."""
 
-import os
-import queue
 import shutil
-import threading
-import time
+from datetime import datetime, timezone
 from pathlib import Path
 
-import rosbag
 import rospy
 from std_msgs.msg import Bool
 
-from fcsv_control.recording import plan
-from fcsv_control.session import write_session
+from fcsv_control.errors import SessionError
+from fcsv_control.mission.config import load_mission
+from fcsv_control.recording import RecorderParameters, keep_earlier, plan
+from fcsv_control.ros.bag_writer import BagWriter
+from fcsv_control.session import FILE, new_session, save_session
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RecorderStatus
-
-_QUEUE = 400
-_LEAST_FREE_BYTES = 500 << 20
+from fcsv_tracking.ros import parameters
 
 
 class RecorderNode:
-    """Raw messages through a bounded queue to one writing thread; the bag gets its name when it is whole."""
+    """Messages stay serialized from the socket to the disk; pictures only while ``recorder/pictures`` is true."""
 
     def __init__(self):
-        role, self._name = rospy.get_param("~role"), rospy.get_param("~name")
-        folder = Path(rospy.get_param("~folder")).expanduser()
-        folder.mkdir(parents=True, exist_ok=True)
-        vehicles = list(rospy.get_param("~vehicles", []))
-        topics = plan(role, self._name, vehicles)
-        self._path = folder / f"{self._name}.bag"
-        self._active = folder / f"{self._name}.bag.active"
-        self._bag = rosbag.Bag(str(self._active), "w", chunk_threshold=4 << 20)
-        self._queue: queue.Queue = queue.Queue(_QUEUE)
-        self._pictures_on = False
-        self._pictures = self._dropped = 0
-        self._problem = ""
-        self._health = Health(self._name)
-        if role == "control":
-            created = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-            write_session(folder, vehicles, rospy.get_param("~mission"), created, rospy.get_param("~seed", None))
-        self._writer = threading.Thread(target=self._write, name="writer")
-        self._writer.start()
+        p = self._parameters = parameters.read(RecorderParameters)
+        self._folder = _made(Path(p.folder).expanduser())
+        if p.role == "control":
+            self._describe_session()
+        self._pictures_on = p.pictures_on
+        self._health = Health(p.name)
+        self._writer = _opened(self._folder / f"{p.name}.bag", p.most_waiting_mib << 20)
         rospy.on_shutdown(self._close)
-        self._status = rospy.Publisher(self._status_topic(role), RecorderStatus, queue_size=2)
+        topics = plan(p)
+        status = "recorder/status" if p.role == "vehicle" else f"/{p.name}/recorder/status"
+        self._status = rospy.Publisher(status, RecorderStatus, queue_size=2)
         self._timer = rospy.Timer(rospy.Duration(1.0), self._publish_status)
         rospy.Subscriber("recorder/pictures", Bool, self._on_pictures, queue_size=1)
         for topic in topics.always:
-            rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, (topic, False), queue_size=100)
+            rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, topic, queue_size=100, buff_size=1 << 20)
         for topic in topics.pictures:
-            rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, (topic, True), queue_size=5, buff_size=8 << 20)
+            rospy.Subscriber(topic, rospy.AnyMsg, self._on_picture, topic, queue_size=5, buff_size=8 << 20)
 
-    def _status_topic(self, role: str) -> str:
-        return "recorder/status" if role == "vehicle" else f"/{self._name}/recorder/status"
+    def _describe_session(self) -> None:
+        p = self._parameters
+        created = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+        session = new_session(load_mission(p.mission), p.vehicles, created, p.seed)
+        keep_earlier(self._folder / FILE)
+        rospy.loginfo("%s written", save_session(self._folder, session))
 
     def _on_pictures(self, message: Bool) -> None:
         self._pictures_on = message.data
 
-    def _on_message(self, message: rospy.AnyMsg, topic_and_kind) -> None:
-        topic, is_picture = topic_and_kind
-        if is_picture and not self._pictures_on:
-            return
-        try:
-            self._queue.put_nowait((topic, message, rospy.Time.now()))
-        except queue.Full:
-            self._dropped += 1
-            self._health.drop("message", "the disk is too slow")
+    def _on_picture(self, message: rospy.AnyMsg, topic: str) -> None:
+        if self._pictures_on:
+            self._on_message(message, topic)
 
-    def _write(self) -> None:
-        while True:
-            item = self._queue.get()
-            if item is None:
-                break
-            topic, message, stamp = item
-            if self._problem:
-                self._dropped += 1
-                continue
-            h = message._connection_header
-            header = {k: h[k] for k in ("type", "md5sum", "message_definition")}
-            header.update(topic=topic, latching=h.get("latching", "0"))
-            raw = (h["type"], message._buff, h["md5sum"], _Raw)
-            _Raw._md5sum = h["md5sum"]
-            try:
-                self._bag.write(topic, raw, stamp, raw=True, connection_header=header)
-                self._pictures += topic.endswith("image_raw")
-            except OSError as error:
-                self._problem = f"{self._active}: {error}"
-                self._health.problem("disk", self._problem)
-        self._bag.close()
-        os.replace(self._active, self._path)
+    def _on_message(self, message: rospy.AnyMsg, topic: str) -> None:
+        if not self._writer.put(topic, message, rospy.Time.now()):
+            self._health.drop("message", self._writer.problem or "the disk is too slow")
 
     def _publish_status(self, _event) -> None:
-        free = shutil.disk_usage(self._path.parent).free
-        if free < _LEAST_FREE_BYTES:
-            self._problem = f"only {free >> 20} MiB left on the disk of {self._path.parent}"
-            self._health.problem("disk", f"{self._name}: {self._problem}")
+        w, free_mib = self._writer, shutil.disk_usage(self._folder).free >> 20
+        if free_mib < self._parameters.least_free_mib:
+            least = self._parameters.least_free_mib
+            w.fail(f"less than {least} MiB are free on the disk of {self._folder}; make room and start again")
+        self._health.problem("disk", w.problem)
+        self._health.value("pictures", w.pictures)
+        self._health.value("MB", w.bytes // 10**6)
         self._status.publish(
             RecorderStatus(
                 header=conversions.header(rospy.get_time(), ""),
-                path=str(self._path),
+                path=str(w.path),
                 pictures_on=self._pictures_on,
-                pictures=self._pictures,
-                bytes=self._bag.size if self._bag._file else 0,
-                dropped=self._dropped,
-                problem=self._problem,
+                pictures=w.pictures,
+                bytes=w.bytes,
+                dropped=w.dropped,
+                problem=w.problem,
             )
         )
 
     def _close(self) -> None:
-        """Write what is queued, index the bag, give it its name."""
-        self._queue.put(None)
-        self._writer.join(20.0)
+        closed = self._writer.close()
+        log = rospy.loginfo if closed else rospy.logerr
+        log(
+            "%s %s", self._writer.path, "closed" if closed else f"not closed: {self._writer.problem or 'disk too slow'}"
+        )
 
 
-class _Raw:
-    """Stands for a message class that need not be known: rosbag asks for its md5sum only."""
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SessionError(f"{folder}: cannot be made ({error.strerror}); choose another folder") from error
+    return folder
 
-    _md5sum = "*"
+
+def _opened(path: Path, most_waiting_bytes: int) -> BagWriter:
+    try:
+        return BagWriter(path, most_waiting_bytes)
+    except OSError as error:
+        raise SessionError(f"{path}: cannot be written ({error.strerror}); choose another folder") from error
 
 
 def main() -> int:
-    """Run the node."""
+    """Run the node; status 2 and one line where it cannot record."""
     rospy.init_node("recorder")
     try:
         RecorderNode()
-    except (FcsvError, OSError, ValueError) as error:
+    except FcsvError as error:
         rospy.logfatal("recorder: %s", error)
         return 2
     rospy.spin()

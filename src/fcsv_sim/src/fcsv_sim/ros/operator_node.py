@@ -1,38 +1,60 @@
 # SPDX-License-Identifier: Apache-2.0
 """The operators of a simulated flight: they look at the vehicles and at the screen, move sticks and press buttons."""
 
+import threading
 import time
-from typing import Dict
+from dataclasses import dataclass
+from typing import Dict, List
 
 import rospy
 from std_srvs.srv import Trigger
 
 from fcsv_control.mission.config import load_mission
-from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.errors import FcsvError, PoseUnavailable
+from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import MissionState, State
 from fcsv_sim.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.rc import RcSender
 from fcsv_sim.truth import TruthReader
+from fcsv_tracking.ros import parameters
+
+
+@dataclass(frozen=True)
+class OperatorParameters:
+    """Parameters of the node; ``rc_ports`` are the vehicles' receivers, in the order of ``vehicles``."""
+
+    vehicles: List[str]
+    rc_ports: List[int]
+    mission: str
+    sim_dir: str
+    vehicles_dir: str = ""  # not looked at: people see the vehicles
+    seed: int = 1
+    rate_hz: float = 50.0
+
+    def __post_init__(self):
+        if len(self.rc_ports) != len(self.vehicles) or not self.vehicles:
+            raise ValueError(f"rc_ports: {len(self.rc_ports)} for {len(self.vehicles)} vehicles; give one for each")
+        if not 5.0 <= self.rate_hz <= 400.0:
+            raise ValueError(f"rate_hz: {self.rate_hz} is not in 5..400")
 
 
 class OperatorNode:
-    """Sends 50 RC frames a second to every vehicle."""
+    """Sends RC frames to every vehicle at ``rate_hz``."""
 
     def __init__(self):
-        self._names = list(rospy.get_param("~vehicles"))
-        ports = rospy.get_param("~rc_ports")
-        mission = load_mission(rospy.get_param("~mission"))
+        p = self._parameters = parameters.read(OperatorParameters)
+        mission = load_mission(p.mission)
         field = Field(home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m)
-        seed = rospy.get_param("~seed", 1)
-        self._pilots = [Pilot(i, field, seed) for i in range(len(self._names))]
-        self._presser = ButtonPresser(field)
-        self._radios = [RcSender(int(p)) for p in ports]
-        self._truth = {n: TruthReader(rospy.get_param("~sim_dir"), n) for n in self._names}
-        self._states: Dict[str, State] = {n: State() for n in self._names}
+        self._pilots = [Pilot(i, field, p.seed) for i in range(len(p.vehicles))]
+        self._presser = ButtonPresser()
+        self._radios = [RcSender(port) for port in p.rc_ports]
+        self._truth = {n: TruthReader(p.sim_dir, n) for n in p.vehicles}
+        self._states: Dict[str, State] = {n: State() for n in p.vehicles}
         self._mission = MissionState(phase_name="WAIT_VEHICLES")
+        self._health = Health("operator", {"sticks": p.rate_hz / 3.0})
         self._proceed = rospy.ServiceProxy("/mission/proceed", Trigger)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
-        for name in self._names:
+        for name in p.vehicles:
             rospy.Subscriber(f"/{name}/mavros/state", State, self._on_state, name, queue_size=2)
 
     def _on_mission(self, message: MissionState) -> None:
@@ -44,32 +66,44 @@ class OperatorNode:
     def spin(self) -> None:
         """Look, move the sticks, press, until ROS ends."""
         while not rospy.is_shutdown():
-            time.sleep(0.02)
+            time.sleep(1.0 / self._parameters.rate_hz)
             try:
-                sights = {n: self._sight(n) for n in self._names}
-            except PoseUnavailable:
-                continue  # not on the field yet
-            now_s = time.time()
-            phase = self._mission.phase_name
-            for pilot, radio, sight in zip(self._pilots, self._radios, sights.values()):
-                s = pilot.sticks(now_s, phase, sight)
-                radio.send(s.roll, s.pitch, s.throttle, s.yaw, s.mode)
-            if self._presser.press(now_s, self._mission.waits_for, phase, sights, self._pilots):
-                self._press()
+                sights = {n: self._sight(n) for n in self._parameters.vehicles}
+            except PoseUnavailable as error:
+                self._health.problem("field", f"not on the field yet: {error}")
+                continue
+            self._health.problem("field", "")
+            self._health.tick("sticks")
+            self._act(rospy.get_time(), self._mission, sights)
+
+    def _act(self, now_s: float, mission: MissionState, sights: Dict[str, Sight]) -> None:
+        phase = mission.phase_name
+        for pilot, radio, sight in zip(self._pilots, self._radios, sights.values()):
+            s = pilot.sticks(now_s, phase, sight)
+            radio.send(s.roll, s.pitch, s.throttle, s.yaw, s.mode)
+        if self._presser.press(now_s, mission.waits_for, phase, sights, self._pilots):
+            # a service may take its time; the hands stay on the sticks
+            threading.Thread(target=self._press, args=(mission.waits_for,), name="finger", daemon=True).start()
 
     def _sight(self, name: str) -> Sight:
         reader, state = self._truth[name], self._states[name]
         return Sight(reader.latest()[1], reader.velocity(), state.armed, state.mode)
 
-    def _press(self) -> None:
+    def _press(self, button: str) -> None:
         try:
             answer = self._proceed()
-            rospy.loginfo("operator: proceed (%s)", answer.message or "taken")
+            rospy.loginfo("operator: %s (%s)", button, answer.message or "taken")
         except rospy.ServiceException as error:
-            rospy.logwarn("operator: %s", error)
+            rospy.logwarn("operator: %s: %s", button, error)
 
 
-def main() -> None:
+def main() -> int:
     """Run the node."""
     rospy.init_node("operator")
-    OperatorNode().spin()
+    try:
+        node = OperatorNode()
+    except FcsvError as error:
+        rospy.logfatal("operator: %s", error)
+        return 2
+    node.spin()
+    return 0

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Standing at a configuration's place: become calm, record on every vehicle of it, watch that all hold still."""
+
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_control.mission.config import Mission
+from fcsv_control.mission.outbox import Order, Outbox
+from fcsv_control.mission.places import heading_error_rad
+from fcsv_control.mission.snapshot import Snapshot
+
+_FIRST_PICTURE_S = 0.2  # from the recorders' acknowledgement to the first picture that surely is written whole
+_LAST_PICTURE_S = 0.5  # a picture reaches the recorder this much later than its stamp, at most
+
+
+@dataclass(frozen=True)
+class CaptureWindow:
+    """A recording window that counts: pictures stamped within it (s) belong to configuration ``index``."""
+
+    index: int
+    vehicle: str
+    start_s: float
+    stop_s: float
+    position_error_m: float  # largest distance of mover or reference from its place, by odometry
+
+
+class Standing:
+    """One attempt. ``step`` answers "" under way, "done" with the window, "again" or "given up"."""
+
+    def __init__(self, mission: Mission, index: int, mover: str, places: Dict[str, np.ndarray], outbox: Outbox, last):
+        self._bounds = mission.settle
+        self._configuration = mission.configurations[index]
+        self._index = index
+        self._mover = mover
+        self._places = places  # T_home_cam per vehicle
+        self._outbox = outbox
+        self._last = last  # a disturbed recording counts: there is no further attempt
+        self._started_s: Optional[float] = None
+        self._calm_since_s: Optional[float] = None
+        self._switched_on: List[Order] = []
+        self._start_s: Optional[float] = None
+        self._worst_m = 0.0
+        self.detail = ""
+
+    def stop(self, snapshot: Snapshot) -> None:
+        """Pictures off, where they are on."""
+        if self._switched_on:
+            self._record(snapshot, False)
+            self._switched_on = []
+
+    def step(self, snapshot: Snapshot) -> Tuple[str, Optional[CaptureWindow]]:
+        """Settle, switch the recorders on, watch, switch them off."""
+        self._started_s = snapshot.now_s if self._started_s is None else self._started_s
+        if not self._switched_on:
+            return self._settle(snapshot), None
+        if self._start_s is None:
+            self._await_recorders(snapshot)
+            return "", None
+        return self._watch(snapshot)
+
+    def _settle(self, snapshot: Snapshot) -> str:
+        self.detail = f"{self._mover} settles at {self._configuration.title}"
+        if not self._calm(snapshot):
+            self._calm_since_s = None
+            return "given up" if snapshot.now_s - self._started_s > self._bounds.timeout_s else ""
+        self._calm_since_s = snapshot.now_s if self._calm_since_s is None else self._calm_since_s
+        if snapshot.now_s - self._calm_since_s >= self._bounds.time_s:
+            self._switched_on = self._record(snapshot, True)
+        return ""
+
+    def _calm(self, snapshot: Snapshot) -> bool:
+        b = self._bounds
+        views = [snapshot.vehicles[n] for n in self._places]
+        return (
+            self._error_m(snapshot) < b.position_m
+            and self._heading_error_rad(snapshot) < np.radians(b.heading_deg)
+            and all(v.speed_mps < b.speed_mps and v.pose_age_s < b.pose_age_s for v in views)
+        )
+
+    def _error_m(self, snapshot: Snapshot) -> float:
+        """Largest distance (m) of a camera from its place."""
+        return max(float(np.linalg.norm(snapshot.p_home_cam(n) - T[:3, 3])) for n, T in self._places.items())
+
+    def _heading_error_rad(self, snapshot: Snapshot) -> float:
+        return max(heading_error_rad(snapshot.vehicles[n].T_home_cam, T) for n, T in self._places.items())
+
+    def _record(self, snapshot: Snapshot, on: bool) -> List[Order]:
+        return [self._outbox.order(snapshot.now_s, n, "RECORD", flag=on) for n in self._places]
+
+    def _await_recorders(self, snapshot: Snapshot) -> None:
+        """The window opens when every recorder is known to be on; who refuses is asked again."""
+        if all(o.done for o in self._switched_on):
+            self._start_s = snapshot.now_s + _FIRST_PICTURE_S
+        elif all(o.outcome is not None for o in self._switched_on):
+            why = "; ".join(o.outcome for o in self._switched_on if o.failed)
+            self.detail = f"recorders do not start for {self._configuration.title}: {why}"
+            self._switched_on = self._record(snapshot, True)
+
+    def _watch(self, snapshot: Snapshot) -> Tuple[str, Optional[CaptureWindow]]:
+        stop_s = self._start_s + self._configuration.record_s
+        if snapshot.now_s <= stop_s:
+            self._worst_m = max(self._worst_m, self._error_m(snapshot))
+            self.detail = f"recording {self._configuration.title}"
+        if self._worst_m > self._bounds.hold_m and not self._last:  # a gust: this recording does not count
+            self.stop(snapshot)
+            return "again", None
+        if snapshot.now_s < stop_s + _LAST_PICTURE_S:
+            return "", None
+        self.stop(snapshot)
+        return "done", CaptureWindow(self._index, self._mover, self._start_s, stop_s, self._worst_m)

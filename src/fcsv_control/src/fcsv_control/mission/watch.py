@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What must be well for the mission to go on. Texts hold no numbers that change: they are shown until they change."""
+
+from itertools import combinations
+from typing import Iterator, List
+
+import numpy as np
+
+from fcsv_control.errors import MissionError
+from fcsv_control.mission.config import Mission
+from fcsv_control.mission.snapshot import Snapshot, VehicleView
+
+_POSE_STALE_S = 2.0
+_STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio
+_RECORDER_STALE_S = 5.0
+_TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses explains
+_IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS")
+_RECORDED = ("WAIT_VEHICLES", "GUIDED", "CONFIGURATIONS")
+_FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS")
+
+
+def problems(mission: Mission, phase: str, snapshot: Snapshot) -> List[str]:
+    """Why the mission does not go on in this phase, one line each."""
+    found: List[str] = []
+    for name, view in snapshot.vehicles.items():
+        found += [f"{name}: {text}" for text in _of_vehicle(mission, phase, view)]
+    if phase in _FLOWN_BY_US:
+        found += _too_near(mission, snapshot)
+    return found
+
+
+def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
+    """Raises MissionError where all must land: an empty battery, or a vehicle that is down already."""
+    for name, view in snapshot.vehicles.items():
+        if phase in _IN_THE_AIR and view.battery_share < mission.empty_battery_share:
+            raise MissionError(f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody")
+        if phase == "CONFIGURATIONS" and view.state_age_s <= _STATE_STALE_S and not view.armed:
+            raise MissionError(f"{name}: motors are off: landing everybody")
+
+
+def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[str]:
+    silent = ["state"] if view.state_age_s > _STATE_STALE_S else []
+    silent += ["pose"] if view.pose_age_s > _POSE_STALE_S else []
+    if silent:
+        yield f"no {' and no '.join(silent)} for more than {_POSE_STALE_S:g} s; check the radio link and the clocks"
+        return
+    if not view.connected:
+        yield "no flight controller"
+    if phase in _RECORDED and view.recorder_age_s > _RECORDER_STALE_S:
+        yield "its recorder is not heard"
+    elif phase in _RECORDED and view.recorder_problem:
+        yield f"recorder: {view.recorder_problem}"
+    if phase in _IN_THE_AIR and not view.armed:
+        yield "motors are off"
+    if view.battery_share < mission.low_battery_share:
+        yield f"battery below {mission.low_battery_share:.0%}; abort to land"
+    if phase in _FLOWN_BY_US and view.T_home_cam is None:
+        yield "its place in home is not known; calibrate and set home again"
+    if phase == "CONFIGURATIONS" and view.mode != "GUIDED":
+        yield f"left GUIDED ({view.mode}); switch back to go on, or abort"
+
+
+def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:
+    known = [n for n, v in snapshot.vehicles.items() if v.T_home_cam is not None]
+    for a, b in combinations(known, 2):
+        if np.linalg.norm(snapshot.p_home_cam(a) - snapshot.p_home_cam(b)) < _TOO_NEAR * mission.min_separation_m:
+            yield f"{a} and {b} are too near to each other; move them apart by hand"

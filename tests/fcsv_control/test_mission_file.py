@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mission file: what is read, and one line for everything that cannot be flown."""
+
+import pytest
+import yaml
+
+from fcsv_control.errors import MissionError
+from fcsv_control.mission.config import load_mission
+from fcsv_geometry.errors import ConfigError
+
+GOOD = {"name": "test", "configurations": [{"axis": "horizontal", "baseline_m": 4.0, "record_s": 3.0}]}
+
+
+def written(tmp_path, document):
+    path = tmp_path / "mission.yaml"
+    path.write_text(document if isinstance(document, str) else yaml.safe_dump(document))
+    return path
+
+
+def changed(**change):
+    return {**GOOD, **change}
+
+
+def configured(**change):
+    return {**GOOD, "configurations": [GOOD["configurations"][0], {"axis": "vertical", "baseline_m": 5.0, **change}]}
+
+
+def baselines(mission, axis):
+    return [c.baseline_m for c in mission.configurations if c.axis == axis]
+
+
+@pytest.mark.parametrize(
+    "name, horizontal, vertical",
+    [
+        ("outdoor", [2, 4, 6, 8, 10], [5, 7, 10]),  # thesis 6.7
+        ("simulated_400m", [2, 4, 6, 8], []),  # thesis 3.2
+        ("short", [2, 4, 8], [5]),
+    ],
+)
+def test_the_missions_that_come_along(root, name, horizontal, vertical):
+    mission = load_mission(root / "config" / "missions" / f"{name}.yaml")
+    assert mission.name == name and mission.reference == "uav1"
+    assert baselines(mission, "horizontal") == horizontal and baselines(mission, "vertical") == vertical
+
+
+def test_what_a_file_says_is_what_is_flown(tmp_path):
+    document = changed(reference="uav2", min_separation_m=1.2, settle={"position_m": 0.2})
+    document["configurations"] = [{"axis": "horizontal", "baseline_m": 3, "tilt_deg": 5, "vehicle": "uav3"}]
+    mission = load_mission(written(tmp_path, document))
+    assert (mission.reference, mission.min_separation_m, mission.settle.position_m) == ("uav2", 1.2, 0.2)
+    c = mission.configurations[0]
+    assert (c.title, c.record_s, mission.mover(0, ["uav1", "uav2", "uav3"])) == (
+        "horizontal 3 m tilt 5 deg",
+        5.0,
+        "uav3",
+    )
+
+
+@pytest.mark.parametrize(
+    "document, words",
+    [
+        (changed(speed=3), ["unknown key 'speed'", "known here"]),
+        (configured(baseline=3.0), ["unknown key 'configurations[1].baseline'", "baseline_m"]),
+        (configured(baseline_m=-4.0), ["configurations[1].baseline_m", "-4.0", "must be positive"]),
+        (configured(baseline_m=0), ["configurations[1].baseline_m", "must be positive"]),
+        (
+            configured(baseline_m=1.0),
+            ["configurations[1].baseline_m", "separation of 1.5 m", "longer baseline"],
+        ),
+        (configured(baseline_m=float("nan")), ["configurations[1].baseline_m", "must be finite"]),
+        (configured(baseline_m="four"), ["configurations[1].baseline_m", "must be float"]),
+        (configured(axis="diagonal"), ["configurations[1].axis", "'diagonal'", "horizontal, vertical"]),
+        (configured(record_s=0), ["configurations[1].record_s", "0.5..600"]),
+        (configured(record_s=-1.0), ["configurations[1].record_s"]),
+        (configured(tilt_deg=5.0), ["configurations[1].tilt_deg", "fixed camera", "set it to 0"]),
+        (configured(vehicle="uav1"), ["configurations[1].vehicle", "is the reference"]),
+        (changed(configurations=[]), ["configurations", "empty", "at least one"]),
+        (changed(configurations=None), ["configurations", "must be a list"]),
+        ({"name": "test"}, ["'configurations' is missing"]),
+        (changed(min_separation_m=-1.0), ["min_separation_m"]),
+        (changed(column_spacing_m=1.2), ["column_spacing_m", "further apart"]),
+        (changed(home_height_m=1.0), ["home_height_m", "at least 2.5"]),
+        (changed(settle={"hold_m": 0.0}), ["settle.hold_m", "must be positive"]),
+        (changed(low_battery_share=0.05), ["low_battery_share"]),
+        ("name: [", ["not valid YAML", "line"]),
+        ("- just\n- a list", ["must be a mapping"]),
+        ("", ["must be a mapping", "nothing"]),
+    ],
+)
+def test_what_cannot_be_flown_is_one_line(tmp_path, document, words):
+    path = written(tmp_path, document)
+    with pytest.raises(ConfigError) as error:
+        load_mission(path)
+    text = str(error.value)
+    assert text.startswith(str(path)) and "\n" not in text
+    for word in words:
+        assert word in text
+
+
+def test_a_missing_file_is_one_line(tmp_path):
+    with pytest.raises(ConfigError, match="nowhere.yaml: cannot be read"):
+        load_mission(tmp_path / "nowhere.yaml")
+
+
+@pytest.mark.parametrize(
+    "change, vehicles, words",
+    [
+        ({}, ["uav1"], "two or more"),
+        ({"reference": "uav9"}, ["uav1", "uav2"], "reference 'uav9'"),
+        ({"configurations": [{"axis": "vertical", "baseline_m": 5, "vehicle": "uav7"}]}, ["uav1", "uav2"], "'uav7'"),
+    ],
+)
+def test_a_fleet_that_does_not_fit(tmp_path, change, vehicles, words):
+    mission = load_mission(written(tmp_path, changed(**change)))
+    with pytest.raises(MissionError, match=words):
+        mission.check_vehicles(vehicles)

@@ -1,0 +1,374 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state machine on a fake clock: the ordinary way, and what must stop it."""
+
+import numpy as np
+import pytest
+
+from fcsv_control.errors import MissionError
+from fcsv_control.mission.config import Mission, SettleBounds, StereoConfiguration
+from fcsv_control.mission.flight_list import tasks
+from fcsv_control.mission.machine import PHASES, MissionMachine
+from fcsv_control.mission.outbox import Outbox
+from fcsv_msgs.msg import MissionState
+
+
+def mission(*configurations, **more):
+    configurations = configurations or (("horizontal", 4.0), ("horizontal", 8.0), ("vertical", 5.0))
+    listed = [StereoConfiguration(c[0], c[1], record_s=2.0, **(c[2] if len(c) > 2 else {})) for c in configurations]
+    return Mission("test", listed, **more)
+
+
+@pytest.fixture
+def flying(flight):
+    """A flight that has just come to the configurations."""
+    f = flight(mission())
+    f.up_to_configurations()
+    return f
+
+
+def kinds(flight, name, kind):
+    return {o.number: o for _, o in flight.orders if o.vehicle == name and o.kind == kind}
+
+
+# ---- the ordinary way -----------------------------------------------------------------------------------------------
+
+
+def test_phases_are_numbered_as_in_the_message():
+    assert [getattr(MissionState, p) for p in PHASES] == list(range(len(PHASES)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_from_take_off_to_landing(flight, seed):
+    f = flight(mission(), seed=seed)
+    f.up_to_configurations()
+    f.phase("DONE", 400.0)
+    windows = f.machine.captures
+    assert [w.index for w in windows] == [0, 1, 2] and {w.vehicle for w in windows} == {"uav2"}
+    for w in windows:
+        assert w.stop_s - w.start_s == pytest.approx(2.0) and w.position_error_m < 0.15
+        for name in ("uav1", "uav2"):  # pictures were on all through the window, with room for a late one
+            inside = [t for t in f.pictures[name] if w.start_s - 0.1 <= t <= w.stop_s + 0.3]
+            assert len(inside) >= 22, name
+    assert len(f.pictures["uav1"]) < 3 * 40, "and off otherwise"
+    assert f.closest_m > 1.5 - 0.05, "nobody ever came nearer than the minimum separation (0.05: a step of the clock)"
+    apart = f.fleet["uav1"].landed_at - f.fleet["uav2"].landed_at
+    assert np.linalg.norm(apart[:2]) > 2.0, "the one that stood above did not come down upon the other"
+    assert f.machine.problems == []
+
+
+def test_the_thesis_list_with_a_slow_and_lossy_radio(flight, root):
+    """Half of all commands get lost: repetition brings every one of them home."""
+    from fcsv_control.mission.config import load_mission
+
+    f = flight(load_mission(root / "config" / "missions" / "outdoor.yaml"), seed=3)
+    f.lossy = 0.5
+    f.up_to_configurations()
+    f.phase("DONE", 900.0)
+    assert [w.index for w in f.machine.captures] == list(range(8)) and f.closest_m > 1.45
+
+
+def test_three_vehicles_take_turns(flight):
+    m = mission(("horizontal", 4.0), ("vertical", 5.0, {"vehicle": "uav3"}), ("horizontal", 2.0))
+    names = ("uav1", "uav2", "uav3")
+    assert [(t.vehicle, t.index) for t in tasks(m, names)] == [
+        ("uav2", 0), ("uav2", None), ("uav3", 1), ("uav3", None), ("uav2", 2), ("uav2", None),
+    ]  # fmt: skip
+    f = flight(m, names)
+    f.up_to_configurations()
+    f.phase("DONE", 400.0)
+    assert [w.vehicle for w in f.machine.captures] == ["uav2", "uav3", "uav2"] and f.closest_m > 1.45
+    assert not f.pictures["uav3"] or min(f.pictures["uav3"]) > f.machine.captures[0].stop_s
+
+
+def test_waits_for_what_people_do(flight):
+    f = flight(mission())
+    f.fleet["uav2"].heard = False
+    f.wait(3.0)
+    assert f.machine.phase == "WAIT_VEHICLES" and "uav2" in f.machine.problems[0]
+    f.fleet["uav2"].heard = True
+    f.phase("TAKE_OFF")
+    f.take_off()
+    f.fleet["uav2"].mode = "ALT_HOLD"  # not in LOITER yet
+    f.wait(3.0)
+    assert f.machine.phase == "TAKE_OFF"
+    f.fleet["uav2"].mode = "LOITER"
+    f.phase("COLUMN")
+    f.fleet["uav2"].sees_front_s = 1.0  # not steady yet
+    f.wait(3.0)
+    assert f.machine.waits_for == "" and "COLUMN" in f.machine.proceed()
+    f.fleet["uav2"].sees_front_s = 2.5
+    f.press("calibrate")
+    f.machine.answer("calibrate", False, "too few detections")
+    assert f.machine.phase == "COLUMN" and f.machine.detail == "too few detections"
+    f.press("calibrate")
+    f.machine.answer("calibrate", True, "good")
+    assert f.machine.phase == "MOVE_HOME"
+    f.press("set_home")
+    f.machine.answer("set_home", False, "odometry is old")
+    assert f.machine.phase == "MOVE_HOME" and f.machine.waits_for == "set_home"
+
+
+def test_a_tag_that_is_lost_again_takes_the_button_away(flight):
+    f = flight(mission())
+    f.phase("TAKE_OFF")
+    f.take_off()
+    f.phase("COLUMN")
+    f.fleet["uav2"].sees_front_s = 3.0
+    f.wait(0.2)
+    assert f.machine.waits_for == "calibrate"
+    f.fleet["uav2"].sees_front_s = 0.0
+    f.wait(0.2)
+    assert f.machine.waits_for == ""
+
+
+def test_a_refused_mode_is_said_and_asked_again(flight):
+    f = flight(mission())
+    f.fleet["uav2"].refuses = {"SET_MODE": "Mode change to GUIDED failed: requires position"}
+    with pytest.raises(AssertionError):
+        f.up_to_configurations()
+    assert f.machine.phase == "GUIDED" and "requires position" in f.machine.detail
+    asked = len(kinds(f, "uav2", "SET_MODE"))
+    assert 20 < asked < 200, "about every two seconds, not with every step"
+    f.fleet["uav2"].refuses = {}
+    f.phase("CONFIGURATIONS", 10.0)
+
+
+# ---- faults ---------------------------------------------------------------------------------------------------------
+
+
+def paused(f, words):
+    """Everybody holds, nothing is recorded, and the reason is said."""
+    assert f.machine.phase == "CONFIGURATIONS"
+    assert any(words in p for p in f.machine.problems), f.machine.problems
+    before = {n: v.T_home_body.copy() for n, v in f.fleet.items()}
+    f.wait(5.0)
+    for name, v in f.fleet.items():
+        assert not v.recording or not v.heard, name
+        if v.heard:
+            np.testing.assert_array_equal(v.T_home_body, before[name], err_msg=f"{name} went on")
+
+
+def resumed(f, captures=(0, 1, 2)):
+    f.phase("DONE", 400.0)
+    assert [w.index for w in f.machine.captures] == list(captures) and f.closest_m > 1.45
+
+
+def until_recording(f):
+    f.until(lambda: f.fleet["uav2"].recording)
+    f.wait(1.0)
+
+
+@pytest.mark.parametrize("when", ["travelling", "recording"])
+def test_a_lost_link_pauses_and_a_found_one_goes_on(flying, when):
+    flying.wait(1.0) if when == "travelling" else until_recording(flying)
+    flying.fleet["uav2"].heard = False
+    flying.wait(1.0)
+    paused(flying, "uav2: no state and no pose")
+    assert not flying.machine.captures
+    flying.fleet["uav2"].heard = True
+    resumed(flying)
+
+
+def test_an_operator_who_takes_over_is_not_fought(flying):
+    flying.wait(1.0)
+    flying.fleet["uav2"].mode = "LOITER"
+    flying.wait(0.3)
+    numbers = set(kinds(flying, "uav2", "GOTO")) | set(kinds(flying, "uav2", "SET_MODE"))
+    paused(flying, "uav2: left GUIDED (LOITER)")
+    assert set(kinds(flying, "uav2", "GOTO")) | set(kinds(flying, "uav2", "SET_MODE")) == numbers
+    assert flying.machine.proceed() != ""
+    flying.fleet["uav2"].mode = "GUIDED"
+    resumed(flying)
+
+
+def test_a_reference_that_was_moved_goes_home_first(flying):
+    flying.wait(1.0)
+    flying.fleet["uav1"].mode = "LOITER"
+    flying.wait(0.5)
+    flying.fleet["uav1"].T_home_body[0, 3] += 6.0  # flown away by hand
+    flying.fleet["uav1"].mode, flying.fleet["uav1"].target = "GUIDED", None
+    flying.wait(0.2)
+    mover = flying.fleet["uav2"].T_home_body.copy()
+    flying.wait(1.5)
+    assert "uav1 goes home" in flying.machine.detail
+    np.testing.assert_array_equal(flying.fleet["uav2"].T_home_body, mover)
+    resumed(flying)
+
+
+def test_a_low_battery_holds_and_an_empty_one_lands(flying):
+    flying.wait(1.0)
+    flying.fleet["uav1"].battery_share = 0.15
+    flying.wait(0.2)
+    paused(flying, "uav1: battery below 20%")
+    flying.fleet["uav1"].battery_share = 0.05
+    flying.phase("ABORTED", 60.0)
+    assert "battery below 10%" in flying.machine.detail
+
+
+def test_a_full_disk_pauses(flying):
+    until_recording(flying)
+    flying.fleet["uav2"].recorder_problem = "only 3 MiB left"
+    flying.wait(0.2)
+    paused(flying, "uav2: recorder: only 3 MiB left")
+
+
+def test_motors_off_in_the_air_land_the_rest(flying):
+    flying.wait(1.0)
+    flying.fleet["uav2"].armed = False
+    flying.phase("ABORTED", 60.0)
+    assert "uav2: motors are off" in flying.machine.detail and not flying.fleet["uav1"].armed
+
+
+def test_vehicles_that_meet_are_held(flying):
+    flying.wait(1.0)
+    place = flying.fleet["uav1"].T_home_body[:3, 3] + np.array([0.0, -0.5, 0.0])
+    flying.fleet["uav2"].T_home_body[:3, 3] = place
+    flying.wait(0.2)
+    paused(flying, "uav1 and uav2 are too near")
+
+
+def test_a_gust_while_recording_is_recorded_again(flying):
+    until_recording(flying)
+    flying.fleet["uav2"].push_m = np.array([0.0, 0.0, 0.2])
+    flying.wait(0.5)
+    flying.fleet["uav2"].push_m = np.zeros(3)
+    resumed(flying)
+    assert flying.machine.captures[0].position_error_m < 0.15
+    on = [o for o in kinds(flying, "uav2", "RECORD").values() if o.arguments["flag"]]
+    assert len(on) == 4, "three configurations, one of them twice"
+
+
+def test_gusts_at_every_attempt_leave_the_last_with_its_error(flying):
+    """A recording that moves is worse than a still one and better than none; its error is told."""
+    gusts = 0
+    for _ in range(3000):
+        on = flying.fleet["uav2"].recording and not flying.machine.captures
+        flying.fleet["uav2"].push_m = np.array([0.0, 0.0, 0.2 if on else 0.0])
+        gusts += on
+        flying.step()
+        if flying.machine.phase == "DONE":
+            break
+    assert gusts and flying.machine.captures[0].position_error_m == pytest.approx(0.2, abs=0.02)
+    assert [w.index for w in flying.machine.captures] == [0, 1, 2]
+
+
+def test_a_place_without_calm_is_left_out_and_said(flight):
+    f = flight(mission(("horizontal", 4.0), ("horizontal", 6.0), settle=SettleBounds(timeout_s=5.0)))
+    f.up_to_configurations()
+    f.fleet["uav2"].push_m = np.array([0.0, 0.3, 0.0])
+    f.until(lambda: f.machine.configuration == 1)
+    f.fleet["uav2"].push_m = np.zeros(3)
+    resumed(f, [1])
+    assert "horizontal 4 m left out" in f.machine.detail
+
+
+def test_nothing_recorded_at_all_is_no_success(flight):
+    f = flight(mission(("horizontal", 4.0), settle=SettleBounds(timeout_s=5.0)))
+    f.up_to_configurations()
+    f.fleet["uav2"].push_m = np.array([0.0, 0.3, 0.0])
+    f.phase("ABORTED", 100.0)
+    assert "no configuration could be recorded" in f.machine.detail
+
+
+def test_a_vehicle_that_does_not_move_ends_it(flying):
+    flying.speed_mps = 0.0
+    flying.phase("ABORTED", 100.0)
+    assert "uav2 did not get to its next way-point in 30 s" in flying.machine.detail
+
+
+def test_a_recorder_that_refuses_leaves_no_capture(flying):
+    flying.fleet["uav1"].refuses = {"RECORD": "no recorder on board"}
+    flying.wait(60.0)
+    assert not flying.machine.captures and "uav1" not in flying.machine.detail.split(":")[0]
+    assert "no recorder on board" in flying.machine.detail
+    flying.fleet["uav1"].refuses = {}
+    resumed(flying)
+
+
+# ---- abort ----------------------------------------------------------------------------------------------------------
+
+
+def test_abort_on_the_ground_is_over_at_once(flight):
+    f = flight(mission())
+    f.wait(0.5)
+    f.machine.abort("no")
+    f.wait(0.2)
+    assert f.machine.phase == "ABORTED"
+
+
+def test_abort_while_calibrating_lands_and_ignores_the_late_answer(flight):
+    f = flight(mission())
+    f.phase("TAKE_OFF")
+    f.take_off()
+    f.phase("COLUMN")
+    f.fleet["uav2"].sees_front_s = 3.0
+    f.press("calibrate")
+    f.machine.abort("stop")
+    f.machine.answer("calibrate", True, "good")
+    assert f.machine.phase == "LAND" and f.machine.waits_for == ""
+    f.phase("ABORTED", 30.0)
+
+
+def test_abort_above_the_reference_lands_beside_it(flight):
+    f = flight(mission(("vertical", 5.0)))
+    f.up_to_configurations()
+    f.until(lambda: f.fleet["uav2"].recording)
+    f.machine.abort("stop")
+    f.phase("ABORTED", 60.0)
+    assert not any(v.recording for v in f.fleet.values())
+    apart = f.fleet["uav1"].landed_at - f.fleet["uav2"].landed_at
+    assert np.linalg.norm(apart[:2]) > 1.5
+
+
+def test_who_hangs_above_in_a_pilots_hands_is_not_told_to_land(flight):
+    f = flight(mission(("vertical", 5.0)))
+    f.up_to_configurations()
+    f.until(lambda: f.fleet["uav2"].recording)
+    f.fleet["uav2"].mode = "LOITER"
+    f.machine.abort("stop")
+    f.wait(10.0)
+    assert f.fleet["uav2"].armed and "uav2 is above uav1" in f.machine.problems[-1]
+    f.fleet["uav2"].T_home_body[1, 3] -= 4.0
+    f.phase("ABORTED", 60.0)
+
+
+def test_a_landing_that_is_not_heard_is_asked_for_again(flying):
+    flying.wait(1.0)
+    flying.fleet["uav2"].heard = False
+    flying.machine.abort("stop")
+    flying.wait(20.0)
+    assert flying.machine.phase == "LAND" and not flying.fleet["uav1"].armed
+    flying.fleet["uav2"].heard = True
+    flying.phase("ABORTED", 60.0)
+
+
+# ---- commands on their way ------------------------------------------------------------------------------------------
+
+
+def test_orders_repeat_until_acknowledged_and_expire():
+    box = Outbox(lifetime_s=1.0)
+    order = box.order(0.0, "uav1", "GOTO")
+    assert [bool(box.due(t)) for t in (0.0, 0.1, 0.35, 0.5, 0.7)] == [True, False, True, False, True]
+    box.acknowledged("uav2", order.number, "")  # somebody else's
+    assert order.outcome is None
+    box.acknowledged("uav1", order.number, "")
+    assert order.done and not box.due(5.0)
+    late = box.order(10.0, "uav1", "GOTO")
+    assert box.due(10.9) and not box.due(11.1) and "did not acknowledge GOTO" in late.outcome
+
+
+def test_a_newer_order_silences_the_older():
+    """A way-point that is still being repeated would otherwise undo the hold that came after it."""
+    box = Outbox()
+    goto, record = box.order(0.0, "uav1", "GOTO"), box.order(0.0, "uav1", "RECORD", flag=True)
+    other = box.order(0.0, "uav2", "GOTO")
+    hold = box.order(1.0, "uav1", "HOLD")
+    assert {o.number for o in box.due(1.0)} == {record.number, other.number, hold.number}
+    assert goto.failed and "replaced" in goto.outcome
+    box.acknowledged("uav1", goto.number, "")  # the late answer changes nothing
+    assert goto.failed
+
+
+def test_a_fleet_without_the_reference_is_refused():
+    with pytest.raises(MissionError, match="reference 'uav1'"):
+        MissionMachine(mission(), ["uav2", "uav3"])
