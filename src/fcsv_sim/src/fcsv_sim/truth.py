@@ -29,9 +29,10 @@ class TruthWriter:
     def __init__(self, folder, vehicle: str):
         Path(folder).mkdir(parents=True, exist_ok=True)
         path = _path(folder, vehicle)
-        path.unlink(missing_ok=True)  # readers of an earlier run keep their own file
         shape = (_RING * _FIELDS + 1,)
-        self._map = np.memmap(path, np.float64, "w+", shape=shape)
+        begun = path.with_suffix(".begun")
+        self._map = np.memmap(begun, np.float64, "w+", shape=shape)
+        begun.replace(path)  # whole from the first look; readers of an earlier run keep their own file
         self._ring = self._map[1:].reshape(_RING, _FIELDS)
         self._count = 0
 
