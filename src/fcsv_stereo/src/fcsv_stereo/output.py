@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OUT/: map.ply, depth.npy, sigma.npy, report.json, report.html; all of it, or none."""
+"""OUT/: map.ply, depth.npy, sigma.npy, reference.png, report.json, report.html; all of it, or none."""
 
 import json
 import shutil
@@ -7,13 +7,14 @@ import tempfile
 from pathlib import Path
 from typing import Optional
 
+import cv2
 import numpy as np
 
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.result import Cloud, MapResult
 
-FILES = ("map.ply", "depth.npy", "sigma.npy", "report.json", "report.html")
+FILES = ("map.ply", "depth.npy", "sigma.npy", "reference.png", "report.json", "report.html")
 _POINT = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("sigma", "<f4"),
      ("baseline", "u1")]
@@ -57,10 +58,11 @@ class StagedOutput:
 
 
 def write_arrays(result: MapResult, folder: Path) -> None:
-    """map.ply, depth.npy and sigma.npy."""
+    """map.ply, depth.npy, sigma.npy, and the undistorted picture that they belong to."""
     write_ply(result.cloud, folder / "map.ply")
     np.save(folder / "depth.npy", result.depth.astype(np.float32))
     np.save(folder / "sigma.npy", result.sigma.astype(np.float32))
+    cv2.imwrite(str(folder / "reference.png"), cv2.cvtColor(result.reference.image, cv2.COLOR_RGB2BGR))
 
 
 def write_ply(cloud: Cloud, path: Path) -> None:

@@ -42,7 +42,8 @@ def write_report(
     if evaluation is not None and true_depth is not None:
         parts += _truth(result, evaluation, true_depth)
     parts += _pairs(result)
-    page = f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>fcsv map</title><style>{_STYLE}</style></head>"
+    head = f"<meta charset='utf-8'><title>fcsv map</title><style>{_STYLE}</style>"
+    page = f"<!doctype html><html lang='en'><head>{head}</head>"
     path = Path(out_dir) / "report.html"
     path.write_text(page + "<body>" + "\n".join(parts) + "</body></html>")
     return path
@@ -73,7 +74,8 @@ def _configurations(result: MapResult) -> str:
         (
             html.escape(p.configuration.name), p.configuration.axis, f"{p.configuration.baseline_m:.2f} m",
             f"{np.linalg.norm(p.T_home_cam_other[:3, 3] - p.T_home_cam_reference[:3, 3]):.2f} m",
-            f"{p.effective_range_m[0]:.0f} to {p.effective_range_m[1]:.0f} m", f"{p.match_rate:.1%}", str(len(p.candidates)),
+            f"{p.effective_range_m[0]:.0f} to {p.effective_range_m[1]:.0f} m", f"{p.match_rate:.1%}",
+            str(len(p.candidates)),
         )
         for p in result.pairs
     ]  # fmt: skip

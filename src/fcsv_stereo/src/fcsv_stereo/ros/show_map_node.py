@@ -6,9 +6,10 @@ import re
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import rospy
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import Image, PointCloud2, PointField
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
@@ -49,6 +50,11 @@ def publish_map(out: Path) -> list:
         publisher.publish(cloud_message(cloud, chosen, 0.0))
         publishers.append(publisher)
         rospy.loginfo("%s: %d points", topic, chosen.sum())
+    reference = cv2.imread(str(out / "reference.png"))
+    if reference is not None:
+        publisher = rospy.Publisher("/map/reference", Image, queue_size=1, latch=True)
+        publisher.publish(conversions.array_to_image(reference, "bgr8", 0.0, frames.HOME))
+        publishers.append(publisher)
     return publishers
 
 

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The thesis's method on synthetic walls with known depth, and its equations."""
+
+import doctest
+
+import numpy as np
+import pytest
+from scenes import CAMERA, camera_pose, given, picture, true_depth
+
+from fcsv_stereo import depth as depth_module
+from fcsv_stereo import equations, fuse
+from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest, parse_threshold
+from fcsv_stereo.errors import InputError, MatchingError
+from fcsv_stereo.inputs import ConfigurationInput, MapInput
+from fcsv_stereo.matchers import MATCHERS, DisparityWindow, match
+from fcsv_stereo.rectify import RECTIFIERS
+from fcsv_stereo.result import Configuration
+from fcsv_stereo.thesis import ThesisOptions, map_thesis, select
+
+WIDE = ErrorThreshold(5.0, False)  # everything in the scene is in range
+
+
+def quiet(*_):
+    pass
+
+
+@pytest.mark.parametrize("module", [equations, fuse])
+def test_numbers_of_the_thesis(module):
+    result = doctest.testmod(module)
+    assert result.attempted and not result.failed
+
+
+def test_equation_2_12_and_3_1_meet():
+    for threshold in (ErrorThreshold(0.5, False), ErrorThreshold(0.1, True)):
+        z = farthest(3.0, 602.0, threshold)
+        allowed = threshold.value * (z if threshold.relative else 1.0)
+        assert depth_error(z, 3.0, 602.0) == pytest.approx(allowed)
+
+
+@pytest.mark.parametrize("text", ["", "x", "-1", "10%%", "nan", "0", "100%", "1.2.3"])
+def test_bad_thresholds(text):
+    with pytest.raises(InputError):
+        parse_threshold(text)
+
+
+@pytest.mark.parametrize("rectifier", sorted(RECTIFIERS))
+@pytest.mark.parametrize("xyz, axis", [
+    ((0, -0.8, 0), "horizontal"), ((0, 0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical"), ((0, 0, -0.8), "vertical"),
+    ((0.3, -0.8, 0.05), "horizontal"),
+])  # fmt: skip
+def test_depth_in_every_direction(xyz, axis, rectifier):
+    """Right, left, above, below, and a camera that stands ahead: whole-pixel disparity is half a pixel off at most."""
+    scene = given((xyz, axis))
+    result = map_thesis(
+        scene, ThesisOptions(rectifier=rectifier, threshold=WIDE, window=DisparityWindow(4, 200)), quiet
+    )
+    truth = true_depth(result.reference.T_home_cam)
+    known = np.isfinite(result.depth)
+    error = np.abs(result.depth[known] - truth[known])
+    bound = depth_error(20.0, 0.8, CAMERA.fx)  # 2.12 for one pixel at the far wall
+    assert known.mean() > 0.6
+    assert np.median(error) < 0.6 * bound and np.percentile(error, 85) < 1.6 * bound
+
+
+@pytest.mark.parametrize("matcher", sorted(MATCHERS))
+def test_every_matcher(matcher):
+    scene = given(((0, -0.8, 0), "horizontal"))
+    options = ThesisOptions(matcher=matcher, threshold=WIDE, window=DisparityWindow(4, 100))
+    result = map_thesis(scene, options, quiet)
+    known = np.isfinite(result.depth)
+    relative = np.abs(result.depth / true_depth(result.reference.T_home_cam) - 1)[known]
+    assert known.mean() > 0.35 and np.median(relative) < 0.05
+
+
+def test_baselines_share_the_range():
+    """Near wall by the short baseline, far wall by the long one (3.2)."""
+    scene = given(((0, -0.6, 0), "horizontal"), ((0, -1.2, 0), "horizontal"))
+    f = CAMERA.fx
+    between = (12.0 + 20.0) / 2
+    threshold = ErrorThreshold(between / (0.6 * f), True)  # 3.1: the short one's farthest lies between the walls
+    result = map_thesis(scene, ThesisOptions(threshold=threshold, window=DisparityWindow(4, 200)), quiet)
+    z = result.cloud.points_home_m[:, 0]
+    short = result.cloud.baseline_index == 0
+    assert np.median(z[short]) == pytest.approx(12.0, rel=0.05) and np.median(z[~short]) == pytest.approx(
+        20.0, rel=0.05
+    )
+    assert result.pairs[0].effective_range_m == (0.0, pytest.approx(between))
+
+
+def test_horizontal_and_vertical_fill_each_other():
+    one = map_thesis(given(((0, -0.8, 0), "horizontal")), ThesisOptions(threshold=WIDE), quiet)
+    both = map_thesis(
+        given(((0, -0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical")), ThesisOptions(threshold=WIDE), quiet
+    )
+    assert both.coverage > one.coverage
+
+
+def test_four_cases_of_3_4():
+    nan = np.nan
+    h, v = np.array([[nan, 2.0, nan, 4.0]]), np.array([[nan, nan, 3.0, 6.0]])
+    assert np.array_equal(fuse.fuse_axes(h, v), np.array([[nan, 2.0, 3.0, 5.0]], np.float32), equal_nan=True)
+
+
+def test_selection_takes_the_middle_and_the_bracket():
+    T = camera_pose([0, 0, 0])
+    references = [picture(f"r{i}", "uav1", 10.0 + 0.2 * i, T) for i in range(16)]
+    others = [picture(f"o{i}", "uav2", 10.05 + 0.2 * i, T) for i in range(16)]
+    chosen, near = select(ConfigurationInput(Configuration("horizontal", 1.0), references, others), 0.5)
+    assert abs(chosen.stamp_s - 11.5) <= 0.11
+    assert [o for o in others if abs(o.stamp_s - chosen.stamp_s) <= 0.5] == near and len(near) == 5
+
+
+def test_the_better_candidate_wins():
+    scene = given(((0, -0.8, 0), "horizontal"))
+    c = scene.configurations[0]
+    blank = picture("uav2/blank", "uav2", 10.0, c.others[0].T_home_cam)
+    blank.image[:] = 127
+    pair = map_thesis(
+        MapInput("session", [ConfigurationInput(c.configuration, c.references, [blank, c.others[0]])]),
+        ThesisOptions(threshold=WIDE), quiet,
+    ).pairs[0]  # fmt: skip
+    assert pair.other_name == "uav2/0" and dict(pair.candidates)["uav2/blank"] < 0.05
+
+
+def test_nothing_to_match_is_an_error_not_an_empty_map():
+    scene = given(((0, -0.8, 0), "horizontal"))
+    for p in (*scene.configurations[0].references, *scene.configurations[0].others):
+        p.image[:] = 127
+    with pytest.raises(MatchingError):
+        map_thesis(scene, ThesisOptions(), quiet)
+
+
+def test_disparity_window_is_kept():
+    scene = given(((0, -0.8, 0), "horizontal")).configurations[0]
+    pair = RECTIFIERS["home"](scene.references[0], scene.others[0], "horizontal")
+    disparity = match(pair, "quasi-dense", DisparityWindow(15.0, 18.0))
+    known = disparity[np.isfinite(disparity)]
+    assert known.size and known.min() >= 15.0 and known.max() <= 18.0
+
+
+def test_single_holes_are_closed_and_edges_are_not_blurred():
+    depth = np.full((9, 9), 10.0, np.float32)
+    depth[4, 4] = np.inf
+    depth[:, 7:] = np.inf
+    closed = depth_module.close_holes(depth)
+    assert closed[4, 4] == pytest.approx(10.0) and np.isnan(closed[:, 8]).all()
