@@ -6,11 +6,11 @@ from typing import Sequence, Tuple
 
 import cv2
 import numpy as np
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_sim.render import compiled
 from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer
 
@@ -112,7 +112,7 @@ def _vignette(camera: PinholeCamera, loss: float) -> np.ndarray:
     return (1.0 - 0.5 * loss * r2 / r2.max()).astype(np.float32)
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def _develop(values, vignette, pool, start, read_noise, shot_noise, out):
     """Vignetting, noise, eight bits; returns the mean value before noise."""
     mask = pool.size - 1

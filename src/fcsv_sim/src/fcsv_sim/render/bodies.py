@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import Sequence
 
 import numpy as np
-from numba import njit
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.vehicle import VehicleGeometry
-from fcsv_sim.render import kernel_cache
+from fcsv_sim.render import compiled
 from fcsv_sim.render.light import SUN, haze, respond
 from fcsv_sim.render.tag import tag_bitmap
 
-kernel_cache.drop_stale(__file__, "light")
+compiled.drop_stale(__file__, "light")
 
 _SAMPLES = 16
 _MOTORS = [(x, y) for x in (-0.088, 0.088) for y in (-0.088, 0.088)]
@@ -88,7 +87,7 @@ def _window(p_cam: np.ndarray, radius_m: float, camera: PinholeCamera):
     return (u0, v0, u1, v1) if u0 < u1 and v0 < v1 and np.isfinite([u, v]).all() else None
 
 
-@njit(fastmath=True)
+@compiled.function
 def _hit_box(box, o, d):
     """Nearest t > 0 of a ray and a box turned about z; and the face's normal (body frame). t = inf: none."""
     c, s = math.cos(box[6]), math.sin(box[6])
@@ -113,7 +112,7 @@ def _hit_box(box, o, d):
     return (low, c * sign, s * sign, 0.0) if axis == 0 else (low, -s * sign, c * sign, 0.0)
 
 
-@njit(fastmath=True)
+@compiled.function
 def _trace(o, d, boxes, T_tag_body, bitmap, size_m, light):
     """Nearest part: t, r, g, b (radiance before haze). light: sun's direction in the body frame, then world's up."""
     best, r, g, b = np.inf, 0.0, 0.0, 0.0
@@ -141,7 +140,7 @@ def _trace(o, d, boxes, T_tag_body, bitmap, size_m, light):
     return best, r * (sun + 0.3 + 0.25 * up), g * (0.95 * sun + 0.3 + 0.3 * up), b * (0.85 * sun + 0.3 + 0.4 * up)
 
 
-@njit(fastmath=True)
+@compiled.function
 def _rotor_veil(o, d, best):
     """How much light the spinning rotors in front of ``best`` let through."""
     if abs(d[2]) < 1e-9:
@@ -153,7 +152,7 @@ def _rotor_veil(o, d, best):
     return 1.0 - _ROTOR_OPACITY if x * x + y * y < _ROTOR_RADIUS * _ROTOR_RADIUS else 1.0
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def _draw(
     values, depth, directions, window, offsets, T_body_cam, R_world_body, T_tag_body, boxes, bitmap, size_m, exposure
 ):

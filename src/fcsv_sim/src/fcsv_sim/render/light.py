@@ -4,8 +4,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from fcsv_sim.render import compiled
 from fcsv_sim.render.noise import fractal
 from fcsv_sim.render.patterns import clamp01
 
@@ -14,7 +14,7 @@ SUN = np.array([-0.52, 0.47, 0.71]) / np.linalg.norm([-0.52, 0.47, 0.71])
 _HAZE_M = 2600.0
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def respond(x):
     """Radiance to picture value 0..1: a soft shoulder, then gamma 2. Applied before averaging over a pixel, so
     that an edge in the picture lies where it lies in the world (a gamma after averaging would move it)."""
@@ -22,7 +22,7 @@ def respond(x):
     return math.sqrt(min(x * (1.0 + 0.16 * x) / (1.0 + 0.6 * x), 1.0))
 
 
-@njit(fastmath=True)
+@compiled.function
 def sky(data, dx, dy, dz, pixel_rad, drift):
     """Radiance of the sky in a direction: gradient and broken clouds."""
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -33,7 +33,7 @@ def sky(data, dx, dy, dz, pixel_rad, drift):
         low = max(up, 0.03)
         x, y = dx / length / low + drift, dy / length / low - drift
         lf = math.log2(pixel_rad / (low * low))
-        cloud = fractal(data, x, y, 0.028, lf) + 0.45 * fractal(data, y * 1.7, x * 1.7, 0.0091, lf)
+        cloud = fractal(data, x, y, 0.045, lf) + 0.3 * fractal(data, y * 1.7, x * 1.7, 0.012, lf)
         thick = clamp01(cloud * 0.75 - 0.1) * clamp01((up - 0.015) * 12.0)
         thick = thick * thick * (3.0 - 2.0 * thick)
         tone = 1.15 - 0.3 * clamp01(cloud * 0.5 - 0.4)
@@ -41,7 +41,7 @@ def sky(data, dx, dy, dz, pixel_rad, drift):
     return r, g, b
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def haze(r, g, b, distance_m):
     """Aerial perspective."""
     x = distance_m / _HAZE_M

@@ -4,7 +4,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from fcsv_sim.render import compiled
 
 SIZE = 512
 PYRAMID_SIZE = (4 * SIZE * SIZE - 1) // 3
@@ -28,7 +29,7 @@ def noise_pyramid(seed: int = 0) -> np.ndarray:
         level = level.reshape(level.shape[0] // 2, 2, level.shape[1] // 2, 2).mean((1, 3))
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def _bilinear(data, x, y, level):
     size = SIZE >> level
     base = (4 * SIZE * SIZE - 4 * size * size) // 3
@@ -46,7 +47,7 @@ def _bilinear(data, x, y, level):
     return top + (bottom - top) * ay
 
 
-@njit(fastmath=True)
+@compiled.function
 def fractal(data, x_m, y_m, texel_m, log2_footprint_m):
     """Noise at a place with texels of ``texel_m``, averaged over a footprint (log2 of metres); the pyramid is at the
     beginning of ``data``. Coarse levels hardly vary: they fade out and are not read at all. One level

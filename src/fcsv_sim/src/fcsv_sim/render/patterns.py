@@ -3,35 +3,35 @@
 
 import math
 
-from numba import njit
+from fcsv_sim.render import compiled
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def clamp01(x):
     return min(max(x, 0.0), 1.0)
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def _integral(x, low, high):
     whole = math.floor(x)
     return whole * (high - low) + min(max(x - whole - low, 0.0), high - low)
 
 
-@njit(fastmath=True)
+@compiled.function
 def pulse(x, width, low, high):
     """Share of [x - width/2, x + width/2] inside [low, high] of every unit period."""
     width = max(width, 1e-3)
     return (_integral(x + 0.5 * width, low, high) - _integral(x - 0.5 * width, low, high)) / width
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def band(x, width, low, high):
     """Share of [x - width/2, x + width/2] inside [low, high]."""
     width = max(width, 1e-4)
     return max(0.0, min(x + 0.5 * width, high) - max(x - 0.5 * width, low)) / width
 
 
-@njit
+@compiled.function
 def cell_hash(i, j, k):
     """A number in [0, 1) for a cell."""
     h = (i * 374761393 + j * 668265263 + k * 2147483647) & 0xFFFFFFFF
@@ -40,7 +40,7 @@ def cell_hash(i, j, k):
     return ((h ^ (h >> 13)) & 0xFFFFFF) / 16777216.0
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def detail(width):
     """Weight of what differs from cell to cell: one while a cell spans pixels, none when a pixel spans cells."""
     return clamp01(1.6 - 2.2 * width)

@@ -22,14 +22,14 @@ _MOST_EDGES = 0.2  # share of pixels that get extra rays, at most: bounds the ti
 
 @dataclass(frozen=True)
 class Quality:
-    """``samples``: rays per pixel where surfaces meet (1 or 5); ``threads``: of the ray caster."""
+    """``samples``: rays per pixel where surfaces meet (1, 3 or 5); ``threads``: of the ray caster."""
 
     samples: int = 5
     threads: int = 1
 
     def __post_init__(self):
-        if self.samples not in (1, 5):
-            raise ValueError(f"samples: {self.samples} must be 1 (previews) or 5 (antialiased edges)")
+        if self.samples not in (1, *sampling.OFFSETS):
+            raise ValueError(f"samples: {self.samples} must be 1 (previews), 3 or 5 (antialiased edges)")
         if self.threads < 1:
             raise ValueError(f"threads: {self.threads} must be at least 1")
 
@@ -93,13 +93,14 @@ class Renderer:
             if count <= most:
                 break
             threshold *= 1.5
-        each = len(sampling.OFFSETS)
+        offsets = sampling.OFFSETS[self._quality.samples]
+        each = len(offsets)
         rays, source, wanted = (
             ray_buffer(count * each),
             np.empty(count * each, np.int32),
             np.empty(count * each, np.int32),
         )
-        sampling.fill_edge_rays(self._directions, self._marked, self._order, sampling.OFFSETS, R, p, rays)
+        sampling.fill_edge_rays(self._directions, self._marked, self._order, offsets, R, p, rays)
         self._caster.cast(rays)
         new = sampling.new_surfaces(
             rays, *self._tables[:3], self._surface, self._marked, self._order, each, source, wanted

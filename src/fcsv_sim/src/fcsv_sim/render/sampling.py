@@ -2,16 +2,19 @@
 """Rays of a picture, and where one ray a pixel is not enough."""
 
 import numpy as np
-from numba import njit
 
-from fcsv_sim.render import kernel_cache
+from fcsv_sim.render import compiled
 from fcsv_sim.render.rays import DX, DY, DZ, GEOMETRY, INSTANCE, MASK, OX, OY, OZ, PRIM, T_NEAR, TIME, T
 from fcsv_sim.world.materials import FOLIAGE
 
-kernel_cache.drop_stale(__file__, "rays")
+compiled.drop_stale(__file__, "rays")
 
-#: Where inside a pixel the extra rays go: a rotated grid, symmetric, so that edges stay where they are.
-OFFSETS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32)
+#: Where inside a pixel the extra rays go, by rays per pixel: symmetric about the centre (which is always one of them),
+#: so that edges stay where they are.
+OFFSETS = {
+    3: np.array([[-0.30, -0.22], [0.30, 0.22]], np.float32),
+    5: np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32),
+}
 
 
 def tiled(height: int, width: int, side: int = 8) -> np.ndarray:
@@ -20,7 +23,7 @@ def tiled(height: int, width: int, side: int = 8) -> np.ndarray:
     return np.lexsort((u.ravel(), v.ravel(), u.ravel() // side, v.ravel() // side)).astype(np.int32)
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def _set_ray(rays, ints, n, p, R, x, y, z):
     rays[n, OX], rays[n, OY], rays[n, OZ] = p[0], p[1], p[2]
     rays[n, DX] = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
@@ -32,7 +35,7 @@ def _set_ray(rays, ints, n, p, R, x, y, z):
     )  # fmt: skip
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def fill_rays(directions_cam, order, R_world_cam, p_world_cam, rays):
     """World rays of the pixels in an order (N) from directions (N,3) in the camera."""
     ints = rays.view(np.uint32)
@@ -43,7 +46,7 @@ def fill_rays(directions_cam, order, R_world_cam, p_world_cam, rays):
         )
 
 
-@njit(fastmath=True)
+@compiled.function
 def _surface(p, materials, instances, triangles):
     """A number that differs where instance or orientation differ (of a crown: instance alone); 0 for the sky."""
     if p == np.uint32(0xFFFFFFFF):
@@ -55,7 +58,7 @@ def _surface(p, materials, instances, triangles):
     return key
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def collect(rays, order, shaded, triangles, materials, instances, values, depth, surface):
     """Back into picture order: values (N,3), depth (N; NaN for none), and a number that differs between surfaces."""
     ints = rays.view(np.uint32)
@@ -67,7 +70,7 @@ def collect(rays, order, shaded, triangles, materials, instances, values, depth,
         surface[i] = _surface(p, materials, instances, triangles)
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def find_edges(values, surface, threshold, marked):
     """Marks pixels (H,W bool) whose neighbour shows another surface in another colour; returns how many."""
     height, width = surface.shape
@@ -91,7 +94,7 @@ def find_edges(values, surface, threshold, marked):
     return count
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def fill_edge_rays(directions_cam, marked, order, offsets, R_world_cam, p_world_cam, rays):
     """len(offsets) rays for every marked pixel, in the order of the tiles."""
     height, width = marked.shape
@@ -113,7 +116,7 @@ def fill_edge_rays(directions_cam, marked, order, offsets, R_world_cam, p_world_
             n += 1
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def new_surfaces(rays, triangles, materials, instances, surface, marked, order, per_pixel, source, wanted):
     """Which extra rays show a surface that their pixel has not been shaded for yet: colour is filtered over the whole
     pixel, so once per surface is enough. ``source`` (N): -1 for the pixel's own colour, else an index into
@@ -142,7 +145,7 @@ def new_surfaces(rays, triangles, materials, instances, surface, marked, order, 
     return count
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def average_edges(values, marked, order, extra, source, per_pixel):
     """Marked pixels become the mean of their own sample and of the extra ones."""
     width = marked.shape[1]

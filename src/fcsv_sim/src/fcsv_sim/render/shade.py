@@ -5,9 +5,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from fcsv_sim.render import kernel_cache
+from fcsv_sim.render import compiled
 from fcsv_sim.render.layout import BEND, BEND_SIZE, PARAMETERS
 from fcsv_sim.render.light import SUN, haze, respond, sky
 from fcsv_sim.render.patterns import clamp01
@@ -16,7 +15,7 @@ from fcsv_sim.render.shadows import lit
 from fcsv_sim.render.surfaces import facade, foliage, ground, plain, roof, wood
 from fcsv_sim.world import materials as m
 
-kernel_cache.drop_stale(__file__, "layout", "light", "noise", "patterns", "rays", "shadows", "surfaces",
+compiled.drop_stale(__file__, "layout", "light", "noise", "patterns", "rays", "shadows", "surfaces",
                         "../world/materials", "../world/plan")  # fmt: skip
 
 _S0, _S1, _S2 = (float(v) for v in SUN)
@@ -36,7 +35,7 @@ class Tables(NamedTuple):
     shadow_windows: np.ndarray
 
 
-@njit(fastmath=True)
+@compiled.function
 def _ground_albedo(data, x, y, ax, ay, az, bx, by, bz):
     """The ground under a pixel; a slanted pixel is long and gets two probes."""
     along, across = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
@@ -51,7 +50,7 @@ def _ground_albedo(data, x, y, ax, ay, az, bx, by, bz):
     return ground(data, x, y - bend, hx, hy, abs(ax) + abs(bx), abs(ay) + abs(by), lf)
 
 
-@njit(fastmath=True)
+@compiled.function
 def _wall_albedo(data, row, material, u, v, du, dv):
     """Surfaces with texture coordinates of their own."""
     lf = math.log2(max(min(du, dv), 0.35 * max(du, dv)))
@@ -70,7 +69,7 @@ def _wall_albedo(data, row, material, u, v, du, dv):
     return plain(data, row, u, v, lf, 0.05, 0.02)
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def _light(r, g, b, sun, opening):
     """Radiance of a surface under sun (0..1) and sky (share of it that is seen)."""
     warm = 1.55 * sun
@@ -81,7 +80,7 @@ def _light(r, g, b, sun, opening):
     return r, g, b
 
 
-@njit(fastmath=True, nogil=True, cache=True)
+@compiled.kernel
 def shade_rays(
     triangles, materials, instances, data, near, far, windows, R_world_cam, fx, fy, rays, wanted, exposure, out
 ):
@@ -115,13 +114,13 @@ def shade_rays(
         row = PARAMETERS + _COLUMNS * instances[prim]
         opening = 0.5 + 0.5 * nz
         if material == m.FOLIAGE:
+            r, g, b = foliage(data, row, x, y, z, nx, ny, nz, math.log2(footprint) - 0.5)
             # a crown is lit as a whole: the faces of its blobs only modulate that
             cx, cy, cz = x - data[row + 4], y - data[row + 5], z - data[row + 6]
             away = math.sqrt(cx * cx + cy * cy + cz * cz) + 1e-6
             nx, ny, nz = 0.45 * nx + 0.6 * cx / away, 0.45 * ny + 0.6 * cy / away, 0.45 * nz + 0.6 * cz / away
             opening = (0.5 + 0.5 * nz) * (0.35 + 0.65 * clamp01(away / data[row + 7]))
             sun = 0.25 + 0.85 * max(0.0, nx * _S0 + ny * _S1 + nz * _S2)
-            r, g, b = foliage(data, row, x, y, z, math.log2(footprint) - 0.5)
         else:
             sun = max(0.0, nx * _S0 + ny * _S1 + nz * _S2)
             if material == m.GROUND:

@@ -5,8 +5,8 @@ import math
 from typing import Tuple
 
 import numpy as np
-from numba import njit
 
+from fcsv_sim.render import compiled
 from fcsv_sim.render.light import SUN
 
 _RIGHT = np.cross([0.0, 0.0, 1.0], SUN) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], SUN))
@@ -40,7 +40,7 @@ def shadow_maps(cast) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     return maps[0], maps[1], np.array(windows)
 
 
-@njit(fastmath=True)
+@compiled.function
 def lit(near, far, windows, x, y, z, soft_m):
     """Share of the sun's light that reaches a place, over a soft edge of about ``soft_m``."""
     a = x * _R0 + y * _R1 + z * _R2
@@ -57,7 +57,7 @@ def lit(near, far, windows, x, y, z, soft_m):
     return 1.0
 
 
-@njit(fastmath=True, inline="always")
+@compiled.inlined
 def _compare(depth, i, j, height):
     fi, fj = math.floor(i), math.floor(j)
     p, q = int(fi), int(fj)

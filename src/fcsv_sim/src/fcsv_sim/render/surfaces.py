@@ -7,8 +7,7 @@ log2.
 
 import math
 
-from numba import njit
-
+from fcsv_sim.render import compiled
 from fcsv_sim.render.layout import AVENUES, CROSSINGS
 from fcsv_sim.render.noise import fractal
 from fcsv_sim.render.patterns import band, cell_hash, clamp01, detail, pulse
@@ -20,7 +19,7 @@ _ROAD = ROAD_HALF_M
 _KERB = ROAD_HALF_M + PAVEMENT_M
 
 
-@njit(fastmath=True)
+@compiled.function
 def window(data, row, u, v, du, dv):
     """Colour and opacity of a facade's windows and doors at (u, v)."""
     bay, floor = data[row + m.BAY_M], data[row + m.FLOOR_M]
@@ -80,7 +79,7 @@ def window(data, row, u, v, du, dv):
     return (r + t0 * trim) * rows, (g + t1 * trim) * rows, (b_ + t2 * trim) * rows, cover
 
 
-@njit(fastmath=True)
+@compiled.function
 def facade(data, row, u, v, du, dv, lf):
     """Plaster or brick with stains, and windows."""
     seed = data[row + m.SEED]
@@ -113,7 +112,7 @@ def facade(data, row, u, v, du, dv, lf):
     return r, g, b
 
 
-@njit(fastmath=True)
+@compiled.function
 def roof(data, row, u, v, du, dv, lf):
     """Courses of tiles, each tile of its own tone, moss in patches."""
     seed = data[row + m.SEED]
@@ -130,7 +129,7 @@ def roof(data, row, u, v, du, dv, lf):
     return r + (0.10 - r) * moss, g + (0.12 - g) * moss, b + (0.05 - b) * moss
 
 
-@njit(fastmath=True)
+@compiled.function
 def ground(data, s, t, hs, ht, fs, ft, lf):
     """Street, pavement, garden or field at plan coordinates (s, t); fs, ft: the footprint's sides. It is (2 hs, 2 ht)
     longer than lf says: noise is read at its two halves."""
@@ -170,14 +169,14 @@ def ground(data, s, t, hs, ht, fs, ft, lf):
     if plot > 0.72 and d < 15.0:  # paved yards
         k = (0.30 + 0.1 * plot) * (1.0 + 0.14 * middle + 0.15 * fine)
         r, g, b = k, k * 0.95, k * 0.87
-    slab = 1.0 + 0.10 * middle + 0.13 * fine + 0.12 * coarse
+    slab = 0.88 + 0.08 * middle + 0.13 * fine + 0.06 * coarse
     slab *= 1.0 - 0.25 * pulse(s / 0.6, fs / 0.6, 0.0, 0.05) - 0.25 * pulse(t / 0.6, ft / 0.6, 0.0, 0.05)
     pave = band(d, foot, -1.0, _KERB)
     r, g, b = r + (0.33 * slab - r) * pave, g + (0.32 * slab - g) * pave, b + (0.30 * slab - b) * pave
     kerb = band(d, foot, _ROAD, _ROAD + 0.18)
     r, g, b = r + (0.5 - r) * kerb, g + (0.5 - g) * kerb, b + (0.48 - b) * kerb
     patch = clamp01((coarse + 0.3 * middle - 0.7) * 4.0)
-    tar = (0.095 - 0.035 * patch) * (1.0 + 0.22 * middle + 0.25 * fine + 0.1 * coarse)
+    tar = (0.095 - 0.035 * patch) * (1.0 + 0.13 * middle + 0.22 * fine + 0.08 * coarse)
     road = band(d, foot, -1.0, _ROAD)
     r, g, b = r + (tar - r) * road, g + (tar - g) * road, b + (tar * 1.05 - b) * road
     dash = band(near_t, ft, -0.07, 0.07) * pulse(s / 6.0, fs / 6.0, 0.0, 0.5) if across > _KERB else 0.0
@@ -187,17 +186,23 @@ def ground(data, s, t, hs, ht, fs, ft, lf):
     return r + (0.62 - r) * dash, g + (0.62 - g) * dash, b + (0.6 - b) * dash
 
 
-@njit(fastmath=True)
-def foliage(data, row, x, y, z, lf):
-    """Leaves: strong contrast at the scale of leaves and of twigs."""
+@compiled.function
+def foliage(data, row, x, y, z, nx, ny, nz, lf):
+    """Leaves: strong contrast at the scale of leaves and of twigs, projected along the facet's main axis."""
+    if abs(nz) > max(abs(nx), abs(ny)):
+        u, v = x, y
+    elif abs(nx) > abs(ny):
+        u, v = y, z
+    else:
+        u, v = x, z
     seed = data[row + m.SEED]
-    leaf = fractal(data, x * 0.8 + z * 0.77 + seed, y * 0.9 - z * 0.51, 0.0125, lf)
-    twig = fractal(data, x - z * 0.63, y + z * 0.81 + seed, 0.041, lf)
-    k = max(0.25, 1.0 + 0.34 * leaf + 0.3 * twig)
+    leaf = fractal(data, u + seed, v - seed, 0.017, lf)
+    twig = fractal(data, u * 0.77 - v * 0.64, v * 0.77 + u * 0.64 + seed, 0.041, lf)
+    k = max(0.25, 1.0 + 0.42 * leaf + 0.28 * twig)
     return data[row] * k * (1.0 + 0.12 * twig), data[row + 1] * k, data[row + 2] * k * (1.0 - 0.1 * leaf)
 
 
-@njit(fastmath=True)
+@compiled.function
 def plain(data, row, u, v, lf, strength, texel_m):
     """One colour with noise of a strength."""
     k = 1.0 + strength * (fractal(data, u + data[row + m.SEED] * 3.3, v, texel_m, lf)
@@ -206,7 +211,7 @@ def plain(data, row, u, v, lf, strength, texel_m):
     return data[row] * k, data[row + 1] * k, data[row + 2] * k
 
 
-@njit(fastmath=True)
+@compiled.function
 def wood(data, row, u, v, du, lf):
     """Planks, each of its own tone, with gaps."""
     plank = cell_hash(int(math.floor(u / 0.16)), 3, int(data[row + m.SEED])) - 0.5

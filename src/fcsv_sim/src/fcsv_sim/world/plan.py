@@ -65,8 +65,8 @@ class TownPlan:
         far = np.clip((x - 55.0) / 400.0, 0.0, None)
         waves = np.sin(x / 47.0 + p[0]) * np.sin(y / 61.0 + p[1]) + 0.6 * np.sin(x / 23.0 + y / 29.0 + p[2])
         hill = np.clip((x - FAR_M - 12.0 * np.sin(y / 70.0 + p[3])) / 150.0, 0.0, 1.0)
-        crest = 52.0 + 16.0 * np.sin(y / 95.0 + p[4]) + 7.0 * np.sin(y / 33.0 + p[5])
-        return 44.0 * far**1.35 + 1.3 * waves * np.clip(far * 6, 0.0, 1.0) + crest * hill**2 * (3.0 - 2.0 * hill)
+        crest = 42.0 + 15.0 * np.sin(y / 95.0 + p[4]) + 7.0 * np.sin(y / 33.0 + p[5])
+        return 72.0 * far**1.12 + 1.3 * waves * np.clip(far * 6, 0.0, 1.0) + crest * hill**2 * (3.0 - 2.0 * hill)
 
     def world(self, s: float, t: float):
         """x, y, z (m) on the ground of a place in the plan."""

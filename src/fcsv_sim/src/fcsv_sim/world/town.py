@@ -69,7 +69,7 @@ def _parcels(mesh: MeshBuilder, plan: TownPlan, random) -> np.ndarray:
                 8.5,
                 [0.7, 0.69, 0.66],
             )
-        elif random.random() < 0.1:
+        elif random.random() < (0.3 if parcel.s < 48 else 0.1):
             spots.append(_spread(parcel, random, 9))
         else:
             _built(mesh, plan, parcel, random)
@@ -161,7 +161,7 @@ def _foreground(mesh: MeshBuilder, plan: TownPlan, random) -> None:
     spots = np.array([[13.2, side * random.uniform(4.6, 5.8)], [17.5, -side * random.uniform(6.5, 9.0)],
                       [20.0, side * random.uniform(12.0, 15.0)]])  # fmt: skip
     base = np.column_stack([spots, plan.height(*spots.T)])
-    vegetation.trees(mesh, base, random.uniform([6.6, 6.0, 7.5], [7.6, 8.0, 10.5]), random, 16, 2, 1500)
+    vegetation.trees(mesh, base, random.uniform([5.4, 5.6, 7.0], [6.4, 7.2, 9.5]), random, 18, 2, 2200)
     furniture.lamp_post(mesh, Placement(16.0, side * random.uniform(1.2, 2.4), 0.0, -np.pi / 2), 6.4)
     x, y = random.uniform(14, 20, 14), random.uniform(-16, 16, 14)
     size = random.uniform(0.3, 0.8, (14, 1)) * [1.0, 1.0, 0.9]
@@ -191,9 +191,9 @@ def _plant(mesh: MeshBuilder, plan: TownPlan, spots: np.ndarray, random) -> None
 
 def _hills(mesh: MeshBuilder, plan: TownPlan, random) -> None:
     """Woods on the hills, in patches."""
-    x, y = random.uniform(FAR_M + 5, HILLS_END_M, 2600), random.uniform(-380, 380, 2600)
-    woods = np.sin(x / 31 + plan.ground_phase[0]) + np.sin(y / 47 + plan.ground_phase[1]) + random.normal(0, 0.5, 2600)
-    x, y = x[woods > 0.1], y[woods > 0.1]
+    x, y = random.uniform(FAR_M + 5, HILLS_END_M, 3600), random.uniform(-390, 390, 3600)
+    woods = np.sin(x / 31 + plan.ground_phase[0]) + np.sin(y / 47 + plan.ground_phase[1]) + random.normal(0, 0.5, 3600)
+    x, y = x[woods > -0.35], y[woods > -0.35]
     base = np.column_stack([x, y, plan.height(x, y)])
     vegetation.trees(mesh, base, random.uniform(7, 14, len(x)), random, 2, 1)
 

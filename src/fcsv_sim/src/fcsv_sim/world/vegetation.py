@@ -43,7 +43,7 @@ def trees(
         return
     count = len(base)
     crown = height * random.uniform(0.30, 0.42, count)  # half height of the crown
-    width = crown * random.uniform(0.65, 1.05, count)
+    width = crown * random.uniform(0.55, 0.95, count)
     centre = base + np.stack([np.zeros(count), np.zeros(count), height - crown], -1)
     rows = np.zeros((count, 8))
     rows[:, :3] = _GREENS[random.integers(0, len(_GREENS), count)] * random.uniform(0.75, 1.35, (count, 1))
