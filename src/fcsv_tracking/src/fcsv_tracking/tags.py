@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """AprilTags (tag36h11) in a picture: corners by the AprilRobotics detector, pose by IPPE and refinement."""
 
+import os
 from dataclasses import dataclass
 from typing import List, Mapping, Optional, Tuple
 
@@ -49,6 +50,7 @@ class TagDetector:
         if gray.dtype != np.uint8 or gray.ndim != 2:
             raise ValueError(f"picture must be HxW uint8, got {gray.shape} {gray.dtype}")
         found = []
+        os.path.exists("")  # the binding takes an old EAGAIN of this thread for its own: leave another errno there
         for raw in self._detector.detect(np.ascontiguousarray(gray)):
             size_m = self._sizes_m.get(raw["id"])
             if size_m is None or raw["hamming"] > 1 or raw["margin"] < 20.0:
