@@ -38,7 +38,7 @@ class Renderer:
     """Holds a town's ray caster and tables; not thread-safe."""
 
     def __init__(self, town: Town, quality: Quality = Quality()):
-        self._quality = quality
+        self.quality = quality
         self._caster = make_caster(town.vertices, town.triangles, quality.threads)
         self._tables = build_tables(town, self._distances)
         self._camera = None
@@ -62,7 +62,7 @@ class Renderer:
         depth = np.empty((camera.height, camera.width), np.float32)
         sampling.collect(self._rays, self._order, shaded, *self._tables[:3], values.reshape(-1, 3), depth.ravel(),
                          self._surface.ravel())  # fmt: skip
-        if self._quality.samples > 1:
+        if self.quality.samples > 1:
             self._refine_edges(values, R, p, exposure)
         draw_bodies(bodies, T_world_cam, camera, self._directions, exposure, values, depth)
         return values, depth
@@ -93,7 +93,7 @@ class Renderer:
             if count <= most:
                 break
             threshold *= 1.5
-        offsets = sampling.OFFSETS[self._quality.samples]
+        offsets = sampling.OFFSETS[self.quality.samples]
         each = len(offsets)
         rays, source, wanted = (
             ray_buffer(count * each),

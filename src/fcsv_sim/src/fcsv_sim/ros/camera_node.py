@@ -9,6 +9,7 @@ from typing import List, Tuple
 import cv2
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Bool
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
@@ -35,8 +36,8 @@ class CameraNodeParameters:
     vehicles_dir: str
     sim_dir: str
     seed: int = 1
-    rate_hz: float = 6.0
-    samples: int = 5
+    rate_hz: float = 5.0
+    samples: int = 3  # while pictures are recorded; previews take one
 
     def __post_init__(self):
         if self.rate_hz <= 0:
@@ -54,14 +55,19 @@ class CameraNode:
         self._others: List = [(g, TruthReader(parameters.sim_dir, n)) for n, g in geometries.items() if n != name]
         self._truth = TruthReader(parameters.sim_dir, name)
         cv2.setNumThreads(1)  # the machine is shared with everything that flies
-        renderer = Renderer(Town.generate(parameters.seed), Quality(parameters.samples))
+        self._renderer = Renderer(Town.generate(parameters.seed), Quality(1))
         seed = parameters.seed * 1000 + geometries[name].system_id
-        self._camera = SimulatedCamera(renderer, geometries[name].T_body_cam, CameraParameters(), seed)
+        self._camera = SimulatedCamera(self._renderer, geometries[name].T_body_cam, CameraParameters(), seed)
         self._frame = f"{name}/camera_color_optical_frame"
         self._notes = self._open_notes()
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)
         self._infos = rospy.Publisher("camera/color/camera_info", CameraInfo, queue_size=2)
+        rospy.Subscriber("recorder/pictures", Bool, self._on_recording, queue_size=1)
+
+    def _on_recording(self, message: Bool) -> None:
+        """What is kept is rendered more finely than what is only looked at."""
+        self._renderer.quality = Quality(self._parameters.samples if message.data else 1)
 
     def spin(self) -> None:
         """Take pictures at the wished rate, or as fast as it goes."""
