@@ -62,18 +62,46 @@ def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
     """
     q = np.asarray(q_a_b_xyzw, float)
     p = np.asarray(p_a_b_m, float)
-    norm = np.linalg.norm(q)
+    norm = float(np.sqrt(q @ q))
     if not (np.isfinite(p).all() and np.isfinite(norm)):
         raise GeometryError(f"pose is not finite: position {p.tolist()}, quaternion {q.tolist()}")
     if abs(norm - 1.0) > 0.01:
         raise GeometryError(f"quaternion {q.tolist()} has length {norm:.3g}, not 1")
-    return transform(Rotation.from_quat(q / norm).as_matrix(), p)
+    x, y, z, w = (q / norm).tolist()  # written out: poses come in at hundreds of hertz
+    R_a_b = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return transform(R_a_b, p)
 
 
 def quaternion_xyzw(T_a_b: np.ndarray) -> np.ndarray:
     """q_a_b (x, y, z, w) of the rotation, with w >= 0."""
     q = Rotation.from_matrix(T_a_b[:3, :3]).as_quat()
     return q if q[3] >= 0 else -q
+
+
+def fast_quaternion_xyzw(T_a_b: np.ndarray):
+    """quaternion_xyzw() without scipy, for what runs hundreds of times a second (Shepperd's method); a tuple.
+
+    >>> T = from_xyz_rpy([0, 0, 0], [3.0, -0.2, 2.5])
+    >>> np.allclose(fast_quaternion_xyzw(T), quaternion_xyzw(T))
+    True
+    """
+    (a, b, c), (d, e, f), (g, h, i) = T_a_b[:3, :3].tolist()
+    largest = max(a + e + i, a, e, i)
+    if largest == a + e + i:
+        q = (h - f, c - g, d - b, 1 + a + e + i)
+    elif largest == a:
+        q = (1 + a - e - i, b + d, c + g, h - f)
+    elif largest == e:
+        q = (b + d, 1 - a + e - i, f + h, c - g)
+    else:
+        q = (c + g, f + h, 1 - a - e + i, d - b)
+    norm = (q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2) ** 0.5
+    norm = norm if q[3] >= 0 else -norm
+    return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
 
 
 def rpy(T_a_b: np.ndarray) -> np.ndarray:

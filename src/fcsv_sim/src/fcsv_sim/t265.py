@@ -5,11 +5,11 @@ Its odometry frame is level, begins where it was switched on, and has a yaw of i
 drifts by about 1 % of the distance, heading slowly; it may jump (the thesis saw 30 m at take-off).
 """
 
+import math
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 
@@ -39,7 +39,7 @@ class T265:
         self._yaw_origin = self._random.uniform(-np.pi, np.pi)
         self._scale = 1.0 + self._random.normal(0.0, errors.scale)
         level = np.radians(errors.level_deg) * self._random.standard_normal(2)
-        self._R_level = Rotation.from_rotvec([level[0], level[1], 0.0]).as_matrix()
+        self._R_level = _small_rotation(np.array([level[0], level[1], 0.0]))
         self._noise = np.zeros(6)
         self._p_before: Optional[np.ndarray] = None
         self._p_odom = np.zeros(3)
@@ -64,14 +64,16 @@ class T265:
         dt_s = max(stamp_s - self._stamp_s, 1e-4)
         noise = self._coloured_noise(dt_s)
         R_odom_world = self._R_odom_world()
-        R = self._R_level @ Rotation.from_rotvec(noise[3:]).as_matrix() @ R_odom_world @ T_world_t265[:3, :3]
+        R = self._R_level @ _small_rotation(noise[3:]) @ R_odom_world @ T_world_t265[:3, :3]
         T_odom_t265 = transforms.transform(R, self._p_odom + noise[:3])
         linear, angular = self._velocities(T_world_t265, dt_s)
         self._T_before, self._stamp_s = T_world_t265, stamp_s
         return T_odom_t265, linear, angular
 
     def _R_odom_world(self) -> np.ndarray:
-        return Rotation.from_euler("z", self._yaw_origin + self._heading_drift).as_matrix()
+        yaw = self._yaw_origin + self._heading_drift
+        c, s = math.cos(yaw), math.sin(yaw)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def _drift(self, step: np.ndarray, distance: float) -> None:
         root = np.sqrt(distance)
@@ -89,5 +91,12 @@ class T265:
     def _velocities(self, T_world_t265: np.ndarray, dt_s: float):
         R = T_world_t265[:3, :3]
         linear = R.T @ (T_world_t265[:3, 3] - self._T_before[:3, 3]) / dt_s
-        angular = Rotation.from_matrix(self._T_before[:3, :3].T @ R).as_rotvec() / dt_s
-        return linear, angular
+        step = self._T_before[:3, :3].T @ R  # 5 ms: the skew part is the rotation vector
+        return linear, 0.5 * np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / dt_s
+
+
+def _small_rotation(r: np.ndarray) -> np.ndarray:
+    """Rotation of a vector of at most a few thousandths of a radian, to second order (orthonormal to 1e-9)."""
+    x, y, z = r.tolist()
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + K + 0.5 * (K @ K)

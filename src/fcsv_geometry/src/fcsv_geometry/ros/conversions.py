@@ -26,7 +26,7 @@ def pose_to_transform(pose: Pose) -> np.ndarray:
 
 
 def transform_to_pose(T_a_b: np.ndarray) -> Pose:
-    return Pose(Point(*T_a_b[:3, 3]), Quaternion(*transforms.quaternion_xyzw(T_a_b)))
+    return Pose(Point(*T_a_b[:3, 3]), Quaternion(*transforms.fast_quaternion_xyzw(T_a_b)))
 
 
 def pose_stamped(T_a_b: np.ndarray, stamp_s: float, frame_a: str) -> PoseStamped:
@@ -34,7 +34,7 @@ def pose_stamped(T_a_b: np.ndarray, stamp_s: float, frame_a: str) -> PoseStamped
 
 
 def transform_stamped(T_a_b: np.ndarray, stamp_s: float, frame_a: str, frame_b: str) -> TransformStamped:
-    q = Quaternion(*transforms.quaternion_xyzw(T_a_b))
+    q = Quaternion(*transforms.fast_quaternion_xyzw(T_a_b))
     return TransformStamped(header(stamp_s, frame_a), frame_b, Transform(Vector3(*T_a_b[:3, 3]), q))
 
 

@@ -46,7 +46,7 @@ class T265Node:
         T_odom_t265, linear, angular = self._t265.odometry(stamp_s, self._truth.at(stamp_s))
         message = Odometry(header=conversions.header(stamp_s, f"{self._name}/t265_odom_frame"))
         message.child_frame_id = f"{self._name}/t265_pose_frame"
-        q = Quaternion(*transforms.quaternion_xyzw(T_odom_t265))
+        q = Quaternion(*transforms.fast_quaternion_xyzw(T_odom_t265))
         message.pose.pose = Pose(Point(*T_odom_t265[:3, 3]), q)
         message.twist.twist = Twist(Vector3(*linear), Vector3(*angular))
         message.pose.covariance = message.twist.covariance = self._pose_covariance
