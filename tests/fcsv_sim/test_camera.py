@@ -11,7 +11,7 @@ import pytest
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_sim.camera import CameraParameters, SimulatedCamera
-from fcsv_sim.render.renderer import Quality, Renderer
+from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.truth import TruthWriter
 from fcsv_sim.world.town import Town
 
@@ -21,12 +21,12 @@ ABOVE_FIELD = transforms.from_xyz_rpy([1, 0, 8], [0, 0, 0])
 
 @pytest.fixture(scope="module")
 def renderer():
-    return Renderer(Town.generate(1), Quality(samples=1))
+    return Renderer(Town.generate(1))
 
 
 def shoot(renderer, seed=1, count=1, **parameters):
     camera = SimulatedCamera(renderer, T_BODY_CAM, CameraParameters(**parameters), seed)
-    return camera, [camera.shoot(0.2 * i, ABOVE_FIELD) for i in range(count)]
+    return camera, [camera.shoot(0.2 * i, ABOVE_FIELD, samples=1) for i in range(count)]
 
 
 def test_a_seed_repeats_its_pictures_and_another_does_not(renderer):

@@ -9,7 +9,7 @@ from fcsv_geometry import transforms
 from fcsv_sim import world_command
 from fcsv_sim.camera import CameraParameters
 from fcsv_sim.errors import SimulationError
-from fcsv_sim.render.renderer import Quality, Renderer
+from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.world import materials
 from fcsv_sim.world.export import write_ply
 from fcsv_sim.world.town import Town
@@ -53,8 +53,8 @@ def test_nothing_stands_where_vehicles_fly(seed):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_depth_at_all_ranges(seed):
     """What the mapping is judged on: sky a quarter of the picture, something at every distance up to the hills."""
-    renderer = Renderer(Town.generate(seed), Quality(samples=1))
-    depth = renderer.render(forward(1, 0, 8), CameraParameters().model)[1]
+    renderer = Renderer(Town.generate(seed))
+    depth = renderer.render(forward(1, 0, 8), CameraParameters().model, samples=1)[1]
     seen = depth[np.isfinite(depth)]
     assert 0.15 < 1 - seen.size / depth.size < 0.32
     assert 8.0 < seen.min() < 16.0

@@ -76,12 +76,15 @@ class SimulatedCamera:
         """Gain of the next picture."""
         return self._exposure
 
-    def shoot(self, stamp_s: float, T_world_body: np.ndarray, others: Sequence[Body] = ()) -> Shot:
-        """A picture at mid-exposure ``stamp_s`` from a body that already vibrates; others are seen where they are."""
+    def shoot(self, stamp_s: float, T_world_body: np.ndarray, others: Sequence[Body] = (), samples: int = 5) -> Shot:
+        """A picture at mid-exposure ``stamp_s`` from a body that already vibrates; others are seen where they are.
+
+        ``samples`` as in Renderer.
+        """
         shake = np.radians(self._parameters.mount_deg) * self._random.standard_normal(3)
         T_mount = transforms.transform(Rotation.from_rotvec(shake).as_matrix(), np.zeros(3))
         T_world_cam = T_world_body @ self._T_body_cam @ T_mount
-        values, depth = self._renderer.values(T_world_cam, self.model, self._exposure, others)
+        values, depth = self._renderer.values(T_world_cam, self.model, self._exposure, others, samples)
         if self._parameters.blur_px > 0:
             values = cv2.GaussianBlur(values, (5, 5), self._parameters.blur_px)
         rgb = np.empty(values.shape, np.uint8)

@@ -17,6 +17,7 @@ from fcsv_sim.render.tag import tag_bitmap
 compiled.drop_stale(__file__, "light")
 
 _SAMPLES = 16
+_NOTHING = 1e30  # distance of what is not hit
 _MOTORS = [(x, y) for x in (-0.088, 0.088) for y in (-0.088, 0.088)]
 _ROTOR_Z, _ROTOR_RADIUS, _ROTOR_OPACITY = 0.055, 0.064, 0.35
 _S0, _S1, _S2 = (float(v) for v in SUN)
@@ -31,7 +32,7 @@ class Body:
 
 
 def _parts() -> np.ndarray:
-    """Boxes (K, 13): centre (3), half size (3), yaw, colour (3), spare: 0.36 x 0.30 x 0.19 m over all, in the body."""
+    """Boxes (K, 11) in the body: centre, half size, cosine and sine of the yaw, colour; with tag 0.27 x 0.30 x 0.2 m."""
     dark, grey, red = (0.022, 0.022, 0.025), (0.10, 0.10, 0.11), (0.35, 0.03, 0.02)
     parts = [
         ((-0.01, 0.0, 0.0), (0.10, 0.045, 0.028), 0.0, dark),
@@ -44,10 +45,22 @@ def _parts() -> np.ndarray:
         parts.append(((x / 2, y / 2, 0.01), (0.062, 0.011, 0.006), math.atan2(y, x), dark))
         parts.append(((x, y, 0.03), (0.014, 0.014, 0.022), 0.0, red if x > 0 else grey))
         parts.append(((x, y, -0.04), (0.006, 0.006, 0.045), 0.0, dark))
-    return np.array([[*c, *h, yaw, *colour] for c, h, yaw, colour in parts])
+    return np.array([[*c, *h, math.cos(yaw), math.sin(yaw), *colour] for c, h, yaw, colour in parts])
+
+
+def _box_corners(boxes: np.ndarray) -> np.ndarray:
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    local = signs * boxes[:, None, 3:6]
+    c, s = boxes[:, None, 6], boxes[:, None, 7]
+    turned = np.stack([c * local[..., 0] - s * local[..., 1], s * local[..., 0] + c * local[..., 1], local[..., 2]], -1)
+    return turned + boxes[:, None, :3]
 
 
 _BOXES = _parts()
+_BOX_CORNERS = _box_corners(_BOXES)
+_SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+_REACH = 0.088 + _ROTOR_RADIUS
+_ROTOR_CORNERS = np.concatenate([_SQUARE * _REACH + [0, 0, _ROTOR_Z - e] for e in (0.0, 1e-3)])
 
 
 def sample_offsets(count: int = _SAMPLES) -> np.ndarray:
@@ -66,31 +79,38 @@ def draw_bodies(bodies: Sequence[Body], T_world_cam: np.ndarray, camera: Pinhole
     """Draw into values (H,W,3) and depth (H,W; NaN where there is nothing), farthest first."""
     placed = [(transforms.invert(T_world_cam) @ b.T_world_body, b) for b in bodies]
     for T_cam_body, body in sorted(placed, key=lambda p: -p[0][2, 3]):
-        window = _window(T_cam_body[:3, 3], body.geometry.radius_m + 0.1, camera)
-        if window is None:
+        if T_cam_body[2, 3] < 2 * body.geometry.radius_m:
+            continue  # behind the camera, or in it
+        T_body_tag, size_m = body.geometry.T_body_tag, body.geometry.tag_size_m
+        windows = _windows(T_cam_body, T_body_tag, size_m, camera)
+        if windows is None:
             continue
-        T_body_tag = body.geometry.T_body_tag
         _draw(
-            values, depth, directions, window, _OFFSETS, transforms.invert(T_cam_body), body.T_world_body[:3, :3],
-            transforms.invert(T_body_tag), _BOXES, tag_bitmap(body.geometry.tag_id), body.geometry.tag_size_m, exposure,
+            values, depth, directions, windows, _OFFSETS, transforms.invert(T_cam_body), body.T_world_body[:3, :3],
+            transforms.invert(T_body_tag), _BOXES, tag_bitmap(body.geometry.tag_id), size_m, exposure,
         )  # fmt: skip
 
 
-def _window(p_cam: np.ndarray, radius_m: float, camera: PinholeCamera):
-    """Pixel rectangle (u0, v0, u1, v1) around a ball, or None where it is not in the picture."""
-    if p_cam[2] < 2 * radius_m:
-        return None
-    (u, v) = camera.project(p_cam)[0]
-    reach = 1.2 * camera.fx * radius_m / (p_cam[2] - radius_m) + 2
-    u0, v0 = max(0, int(u - reach)), max(0, int(v - reach))
-    u1, v1 = min(camera.width, int(u + reach) + 1), min(camera.height, int(v + reach) + 1)
-    return (u0, v0, u1, v1) if u0 < u1 and v0 < v1 and np.isfinite([u, v]).all() else None
+def _windows(T_cam_body, T_body_tag, tag_size_m: float, camera: PinholeCamera):
+    """Pixel rectangles (u0, v0, u1, v1) of every box, the tag, the rotors, and all together, or None where the
+    body is not in the picture: what cannot be seen in a pixel is not tried there."""
+    plate = transforms.apply(T_body_tag, _SQUARE * tag_size_m * 0.625)
+    corners = np.concatenate([_BOX_CORNERS, _ROTOR_CORNERS[None], np.tile(plate, (1, 2, 1))])
+    corners = corners[[*range(len(_BOXES)), -1, -2]]
+    p_cam = transforms.apply(T_cam_body, corners.reshape(-1, 3))
+    uv = camera.project(p_cam).reshape(len(corners), -1, 2)
+    low, high = np.floor(uv.min(1)) - 1, np.ceil(uv.max(1)) + 2
+    rectangles = np.concatenate([low, high], 1)
+    rectangles = np.concatenate([rectangles, [[*low.min(0), *high.max(0)]]])
+    rectangles = np.clip(rectangles, 0, [camera.width, camera.height] * 2)
+    seen = np.isfinite(uv).all() and (rectangles[-1, 2:] > rectangles[-1, :2]).all()
+    return rectangles.astype(np.int64) if seen else None
 
 
 @compiled.function
 def _hit_box(box, o, d):
     """Nearest t > 0 of a ray and a box turned about z; and the face's normal (body frame). t = inf: none."""
-    c, s = math.cos(box[6]), math.sin(box[6])
+    c, s = box[6], box[7]
     qx, qy = o[0] - box[0], o[1] - box[1]
     ox, oy, oz = c * qx + s * qy, c * qy - s * qx, o[2] - box[2]
     dx, dy, dz = c * d[0] + s * d[1], c * d[1] - s * d[0], d[2]
@@ -106,24 +126,25 @@ def _hit_box(box, o, d):
             low, axis, sign = t0, k, (-1.0 if b > 0 else 1.0)
         high = min(high, t1)
     if low > high or low <= 0.0:
-        return np.inf, 0.0, 0.0, 0.0
+        return _NOTHING, 0.0, 0.0, 0.0
     if axis == 2:
         return low, 0.0, 0.0, sign
     return (low, c * sign, s * sign, 0.0) if axis == 0 else (low, -s * sign, c * sign, 0.0)
 
 
 @compiled.function
-def _trace(o, d, boxes, T_tag_body, bitmap, size_m, light):
+def _trace(o, d, boxes, tried, count, with_tag, T_tag_body, bitmap, size_m, light):
     """Nearest part: t, r, g, b (radiance before haze). light: sun's direction in the body frame, then world's up."""
-    best, r, g, b = np.inf, 0.0, 0.0, 0.0
+    best, r, g, b = _NOTHING, 0.0, 0.0, 0.0
     nx, ny, nz = 0.0, 0.0, 0.0
-    for i in range(len(boxes)):
+    for k in range(count):
+        i = tried[k]
         t, x, y, z = _hit_box(boxes[i], o, d)
         if t < best:
-            best, nx, ny, nz, r, g, b = t, x, y, z, boxes[i, 7], boxes[i, 8], boxes[i, 9]
+            best, nx, ny, nz, r, g, b = t, x, y, z, boxes[i, 8], boxes[i, 9], boxes[i, 10]
     oz = T_tag_body[2, 0] * o[0] + T_tag_body[2, 1] * o[1] + T_tag_body[2, 2] * o[2] + T_tag_body[2, 3]
     dz = T_tag_body[2, 0] * d[0] + T_tag_body[2, 1] * d[1] + T_tag_body[2, 2] * d[2]
-    if abs(dz) > 1e-9:
+    if with_tag and abs(dz) > 1e-9:
         t = -oz / dz
         if 0.0 < t < best:
             x, y, z = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
@@ -152,46 +173,71 @@ def _rotor_veil(o, d, best):
     return 1.0 - _ROTOR_OPACITY if x * x + y * y < _ROTOR_RADIUS * _ROTOR_RADIUS else 1.0
 
 
-@compiled.kernel
-def _draw(
-    values, depth, directions, window, offsets, T_body_cam, R_world_body, T_tag_body, boxes, bitmap, size_m, exposure
-):
-    """Area-sampled: every sample is the body, seen through its rotors, or what the picture shows behind it."""
-    height, width = depth.shape
-    o = T_body_cam[:3, 3].copy()
+@compiled.function
+def _light_in_body(R_world_body):
+    """The sun's direction and the world's up, in the body."""
     light = np.zeros(6)
     for k in range(3):
         light[k] = R_world_body[0, k] * _S0 + R_world_body[1, k] * _S1 + R_world_body[2, k] * _S2
         light[3 + k] = R_world_body[2, k]
-    d, c = np.zeros(3), np.zeros(3)
-    u0, v0, u1, v1 = window
-    for v in range(v0, v1):
-        for u in range(u0, u1):
-            ua, ub, va, vb = max(u - 1, 0), min(u + 1, width - 1), max(v - 1, 0), min(v + 1, height - 1)
-            behind = depth[v, u] if depth[v, u] == depth[v, u] else np.inf
-            sums = np.zeros(3)
-            for s in range(len(offsets) + 1):
-                # the last sample is the pixel's centre: it decides the depth
-                a = offsets[s, 0] / (ub - ua) if s < len(offsets) else 0.0
-                b = offsets[s, 1] / (vb - va) if s < len(offsets) else 0.0
-                for k in range(3):
-                    c[k] = directions[v, u, k] + a * (directions[v, ub, k] - directions[v, ua, k])
-                    c[k] += b * (directions[vb, u, k] - directions[va, u, k])
-                for k in range(3):
-                    d[k] = T_body_cam[k, 0] * c[0] + T_body_cam[k, 1] * c[1] + T_body_cam[k, 2] * c[2]
-                t, r, g, bl = _trace(o, d, boxes, T_tag_body, bitmap, size_m, light)
-                if s == len(offsets):
-                    if t < behind:
-                        depth[v, u] = t
-                    continue
-                veil = _rotor_veil(o, d, min(t, behind))
+    return light
+
+
+@compiled.function
+def _inside(window, u, v):
+    return window[0] <= u < window[2] and window[1] <= v < window[3]
+
+
+@compiled.function
+def _ray(directions, u, v, du, dv, R, d):
+    """Direction in the body of a place (du, dv) off the centre of a pixel, between its neighbours' directions."""
+    height, width = directions.shape[:2]
+    ua, ub, va, vb = max(u - 1, 0), min(u + 1, width - 1), max(v - 1, 0), min(v + 1, height - 1)
+    a, b = du / (ub - ua), dv / (vb - va)
+    x = directions[v, u, 0] + a * (directions[v, ub, 0] - directions[v, ua, 0])
+    x += b * (directions[vb, u, 0] - directions[va, u, 0])
+    y = directions[v, u, 1] + a * (directions[v, ub, 1] - directions[v, ua, 1])
+    y += b * (directions[vb, u, 1] - directions[va, u, 1])
+    for k in range(3):
+        d[k] = R[k, 0] * x + R[k, 1] * y + R[k, 2]
+
+
+@compiled.kernel
+def _draw(
+    values, depth, directions, windows, offsets, T_body_cam, R_world_body, T_tag_body, boxes, bitmap, size_m, exposure
+):
+    """Area-sampled: every sample is the body, seen through its rotors, or what the picture shows behind it."""
+    o, R = T_body_cam[:3, 3].copy(), T_body_cam[:3, :3].copy()
+    light, d, sums = _light_in_body(R_world_body), np.zeros(3), np.zeros(3)
+    tried, parts = np.zeros(len(boxes), np.int64), len(boxes)
+    whole = windows[parts + 2]
+    for v in range(whole[1], whole[3]):
+        for u in range(whole[0], whole[2]):
+            count = 0
+            for i in range(parts):
+                if _inside(windows[i], u, v):
+                    tried[count] = i
+                    count += 1
+            with_tag, veiled = _inside(windows[parts], u, v), _inside(windows[parts + 1], u, v)
+            if count == 0 and not with_tag and not veiled:
+                continue
+            behind = _NOTHING if np.isnan(depth[v, u]) else depth[v, u]
+            sums[:] = 0.0
+            for s in range(len(offsets)):
+                _ray(directions, u, v, offsets[s, 0], offsets[s, 1], R, d)
+                t, r, g, b = _trace(o, d, boxes, tried, count, with_tag, T_tag_body, bitmap, size_m, light)
+                veil = _rotor_veil(o, d, min(t, behind)) if veiled else 1.0
                 if t < behind:
-                    r, g, bl = haze(r, g, bl, t)
+                    r, g, b = haze(r, g, b, t)
                     sums[0] += veil * respond(r * exposure)
                     sums[1] += veil * respond(g * exposure)
-                    sums[2] += veil * respond(bl * exposure)
+                    sums[2] += veil * respond(b * exposure)
                 else:
                     for k in range(3):
                         sums[k] += veil * values[v, u, k]
             for k in range(3):
                 values[v, u, k] = sums[k] / len(offsets)
+            _ray(directions, u, v, 0.0, 0.0, R, d)
+            t = _trace(o, d, boxes, tried, count, with_tag, T_tag_body, bitmap, size_m, light)[0]
+            if t < behind:
+                depth[v, u] = t

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of a town, with their true depth, from any pose."""
 
-from dataclasses import dataclass
 from typing import Sequence, Tuple
 
 import numpy as np
@@ -17,42 +16,39 @@ from fcsv_sim.render.tables import build_tables
 from fcsv_sim.world.town import Town
 
 _EDGE_CONTRAST = 0.06
+_MOST_SAMPLES = max(sampling.OFFSETS)
 _MOST_EDGES = 0.2  # share of pixels that get extra rays, at most: bounds the time of a picture
 
 
-@dataclass(frozen=True)
-class Quality:
-    """``samples``: rays per pixel where surfaces meet (1, 3 or 5); ``threads``: of the ray caster."""
-
-    samples: int = 5
-    threads: int = 1
-
-    def __post_init__(self):
-        if self.samples not in (1, *sampling.OFFSETS):
-            raise ValueError(f"samples: {self.samples} must be 1 (previews), 3 or 5 (antialiased edges)")
-        if self.threads < 1:
-            raise ValueError(f"threads: {self.threads} must be at least 1")
+def require_samples(samples: int) -> int:
+    """The number back where it is one that a picture can be made with; else ValueError."""
+    if samples not in (1, *sampling.OFFSETS):
+        raise ValueError(f"samples: {samples} must be 1 (previews), 3 or 5 (antialiased edges)")
+    return samples
 
 
 class Renderer:
-    """Holds a town's ray caster and tables; not thread-safe."""
+    """Holds a town's ray caster (of ``threads`` threads), tables and buffers; not thread-safe.
 
-    def __init__(self, town: Town, quality: Quality = Quality()):
-        self.quality = quality
-        self._caster = make_caster(town.vertices, town.triangles, quality.threads)
+    ``samples``: rays per pixel where surfaces meet: 1 for previews, 3 or 5 for antialiased edges.
+    """
+
+    def __init__(self, town: Town, threads: int = 1):
+        self._caster = make_caster(town.vertices, town.triangles, threads)
         self._tables = build_tables(town, self._distances)
         self._camera = None
 
     def render(self, T_world_cam: np.ndarray, camera: PinholeCamera, exposure: float = 1.0,
-               bodies: Sequence[Body] = ()) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
+               bodies: Sequence[Body] = (), samples: int = 5) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """rgb (H,W,3) uint8 and depth (H,W) float32: metres along the optical axis, NaN for sky."""
-        values, depth = self.values(T_world_cam, camera, exposure, bodies)
+        values, depth = self.values(T_world_cam, camera, exposure, bodies, samples)
         return (values * 255.0 + 0.5).astype(np.uint8), depth
 
     def values(self, T_world_cam: np.ndarray, camera: PinholeCamera, exposure: float = 1.0,
-               bodies: Sequence[Body] = ()) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
+               bodies: Sequence[Body] = (), samples: int = 5) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """The same before it is made into bytes: float32 0..1. Raises GeometryError where the pose is none."""
         T_world_cam = require_rigid(T_world_cam, "T_world_cam")
+        require_samples(samples)
         self._prepare(camera)
         R, p = np.ascontiguousarray(T_world_cam[:3, :3]), np.ascontiguousarray(T_world_cam[:3, 3])
         sampling.fill_rays(self._directions.reshape(-1, 3), self._order, R, p, self._rays)
@@ -62,8 +58,8 @@ class Renderer:
         depth = np.empty((camera.height, camera.width), np.float32)
         sampling.collect(self._rays, self._order, shaded, *self._tables[:3], values.reshape(-1, 3), depth.ravel(),
                          self._surface.ravel())  # fmt: skip
-        if self.quality.samples > 1:
-            self._refine_edges(values, R, p, exposure)
+        if samples > 1:
+            self._refine_edges(values, R, p, exposure, samples)
         draw_bodies(bodies, T_world_cam, camera, self._directions, exposure, values, depth)
         return values, depth
 
@@ -78,14 +74,19 @@ class Renderer:
         self._rays = ray_buffer(len(self._order))
         self._surface = np.empty((camera.height, camera.width), np.int64)
         self._marked = np.empty((camera.height, camera.width), np.bool_)
+        self._shaded = np.empty((len(self._order), 3), np.float32)
+        # kept from picture to picture: fresh pages for tens of megabytes cost a quarter of a picture's time
+        most = (int(_MOST_EDGES * len(self._order)) + 1) * _MOST_SAMPLES
+        self._edge_rays = ray_buffer(most)
+        self._source, self._wanted = np.empty(most, np.int32), np.empty(most, np.int32)
 
     def _shade(self, rays: np.ndarray, wanted: np.ndarray, R_world_cam: np.ndarray, exposure: float) -> np.ndarray:
         """Picture values (len(wanted),3) of what the wanted ones of cast rays hit."""
-        out = np.empty((len(wanted), 3), np.float32)
+        out = self._shaded[: len(wanted)]
         shade_rays(*self._tables, R_world_cam, self._camera.fx, self._camera.fy, rays, wanted, float(exposure), out)
         return out
 
-    def _refine_edges(self, values: np.ndarray, R: np.ndarray, p: np.ndarray, exposure: float) -> None:
+    def _refine_edges(self, values: np.ndarray, R: np.ndarray, p: np.ndarray, exposure: float, samples: int) -> None:
         """More rays where surfaces meet in different colours; the strongest edges first."""
         threshold, most = _EDGE_CONTRAST, _MOST_EDGES * self._marked.size
         while True:
@@ -93,19 +94,15 @@ class Renderer:
             if count <= most:
                 break
             threshold *= 1.5
-        offsets = sampling.OFFSETS[self.quality.samples]
+        offsets = sampling.OFFSETS[samples]
         each = len(offsets)
-        rays, source, wanted = (
-            ray_buffer(count * each),
-            np.empty(count * each, np.int32),
-            np.empty(count * each, np.int32),
-        )
+        rays, source = self._edge_rays[: count * each], self._source[: count * each]
         sampling.fill_edge_rays(self._directions, self._marked, self._order, offsets, R, p, rays)
         self._caster.cast(rays)
         new = sampling.new_surfaces(
-            rays, *self._tables[:3], self._surface, self._marked, self._order, each, source, wanted
+            rays, *self._tables[:3], self._surface, self._marked, self._order, each, source, self._wanted
         )
-        extra = self._shade(rays, wanted[:new], R, exposure)
+        extra = self._shade(rays, self._wanted[:new], R, exposure)
         sampling.average_edges(values, self._marked, self._order, extra, source, each)
 
     def _distances(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -9,16 +9,16 @@ from typing import List, Tuple
 import cv2
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Bool
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicle import load_vehicles
+from fcsv_msgs.msg import RecorderStatus
 from fcsv_sim.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.render.bodies import Body
-from fcsv_sim.render.renderer import Quality, Renderer
+from fcsv_sim.render.renderer import Renderer, require_samples
 from fcsv_sim.truth import TruthReader
 from fcsv_sim.world.town import Town
 
@@ -29,19 +29,23 @@ _HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 @dataclass(frozen=True)
 class CameraNodeParameters:
-    """As given to the node; ``samples`` as in Quality."""
+    """As given to the node. Pictures have ``samples`` (as in Renderer) while this vehicle's recorder takes pictures,
+    ``preview_samples`` while it says that it does not, ``samples`` where there is no recorder."""
 
     vehicle: str
     vehicles: Tuple[str, ...]
     vehicles_dir: str
     sim_dir: str
     seed: int = 1
-    rate_hz: float = 5.0
-    samples: int = 3  # while pictures are recorded; previews take one
+    rate_hz: float = 6.0
+    samples: int = 5
+    preview_samples: int = 1
 
     def __post_init__(self):
         if self.rate_hz <= 0:
             raise ValueError(f"rate_hz: {self.rate_hz} must be positive")
+        require_samples(self.samples)
+        require_samples(self.preview_samples)
 
 
 class CameraNode:
@@ -55,19 +59,19 @@ class CameraNode:
         self._others: List = [(g, TruthReader(parameters.sim_dir, n)) for n, g in geometries.items() if n != name]
         self._truth = TruthReader(parameters.sim_dir, name)
         cv2.setNumThreads(1)  # the machine is shared with everything that flies
-        self._renderer = Renderer(Town.generate(parameters.seed), Quality(1))
+        renderer = Renderer(Town.generate(parameters.seed))
         seed = parameters.seed * 1000 + geometries[name].system_id
-        self._camera = SimulatedCamera(self._renderer, geometries[name].T_body_cam, CameraParameters(), seed)
+        self._camera = SimulatedCamera(renderer, geometries[name].T_body_cam, CameraParameters(), seed)
         self._frame = f"{name}/camera_color_optical_frame"
         self._notes = self._open_notes()
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)
         self._infos = rospy.Publisher("camera/color/camera_info", CameraInfo, queue_size=2)
-        rospy.Subscriber("recorder/pictures", Bool, self._on_recording, queue_size=1)
+        self._samples = parameters.samples
+        rospy.Subscriber("recorder/status", RecorderStatus, self._on_recorder, queue_size=1)
 
-    def _on_recording(self, message: Bool) -> None:
-        """What is kept is rendered more finely than what is only looked at."""
-        self._renderer.quality = Quality(self._parameters.samples if message.data else 1)
+    def _on_recorder(self, message: RecorderStatus) -> None:
+        self._samples = self._parameters.samples if message.pictures_on else self._parameters.preview_samples
 
     def spin(self) -> None:
         """Take pictures at the wished rate, or as fast as it goes."""
@@ -88,7 +92,7 @@ class CameraNode:
     def _take(self, stamp_s: float) -> None:
         started_s = time.perf_counter()
         T_world_body = self._truth.at(stamp_s)
-        shot = self._camera.shoot(stamp_s, T_world_body, self._others_at(stamp_s))
+        shot = self._camera.shoot(stamp_s, T_world_body, self._others_at(stamp_s), self._samples)
         self._note(shot)
         self._infos.publish(conversions.info_from_camera(self._camera.model, stamp_s, self._frame))
         self._pictures.publish(conversions.array_to_image(shot.rgb, "rgb8", stamp_s, self._frame))
@@ -133,5 +137,6 @@ def main() -> None:
             seed=int(rospy.get_param("~seed", CameraNodeParameters.seed)),
             rate_hz=float(rospy.get_param("~rate_hz", CameraNodeParameters.rate_hz)),
             samples=int(rospy.get_param("~samples", CameraNodeParameters.samples)),
+            preview_samples=int(rospy.get_param("~preview_samples", CameraNodeParameters.preview_samples)),
         )
     ).spin()

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mission as a node: a fleet of stand-ins on a real master, from WAIT_VEHICLES to a capture and an abort."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+import yaml
+
+from fcsv_geometry import transforms
+from fcsv_geometry.vehicle import load_vehicles
+
+pytestmark = pytest.mark.ros
+NAMES = ("m_front", "m_back")  # not uav1, uav2: other tests may use those on the same master
+
+
+def until(condition, timeout_s=15.0):
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "did not come"
+        time.sleep(0.02)
+
+
+class StandIn:
+    """A vehicle as the control PC hears it, and an agent that obeys; its odometry frame is anywhere."""
+
+    def __init__(self, geometry, place_m, seed):
+        import rospy
+        from geometry_msgs.msg import PoseStamped
+        from nav_msgs.msg import Odometry
+
+        from fcsv_msgs.msg import Command, CommandAck, RecorderStatus, State, TagDetections
+
+        random = np.random.default_rng(seed)
+        self.geometry, self.name = geometry, geometry.name
+        self.T_home_odom = transforms.from_xyz_yaw(random.uniform(-9, 9, 3), random.uniform(-3, 3))
+        self.T_home_body = transforms.from_xyz_yaw(place_m, 0.0)
+        self.mode, self.armed, self.height_m, self.recording, self.sees = "STABILIZE", False, 0.0, False, None
+        self.commands, self.answers = [], {}
+        topic = lambda t, kind: rospy.Publisher(f"/{self.name}/{t}", kind, queue_size=20)  # noqa: E731
+        self.odometry, self.state = topic("odometry/state", Odometry), topic("mavros/state", State)
+        self.position = topic("mavros/local_position/pose", PoseStamped)
+        self.recorder = topic("recorder/status", RecorderStatus)
+        self.tags, self.acks = topic("tags/detections", TagDetections), topic("command_ack", CommandAck)
+        self.commanded = rospy.Subscriber(f"/{self.name}/command", Command, self.on_command, queue_size=20)
+        self.over = threading.Event()
+        self.thread = threading.Thread(target=self.talk)
+        self.thread.start()
+
+    def talk(self):
+        import rospy
+        from geometry_msgs.msg import PoseStamped
+        from nav_msgs.msg import Odometry
+
+        from fcsv_geometry.ros import conversions
+        from fcsv_msgs.msg import RecorderStatus, State, TagDetection, TagDetections
+
+        while not self.over.wait(0.05):
+            now = conversions.header(rospy.get_time(), "")
+            T = transforms.invert(self.T_home_odom) @ self.T_home_body
+            odometry = Odometry(header=now)
+            odometry.pose.pose = conversions.transform_to_pose(T)
+            self.odometry.publish(odometry)
+            position = PoseStamped(header=now)
+            position.pose.position.z = 50.0 + self.height_m
+            self.position.publish(position)
+            self.state.publish(State(header=now, connected=True, armed=self.armed, mode=self.mode))
+            self.recorder.publish(RecorderStatus(header=now))
+            if self.sees is not None:
+                self.tags.publish(TagDetections(header=now, detections=[TagDetection(id=self.sees)]))
+
+    def on_command(self, c):
+        from fcsv_geometry.ros import conversions
+        from fcsv_msgs.msg import Command, CommandAck
+
+        assert c.vehicle == self.name and c.expires > c.header.stamp
+        if (c.sender, c.number) not in self.answers:
+            self.answers[c.sender, c.number] = True
+            self.commands.append(c)
+            if len(self.commands) % 3 == 0:
+                return  # lost on the radio; its repetition is not
+        if c.kind == Command.GOTO:
+            assert c.target.header.frame_id == f"{self.name}/odom"
+            self.T_home_body = self.T_home_odom @ conversions.pose_to_transform(c.target.pose)
+        elif c.kind == Command.SET_MODE:
+            self.mode = c.mode
+        elif c.kind == Command.RECORD:
+            self.recording = c.flag
+        elif c.kind == Command.LAND:
+            self.mode, self.armed, self.height_m = "LAND", False, 0.0
+        self.acks.publish(CommandAck(vehicle=self.name, sender=c.sender, number=c.number, result=CommandAck.DONE))
+
+    def close(self):
+        self.over.set()
+        self.thread.join()
+        for one in (self.odometry, self.state, self.position, self.recorder, self.tags, self.acks, self.commanded):
+            one.unregister()
+
+
+class ControlPc:
+    """Stands in for calibration, and watches the mission."""
+
+    def __init__(self, fleet):
+        import rospy
+        from std_srvs.srv import Trigger
+
+        from fcsv_msgs.msg import Calibration, Capture, Home, MissionState
+        from fcsv_msgs.srv import Calibrate, SetHome
+
+        self.fleet, self.mission, self.captures, self.calibrations = fleet, MissionState(), [], 0
+        self.calibration = rospy.Publisher("/calibration", Calibration, queue_size=1, latch=True)
+        self.home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
+        self.services = [
+            rospy.Service("/calibrate", Calibrate, self.on_calibrate),
+            rospy.Service("/set_home", SetHome, self.on_set_home),
+        ]
+        self.watches = [
+            rospy.Subscriber("/mission/state", MissionState, lambda m: setattr(self, "mission", m)),
+            rospy.Subscriber("/mission/capture", Capture, self.captures.append),
+        ]
+        self.proceed = rospy.ServiceProxy("/mission/proceed", Trigger)
+        self.abort = rospy.ServiceProxy("/mission/abort", Trigger)
+
+    def on_calibrate(self, request):
+        from fcsv_geometry.ros import conversions
+        from fcsv_msgs.msg import Calibration, CalibrationLink
+        from fcsv_msgs.srv import CalibrateResponse
+
+        assert tuple(request.column) == NAMES
+        self.calibrations += 1
+        if self.calibrations == 1:
+            return CalibrateResponse(False, "too few detections", Calibration())
+        front, back = self.fleet
+        T = transforms.invert(front.T_home_odom) @ back.T_home_odom
+        pose = conversions.transform_to_pose(T)
+        message = Calibration(links=[CalibrationLink(parent=NAMES[0], child=NAMES[1], child_odom_in_parent_odom=pose)])
+        self.calibration.publish(message)
+        return CalibrateResponse(True, "calibrated", message)
+
+    def on_set_home(self, request):
+        from fcsv_geometry.ros import conversions
+        from fcsv_msgs.msg import Home
+        from fcsv_msgs.srv import SetHomeResponse
+
+        pose = conversions.transform_to_pose(transforms.invert(self.fleet[0].T_home_odom))
+        message = Home(reference=request.reference, home_in_odom=pose)
+        self.home.publish(message)
+        return SetHomeResponse(True, "home is set", message)
+
+    def wait_for(self, phase, waits_for=None):
+        until(lambda: self.mission.phase_name == phase and waits_for in (None, self.mission.waits_for))
+
+    def close(self):
+        for service in self.services:
+            service.shutdown()
+        for one in (self.calibration, self.home, *self.watches):
+            one.unregister()
+
+
+@pytest.fixture
+def folder(tmp_path, root):
+    """Vehicles of our names, and a short mission."""
+    for name, other in zip(NAMES, ("uav1", "uav2")):
+        document = yaml.safe_load((root / "config" / "vehicles" / f"{other}.yaml").read_text())
+        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump({**document, "name": name}))
+    configurations = [{"axis": "horizontal", "baseline_m": 4.0, "tilt_deg": 5.0, "record_s": 0.5}]
+    configurations.append({"axis": "vertical", "baseline_m": 5.0, "record_s": 60.0})
+    mission = {"name": "node", "reference": NAMES[0], "configurations": configurations, "settle": {"time_s": 0.3}}
+    (tmp_path / "mission.yaml").write_text(yaml.safe_dump(mission))
+    return tmp_path
+
+
+def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, folder):
+    geometry = load_vehicles(folder, NAMES)
+    lever = geometry[NAMES[0]].T_body_cam[:3, 3]
+    front, back = fleet = [
+        StandIn(g, np.array([-3.5 * i, 0.0, 0.0]) - lever, i) for i, g in enumerate(geometry.values())
+    ]
+    pc = ControlPc(fleet)
+    params = {"mission": str(folder / "mission.yaml"), "vehicles": list(NAMES), "vehicles_dir": str(folder)}
+    try:
+        start_node("fcsv_control", "mission", params=params)
+        pc.wait_for("TAKE_OFF")
+        assert not pc.proceed().success
+        for v in fleet:
+            v.armed, v.mode = True, "LOITER"
+        time.sleep(0.5)
+        assert pc.mission.phase_name == "TAKE_OFF", "armed, but still on the ground (which is at 50 m in its odometry)"
+        for v in fleet:
+            v.height_m = 3.0
+        pc.wait_for("COLUMN")
+        back.sees = 1
+        pc.wait_for("COLUMN", "calibrate")
+        assert pc.proceed().success
+        until(lambda: pc.mission.detail == "too few detections")
+        pc.wait_for("COLUMN", "calibrate")
+        assert pc.proceed().success
+        pc.wait_for("MOVE_HOME", "set_home")
+        assert pc.proceed().success
+        pc.wait_for("SET_HOME", "execute")
+        assert pc.proceed().success
+        until(lambda: pc.captures)
+        c = pc.captures[0]
+        assert (c.index, c.reference, c.vehicle) == (0, *NAMES) and c.position_error_m < 0.01
+        assert (c.configuration.axis, c.configuration.baseline_m) == (c.configuration.HORIZONTAL, 4.0)
+        assert c.configuration.tilt_rad == pytest.approx(np.radians(5.0))
+        assert (c.stop - c.start).to_sec() == pytest.approx(0.5, abs=1e-3) and abs(c.stop.to_sec() - time.time()) < 5.0
+        until(lambda: back.recording and pc.mission.configuration == 1)
+        np.testing.assert_allclose((back.T_home_body @ geometry[NAMES[1]].T_body_cam)[:3, 3], [0, 0, 5], atol=1e-6)
+        assert pc.abort().success
+        pc.wait_for("ABORTED")
+        assert not back.recording and not front.armed and not back.armed
+        assert np.linalg.norm((back.T_home_body - front.T_home_body)[:2, 3]) > 1.5, "not down upon the reference"
+        assert not pc.abort().success
+        numbers = [c.number for c in back.commands]
+        assert numbers == sorted(set(numbers)) and len({c.sender for c in back.commands + front.commands}) == 1
+    finally:
+        pc.close()
+        for v in fleet:
+            v.close()
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"configurations": []}, "configurations: the list is empty"),
+        ({"reference": "uav9"}, "reference 'uav9'"),
+        ({"speed": 1}, "unknown key 'speed'"),
+    ],
+)
+def test_a_mission_that_cannot_be_flown_ends_the_node_with_one_line(start_node, folder, change, words):
+    path = folder / "mission.yaml"
+    path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **change}))
+    params = {"mission": str(path), "vehicles": list(NAMES), "vehicles_dir": str(folder)}
+    process = start_node("fcsv_control", "mission", name="mission_bad", params=params)
+    until(lambda: process.returncode is not None, 20.0)
+    assert process.returncode == 2 and words in process.tail(2) and "Traceback" not in process.tail(30)
