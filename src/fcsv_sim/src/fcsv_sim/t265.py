@@ -92,7 +92,9 @@ class T265:
         R = T_world_t265[:3, :3]
         linear = R.T @ (T_world_t265[:3, 3] - self._T_before[:3, 3]) / dt_s
         step = self._T_before[:3, :3].T @ R  # 5 ms: the skew part is the rotation vector
-        return linear, 0.5 * np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / dt_s
+        return linear, 0.5 * np.array(
+            [step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]
+        ) / dt_s
 
 
 def _small_rotation(r: np.ndarray) -> np.ndarray:

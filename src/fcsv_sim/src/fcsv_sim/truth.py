@@ -5,6 +5,7 @@ One writer, any readers, no locks: a record is written before the counter that a
 ring is long enough that a reader never meets the writer.
 """
 
+import time
 from pathlib import Path
 from typing import Tuple
 
@@ -62,6 +63,14 @@ class TruthReader:
         """Newest stamp (s) and T_world_body."""
         record = self._record(self._count() - 1)
         return float(record[0]), _pose(record)
+
+    def wait_for(self, stamp_s: float, patience_s: float = 0.2) -> np.ndarray:
+        """T_world_body at a stamp that the vehicle may not have reached yet: a sensor never runs ahead of the world."""
+        for _ in range(int(patience_s / 0.002)):
+            if self.latest()[0] >= stamp_s:
+                break
+            time.sleep(0.002)
+        return self.at(stamp_s)
 
     def velocity(self) -> np.ndarray:
         """Newest velocity (m/s, world)."""

@@ -10,6 +10,10 @@ import numpy as np
 from fcsv_stereo.rectify import RectifiedPair
 
 
+#: OpenCV's Quasi-Dense leaves 15 px unmatched on every side, and reads beyond its pictures when told to leave fewer.
+_PAD = 9
+
+
 @dataclass(frozen=True)
 class DisparityWindow:
     """Disparities (px) that count; smaller ones are too far to be measured, larger ones are false matches."""
@@ -24,13 +28,13 @@ class DisparityWindow:
 
 def quasi_dense(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:
     """Quasi-Dense matching (the thesis's choice); whole pixels, matches in two dimensions."""
+    left, right = (cv2.copyMakeBorder(i, *[_PAD] * 4, cv2.BORDER_REFLECT_101) for i in (left, right))
     matcher = cv2.stereo.QuasiDenseStereo.create(left.shape[::-1])
     settings = matcher.Param
-    settings.borderX = settings.borderY = 6  # the correlation window needs no more; OpenCV's 15 wastes a frame
     settings.gftMaxNumFeatures, settings.gftMinSeperationDist = 1500, 5  # seeds on small things too
     matcher.Param = settings
-    matcher.process(np.ascontiguousarray(left), np.ascontiguousarray(right))
-    return matcher.getDisparity()
+    matcher.process(left, right)
+    return matcher.getDisparity()[_PAD:-_PAD, _PAD:-_PAD]
 
 
 def sgbm(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:

@@ -91,7 +91,7 @@ class CameraNode:
 
     def _take(self, stamp_s: float) -> None:
         started_s = time.perf_counter()
-        T_world_body = self._truth.at(stamp_s)
+        T_world_body = self._truth.wait_for(stamp_s)
         shot = self._camera.shoot(stamp_s, T_world_body, self._others_at(stamp_s), self._samples)
         self._note(shot)
         self._infos.publish(conversions.info_from_camera(self._camera.model, stamp_s, self._frame))
@@ -104,7 +104,7 @@ class CameraNode:
         bodies = []
         for geometry, truth in self._others:
             try:
-                bodies.append(Body(geometry, truth.at(stamp_s)))
+                bodies.append(Body(geometry, truth.wait_for(stamp_s)))
             except PoseUnavailable:
                 continue
         return bodies

@@ -16,6 +16,9 @@ from fcsv_sim.t265 import T265, T265Errors
 from fcsv_sim.truth import TruthReader
 
 
+_LATENCY_S = 0.015  # from the middle of its sensing to the sample, as the real one has it
+
+
 class T265Node:
     """Publishes t265/odom/sample at 200 Hz while the vehicle's truth is there."""
 
@@ -38,12 +41,12 @@ class T265Node:
             due_s = max(due_s + self._period_s, time.time() - 0.1)
             time.sleep(max(0.0, due_s - time.time()))
             try:
-                self._publish(due_s)
+                self._publish(due_s - _LATENCY_S)
             except PoseUnavailable:
                 time.sleep(0.1)  # the vehicle is not there yet
 
     def _publish(self, stamp_s: float) -> None:
-        T_odom_t265, linear, angular = self._t265.odometry(stamp_s, self._truth.at(stamp_s))
+        T_odom_t265, linear, angular = self._t265.odometry(stamp_s, self._truth.wait_for(stamp_s))
         message = Odometry(header=conversions.header(stamp_s, f"{self._name}/t265_odom_frame"))
         message.child_frame_id = f"{self._name}/t265_pose_frame"
         q = Quaternion(*transforms.fast_quaternion_xyzw(T_odom_t265))
