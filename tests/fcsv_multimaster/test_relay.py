@@ -79,8 +79,9 @@ def test_latched_events_reach_who_comes_late_and_nothing_echoes(net):
     time.sleep(1.0)
     net.relays["uav1"] = net.relay("uav1")
     assert "uav1" in net.hears("uav1", "/home", 8.0)
-    count = subprocess.run(["rosnode", "list"], env=net.machines["control"].env, capture_output=True, text=True).stdout
-    info = subprocess.run(["rostopic", "info", "/home"], env=net.machines["control"].env, capture_output=True, text=True)
+    env = net.machines["control"].env
+    count = subprocess.run(["rosnode", "list"], env=env, capture_output=True, text=True).stdout
+    info = subprocess.run(["rostopic", "info", "/home"], env=env, capture_output=True, text=True)
     assert "relay" in count and info.stdout.split("Subscribers")[0].count("*") == 1  # only the one who publishes it
 
 

@@ -19,7 +19,7 @@ YAW_EXT = 0.7  # the feed's frame is turned against the world
 
 
 class Flight:
-    """A simulated vehicle, its external navigation (perfect, in a frame of its own) and a companion, without sleeping."""
+    """A simulated vehicle, external navigation (perfect, in a frame of its own) and a companion, without sleeping."""
 
     def __init__(self, folder, wind_mps=0.5):
         self.companion = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=1, source_component=191)

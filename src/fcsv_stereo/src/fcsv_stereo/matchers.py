@@ -9,7 +9,6 @@ import numpy as np
 
 from fcsv_stereo.rectify import RectifiedPair
 
-
 #: OpenCV's Quasi-Dense leaves 15 px unmatched on every side, and reads beyond its pictures when told to leave fewer.
 _PAD = 9
 

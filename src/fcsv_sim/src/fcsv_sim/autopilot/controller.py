@@ -79,3 +79,10 @@ class Controller:
         roll = float(np.clip(np.arctan2(-left * np.cos(pitch), _G), -_MAX_LEAN_RAD, _MAX_LEAN_RAD))
         thrust = self._hover * (1.0 + acc[2] / _G) / (np.cos(roll) * np.cos(pitch))
         return roll, pitch, yaw_rate_rps, float(np.clip(thrust, 0.05, 1.0))
+
+
+def climb_rate(throttle: float) -> float:
+    """Climb rate (m/s) of the throttle stick; a dead band about the middle holds."""
+    if abs(throttle) < 0.1:
+        return 0.0
+    return throttle * (MAX_CLIMB_MPS if throttle > 0 else MAX_SINK_MPS)

@@ -10,7 +10,7 @@ import numpy as np
 
 from fcsv_sim import rc
 from fcsv_sim.autopilot import modes
-from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS, Controller
+from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, Controller, climb_rate
 from fcsv_sim.autopilot.estimator import Estimator
 
 ACCEPTED, FAILED, DENIED, UNSUPPORTED = 0, 4, 2, 3  # MAV_RESULT
@@ -207,7 +207,7 @@ class Autopilot:
 
     def _alt_hold(self, roll, pitch, throttle, yaw, dt_s):
         lean_roll, lean_pitch, yaw_rate = self.controller.sticks(roll, pitch, yaw)
-        climb = _climb_rate(throttle)
+        climb = climb_rate(throttle)
         self._hold_alt_m = self.estimator.baro_m if climb else self._hold_alt_m
         climb = climb or float(np.clip(self._hold_alt_m - self.estimator.baro_m, -1.0, 1.0))
         return self.controller.to_lean(lean_roll, lean_pitch, yaw_rate, climb, self._climb_mps, dt_s)
@@ -217,7 +217,7 @@ class Autopilot:
         c, s = np.cos(self.estimator.yaw_ext_rad), np.sin(self.estimator.yaw_ext_rad)
         forward = pitch * LOITER_SPEED_MPS if abs(pitch) > _DEADZONE else 0.0
         left = -roll * LOITER_SPEED_MPS if abs(roll) > _DEADZONE else 0.0
-        v = np.array([c * forward - s * left, s * forward + c * left, _climb_rate(throttle)])
+        v = np.array([c * forward - s * left, s * forward + c * left, climb_rate(throttle)])
         p, v_now = self.estimator.p_ext_m, self.estimator.v_ext_mps
         stop_m = np.clip(v_now / 1.0, -2.0, 2.0)  # a released stick brakes before it holds
         self._target_m[:2] = np.where(v[:2] != 0.0, p[:2] + stop_m[:2], self._target_m[:2])
@@ -295,10 +295,3 @@ class Autopilot:
         elif now_s - self._on_ground_since_s > 1.0:
             self._on_ground_since_s = None
             self.disarm(now_s, force=True)
-
-
-def _climb_rate(throttle: float) -> float:
-    """Climb rate (m/s) of the throttle stick; a dead band about the middle holds."""
-    if abs(throttle) < 0.1:
-        return 0.0
-    return throttle * (MAX_CLIMB_MPS if throttle > 0 else MAX_SINK_MPS)

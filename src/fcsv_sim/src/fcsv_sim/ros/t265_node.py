@@ -15,7 +15,6 @@ from fcsv_geometry.vehicle import load_vehicles
 from fcsv_sim.t265 import T265, T265Errors
 from fcsv_sim.truth import TruthReader
 
-
 _LATENCY_S = 0.015  # from the middle of its sensing to the sample, as the real one has it
 
 
