@@ -30,7 +30,9 @@ def quasi_dense(left: np.ndarray, right: np.ndarray, window: DisparityWindow) ->
     left, right = (cv2.copyMakeBorder(i, *[_PAD] * 4, cv2.BORDER_REFLECT_101) for i in (left, right))
     matcher = cv2.stereo.QuasiDenseStereo.create(left.shape[::-1])
     settings = matcher.Param
-    settings.gftMaxNumFeatures, settings.gftMinSeperationDist = 1500, 5  # seeds on small things too
+    settings.gftMaxNumFeatures, settings.gftMinSeperationDist = 1500, 5  # seeds on small things too,
+    settings.lkPyrLvl, settings.lkTemplateSize = 5, 7  # and across large disparities: near ground needs both
+    settings.correlationThreshold = 0.4
     matcher.Param = settings
     matcher.process(left, right)
     return matcher.getDisparity()[_PAD:-_PAD, _PAD:-_PAD]
