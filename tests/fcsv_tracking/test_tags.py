@@ -92,7 +92,7 @@ class TestPhotographs:
 
     def test_angles(self, shared_data):
         info, camera = self.load(shared_data, "rotation_test")
-        detector = TagDetector({i: info["tag_size"] for i in range(587)})
+        detector = TagDetector(dict.fromkeys(range(587), info["tag_size"]))
         seen = {}
         for path in sorted((shared_data / "apriltags").glob("test_image_rotation_*.png")):
             angle_deg = int(re.search(r"_(-?\d+)\.png", path.name).group(1))
@@ -106,7 +106,7 @@ class TestPhotographs:
 
     def test_several_at_once(self, shared_data):
         info, camera = self.load(shared_data, "multiple_tags_test")
-        detector = TagDetector({i: info["tag_size"] for i in range(587)})
+        detector = TagDetector(dict.fromkeys(range(587), info["tag_size"]))
         for path in sorted((shared_data / "apriltags").glob("test_image_multiple_*.png")):
             ids = [t.id for t in detector.detect(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), camera)]
             assert len(ids) >= 4 and len(set(ids)) == len(ids), (path.name, ids)
