@@ -5,12 +5,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from simulated_column import Column
+from simulated_column import Column, DriftingColumn
 
 from fcsv_geometry import transforms
-from fcsv_tracking.calibration import CalibrationRules, calibrate_link, position_std, single_link
+from fcsv_tracking.calibration import CalibrationRules, calibrate_link, position_std
 from fcsv_tracking.chain import home_of, odoms_in_home
+from fcsv_tracking.detection import single_link
 from fcsv_tracking.errors import CalibrationRefused
+from fcsv_tracking.link_model import LinkModel, LinkNoise
 from fcsv_tracking.tags import planar_poses
 
 EXACT = {"corner_noise_px": 0.0, "attitude_noise_deg": 0.0, "position_noise_m": 0.0}
@@ -21,13 +23,13 @@ def test_equation_6_1_is_exact_without_noise():
     for t in (0.0, 1.7, 5.0):
         T_world_D1, T_world_D2 = column.bodies(t)
         T_cam_tag = transforms.invert(T_world_D2 @ column.back.T_body_cam) @ T_world_D1 @ column.front.T_body_tag
-        assert np.allclose(single_link(column.detection(t), T_cam_tag), column.T_O1_O2, atol=1e-9)
+        assert np.allclose(single_link(column.detection(t), T_cam_tag), column.true_link(), atol=1e-9)
 
 
 def test_without_noise_the_adjustment_is_exact():
     column = Column(1, **EXACT)
     link = calibrate_link("uav1", "uav2", column.detections())
-    assert np.allclose(link.T_parent_child, column.T_O1_O2, atol=1e-5)  # the solver's tolerance
+    assert np.allclose(link.T_parent_child, column.true_link(), atol=1e-5)  # the solver's tolerance
     assert link.rejected == 0 and link.reprojection_rms_px < 1e-3
 
 
@@ -42,15 +44,54 @@ def test_figures_over_ten_seeds():
     assert (errors.max(axis=0) <= [0.05, 0.5]).all(), errors
 
 
-def test_covariance_covers_the_error():
-    """Normalised yaw error over seeds: mean square near one (chi square with 10 degrees of freedom, 99.9 %: < 3)."""
-    normalised = []
+def test_figures_over_ten_seeds_of_drifting_odometry():
+    """The whole simulated T265 (walk, heading, scale, level, noise), four quick sways. The bounds are the issue's.
+
+    The walk sets the yaw: 0.2 deg (1 sigma) is the best that 8 s give, more and quicker sways give less.
+    """
+    errors = []
     for seed in range(10):
-        column = Column(100 + seed)
+        column = DriftingColumn(seed, sway_period_s=5.0)
+        errors.append(column.relative_pose_error(calibrate_link("uav1", "uav2", column.detections()).T_parent_child))
+    errors = np.array(errors)
+    assert (np.median(errors, axis=0) <= [0.02, 0.2]).all(), errors
+    assert (errors.max(axis=0) <= [0.05, 0.5]).all(), errors
+
+
+@pytest.mark.parametrize("kind, least", [(Column, 0.1), (DriftingColumn, 0.3)])
+def test_covariance_covers_the_error(kind, least):
+    """Normalised yaw error over seeds: mean square near one (chi square of 20, 99.9 % within 0.3 to 2.3).
+
+    Below where there is none of the drift that is assumed.
+    """
+    normalised = []
+    for seed in range(20):
+        column = kind(100 + seed)
         link = calibrate_link("uav1", "uav2", column.detections())
-        error = transforms.yaw(link.T_parent_child) - transforms.yaw(column.T_O1_O2)
-        normalised.append(np.angle(np.exp(1j * error)) ** 2 / link.covariance[3, 3])
-    assert np.mean(normalised) < 3.0
+        error = transforms.yaw(link.T_parent_child @ transforms.invert(column.true_link()))
+        normalised.append(error**2 / link.covariance[3, 3])
+    assert least < np.mean(normalised) < 2.3, normalised
+
+
+def test_jacobian_of_the_link_model():
+    """Against central differences of 1e-6: exact to their rounding."""
+    detections = Column(8).detections(1.0)
+    model = LinkModel(detections, LinkNoise())
+    link = calibrate_link("uav1", "uav2", Column(8).detections()).T_parent_child
+    x = np.array([*transforms.apply(link, model.mean_Oc_C), transforms.yaw(link)])
+    steps = 1e-6 * np.eye(4)
+    numeric = np.stack([(model.residuals(x + s) - model.residuals(x - s)) / 2e-6 for s in steps], axis=-1)
+    assert np.allclose(model.jacobian(x), numeric, rtol=1e-5, atol=1e-3)
+
+
+def test_detections_that_do_not_agree_are_refused():
+    column, random = Column(9), np.random.default_rng(9)
+    detections = [
+        dataclasses.replace(d, corners_normalized=d.corners_normalized + random.normal(0, 0.3, 2))
+        for d in column.detections()
+    ]
+    with pytest.raises(CalibrationRefused, match="uav2 sees uav1's tag, but only .* agree"):
+        calibrate_link("uav1", "uav2", detections)
 
 
 def test_outliers_are_rejected_and_counted():

@@ -16,8 +16,9 @@ from fcsv_geometry.trajectory import Trajectory
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_msgs.msg import Calibration, Home, TagDetections
 from fcsv_msgs.srv import Calibrate, CalibrateResponse, SetHome, SetHomeResponse
-from fcsv_tracking.calibration import CalibrationRules, Detection, Link, calibrate_link
+from fcsv_tracking.calibration import CalibrationRules, Link, calibrate_link
 from fcsv_tracking.chain import home_of
+from fcsv_tracking.detection import Detection
 from fcsv_tracking.errors import CalibrationRefused, TrackingError
 from fcsv_tracking.ros import link_messages
 
