@@ -108,7 +108,6 @@ def test_edges_are_antialiased(town):
     error = {n: np.abs(town.values(pose, camera, samples=n)[0] - reference) for n in (1, 3, 5)}
     edges = error[1].max(-1) > 0.1
     assert 0.02 < edges.mean() < 0.4
-    print({n: (e[edges].mean(), e.mean()) for n, e in error.items()})
     assert error[5][edges].mean() < 0.55 * error[1][edges].mean()
     assert error[5][edges].mean() < error[3][edges].mean() < 0.7 * error[1][edges].mean()
     assert error[5].mean() < 0.03
@@ -139,10 +138,10 @@ def test_tags_are_found_where_they_are(town):
     h = 0.08
     corners_tag = np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])  # lb, rb, rt, lt: y is down
     errors, outward = [], []
-    for i in range(50):
+    for i in range(30):
         T_world_body = transforms.from_xyz_rpy([0, 0, 8] + random.normal(0, 0.2, 3), random.normal(0, 0.03, 3))
         T_world_front = transforms.from_xyz_rpy([3.5, 0, 8] + random.normal(0, 0.25, 3), random.normal(0, 0.08, 3))
-        shot = camera.shoot(0.2 * i, T_world_body, [Body(front, T_world_front)])
+        shot = camera.shoot(0.2 * i, T_world_body, [Body(front, T_world_front)], samples=1)
         found = detector.detect(cv2.cvtColor(shot.rgb, cv2.COLOR_RGB2GRAY))
         assert [d["id"] for d in found] == [1]
         T_cam_tag = transforms.invert(shot.T_world_cam) @ T_world_front @ front.T_body_tag
@@ -151,7 +150,7 @@ def test_tags_are_found_where_they_are(town):
         out = true - true.mean(0)
         outward.append((errors[-1] * out).sum(1) / np.linalg.norm(out, axis=1))
     errors = np.array(errors)
-    # 50 x 4 corners of 0.08 px: the mean is known to 0.006 px
+    # 30 x 4 corners of 0.08 px: the mean is known to 0.007 px
     assert np.abs(errors.mean((0, 1))).max() < 0.035
     assert abs(np.mean(outward)) < 0.03
     assert 0.02 < errors.std((0, 1)).max() < 0.12

@@ -32,7 +32,7 @@ class Body:
 
 
 def _parts() -> np.ndarray:
-    """Boxes (K, 11) in the body: centre, half size, cosine and sine of the yaw, colour."""
+    """Boxes (K, 11) in the body: centre, half size, cosine and sine of the yaw, colour; with tag 0.3 x 0.3 x 0.2 m."""
     dark, grey, red = (0.022, 0.022, 0.025), (0.10, 0.10, 0.11), (0.35, 0.03, 0.02)
     parts = [
         ((-0.01, 0.0, 0.0), (0.10, 0.045, 0.028), 0.0, dark),

@@ -38,7 +38,7 @@ class CameraNodeParameters:
     sim_dir: str
     seed: int = 1
     rate_hz: float = 6.0
-    samples: int = 5
+    samples: int = 3
     preview_samples: int = 1
 
     def __post_init__(self):

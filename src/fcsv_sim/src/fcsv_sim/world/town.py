@@ -195,7 +195,7 @@ def _hills(mesh: MeshBuilder, plan: TownPlan, random) -> None:
     woods = np.sin(x / 31 + plan.ground_phase[0]) + np.sin(y / 47 + plan.ground_phase[1]) + random.normal(0, 0.5, 3600)
     x, y = x[woods > -0.35], y[woods > -0.35]
     base = np.column_stack([x, y, plan.height(x, y)])
-    vegetation.trees(mesh, base, random.uniform(7, 14, len(x)), random, 2, 1)
+    vegetation.trees(mesh, base, random.uniform(7, 14, len(x)), random, 3, 0)
 
 
 def _on_ground(plan: TownPlan, s: np.ndarray, t: np.ndarray) -> np.ndarray:
