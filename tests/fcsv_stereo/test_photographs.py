@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Posed photographs: real ones against each other and against truth, and what is wrong with bad ones."""
+
+import shutil
+import subprocess
+
+import cv2
+import numpy as np
+import pytest
+
+from fcsv_stereo import colmap
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.thesis import ThesisOptions, map_thesis
+
+
+def quiet(*_):
+    pass
+
+
+def fountain(shared_data, folder, names):
+    """A model of some of the fountain's photographs with their surveyed poses."""
+    source = shared_data / "fountain"
+    (folder / "images").mkdir(parents=True)
+    lines = [s for s in (source / "truth_images.txt").read_text().splitlines() if s.split() and s.split()[-1] in names]
+    (folder / "images.txt").write_text("".join(f"{s}\n\n" for s in lines))
+    shutil.copy(source / "cameras.txt", folder)
+    for name in names:
+        shutil.copy(source / "images" / name, folder / "images")
+    return folder
+
+
+@pytest.mark.slow
+def test_two_independent_pairs_of_the_fountain_agree(shared_data, tmp_path):
+    """Issue: within 2 % for most pixels that both see."""
+    folder = fountain(shared_data, tmp_path / "model", ["0005.jpg", "0004.jpg", "0006.jpg"])
+    result = map_thesis(colmap.read_photographs(folder, "0005.jpg"), ThesisOptions(), quiet)
+    a, b = (p.depth for p in result.pairs)
+    both = np.isfinite(a) & np.isfinite(b)
+    assert both.mean() > 0.4
+    assert (np.abs(a[both] / b[both] - 1) < 0.02).mean() > 0.75
+    assert result.points > 500000 and 6.0 < np.nanmedian(result.depth) < 12.0
+
+
+def test_motorcycle_depth(shared_data, tmp_path):
+    """Issue: metric depth within 3 % of truth for at least 75 % of the pixels that have truth."""
+    source = shared_data / "motorcycle"
+    (tmp_path / "images").mkdir()
+    for side in ("left", "right"):
+        shutil.copy(source / f"motorcycle_{side}.png", tmp_path / "images")
+    height, width = cv2.imread(str(source / "motorcycle_left.png")).shape[:2]
+    f, baseline_m, doffs = 994.978, 0.193001, 31.086
+    (tmp_path / "cameras.txt").write_text(
+        f"1 PINHOLE {width} {height} {f} {f} {width / 2} {height / 2}\n"
+        f"2 PINHOLE {width} {height} {f} {f} {width / 2 + doffs} {height / 2}\n"
+    )
+    (tmp_path / "images.txt").write_text(
+        f"1 1 0 0 0 0 0 0 1 motorcycle_left.png\n\n2 1 0 0 0 {-baseline_m} 0 0 2 motorcycle_right.png\n\n"
+    )
+    archive = np.load(source / "motorcycle_disp.npz")
+    disparity = archive[archive.files[0]]
+    truth = np.isfinite(disparity) & (disparity > 0)
+    depth = map_thesis(colmap.read_photographs(tmp_path), ThesisOptions(), quiet).depth
+    relative = np.abs(depth[truth] / (f * baseline_m / (disparity[truth] + doffs)) - 1)
+    assert (relative < 0.03).mean() >= 0.75
+
+
+def model(folder, cameras="1 PINHOLE 64 48 60 60 32 24\n", images=None, sizes=((64, 48), (64, 48))):
+    (folder / "images").mkdir(parents=True, exist_ok=True)
+    for name, (w, h) in zip("ab", sizes):
+        cv2.imwrite(str(folder / "images" / f"{name}.png"), np.zeros((h, w, 3), np.uint8))
+    (folder / "cameras.txt").write_text(cameras)
+    (folder / "images.txt").write_text(images or "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n")
+    return folder
+
+
+def test_pixel_origin_axis_and_reference(tmp_path):
+    given = colmap.read_photographs(model(tmp_path))
+    (c,) = given.configurations
+    assert (c.references[0].camera.cx, c.references[0].camera.cy) == (31.5, 23.5)  # COLMAP's centres are at 0.5
+    assert c.configuration.axis == "horizontal" and c.configuration.baseline_m == pytest.approx(1.0)
+    swapped = colmap.read_photographs(tmp_path, "b.png")
+    assert swapped.configurations[0].references[0].name == "b.png"
+    images = "# poses\n1 1 0 0 0 0 0 0 1 a.png\n1.0 2.0 -1\n2 1 0 0 0 0.1 0.5 0 1 b.png\n\n"
+    assert colmap.read_photographs(model(tmp_path, images=images)).configurations[0].configuration.axis == "vertical"
+
+
+@pytest.mark.parametrize("change, words", [
+    ({"images": "1 1 0 0 0 0 0 0 1 a.png\n\n"}, ["images.txt", "holds 1 picture"]),
+    ({"images": "1 1 0 0 0 0 0 0 1 a.png\n\n2 nan 0 0 0 -1 0 0 1 b.png\n\n"}, ["images.txt, line 3", "finite"]),
+    ({"images": "1 1 0 0 0 0 0 0 1 a.png\n\n2 0 0 0 0 -1 0 0 1 b.png\n\n"}, ["line 3", "length 0"]),
+    ({"images": "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 -1 0 0 9 b.png\n\n"}, ["camera 9"]),
+    ({"images": "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 0 0 0 1 b.png\n\n"}, ["no baseline"]),
+    ({"sizes": ((64, 48), (32, 24))}, ["b.png", "32x24", "64x48"]),
+    ({"cameras": "1 FISHEYE 64 48 60\n"}, ["cameras.txt, line 1", "FISHEYE"]),
+    ({"cameras": "1 PINHOLE 64 48 60\n"}, ["cameras.txt, line 1", "4 parameters"]),
+    ({"cameras": "1 PINHOLE 64 48 -5 60 32 24\n"}, ["cameras.txt, line 1", "not a camera"]),
+])  # fmt: skip
+def test_bad_models_are_named_in_one_line(tmp_path, change, words):
+    folder = model(tmp_path, **change)
+    if "holds 1" in words[-1]:
+        (folder / "images" / "b.png").unlink()
+    with pytest.raises(InputError) as error:
+        colmap.read_photographs(folder)
+    assert "\n" not in str(error.value) and all(w in str(error.value) for w in words), str(error.value)
+
+
+def test_photographs_without_poses(tmp_path):
+    folder = model(tmp_path)
+    (folder / "images.txt").unlink()
+    with pytest.raises(InputError, match="without poses"):
+        colmap.read_photographs(folder)
+    model(tmp_path)
+    cv2.imwrite(str(folder / "images" / "c.png"), np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(InputError, match=r"c\.png: has no pose"):
+        colmap.read_photographs(folder)
+
+
+def test_the_command_says_one_line_and_writes_nothing(tmp_path):
+    folder = model(tmp_path / "model")
+    (folder / "images" / "a.png").write_bytes(b"no picture")
+    command = ["rosrun", "fcsv_stereo", "map", str(folder), "-o", str(tmp_path / "out" / "map")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "a.png" in done.stderr
+    assert not (tmp_path / "out" / "map").exists() and not list(tmp_path.glob("out/.*"))
+
+
+def test_the_command_leaves_what_is_not_its_own(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.docx").write_text("precious")
+    command = ["rosrun", "fcsv_stereo", "map", str(model(tmp_path / "model")), "-o", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and "thesis.docx" in done.stderr and (tmp_path / "out" / "thesis.docx").exists()
