@@ -115,6 +115,20 @@ def test_nothing_is_left_behind(flown):
     assert left_behind(flown) == []
 
 
+@pytest.mark.parametrize("text, words", [
+    ("name: x\nconfigurations: []", ["configurations", "empty"]),
+    ("name: x\nconfigurations: [{axis: horizontal, baseline_m: -2}]", ["configurations[0]", "baseline_m"]),
+    ("name: x\nconfigurations: [{axis: horizontal, baseline_m: 0.5}]", ["baseline_m", "separation"]),
+    ("name: x\nconfigurations: [{axis: horizontal, baselin_m: 2}]", ["unknown key", "baselin_m"]),
+])  # fmt: skip
+def test_a_mission_that_cannot_be_flown_is_refused_before_anything_starts(tmp_path, text, words):
+    (tmp_path / "bad.yaml").write_text(text)
+    command = ["rosrun", "fcsv_sim", "demo", "--out", str(tmp_path / "out"), "--mission", str(tmp_path / "bad.yaml")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "bad.yaml" in done.stderr
+    assert all(w in done.stderr for w in words) and not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("words", ["building the town", "TAKE_OFF", "CONFIGURATIONS 1/4"])
 def test_ctrl_c_lands_and_cleans_up(tmp_path, words):
     demo = start_demo(tmp_path, "--seed", "3", "--fly-only")

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import List, Optional
 
+from fcsv_control.mission.config import load_mission
 from fcsv_geometry.errors import FcsvError
 from fcsv_sim.demo.fleet import FleetPlan, SimulatedFleet
 from fcsv_sim.demo.truth_export import export_truth
@@ -156,6 +157,7 @@ def _plan(args) -> FleetPlan:
     if not mission.is_file():
         known = ", ".join(sorted(p.stem for p in _missions_folder().glob("*.yaml")))
         raise MachineError(f"no mission '{args.mission}': give a file or one of {known}")
+    load_mission(mission)  # a list that cannot be flown is refused before anything is started
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
     return FleetPlan(Path(args.out).resolve(), mission.resolve(), args.seed, rviz=_wants_rviz(args.rviz))
