@@ -18,7 +18,7 @@ from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.world.export import write_ply
-from fcsv_sim.world.town import Town
+from fcsv_sim.world.town import WORLDS, Town
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -35,8 +35,8 @@ def _run(args) -> int:
     if args.seed < 0:
         raise SimulationError(f"--seed {args.seed}: must not be negative")
     started = time.monotonic()
-    town = Town.generate(args.seed)
-    print(f"seed {args.seed}: {len(town.triangles)} triangles in {time.monotonic() - started:.1f} s")
+    town = Town.generate(args.seed, args.world)
+    print(f"{args.world}, seed {args.seed}: {len(town.triangles)} triangles in {time.monotonic() - started:.1f} s")
     if args.ply:
         _write(args.ply, lambda path: write_ply(town, path))
     shot = _take(town, args)
@@ -85,6 +85,7 @@ def _write_picture(path: str, rgb: np.ndarray) -> None:
 def _parse(argv):
     parser = argparse.ArgumentParser(prog="world", description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--world", choices=list(WORLDS), default="street", help="kind of world")
     parser.add_argument("--ply", help="write the town as a binary PLY mesh")
     parser.add_argument("--picture", help="write a picture (.png, .jpg) as the simulated camera takes it")
     parser.add_argument("--xyz", type=float, nargs=3, default=[1.0, 0.0, 8.0], help="camera's place (m)")

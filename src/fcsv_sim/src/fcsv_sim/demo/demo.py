@@ -17,9 +17,11 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_sim.demo.fleet import FleetPlan, SimulatedFleet
 from fcsv_sim.demo.truth_export import export_truth
 from fcsv_sim.machines import MachineError
+from fcsv_sim.world.town import WORLDS
 
 _MISSION_TIMEOUT_S = 900.0
 _LAND_TIMEOUT_S = 45.0
+_CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
 
 
 class Interrupted(Exception):
@@ -65,8 +67,9 @@ def _build_world(plan: FleetPlan, say) -> None:
     """The truth mesh of the town; meanwhile the renderer's kernels compile (cached for the cameras)."""
     truth = plan.session_folder / "truth"
     truth.mkdir(parents=True)
-    say(f"building the town (seed {plan.seed})")
-    command = ["rosrun", "fcsv_sim", "world", "--seed", str(plan.seed), "--ply", str(truth / "scene.ply")]
+    say(f"building the {plan.world} world (seed {plan.seed})")
+    command = ["rosrun", "fcsv_sim", "world", "--seed", str(plan.seed), "--world", plan.world]
+    command += ["--ply", str(truth / "scene.ply")]
     if subprocess.run(command, stdout=subprocess.DEVNULL).returncode != 0:
         raise MachineError(f"the simulated town could not be built: '{' '.join(command)}' failed")
 
@@ -160,7 +163,9 @@ def _plan(args) -> FleetPlan:
     load_mission(mission)  # a list that cannot be flown is refused before anything is started
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
-    return FleetPlan(Path(args.out).resolve(), mission.resolve(), args.seed, rviz=_wants_rviz(args.rviz))
+    live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
+    rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
+    return FleetPlan(Path(args.out).resolve(), mission.resolve(), args.seed, args.world, rviz=rviz, live=live)
 
 
 def _missions_folder() -> Path:
@@ -169,20 +174,22 @@ def _missions_folder() -> Path:
     return Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config" / "missions"
 
 
-def _wants_rviz(word: str) -> bool:
-    """ "1" and "0" decide; otherwise rviz opens where there is a screen."""
-    if word in ("1", "0"):
-        return word == "1"
-    return bool(os.environ.get("DISPLAY"))
+def _chosen(word: str, default: bool) -> bool:
+    """ "1" and "0" decide."""
+    return word == "1" if word in ("1", "0") else default
 
 
 def _parse(argv):
     parser = argparse.ArgumentParser(prog="demo", description="Fly a mission in simulation and map what was seen.")
     parser.add_argument("--mission", default="short", help="a mission file, or the name of one in config/missions")
     parser.add_argument("--seed", type=int, default=1, help="of the town and of every noise")
+    parser.add_argument("--world", choices=list(WORLDS), default="street", help="kind of world to fly in")
     parser.add_argument("--out", default="out/demo", help="folder for run/, session/ and map/; emptied first")
     parser.add_argument("--method", default=None, help="map method; default: that of the map command")
     parser.add_argument("--rviz", default="", help="1 opens rviz, 0 does not; default: where there is a screen")
+    parser.add_argument(
+        "--live", default="", help="1 maps in flight, 0 does not; default: where there are more than two cores"
+    )
     parser.add_argument("--fly-only", action="store_true", help="leave the session, make no map")
     return parser.parse_args(argv)
 

@@ -19,9 +19,11 @@ class FleetPlan:
     folder: Path  # out/demo: run/ holds the machines' logs, session/ the bags
     mission_file: Path
     seed: int = 1
+    world: str = "street"
     vehicles: Tuple[str, ...] = ("uav1", "uav2")
     column_spacing_m: float = 3.5
     rviz: bool = False
+    live: bool = False
 
     @property
     def run_folder(self) -> Path:
@@ -94,6 +96,7 @@ class SimulatedFleet:
         return {
             **self._common_args(vehicle),
             "uav": vehicle,
+            "world": self.plan.world,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
             "sim_mavlink_port": self._mavlink_ports[vehicle],
             "sim_rc_port": self._rc_ports[vehicle],
@@ -106,6 +109,7 @@ class SimulatedFleet:
             "mission": self.plan.mission_file,
             "sim_rc_ports": ",".join(str(p) for p in self._rc_ports.values()),
             "rviz": self.plan.rviz,
+            "live": self.plan.live,
         }
 
     def _write_description(self) -> None:

@@ -10,6 +10,7 @@ from fcsv_sim.render import compiled
 SIZE = 512
 PYRAMID_SIZE = (4 * SIZE * SIZE - 1) // 3
 _FADED = 6.5
+_FAR = float(SIZE << 20)
 
 
 def noise_pyramid(seed: int = 0) -> np.ndarray:
@@ -35,11 +36,10 @@ def _bilinear(data, x, y, level):
     base = (4 * SIZE * SIZE - 4 * size * size) // 3
     mask = size - 1
     scale = 1.0 / (1 << level)
-    x = x * scale - 0.5
-    y = y * scale - 0.5
-    fx, fy = np.floor(x), np.floor(y)
-    i, j = np.int64(fx), np.int64(fy)
-    ax, ay = x - fx, y - fy
+    x = x * scale + (_FAR - 0.5)  # positive: the cast to integers is then the floor
+    y = y * scale + (_FAR - 0.5)
+    i, j = np.int64(x), np.int64(y)
+    ax, ay = x - i, y - j
     i0, i1 = i & mask, (i + 1) & mask
     r0, r1 = base + (j & mask) * size, base + ((j + 1) & mask) * size
     top = data[r0 + i0] + (data[r0 + i1] - data[r0 + i0]) * ax
@@ -47,7 +47,7 @@ def _bilinear(data, x, y, level):
     return top + (bottom - top) * ay
 
 
-@compiled.function
+@compiled.inlined
 def fractal(data, x_m, y_m, texel_m, log2_footprint_m):
     """Noise at a place with texels of ``texel_m``, averaged over a footprint (log2 of metres); the pyramid is at the
     beginning of ``data``. Coarse levels hardly vary: they fade out and are not read at all. One level

@@ -17,7 +17,7 @@ from fcsv_sim.world.town import Town
 
 _EDGE_CONTRAST = 0.06
 _MOST_SAMPLES = max(sampling.OFFSETS)
-_MOST_EDGES = 0.2  # share of pixels that get extra rays, at most: bounds the time of a picture
+_MOST_EDGES = 0.12  # share of pixels that get extra rays, at most: bounds the time of a picture
 
 
 def require_samples(samples: int) -> int:

@@ -40,7 +40,7 @@ def shadow_maps(cast) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     return maps[0], maps[1], np.array(windows)
 
 
-@compiled.function
+@compiled.inlined
 def lit(near, far, windows, x, y, z, soft_m):
     """Share of the sun's light that reaches a place, over a soft edge of about ``soft_m``."""
     a = x * _R0 + y * _R1 + z * _R2

@@ -8,7 +8,7 @@ log2.
 import math
 
 from fcsv_sim.render import compiled
-from fcsv_sim.render.layout import AVENUES, CROSSINGS
+from fcsv_sim.render.layout import AVENUES, COVER, CROSSINGS, FARMLAND
 from fcsv_sim.render.noise import fractal
 from fcsv_sim.render.patterns import band, cell_hash, clamp01, detail, pulse
 from fcsv_sim.world import materials as m
@@ -131,6 +131,41 @@ def roof(data, row, u, v, du, dv, lf):
 
 @compiled.function
 def ground(data, s, t, hs, ht, fs, ft, lf):
+    """Bare ground (below), and what lies on it: smooth, but what is beneath shows a little."""
+    r, g, b = _bare_ground(data, s, t, hs, ht, fs, ft, lf)
+    share = data[COVER + 3]
+    if share > 0.0:
+        k = 1.0 + 0.6 * (g - 0.13)
+        r, g, b = (
+            r + (data[COVER] * k - r) * share,
+            g + (data[COVER + 1] * k - g) * share,
+            b + (data[COVER + 2] * k - b) * share,
+        )
+    return r, g, b
+
+
+@compiled.function
+def _crops(s, t, fs, ft, middle, fine, r, g, b):
+    """Fields of one crop each, with grass between them and rows along t in some."""
+    u, v = (s + 0.21 * t) / 74.0, (t - 0.17 * s) / 52.0
+    i, j = int(math.floor(u)), int(math.floor(v))
+    kind, tone = cell_hash(i, j, 11), cell_hash(i, j, 12)
+    inside = band((u - i) * 74.0, fs + 0.21 * ft, 1.4, 72.6) * band((v - j) * 52.0, ft + 0.17 * fs, 1.4, 50.6)
+    if kind < 0.22:  # meadow
+        return r, g, b
+    row = (pulse(v * 52.0 / 1.7, (ft + 0.17 * fs) / 1.7, 0.0, 0.35) - 0.35) * 0.5
+    k = (1.0 + 0.16 * middle + 0.24 * fine + row) * (0.85 + 0.3 * tone)
+    if kind < 0.5:  # grain
+        cr, cg, cb = 0.34 * k, 0.27 * k, 0.11 * k
+    elif kind < 0.75:  # beet
+        cr, cg, cb = 0.075 * k, 0.15 * k, 0.035 * k
+    else:  # ploughed
+        cr, cg, cb = 0.20 * k, 0.145 * k, 0.095 * k
+    return r + (cr - r) * inside, g + (cg - g) * inside, b + (cb - b) * inside
+
+
+@compiled.function
+def _bare_ground(data, s, t, hs, ht, fs, ft, lf):
     """Street, pavement, garden or field at plan coordinates (s, t); fs, ft: the footprint's sides. It is (2 hs, 2 ht)
     longer than lf says: noise is read at its two halves."""
     coarse = fractal(data, s * 0.93 + 0.37 * t, t * 0.93 - 0.37 * s, 0.37, lf)
@@ -148,6 +183,8 @@ def ground(data, s, t, hs, ht, fs, ft, lf):
     earth = clamp01((0.55 * coarse + 0.6 * middle - 0.75) * 1.6)
     k = 1.0 + 0.18 * middle + 0.28 * fine
     r, g, b = r + (0.25 * k - r) * earth, g + (0.20 * k - g) * earth, b + (0.14 * k - b) * earth
+    if data[FARMLAND] > 0.0 and s > 22.0:
+        r, g, b = _crops(s, t, fs, ft, middle, fine, r, g, b)
     first = data[CROSSINGS + 1]
     if s < first - _KERB - fs:
         return r, g, b

@@ -4,7 +4,7 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Tuple
+from typing import List
 
 import cv2
 import rospy
@@ -12,9 +12,8 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.vehicle import load_vehicles
 from fcsv_msgs.msg import RecorderStatus
 from fcsv_sim.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.render.bodies import Body
@@ -24,19 +23,26 @@ from fcsv_sim.world.town import Town
 
 #: Pictures are of a moment that just passed: the truth on both sides of it is there.
 _LATENCY_S = 0.02
+_LEAST_GAP = 0.6  # of a period between two pictures, also after a late one
+_LATE = 0.25  # of a period; after a picture that begins later, some are made quickly
+_CATCH_UP = 3
 _HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 
 @dataclass(frozen=True)
 class CameraNodeParameters:
     """As given to the node. Pictures have ``samples`` (as in Renderer) while this vehicle's recorder takes pictures,
-    ``preview_samples`` while it says that it does not, ``samples`` where there is no recorder."""
+    ``preview_samples`` while it says that it does not, ``samples`` where there is no recorder.
+
+    The rate goes before the finish: a machine that falls behind gets some pictures of ``preview_samples``.
+    """
 
     vehicle: str
-    vehicles: Tuple[str, ...]
+    vehicles: List[str]
     vehicles_dir: str
     sim_dir: str
     seed: int = 1
+    world: str = "street"
     rate_hz: float = 6.0
     samples: int = 3
     preview_samples: int = 1
@@ -51,15 +57,14 @@ class CameraNodeParameters:
 class CameraNode:
     """One picture a period; a period that is missed is skipped."""
 
-    def __init__(self, parameters: CameraNodeParameters):
-        rospy.loginfo("%s", parameters)
-        self._parameters = parameters
+    def __init__(self):
+        parameters = self._parameters = node.parameters(CameraNodeParameters)
         name = parameters.vehicle
-        geometries = load_vehicles(parameters.vehicles_dir, {*parameters.vehicles, name})
+        geometries = node.vehicles(parameters.vehicles_dir, [*parameters.vehicles, name])
         self._others: List = [(g, TruthReader(parameters.sim_dir, n)) for n, g in geometries.items() if n != name]
         self._truth = TruthReader(parameters.sim_dir, name)
         cv2.setNumThreads(1)  # the machine is shared with everything that flies
-        renderer = Renderer(Town.generate(parameters.seed))
+        renderer = Renderer(Town.generate(parameters.seed, parameters.world))
         seed = parameters.seed * 1000 + geometries[name].system_id
         self._camera = SimulatedCamera(renderer, geometries[name].T_body_cam, CameraParameters(), seed)
         self._frame = f"{name}/camera_color_optical_frame"
@@ -68,6 +73,7 @@ class CameraNode:
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)
         self._infos = rospy.Publisher("camera/color/camera_info", CameraInfo, queue_size=2)
         self._samples = parameters.samples
+        self._catch_up = 0
         rospy.Subscriber("recorder/status", RecorderStatus, self._on_recorder, queue_size=1)
 
     def _on_recorder(self, message: RecorderStatus) -> None:
@@ -81,8 +87,10 @@ class CameraNode:
             now_s = time.time()
             if now_s < due_s:
                 time.sleep(due_s - now_s)
-            missed = max(0, int((time.time() - due_s) / period_s))
-            due_s += (missed + 1) * period_s
+            started_s = time.time()
+            late = (started_s - due_s) / period_s
+            due_s = max(due_s + (max(0, int(late)) + 1) * period_s, started_s + _LEAST_GAP * period_s)
+            self._catch_up = _CATCH_UP if late > _LATE else max(0, self._catch_up - 1)
             try:
                 self._take(time.time() - _LATENCY_S)
             except PoseUnavailable as error:
@@ -92,7 +100,8 @@ class CameraNode:
     def _take(self, stamp_s: float) -> None:
         started_s = time.perf_counter()
         T_world_body = self._truth.wait_for(stamp_s)
-        shot = self._camera.shoot(stamp_s, T_world_body, self._others_at(stamp_s), self._samples)
+        samples = self._parameters.preview_samples if self._catch_up else self._samples
+        shot = self._camera.shoot(stamp_s, T_world_body, self._others_at(stamp_s), samples)
         self._note(shot)
         self._infos.publish(conversions.info_from_camera(self._camera.model, stamp_s, self._frame))
         self._pictures.publish(conversions.array_to_image(shot.rgb, "rgb8", stamp_s, self._frame))
@@ -125,18 +134,6 @@ class CameraNode:
         self._notes.write(f"{stamp.secs}.{stamp.nsecs:09d},{self._parameters.vehicle},{row}\n")
 
 
-def main() -> None:
+def main() -> int:
     """Run the node."""
-    rospy.init_node("camera")
-    CameraNode(
-        CameraNodeParameters(
-            vehicle=rospy.get_param("~vehicle"),
-            vehicles=tuple(rospy.get_param("~vehicles")),
-            vehicles_dir=rospy.get_param("~vehicles_dir"),
-            sim_dir=rospy.get_param("~sim_dir"),
-            seed=int(rospy.get_param("~seed", CameraNodeParameters.seed)),
-            rate_hz=float(rospy.get_param("~rate_hz", CameraNodeParameters.rate_hz)),
-            samples=int(rospy.get_param("~samples", CameraNodeParameters.samples)),
-            preview_samples=int(rospy.get_param("~preview_samples", CameraNodeParameters.preview_samples)),
-        )
-    ).spin()
+    return node.run("camera", CameraNode)

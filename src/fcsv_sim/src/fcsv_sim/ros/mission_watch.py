@@ -10,7 +10,7 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
-from fcsv_msgs.msg import Capture, MissionState, RecorderStatus, State, StatusText
+from fcsv_msgs.msg import Capture, MapState, MissionState, RecorderStatus, State, StatusText
 from fcsv_sim.machines import Machine
 
 
@@ -23,6 +23,7 @@ class MissionWatch:
         self._say = say
         self._lock = threading.Lock()
         self._line = ""
+        self._map = None
         self.phase: Optional[int] = None
         self.captures = 0
         self.moved_m: Dict[str, float] = dict.fromkeys(vehicles, 0.0)
@@ -34,6 +35,7 @@ class MissionWatch:
         self._abort = rospy.ServiceProxy("/mission/abort", Trigger)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission)
         rospy.Subscriber("/mission/capture", Capture, self._on_capture)
+        rospy.Subscriber("/map/state", MapState, self._on_map)
         for vehicle in vehicles:
             rospy.Subscriber(f"/{vehicle}/mavros/state", State, self._on_state, vehicle)
             rospy.Subscriber(f"/{vehicle}/mavros/statustext/recv", StatusText, self._on_text, vehicle)
@@ -88,6 +90,19 @@ class MissionWatch:
     def _on_capture(self, message: Capture) -> None:
         self.captures += 1
         self._say(f"captured {message.configuration.name}: set-point held within {message.position_error_m:.2f} m")
+
+    def _on_map(self, message: MapState) -> None:
+        said = (message.state, message.detail, message.configurations)
+        if said == self._map or message.state not in ("ready", "failed"):
+            return
+        self._map = said
+        if message.state == "failed":
+            self._say(f"map in flight: {message.detail}")
+            return
+        self._say(
+            f"map in flight: {message.configurations} configurations, {message.points} points, "
+            f"{message.latency_s:.1f} s after the last picture"
+        )
 
     def _on_state(self, message: State, vehicle: str) -> None:
         self.states[vehicle] = message

@@ -10,13 +10,13 @@ import rospy
 from std_srvs.srv import Trigger
 
 from fcsv_control.mission.config import load_mission
-from fcsv_geometry.errors import FcsvError, PoseUnavailable
+from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import MissionState, State
 from fcsv_sim.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.rc import RcSender
 from fcsv_sim.truth import TruthReader
-from fcsv_tracking.ros import parameters
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class OperatorNode:
     """Sends RC frames to every vehicle at ``rate_hz``."""
 
     def __init__(self):
-        p = self._parameters = parameters.read(OperatorParameters)
+        p = self._parameters = node.parameters(OperatorParameters)
         mission = load_mission(p.mission)
         field = Field(home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m)
         self._pilots = [Pilot(i, field, p.seed) for i in range(len(p.vehicles))]
@@ -99,11 +99,4 @@ class OperatorNode:
 
 def main() -> int:
     """Run the node."""
-    rospy.init_node("operator")
-    try:
-        node = OperatorNode()
-    except FcsvError as error:
-        rospy.logfatal("operator: %s", error)
-        return 2
-    node.spin()
-    return 0
+    return node.run("operator", OperatorNode)

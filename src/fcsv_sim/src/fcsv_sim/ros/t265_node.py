@@ -2,6 +2,7 @@
 """The simulated T265 under realsense2_camera's topic and frame names."""
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 import rospy
@@ -10,25 +11,41 @@ from nav_msgs.msg import Odometry
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.ros import conversions
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.ros import conversions, node
 from fcsv_sim.t265 import T265, T265Errors
 from fcsv_sim.truth import TruthReader
 
 _LATENCY_S = 0.015  # from the middle of its sensing to the sample, as the real one has it
 
 
+@dataclass(frozen=True)
+class T265Parameters:
+    """Parameters of the node. ``takeoff_jump_m``: how far the altitude jumps at take-off."""
+
+    vehicle: str
+    vehicles_dir: str
+    sim_dir: str
+    seed: int = 1
+    takeoff_jump_m: float = 0.0
+    rate_hz: float = 200.0
+
+    def __post_init__(self):
+        if not 1.0 <= self.rate_hz <= 400.0:
+            raise ValueError(f"rate_hz: {self.rate_hz} is not in 1..400")
+
+
 class T265Node:
     """Publishes t265/odom/sample at 200 Hz while the vehicle's truth is there."""
 
     def __init__(self):
-        self._name = rospy.get_param("~vehicle")
-        geometry = load_vehicles(rospy.get_param("~vehicles_dir"), [self._name])[self._name]
-        errors = T265Errors(takeoff_jump_m=float(rospy.get_param("~takeoff_jump_m", 0.0)))
-        seed = rospy.get_param("~seed", 1) * 1000 + geometry.system_id
+        parameters = node.parameters(T265Parameters)
+        self._name = parameters.vehicle
+        geometry = node.vehicles(parameters.vehicles_dir, [self._name])[self._name]
+        errors = T265Errors(takeoff_jump_m=parameters.takeoff_jump_m)
+        seed = parameters.seed * 1000 + geometry.system_id
         self._t265 = T265(errors, geometry.T_body_t265, seed)
-        self._truth = TruthReader(rospy.get_param("~sim_dir"), self._name)
-        self._period_s = 1.0 / rospy.get_param("~rate_hz", 200.0)
+        self._truth = TruthReader(parameters.sim_dir, self._name)
+        self._period_s = 1.0 / parameters.rate_hz
         # the driver's "high" confidence
         self._pose_covariance = (np.diag([1e-3] * 3 + [1e-4] * 3)).ravel().tolist()
         self._publisher = rospy.Publisher("t265/odom/sample", Odometry, queue_size=50)
@@ -55,7 +72,6 @@ class T265Node:
         self._publisher.publish(message)
 
 
-def main() -> None:
+def main() -> int:
     """Run the node."""
-    rospy.init_node("t265")
-    T265Node().spin()
+    return node.run("t265", T265Node)

@@ -2,31 +2,49 @@
 """The simulated vehicle as a process: real time, no topics (its voice is MAVLink)."""
 
 import time
+from dataclasses import dataclass
+from typing import Tuple
 
 import rospy
 
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.ros import node
 from fcsv_sim.vehicle import PASS_S, SimulatedVehicle, VehicleParameters
 
 
-def main() -> None:
-    """Run until ROS shuts the node down."""
-    rospy.init_node("sim_vehicle")
-    name = rospy.get_param("~vehicle")
-    geometry = load_vehicles(rospy.get_param("~vehicles_dir"), [name])[name]
-    parameters = VehicleParameters(
-        name=name,
-        system_id=geometry.system_id,
-        sim_dir=rospy.get_param("~sim_dir"),
-        companion=f"127.0.0.1:{rospy.get_param('~mavlink_port', 14550)}",
-        rc_port=rospy.get_param("~rc_port", 5501),
-        seed=rospy.get_param("~seed", 1),
-        start_xyz_yaw=tuple(float(x) for x in rospy.get_param("~start_xyz_yaw", [0, 0, 0, 0])),
-        wind_mps=float(rospy.get_param("~wind_mps", 1.0)),
-    )
-    rospy.loginfo("%s", parameters)
-    vehicle = SimulatedVehicle(parameters, time.time())
-    while not rospy.is_shutdown():
-        vehicle.advance_to(time.time())
-        time.sleep(PASS_S / 2)
-    vehicle.close()
+@dataclass(frozen=True)
+class VehicleNodeParameters:
+    """Parameters of the node; start: x, y, z (m) and yaw (rad) in the world."""
+
+    vehicle: str
+    vehicles_dir: str
+    sim_dir: str
+    mavlink_port: int = 14550
+    rc_port: int = 5501
+    seed: int = 1
+    start_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    wind_mps: float = 1.0
+
+
+class VehicleNode:
+    """Keeps a simulated vehicle at the time of the clock."""
+
+    def __init__(self):
+        p = node.parameters(VehicleNodeParameters)
+        system_id = node.vehicles(p.vehicles_dir, [p.vehicle])[p.vehicle].system_id
+        companion = f"127.0.0.1:{p.mavlink_port}"
+        parameters = VehicleParameters(
+            p.vehicle, system_id, p.sim_dir, companion, p.rc_port, p.seed, p.start_xyz_yaw, p.wind_mps
+        )
+        self._vehicle = SimulatedVehicle(parameters, time.time())
+
+    def spin(self) -> None:
+        """Until ROS shuts the node down."""
+        while not rospy.is_shutdown():
+            self._vehicle.advance_to(time.time())
+            time.sleep(PASS_S / 2)
+        self._vehicle.close()
+
+
+def main() -> int:
+    """Run the node."""
+    return node.run("sim_vehicle", VehicleNode)

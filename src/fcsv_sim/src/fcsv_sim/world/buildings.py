@@ -2,6 +2,7 @@
 """Houses with pitched roofs and taller blocks, with chimneys, eaves, balconies and roof-top boxes."""
 
 from dataclasses import dataclass
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -32,9 +33,11 @@ class Body:
         return self.floors * self.floor_m + 0.35
 
 
-def house(mesh: MeshBuilder, place: Placement, body: Body, random: np.random.Generator) -> None:
-    """Walls, a gabled or hipped roof with overhang, a chimney or two."""
-    looks = _Looks(random)
+def house(
+    mesh: MeshBuilder, place: Placement, body: Body, random: np.random.Generator, cover: Optional[Sequence] = None
+) -> None:
+    """Walls, a gabled or hipped roof with overhang, a chimney or two. ``cover``: smooth walls, its colour above."""
+    looks = _Looks(random, cover)
     _walls(mesh, place, body, looks, random)
     roof = mesh.instance(looks.roof, random.uniform(0, 999))
     trim = mesh.instance(looks.trim * 0.8, 0.0)
@@ -47,19 +50,22 @@ def house(mesh: MeshBuilder, place: Placement, body: Body, random: np.random.Gen
         wall = mesh.instance(looks.wall, random.uniform(0, 999), [1.0, 3.0, 0, 0, 0, 0, looks.brick, -1, *looks.trim])
         gable = [[x, y, body.eaves + z] for x in (-length / 2, length / 2)
                  for y, z in ((-depth / 2, 0.0), (depth / 2, 0.0), (0.0, rise))]  # fmt: skip
-        mesh.faces(place_roof.apply(np.array(gable).reshape(2, 3, 3)), FACADE, wall)
-    _pitched_roof(mesh, place_roof, (length, depth), body.eaves, rise, hip, roof, trim)
+        mesh.faces(place_roof.apply(np.array(gable).reshape(2, 3, 3)), looks.wall_material, wall)
+    _pitched_roof(mesh, place_roof, (length, depth), body.eaves, rise, hip, roof, trim, looks.roof_material)
     for _ in range(random.integers(0, 3)):
         x, y = random.uniform(-0.35, 0.35) * length, random.uniform(-0.2, 0.2) * depth
         top = body.eaves + rise * (1 - abs(y) / depth * 2) + random.uniform(0.6, 1.3)
         brick = mesh.instance(_BRICK[random.integers(4)], random.uniform(0, 999))
         mesh.box(place_roof, [x - 0.3, y - 0.3, body.eaves], [x + 0.3, y + 0.3, top], CONCRETE, brick, range(5))
-    _skylights(mesh, place_roof, (length, depth), body.eaves, rise, random)
+    if not looks.plain:
+        _skylights(mesh, place_roof, (length, depth), body.eaves, rise, random)
 
 
-def block(mesh: MeshBuilder, place: Placement, body: Body, random: np.random.Generator) -> None:
-    """A taller building with a flat roof: parapet, lift house, balconies on some."""
-    looks = _Looks(random)
+def block(
+    mesh: MeshBuilder, place: Placement, body: Body, random: np.random.Generator, cover: Optional[Sequence] = None
+) -> None:
+    """A taller building with a flat roof: parapet, lift house, balconies on some; ``cover`` as of a house."""
+    looks = _Looks(random, cover)
     _walls(mesh, place, body, looks, random)
     half = np.array([body.length / 2, body.depth / 2])
     concrete = mesh.instance(np.full(3, random.uniform(0.2, 0.45)), random.uniform(0, 999))
@@ -89,14 +95,18 @@ def hall(mesh: MeshBuilder, place: Placement, length: float, depth: float, heigh
 
 
 class _Looks:
-    """Colours of one building."""
+    """Colours and materials of one building."""
 
-    def __init__(self, random: np.random.Generator):
+    def __init__(self, random: np.random.Generator, cover: Optional[Sequence] = None):
         self.brick = float(random.random() < 0.35)
         palette = _BRICK if self.brick else _PLASTER
         self.wall = palette[random.integers(len(palette))] * random.uniform(0.75, 1.1) * random.uniform(0.94, 1.06, 3)
         self.roof = _TILES[random.integers(len(_TILES))] * random.uniform(0.8, 1.25)
         self.trim = _TRIM[random.integers(len(_TRIM))]
+        self.plain = cover is not None
+        self.wall_material, self.roof_material = (PLAIN_WALL, PLAIN_WALL) if self.plain else (FACADE, ROOF)
+        if cover is not None:
+            self.brick, self.roof = 0.0, np.asarray(cover) * random.uniform(0.9, 1.05)
 
 
 def _walls(mesh, place, body: Body, looks: _Looks, random) -> None:
@@ -116,10 +126,11 @@ def _walls(mesh, place, body: Body, looks: _Looks, random) -> None:
         wall = mesh.instance(looks.wall, random.uniform(0, 999), row)
         quad = np.array([[*a, -_UNDER_M], [*b, -_UNDER_M], [*b, body.eaves], [*a, body.eaves]])
         uv = [[0, -_UNDER_M], [width, -_UNDER_M], [width, body.eaves], [0, body.eaves]]
-        mesh.faces(place.apply(quad[None]), FACADE, wall, np.array(uv)[None])
+        material = PLAIN_WALL if looks.plain and random.random() < 0.75 else FACADE
+        mesh.faces(place.apply(quad[None]), material, wall, np.array(uv)[None])
 
 
-def _pitched_roof(mesh, place, size, eaves, rise, hip, roof, trim) -> None:
+def _pitched_roof(mesh, place, size, eaves, rise, hip, roof, trim, material=ROOF) -> None:
     length, depth = size
     over = 0.45
     slope = rise / (depth / 2)
@@ -129,11 +140,11 @@ def _pitched_roof(mesh, place, size, eaves, rise, hip, roof, trim) -> None:
     for sign in (-1, 1):
         sides.append([[-x, sign * y, low], [x, sign * y, low], [ridge, 0, top], [-ridge, 0, top]])
         ends.append([[sign * x, -y, low], [sign * x, y, low], [sign * ridge, 0, top]])
-    mesh.faces(place.apply(np.array(sides, float)), ROOF, roof)
+    mesh.faces(place.apply(np.array(sides, float)), material, roof)
     thick = np.array([0, 0, -0.18])
     fascia = [[q[0], q[1], np.add(q[1], thick), np.add(q[0], thick)] for q in sides]
     if hip:
-        mesh.faces(place.apply(np.array(ends, float)), ROOF, roof)
+        mesh.faces(place.apply(np.array(ends, float)), material, roof)
         fascia += [[q[0], q[1], np.add(q[1], thick), np.add(q[0], thick)] for q in ends]
     else:
         for q in ends:
@@ -167,3 +178,15 @@ def _balconies(mesh, place, body: Body, trim: int, random) -> None:
                 mesh.box(place, [x - 1.4, low, z], [x + 1.4, high, z + 0.16], CONCRETE, trim)
                 edge = sorted((y + side * 1.12, y + side * 1.2))
                 mesh.box(place, [x - 1.4, edge[0], z], [x + 1.4, edge[1], z + 0.95], CONCRETE, trim, range(5))
+
+
+def church(mesh: MeshBuilder, place: Placement, random: np.random.Generator) -> None:
+    """A nave and a tower with a spire: what shows above the roofs of a village."""
+    house(mesh, place, Body(22.0, 9.5, 2, 3.6), random)
+    looks = _Looks(random)
+    tower = Placement(*(place.apply(np.array([-13.2, 0.0, 0.0]))), place.yaw)
+    body = Body(5.6, 5.6, 5, 3.7)
+    _walls(mesh, tower, body, looks, random)
+    roof = mesh.instance(looks.roof, random.uniform(0, 999))
+    trim = mesh.instance(looks.trim * 0.8, 0.0)
+    _pitched_roof(mesh, tower, (body.length, body.depth), body.eaves, 10.5, body.length / 2 + 0.3, roof, trim)

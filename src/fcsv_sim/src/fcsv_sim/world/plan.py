@@ -5,7 +5,7 @@ Streets are straight in plan coordinates (s, t) = (x, y - bend(x)): the bend let
 """
 
 from dataclasses import dataclass
-from typing import List
+from typing import List, Tuple
 
 import numpy as np
 
@@ -27,13 +27,26 @@ class Parcel:
 
 
 @dataclass(frozen=True)
+class Cover:
+    """What lies on the ground (linear rgb) and how much of it hides what is below (0..1): snow, sand."""
+
+    colour: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    share: float = 0.0
+
+
+@dataclass(frozen=True)
 class TownPlan:
-    """Streets along s at ``avenues_t``, across at ``crossings_s`` (m), bend and ground of one seed."""
+    """Streets along s at ``avenues_t``, across at ``crossings_s`` (m), bend and ground of one seed.
+
+    ``farmland``: away from streets the ground is a patchwork of crops.
+    """
 
     avenues_t: np.ndarray
     crossings_s: np.ndarray
     bend_phase: np.ndarray
     ground_phase: np.ndarray
+    cover: Cover = Cover()
+    farmland: bool = False
 
     @classmethod
     def draw(cls, random: np.random.Generator) -> "TownPlan":
