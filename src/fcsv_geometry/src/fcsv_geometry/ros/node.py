@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every node begins with: strict parameters, the core's log in rosout, one line where it cannot run."""
+
+import dataclasses
+import logging
+from typing import Any, Callable, Dict, Sequence, Type, TypeVar
+
+import rospy
+
+from fcsv_geometry import config
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.vehicle import VehicleGeometry, load_vehicles
+
+T = TypeVar("T")
+CANNOT_RUN = 2
+
+
+def run(name: str, make: Callable[[], Any]) -> int:
+    """Make the node and spin until ROS shuts it down; its exit status.
+
+    ``make`` reads parameters and subscribes; its result's ``spin()`` is used where it has one. An FcsvError
+    from it is the end, as one line.
+    """
+    rospy.init_node(name)
+    _log_to_rosout()
+    try:
+        node = make()
+    except FcsvError as error:
+        rospy.logfatal("%s", error)
+        return CANNOT_RUN
+    getattr(node, "spin", rospy.spin)()
+    return 0
+
+
+def parameters(cls: Type[T]) -> T:
+    """The node's private parameters as a frozen dataclass. Raises ConfigError naming node and parameter; logs them."""
+    name = rospy.get_name()
+    found = config.from_mapping(rospy.get_param(name, {}), cls, name)
+    rospy.loginfo("%s: %s", name, dataclasses.asdict(found))
+    return found
+
+
+def vehicles(folder: str, names: Sequence[str]) -> Dict[str, VehicleGeometry]:
+    """The vehicles named, in order. Raises ConfigError; also on an empty list."""
+    if not names:
+        raise config.ConfigError(f"{rospy.get_name()}: 'vehicles' is empty; name the column, front first")
+    return load_vehicles(folder, list(dict.fromkeys(names)))
+
+
+def _log_to_rosout() -> None:
+    """What the packages of this workspace log goes where the node's own messages go."""
+    for package in ("geometry", "tracking", "stereo", "control", "multimaster", "sim"):
+        logger = logging.getLogger(f"fcsv_{package}")
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
+        for handler in logging.getLogger("rosout").handlers:
+            logger.addHandler(handler)
