@@ -7,19 +7,14 @@ import time
 import numpy as np
 import pytest
 import yaml
+from waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicle import load_vehicles
 
 pytestmark = pytest.mark.ros
 NAMES = ("m_front", "m_back")  # not uav1, uav2: other tests may use those on the same master
-
-
-def until(condition, timeout_s=15.0):
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, "did not come"
-        time.sleep(0.02)
+until = within(15.0)
 
 
 class StandIn:

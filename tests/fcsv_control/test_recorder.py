@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 import yaml
+from waiting import within
 
 from fcsv_control import recording
 from fcsv_control.errors import SessionError
@@ -17,13 +18,7 @@ from fcsv_geometry.errors import ConfigError
 
 ros = pytest.mark.ros
 LATENCY_S = 1.0  # generous: a loaded machine with two cores
-
-
-def until(condition, timeout_s=10.0):
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, "did not come"
-        time.sleep(0.02)
+until = within(10.0)
 
 
 @pytest.fixture

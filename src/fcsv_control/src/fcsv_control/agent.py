@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which commands an agent executes: each number once, none too late, duplicates answered as before."""
+"""The agent's judgement: which commands it executes, which target it holds, when a silent control PC means landing.
 
+A vehicle never depends on another machine: what was last accepted is held until something newer comes.
+"""
+
+import math
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 
 from fcsv_control.errors import CommandRefused
+from fcsv_geometry import transforms
 
 EXECUTE, REPEAT, WAIT, EXPIRED, IGNORE = "execute", "repeat", "wait", "expired", "ignore"
 _REMEMBERED = 200
@@ -22,14 +27,19 @@ class Answer:
 
 
 class CommandLog:
-    """Decides on numbered commands; keyed by sender and number."""
+    """Decides on numbered commands; keyed by sender and number, numbers of one sender rise."""
 
     def __init__(self, vehicle: str):
         self._vehicle = vehicle
         self._answers: OrderedDict[Tuple[str, int], Optional[Answer]] = OrderedDict()
+        self._newest: Dict[str, int] = {}  # number of the last move of each sender
 
-    def judge(self, now_s: float, vehicle: str, sender: str, number: int, expires_s: float):
-        """(what to do, the answer to repeat). A command under way waits; one never executed may be too late."""
+    def judge(self, now_s: float, vehicle: str, sender: str, number: int, moves: bool, expires_s: float):
+        """(what to do, the answer to repeat). A command under way waits; one never executed may be too late.
+
+        Of commands that move the vehicle (``moves``), one that a newer one of its sender overtook is too late,
+        too: a way-point that the radio delayed must not undo the hold that came after it.
+        """
         if vehicle != self._vehicle:
             return IGNORE, None
         key = (sender, number)
@@ -39,18 +49,168 @@ class CommandLog:
         self._answers[key] = None
         while len(self._answers) > _REMEMBERED:
             self._answers.popitem(last=False)
-        return (EXPIRED, None) if now_s > expires_s else (EXECUTE, None)
+        overtaken = moves and number < self._newest.get(sender, 0)
+        if overtaken or now_s > expires_s:
+            return EXPIRED, None
+        if moves:
+            self._newest[sender] = number
+        return EXECUTE, None
 
     def answered(self, sender: str, number: int, answer: Answer) -> None:
         """Remember what was answered."""
         self._answers[(sender, number)] = answer
 
 
-def checked_target(T_odom_body: np.ndarray, frame: str, expected_frame: str, here_m, furthest_m: float) -> np.ndarray:
-    """A target that may be flown to. Raises CommandRefused on another frame or one that is too far away."""
-    if frame != expected_frame:
-        raise CommandRefused(f"target is in frame '{frame}', this vehicle flies in '{expected_frame}'")
-    distance_m = float(np.linalg.norm(T_odom_body[:3, 3] - np.asarray(here_m)))
-    if not distance_m <= furthest_m:
-        raise CommandRefused(f"target is {distance_m:.1f} m away, at most {furthest_m:.0f} m are allowed")
-    return T_odom_body
+@dataclass(frozen=True)
+class Limits:
+    """What an agent lets a vehicle do, and when it takes the ground to have moved under it."""
+
+    furthest_target_m: float = 60.0  # from where it is
+    highest_takeoff_m: float = 30.0  # above the zero of its odometry frame
+    reset_step_m: float = 1.0  # of the autopilot's estimate between two messages, beyond what it can fly
+    takeoff_done_m: float = 0.3  # below the altitude asked for
+    takeoff_timeout_s: float = 30.0
+
+    def __post_init__(self):
+        for name in self.__dataclass_fields__:
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name}: must be positive, got {getattr(self, name)}")
+
+
+class Holder:
+    """The target that is streamed: set by commands, else where the vehicle was when GUIDED began.
+
+    During a take-off nothing is streamed, because any set-point would replace it; the place above is
+    held thereafter. Where the autopilot's estimate jumps, its odometry frame was begun anew: the target
+    moves along, or the vehicle would fly the difference.
+    """
+
+    _FASTEST_MPS = 10.0
+    _GAP_S = 0.5  # longest gap over which a jump can be told from a flight
+
+    def __init__(self, frame: str, limits: Limits):
+        self._frame, self._limits = frame, limits
+        self._mode, self._armed = "", False
+        self._here: Optional[np.ndarray] = None
+        self._here_s = -math.inf
+        self._target: Optional[np.ndarray] = None
+        self._above: Optional[np.ndarray] = None  # end of the take-off under way
+        self._above_since_s = 0.0
+
+    @property
+    def target(self) -> Optional[np.ndarray]:
+        """T_odom_body to stream now; None: nothing is to be streamed."""
+        return self._target.copy() if self._mode == "GUIDED" and self._target is not None else None
+
+    @property
+    def mode(self) -> str:
+        return self._mode
+
+    @property
+    def armed(self) -> bool:
+        return self._armed
+
+    def state(self, mode: str, armed: bool) -> None:
+        """The flight controller's mode. Entering GUIDED means holding here; leaving it forgets the target."""
+        entered = mode == "GUIDED" and self._mode != "GUIDED"
+        self._mode, self._armed = mode, armed
+        if mode != "GUIDED" or entered:
+            self._above = self._target = None
+        if entered and self._here is not None:
+            self._target = transforms.level(self._here)
+
+    def pose(self, stamp_s: float, T_odom_body: np.ndarray) -> float:
+        """The autopilot's estimate. Returns by how far (m) the frame was found to have moved, mostly 0."""
+        before, before_s = self._here, self._here_s
+        self._here, self._here_s = T_odom_body, stamp_s
+        self._watch_take_off(stamp_s)
+        if before is None:
+            if self._mode == "GUIDED" and self._above is None and self._target is None:
+                self._target = transforms.level(T_odom_body)  # started in flight: the mode was known first
+            return 0.0
+        gap_s = stamp_s - before_s
+        step = T_odom_body[:3, 3] - before[:3, 3]
+        step_m = float(np.linalg.norm(step))
+        if not 0.0 <= gap_s <= self._GAP_S or step_m <= self._limits.reset_step_m + self._FASTEST_MPS * gap_s:
+            return 0.0
+        for held in (self._target, self._above):
+            if held is not None:
+                held[:3, 3] += step
+        return step_m
+
+    def go_to(self, T_odom_body: np.ndarray, frame: str) -> None:
+        """A target that is finite by construction. Raises CommandRefused where it may not be flown to."""
+        self._require_guided()
+        if self._above is not None:
+            raise CommandRefused("still taking off; a target now would end the take-off")
+        if frame != self._frame:
+            raise CommandRefused(f"target is in frame '{frame}', this vehicle flies in '{self._frame}'")
+        distance_m = float(np.linalg.norm(T_odom_body[:3, 3] - self._here[:3, 3]))
+        if not distance_m <= self._limits.furthest_target_m:
+            most_m = self._limits.furthest_target_m
+            raise CommandRefused(f"target is {distance_m:.1f} m away, at most {most_m:.0f} m are allowed")
+        self._target = transforms.level(T_odom_body)
+
+    def hold(self) -> None:
+        """Hold here; ends a take-off. Raises CommandRefused."""
+        self._require_guided()
+        self._above = None
+        self._target = transforms.level(self._here)
+
+    def take_off(self, now_s: float, altitude_m: float) -> None:
+        """Before the autopilot is told to take off. Raises CommandRefused."""
+        self._require_guided()
+        if not 0.0 < altitude_m <= self._limits.highest_takeoff_m:  # NaN is refused, too
+            most_m = self._limits.highest_takeoff_m
+            raise CommandRefused(f"take-off to {altitude_m:g} m: more than 0 and at most {most_m:.0f} m are allowed")
+        if altitude_m <= self._here[2, 3]:
+            raise CommandRefused(f"take-off to {altitude_m:g} m: it is at {self._here[2, 3]:.1f} m already")
+        self._above = transforms.level(self._here)
+        self._above[2, 3] = altitude_m
+        self._above_since_s, self._target = now_s, None
+
+    def take_off_refused(self) -> None:
+        """The autopilot did not take off."""
+        self._above = None
+
+    def _watch_take_off(self, now_s: float) -> None:
+        if self._above is None:
+            return
+        if self._here[2, 3] >= self._above[2, 3] - self._limits.takeoff_done_m:
+            self._target, self._above = self._above, None
+        elif now_s - self._above_since_s > self._limits.takeoff_timeout_s:
+            self._target, self._above = transforms.level(self._here), None
+
+    def _require_guided(self) -> None:
+        if self._mode != "GUIDED":
+            raise CommandRefused(f"it is in {self._mode or 'no mode yet'}, not in GUIDED")
+        if self._here is None:
+            raise CommandRefused("the autopilot does not know where it is")
+
+
+class LinkLoss:
+    """Whether to land because the control PC is silent. ``land_s`` 0: hold for ever."""
+
+    _REPEAT_S = 5.0
+
+    def __init__(self, land_s: float):
+        self._land_s = land_s
+        self._heard_s: Optional[float] = None
+        self._said_s: Optional[float] = None
+        self._obeyed = False
+
+    def heard(self, now_s: float) -> None:
+        """Something came from the control PC."""
+        self._heard_s, self._said_s, self._obeyed = now_s, None, False
+
+    def land(self, now_s: float, mode: str, armed: bool) -> bool:
+        """Whether to land now: only a vehicle that this agent flies (armed in GUIDED), again until it leaves GUIDED."""
+        if self._said_s is not None and mode != "GUIDED":
+            self._obeyed = True  # who then goes back to GUIDED means it
+        if not self._land_s or self._heard_s is None or self._obeyed or not armed or mode != "GUIDED":
+            return False
+        silent = now_s - self._heard_s > self._land_s
+        if not silent or (self._said_s is not None and now_s - self._said_s < self._REPEAT_S):
+            return False
+        self._said_s = now_s
+        return True

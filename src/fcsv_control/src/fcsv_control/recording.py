@@ -12,7 +12,15 @@ _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",
     "camera_pose", "markers", "recorder/status",
 )  # fmt: skip
-_CONTROL: Tuple[str, ...] = ("/calibration", "/home", "/mission/state", "/mission/capture", "/tf", "/tf_static")
+_CONTROL: Tuple[str, ...] = (
+    "/calibration",
+    "/home",
+    "/mission/state",
+    "/mission/capture",
+    "/map/state",
+    "/tf",
+    "/tf_static",
+)
 ROLES = ("vehicle", "control")
 
 

@@ -1,33 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What to do when the pose feed dies: ArduCopter flies on blind for eight seconds, the companion must not."""
+"""What to do when the pose feed dies: ArduCopter flies on blind for eight seconds, the companion must not.
+
+LAND, because BRAKE needs the position that is lost and LOITER without a transmitter sinks fast. It is
+commanded in the modes that fly on position only: who flies by hand is left alone.
+"""
 
 from dataclasses import dataclass
 from typing import Optional
 
-_POSITION_MODES = {"GUIDED", "LOITER", "BRAKE"}
+POSITION_MODES = frozenset({"AUTO", "BRAKE", "CIRCLE", "GUIDED", "LOITER", "POSHOLD", "RTL", "SMART_RTL"})
+_REPEAT_S = 1.0
 
 
-@dataclass
+@dataclass(frozen=True)
+class WatchdogParameters:
+    """Ages of the newest pose (s). ``land_s`` 0: never land, warn only."""
+
+    warn_s: float = 0.5
+    land_s: float = 0.8
+
+    def __post_init__(self):
+        if not 0.1 <= self.warn_s <= 5.0:
+            raise ValueError(f"warn_s: {self.warn_s} is not in 0.1..5")
+        if self.land_s != 0.0 and not self.warn_s <= self.land_s <= 5.0:
+            raise ValueError(f"land_s: {self.land_s} is neither 0 (never) nor in warn_s..5")
+
+
 class FeedWatchdog:
     """``check`` says "warn" once the feed is late and "land" once it is dead while flying on position."""
 
-    warn_s: float = 0.4
-    land_s: float = 0.8
-    _last_s: Optional[float] = None
-    _landed: bool = False
+    def __init__(self, parameters: WatchdogParameters, now_s: float):
+        self._parameters = parameters
+        self._last_s = now_s  # a feed that never begins is as dead as one that ends
+        self._asked_s: Optional[float] = None
+        self._obeyed = False
 
     def feed(self, now_s: float) -> None:
-        self._last_s, self._landed = now_s, False
+        """A pose went to the autopilot."""
+        self._last_s, self._asked_s, self._obeyed = now_s, None, False
 
     def age_s(self, now_s: float) -> float:
-        return float("inf") if self._last_s is None else now_s - self._last_s
+        """Age of the newest pose, or of this watchdog where there was none."""
+        return now_s - self._last_s
 
     def check(self, now_s: float, armed: bool, mode: str) -> str:
-        """ "" , "warn" or "land"; "land" is said once for each death of the feed."""
-        if self._last_s is None or not armed or mode not in _POSITION_MODES:
+        """Nothing (empty), "warn" or "land".
+
+        "land" comes again every second until the vehicle is seen in LAND, not thereafter: a pilot who then
+        takes over in another mode has the last word.
+        """
+        if not armed:
             return ""
-        age_s = now_s - self._last_s
-        if age_s > self.land_s and not self._landed:
-            self._landed = True
-            return "land"
-        return "warn" if age_s > self.warn_s else ""
+        if self._asked_s is not None and mode == "LAND":
+            self._obeyed = True
+        if mode not in POSITION_MODES or self.age_s(now_s) <= self._parameters.warn_s:
+            return ""
+        dead = self._parameters.land_s > 0 and self.age_s(now_s) > self._parameters.land_s
+        if not dead or self._obeyed or (self._asked_s is not None and now_s - self._asked_s < _REPEAT_S):
+            return "warn"
+        self._asked_s = now_s
+        return "land"

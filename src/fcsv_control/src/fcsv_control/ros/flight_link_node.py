@@ -1,43 +1,66 @@
 # SPDX-License-Identifier: Apache-2.0
 """The flight link as a node, in MAVROS's topic layout and semantics."""
 
-import logging
+import threading
 import time
+from dataclasses import dataclass, field, replace
+from typing import Optional
 
+import numpy as np
 import rospy
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import BatteryState
+from std_srvs.srv import Trigger, TriggerResponse
 
 from fcsv_control.errors import CommandRefused, ControlError
+from fcsv_control.flight.commands import ACCEPTED, FAILED
+from fcsv_control.flight.feed import FeedParameters, VisionFeed
 from fcsv_control.flight.link import FlightLink, LinkParameters
-from fcsv_control.flight.watchdog import FeedWatchdog
+from fcsv_control.flight.watchdog import FeedWatchdog, WatchdogParameters
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import State, StatusText
 from fcsv_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
-_FEED_PERIOD_S = 1.0 / 40.0  # 30 Hz passes, 200 Hz would be thinned
-_STALE_S = 0.3
+_WATCH_S = 0.05
+_STATE_PERIOD_S = 1.0
+
+
+@dataclass(frozen=True)
+class FlightLinkNodeParameters:
+    """Parameters of the node. With ``vehicles_dir`` the system id in the vehicle's file is the one listened to."""
+
+    vehicle: str
+    fcu_url: str
+    vehicles_dir: str = ""
+    link: LinkParameters = field(default_factory=LinkParameters)
+    feed: FeedParameters = field(default_factory=FeedParameters)
+    watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
 
 
 class FlightLinkNode:
     """Poses in, estimates out, services with real acknowledgements, and a watchdog on the pose feed."""
 
     def __init__(self):
-        self._name = rospy.get_param("~vehicle")
-        parameters = LinkParameters(rospy.get_param("~fcu_url"), rospy.get_param("~position_rate_hz", 30.0))
-        self._watchdog = FeedWatchdog(rospy.get_param("~feed_warn_s", 0.4), rospy.get_param("~feed_land_s", 0.8))
-        rospy.loginfo("%s, %s", parameters, self._watchdog)
-        self._last_fed_s = 0.0
+        self._parameters = node.parameters(FlightLinkNodeParameters)
+        self._name = self._parameters.vehicle
+        self._odom = frames.odom(self._name)
+        self._feed = VisionFeed(self._parameters.feed)
+        self._watchdog = FeedWatchdog(self._parameters.watchdog, time.monotonic())
+        self._warned = False
+        self._landing: Optional[threading.Thread] = None
+        self._published, self._published_s = None, float("-inf")
+        self._state_lock = threading.Lock()
         self._health = Health(self._name, {"pose feed": 10.0, "autopilot": 5.0})
         self._state = rospy.Publisher("mavros/state", State, queue_size=5, latch=True)
-        self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5)
+        self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
         self._link = FlightLink(
-            parameters,
+            self._parameters.fcu_url,
+            self._link_parameters(),
             on_state=self._on_state,
             on_pose=self._on_pose,
             on_battery=self._on_battery,
@@ -48,124 +71,147 @@ class FlightLinkNode:
         rospy.Service("mavros/cmd/arming", CommandBool, self._arm)
         rospy.Service("mavros/cmd/takeoff", CommandTOL, self._take_off)
         rospy.Service("mavros/cmd/land", CommandTOL, self._land)
-        self._timer = rospy.Timer(rospy.Duration(0.1), self._check)
+        rospy.Service("~odometry_reset", Trigger, self._odometry_reset)
+        self._timer = rospy.Timer(rospy.Duration(_WATCH_S), self._watch)
         rospy.Subscriber("mavros/vision_pose/pose", PoseStamped, self._on_vision, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(
             "mavros/setpoint_position/local", PoseStamped, self._on_set_point, queue_size=1, tcp_nodelay=True
         )
 
+    def _link_parameters(self) -> LinkParameters:
+        link, folder = self._parameters.link, self._parameters.vehicles_dir
+        if link.target_system or not folder:
+            return link
+        return replace(link, target_system=node.vehicles(folder, [self._name])[self._name].system_id)
+
     # ---- towards the autopilot -----------------------------------------------------------------------------
 
     def _on_vision(self, message: PoseStamped) -> None:
         stamp_s = message.header.stamp.to_sec()
-        if stamp_s - self._last_fed_s < _FEED_PERIOD_S:
+        refusal = self._feed.judge(rospy.get_time(), stamp_s)
+        if refusal:
+            self._health.drop("late pose", refusal)
+        if refusal != "":
             return
-        age_s = rospy.get_time() - stamp_s
-        if not -0.1 < age_s < _STALE_S:
-            self._health.drop("stale pose", f"{age_s:.2f} s old")
-            return
-        T_odom_body = self._converted(message)
-        if T_odom_body is None:
-            return
-        self._last_fed_s = stamp_s
-        self._link.send_pose(stamp_s, T_odom_body)
-        self._watchdog.feed(time.monotonic())
-        self._health.tick("pose feed")
+        T_odom_body = self._converted(message, "pose feed")
+        if T_odom_body is not None:
+            self._link.send_pose(stamp_s, T_odom_body)
+            self._watchdog.feed(time.monotonic())
+            self._health.tick("pose feed")
 
     def _on_set_point(self, message: PoseStamped) -> None:
-        T_odom_body = self._converted(message)
+        T_odom_body = self._converted(message, "set-point")
         if T_odom_body is not None:
             self._link.send_set_point(T_odom_body)
 
-    def _converted(self, message: PoseStamped):
-        if message.header.frame_id != frames.odom(self._name):
-            self._health.drop("wrong frame", f"{message.header.frame_id} is not {frames.odom(self._name)}")
+    def _converted(self, message: PoseStamped, what: str) -> Optional[np.ndarray]:
+        if message.header.frame_id != self._odom:
+            self._health.drop(f"{what} in a wrong frame", f"'{message.header.frame_id}' is not '{self._odom}'")
             return None
         try:
             return conversions.pose_to_transform(message.pose)
         except FcsvError as error:
-            self._health.drop("pose", str(error))
+            self._health.drop(f"{what} that is no pose", str(error))
             return None
 
-    def _check(self, _event) -> None:
-        state = self._link.state
-        verdict = self._watchdog.check(time.monotonic(), state.armed, state.mode)
-        text = f"{self._name}: pose feed is {self._watchdog.age_s(time.monotonic()):.1f} s old" if verdict else ""
-        self._health.problem("feed", text)
-        wrong = [f"{k} is {v:g}" for k, v in state.wrong_parameters.items()]
-        self._health.problem("parameters", f"{self._name}: autopilot parameters: {', '.join(wrong)}" if wrong else "")
-        if verdict == "land":
-            self._on_text(2, "pose feed lost: landing")
-            try:
-                self._link.set_mode("LAND")
-            except ControlError as error:
-                rospy.logerr("landing after the loss of the pose feed: %s", error)
-        if not state.connected(time.monotonic()) and state.heartbeat_s is not None:
+    def _watch(self, _event) -> None:
+        now_s, s = time.monotonic(), self._link.state
+        verdict = self._watchdog.check(now_s, s.armed, s.mode)
+        age = f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
+        self._health.problem("feed", f"{self._name}: {age} while flying in {s.mode}" if verdict else "")
+        if verdict and not self._warned:
+            self._on_text(StatusText.CRITICAL, f"{self._name}: {age}")
+        self._warned = bool(verdict)
+        if verdict == "land" and (self._landing is None or not self._landing.is_alive()):
+            self._on_text(StatusText.ALERT, f"{self._name}: {age}, landing")
+            self._landing = threading.Thread(target=self._land_now, name="failsafe", daemon=True)
+            self._landing.start()
+        if now_s - self._published_s >= _STATE_PERIOD_S or not self._link.connected:
+            self._report()
             self._on_state()
+
+    def _land_now(self) -> None:
+        try:
+            self._link.set_mode("LAND")
+        except ControlError as error:
+            rospy.logerr("landing after the loss of the pose feed: %s", error)
+
+    def _report(self) -> None:
+        """Health that changes slowly."""
+        s, name = self._link.state, self._name
+        self._health.problem("link", "" if self._link.connected else f"{name}: no heartbeat of the autopilot")
+        wrong = "; ".join(self._link.parameter_problems)
+        self._health.problem("parameters", f"{name}: autopilot's parameters: {wrong}" if wrong else "")
+        self._health.value("mode", s.mode)
+        self._health.value("armed", s.armed)
+        self._health.value("ready to arm", s.prearm_ok)
+        self._health.value("origin", self._link.origin_set)
+        self._health.value("EKF flags", hex(s.ekf_flags))
+        if self._link.strangers:
+            self._health.value("other autopilots heard", self._link.strangers)
 
     # ---- from the autopilot --------------------------------------------------------------------------------
 
     def _on_state(self) -> None:
-        s = self._link.state
-        self._state.publish(
-            State(
-                header=conversions.header(rospy.get_time(), ""),
-                connected=s.connected(time.monotonic()),
-                armed=s.armed,
-                guided=s.guided,
-                manual_input=s.manual_input,
-                mode=s.mode,
-                system_status=s.system_status,
-            )
-        )
+        """Publish the state where it changed, and once a second."""
+        s, connected = self._link.state, self._link.connected
+        now = (connected, s.armed, s.guided, s.manual_input, s.mode, s.system_status)
+        with self._state_lock:
+            if now == self._published and time.monotonic() - self._published_s < _STATE_PERIOD_S:
+                return
+            self._published, self._published_s = now, time.monotonic()
+            self._state.publish(State(conversions.header(rospy.get_time(), ""), *now))
 
-    def _on_pose(self, T_odom_body) -> None:
+    def _on_pose(self, T_odom_body: np.ndarray) -> None:
         self._health.tick("autopilot")
-        self._pose.publish(conversions.pose_stamped(T_odom_body, rospy.get_time(), frames.odom(self._name)))
+        self._pose.publish(conversions.pose_stamped(T_odom_body, rospy.get_time(), self._odom))
 
     def _on_battery(self) -> None:
         s = self._link.state
         message = BatteryState(header=conversions.header(rospy.get_time(), ""), voltage=s.voltage_v, present=True)
-        message.percentage = s.battery_share
-        message.current = message.charge = message.capacity = message.design_capacity = float("nan")
+        message.percentage, message.current = s.battery_share, -s.current_a
+        message.charge = message.capacity = message.design_capacity = float("nan")
+        message.power_supply_technology = BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO
         self._battery.publish(message)
 
     def _on_text(self, severity: int, text: str) -> None:
-        rospy.loginfo("autopilot of %s: %s", self._name, text)
+        log = rospy.loginfo if severity >= StatusText.NOTICE else rospy.logwarn
+        log("autopilot of %s: %s", self._name, text)
         self._texts.publish(StatusText(conversions.header(rospy.get_time(), ""), severity, text))
 
     # ---- services ------------------------------------------------------------------------------------------
 
     def _set_mode(self, request) -> SetModeResponse:
-        return SetModeResponse(self._attempt(lambda: self._link.set_mode(request.custom_mode)) == 0)
+        return SetModeResponse(self._attempt(lambda: self._link.set_mode(request.custom_mode)) == ACCEPTED)
 
     def _arm(self, request) -> CommandBoolResponse:
         result = self._attempt(lambda: self._link.arm(request.value))
-        return CommandBoolResponse(result == 0, result)
+        return CommandBoolResponse(result == ACCEPTED, result)
 
     def _take_off(self, request) -> CommandTOLResponse:
         result = self._attempt(lambda: self._link.take_off(request.altitude))
-        return CommandTOLResponse(result == 0, result)
+        return CommandTOLResponse(result == ACCEPTED, result)
 
     def _land(self, _request) -> CommandTOLResponse:
         result = self._attempt(lambda: self._link.set_mode("LAND"))
-        return CommandTOLResponse(result == 0, result)
+        return CommandTOLResponse(result == ACCEPTED, result)
+
+    def _odometry_reset(self, _request) -> TriggerResponse:
+        self._link.note_reset()
+        return TriggerResponse(True, "the next pose is adopted at once; the set-point has to be issued again")
 
     def _attempt(self, action) -> int:
-        """MAV_RESULT: 0 accepted, 4 failed. The reason is published as a status text and logged."""
+        """MAV_RESULT: 0 accepted, 4 failed. The reason is published as a status text before the service answers."""
         try:
             action()
-            return 0
+            return ACCEPTED
         except CommandRefused as error:
-            self._on_text(3, str(error))
+            self._on_text(StatusText.ERROR, str(error))
         except ControlError as error:
-            self._on_text(2, str(error))
-        return 4
+            self._on_text(StatusText.CRITICAL, str(error))
+        return FAILED
 
 
-def main() -> None:
+def main() -> int:
     """Run the node."""
-    logging.basicConfig(level=logging.INFO)
-    rospy.init_node("flight_link")
-    FlightLinkNode()
-    rospy.spin()
+    return node.run("flight_link", FlightLinkNode)

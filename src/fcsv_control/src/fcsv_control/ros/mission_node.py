@@ -18,12 +18,12 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ros.mission_inputs import VehicleInputs
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configuration, Home, MissionState
 from fcsv_msgs.srv import Calibrate, SetHome
 from fcsv_tracking.chain import odoms_in_home
-from fcsv_tracking.ros import link_messages, parameters
+from fcsv_tracking.ros import link_messages
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class MissionNode:
     """Steps the machine at ``rate_hz``. Raises FcsvError on a mission that this fleet cannot fly."""
 
     def __init__(self):
-        self._parameters = parameters.read(MissionParameters)
+        self._parameters = node.parameters(MissionParameters)
         names = self._names = self._parameters.vehicles
-        self._vehicles = parameters.vehicles(self._parameters.vehicles_dir, names)
+        self._vehicles = node.vehicles(self._parameters.vehicles_dir, names)
         self._mission = load_mission(self._parameters.mission)
         rospy.loginfo("%s", self._mission)
         self._machine = MissionMachine(self._mission, names)
@@ -199,12 +199,5 @@ class MissionNode:
 
 
 def main() -> int:
-    """Run the node; a mission that cannot be flown ends it with one line and status 2."""
-    rospy.init_node("mission")
-    try:
-        node = MissionNode()
-    except FcsvError as error:
-        rospy.logfatal("%s", error)
-        return 2
-    node.spin()
-    return 0
+    """Run the node."""
+    return node.run("mission", MissionNode)

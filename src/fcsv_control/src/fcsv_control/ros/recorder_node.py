@@ -13,18 +13,16 @@ from fcsv_control.mission.config import load_mission
 from fcsv_control.recording import RecorderParameters, keep_earlier, plan
 from fcsv_control.ros.bag_writer import BagWriter
 from fcsv_control.session import FILE, new_session, save_session
-from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RecorderStatus
-from fcsv_tracking.ros import parameters
 
 
 class RecorderNode:
     """Messages stay serialized from the socket to the disk; pictures only while ``recorder/pictures`` is true."""
 
     def __init__(self):
-        p = self._parameters = parameters.read(RecorderParameters)
+        p = self._parameters = node.parameters(RecorderParameters)
         self._folder = _made(Path(p.folder).expanduser())
         if p.role == "control":
             self._describe_session()
@@ -104,12 +102,5 @@ def _opened(path: Path, most_waiting_bytes: int) -> BagWriter:
 
 
 def main() -> int:
-    """Run the node; status 2 and one line where it cannot record."""
-    rospy.init_node("recorder")
-    try:
-        RecorderNode()
-    except FcsvError as error:
-        rospy.logfatal("recorder: %s", error)
-        return 2
-    rospy.spin()
-    return 0
+    """Run the node."""
+    return node.run("recorder", RecorderNode)

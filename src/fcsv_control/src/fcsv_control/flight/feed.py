@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which poses of external navigation go on to the autopilot: new ones only, at a steady rate."""
+
+from dataclasses import dataclass
+from typing import Optional
+
+
+@dataclass(frozen=True)
+class FeedParameters:
+    """ArduCopter flies well on 30 Hz, needs 10 Hz; a pose older than ``stale_s`` is no news."""
+
+    rate_hz: float = 30.0
+    stale_s: float = 0.3
+
+    def __post_init__(self):
+        if not 10.0 <= self.rate_hz <= 100.0:
+            raise ValueError(f"rate_hz: {self.rate_hz} is not in 10..100")
+        if not 0.0 < self.stale_s <= 1.0:
+            raise ValueError(f"stale_s: {self.stale_s} is not in (0, 1]")
+
+
+class VisionFeed:
+    """Decides by stamps; never lets one pass twice."""
+
+    _FUTURE_S = 0.1  # how far ahead of the clock a stamp may be
+    _CLOCK_SET_S = 1.0  # stamps that go back further than this come from a clock that was set
+    _EARLY = 0.3  # share of a period by which a pose may come early and pass: jitter of the sender
+
+    def __init__(self, parameters: FeedParameters):
+        self._parameters = parameters
+        self._last_s: Optional[float] = None
+        self._due_s = float("-inf")
+
+    def judge(self, now_s: float, stamp_s: float) -> Optional[str]:
+        """Empty: send it. None: thin it out, as it should be. Else why it is dropped."""
+        age_s = now_s - stamp_s
+        if not -self._FUTURE_S <= age_s <= self._parameters.stale_s:
+            return f"pose is {age_s:.2f} s old" if age_s > 0 else f"pose is {-age_s:.2f} s ahead of the clock"
+        period_s = 1.0 / self._parameters.rate_hz
+        if self._last_s is not None and stamp_s <= self._last_s:
+            if self._last_s - stamp_s < self._CLOCK_SET_S:
+                return "pose is not newer than the last"
+            self._due_s = float("-inf")
+        if stamp_s < self._due_s - self._EARLY * period_s:
+            return None
+        self._due_s = max(self._due_s + period_s, stamp_s + (1.0 - self._EARLY) * period_s)
+        self._last_s = stamp_s
+        return ""

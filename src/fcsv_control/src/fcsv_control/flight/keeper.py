@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The procedure of connecting, and when to go through it again: after silence, after a reboot, when streams stop.
+
+All is asked for repeatedly until its effect is seen: an acknowledgement does not promise data, an origin
+has none, and a reboot forgets intervals and origin.
+"""
+
+from typing import Dict, List, Optional
+
+CONNECTED_S = 3.0  # as MAVROS: connected while a heartbeat is younger than this
+HEARTBEAT, STREAMS, ASK_ORIGIN, SET_ORIGIN, PARAMETER = "heartbeat", "streams", "ask origin", "set origin", "parameter"
+_PERIOD_S = {HEARTBEAT: 1.0, STREAMS: 2.0, ASK_ORIGIN: 1.0, SET_ORIGIN: 1.0, PARAMETER: 0.1}
+_SILENT_S = 2.0
+_BOOT_BACK_MS = 1000
+
+
+class ConnectionKeeper:
+    """Told what arrives, it says what to send. Time is given by the caller (s, monotonic)."""
+
+    def __init__(self, streams):
+        self._streams: Dict[str, float] = dict.fromkeys(streams, float("-inf"))
+        self._heartbeat_s: Optional[float] = None
+        self._boot_ms: Optional[int] = None
+        self._next_s = dict.fromkeys(_PERIOD_S, float("-inf"))
+        self.origin_set = False
+        self.parameters_read = False
+
+    def connected(self, now_s: float) -> bool:
+        """Whether a heartbeat came within the last 3 s."""
+        return self._heartbeat_s is not None and now_s - self._heartbeat_s < CONNECTED_S
+
+    def heartbeat(self, now_s: float) -> bool:
+        """A heartbeat came; whether it is the first one, or the first after a silence."""
+        began = not self.connected(now_s)
+        self._heartbeat_s = now_s
+        if began:
+            self.begin_again()
+        return began
+
+    def stream(self, now_s: float, name: str, boot_ms: Optional[int] = None) -> bool:
+        """A message of a stream came; whether its time since boot went back, that is, it was rebooted."""
+        if name in self._streams:
+            self._streams[name] = now_s
+        if boot_ms is None:
+            return False
+        rebooted = self._boot_ms is not None and boot_ms < self._boot_ms - _BOOT_BACK_MS
+        self._boot_ms = boot_ms
+        if rebooted:
+            self.begin_again()
+        return rebooted
+
+    def begin_again(self) -> None:
+        """Nothing that was set up may be relied on any more."""
+        self.origin_set = self.parameters_read = False
+        self._boot_ms = None
+        for name in (STREAMS, ASK_ORIGIN, PARAMETER):
+            self._next_s[name] = float("-inf")
+        # asked for first: an autopilot in flight, met by a restarted link, has its origin
+        self._next_s[SET_ORIGIN] = (self._heartbeat_s or 0.0) + 0.5
+
+    def due(self, now_s: float) -> List[str]:
+        """What to send now."""
+        wanted = {HEARTBEAT: True}  # also before anything is heard: on some links it must speak first
+        if self.connected(now_s):
+            wanted[STREAMS] = any(now_s - last_s > _SILENT_S for last_s in self._streams.values())
+            wanted[ASK_ORIGIN] = wanted[SET_ORIGIN] = not self.origin_set
+            wanted[PARAMETER] = not self.parameters_read
+        due = [name for name, is_wanted in wanted.items() if is_wanted and now_s >= self._next_s[name]]
+        for name in due:
+            self._next_s[name] = now_s + _PERIOD_S[name]
+        return due

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What comes from the autopilot, message by message: its state, estimates, words, parameters and answers."""
+
+import logging
+import math
+from dataclasses import replace
+from typing import Callable, Dict, Optional, Tuple
+
+from pymavlink import mavutil
+
+from fcsv_control.flight import conversion
+from fcsv_control.flight.exchange import Exchange
+from fcsv_control.flight.keeper import ConnectionKeeper
+from fcsv_control.flight.parameters import ParameterCheck
+from fcsv_control.flight.state import FlightState
+from fcsv_control.flight.texts import TextJoiner
+from fcsv_control.flight.transport import COMPANION
+
+_M = mavutil.mavlink
+_LOG = logging.getLogger(__name__)
+STREAMS = ("ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS")  # those that must not stop
+
+
+class Listener:
+    """Hears one autopilot; ``callbacks`` as in FlightLink, and on_wrong_parameter(name, value, MAV_PARAM_TYPE)."""
+
+    def __init__(self, target_system: int, exchange: Exchange, callbacks: Dict[str, Callable]):
+        self.target = target_system
+        self.state = FlightState()
+        self.keeper = ConnectionKeeper(STREAMS)
+        self.parameters = ParameterCheck()
+        self.strangers: Tuple[int, ...] = ()  # system ids of autopilots that are not ours
+        self.altitudes_mm: Dict[str, int] = {}  # of "home" and "origin", above sea level
+        self._exchange = exchange
+        self._callbacks = callbacks
+        self._texts = TextJoiner()
+        self._rpy_ned: Optional[Tuple[float, float, float]] = None
+
+    def take(self, now_s: float, m) -> None:
+        """One message; those of other systems and components are passed over."""
+        kind = m.get_type()
+        if kind == "BAD_DATA" or m.get_srcComponent() != _M.MAV_COMP_ID_AUTOPILOT1:
+            return
+        if kind == "HEARTBEAT" and m.autopilot != _M.MAV_AUTOPILOT_INVALID:
+            self._meet(m.get_srcSystem())
+        if m.get_srcSystem() != self.target:
+            return
+        if self.keeper.stream(now_s, kind, getattr(m, "time_boot_ms", None)):
+            _LOG.warning("flight controller was restarted: connecting again")
+            self.parameters.begin()
+        handler = getattr(self, "_on_" + kind.lower(), None)
+        if handler is not None:
+            handler(now_s, m)
+            self._exchange.heard()
+
+    def overdue(self, now_s: float) -> None:
+        """Pass on texts whose end got lost."""
+        for text in self._texts.overdue(now_s):
+            self._said(now_s, *text)
+
+    def _meet(self, system: int) -> None:
+        if self.target == 0:
+            self.target = system
+        elif system != self.target and system not in self.strangers:
+            self.strangers = (*self.strangers, system)
+            _LOG.warning("an autopilot with system id %d is heard; ours is %d", system, self.target)
+
+    def _on_heartbeat(self, now_s: float, m) -> None:
+        if self.keeper.heartbeat(now_s):
+            _LOG.info("flight controller %d is there", self.target)
+            self.parameters.begin()
+        self.state = self.state.with_heartbeat(m)
+        self._call("on_state")
+
+    def _on_extended_sys_state(self, _now_s: float, m) -> None:
+        self.state = self.state.with_extended(m)
+
+    def _on_sys_status(self, _now_s: float, m) -> None:
+        self.state = self.state.with_sys_status(m)
+        self._call("on_battery")
+
+    def _on_ekf_status_report(self, _now_s: float, m) -> None:
+        self.state = replace(self.state, ekf_flags=m.flags)
+
+    def _on_command_ack(self, now_s: float, m) -> None:
+        if m.target_component in (0, COMPANION) and m.target_system in (0, self.target):
+            self._exchange.acknowledged(now_s, m.command, m.result)
+
+    def _on_statustext(self, now_s: float, m) -> None:
+        whole = self._texts.add(now_s, m.severity, m.text, m.id, m.chunk_seq)
+        if whole is not None:
+            self._said(now_s, *whole)
+
+    def _said(self, now_s: float, severity: int, text: str) -> None:
+        self._exchange.said(now_s, severity, text)
+        self._call("on_text", severity, text)
+
+    def _on_attitude(self, _now_s: float, m) -> None:
+        self._rpy_ned = (m.roll, m.pitch, m.yaw)
+
+    def _on_local_position_ned(self, _now_s: float, m) -> None:
+        if self._rpy_ned is not None and all(map(math.isfinite, (m.x, m.y, m.z, *self._rpy_ned))):
+            self._call("on_pose", conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned))
+
+    def _on_gps_global_origin(self, _now_s: float, m) -> None:
+        if not self.keeper.origin_set:
+            _LOG.info("the autopilot's origin is %.7f, %.7f deg", m.latitude / 1e7, m.longitude / 1e7)
+        self.keeper.origin_set = True
+        self.altitudes_mm["origin"] = m.altitude
+
+    def _on_home_position(self, _now_s: float, m) -> None:
+        self.altitudes_mm["home"] = m.altitude
+
+    def _on_param_value(self, _now_s: float, m) -> None:
+        if self.parameters.answer(m.param_id, m.param_value):
+            _LOG.warning("parameter %s is %g, which external navigation does not fly on", m.param_id, m.param_value)
+            self._call("on_wrong_parameter", m.param_id, m.param_value, m.param_type)
+
+    def _call(self, name: str, *args) -> None:
+        callback = self._callbacks.get(name)
+        if callback is not None:
+            callback(*args)

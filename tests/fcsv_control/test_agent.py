@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The agent's judgement without ROS: numbered commands, the target that is held, a control PC that falls silent."""
+
+import numpy as np
+import pytest
+
+from fcsv_control.agent import (
+    EXECUTE,
+    EXPIRED,
+    IGNORE,
+    REPEAT,
+    WAIT,
+    Answer,
+    CommandLog,
+    Holder,
+    Limits,
+    LinkLoss,
+)
+from fcsv_control.errors import CommandRefused
+from fcsv_geometry import transforms
+
+FRAME = "uav1/odom"
+
+
+def at(x, y, z, yaw=0.0):
+    return transforms.from_xyz_yaw([x, y, z], yaw)
+
+
+# ---- commands --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def log():
+    return CommandLog("uav1")
+
+
+def test_a_command_is_executed_once_and_its_answer_repeated(log):
+    assert log.judge(10.0, "uav1", "mission", 1, True, 15.0) == (EXECUTE, None)
+    assert log.judge(10.3, "uav1", "mission", 1, True, 15.0) == (WAIT, None)
+    log.answered("mission", 1, Answer(0, ""))
+    assert log.judge(10.6, "uav1", "mission", 1, True, 15.0) == (REPEAT, Answer(0, ""))
+    assert log.judge(99.0, "uav1", "mission", 1, True, 15.0) == (REPEAT, Answer(0, ""))  # done in time: no "expired"
+
+
+def test_another_vehicles_command_is_ignored_and_another_senders_is_another(log):
+    assert log.judge(10.0, "uav2", "mission", 1, True, 15.0)[0] == IGNORE
+    assert log.judge(10.0, "uav1", "mission", 1, True, 15.0)[0] == EXECUTE
+    assert log.judge(10.0, "uav1", "mission-restarted", 1, True, 15.0)[0] == EXECUTE
+
+
+def test_a_late_command_is_never_executed(log):
+    assert log.judge(15.1, "uav1", "mission", 1, True, 15.0)[0] == EXPIRED
+    log.answered("mission", 1, Answer(2, "late"))
+    assert log.judge(15.2, "uav1", "mission", 1, True, 15.0)[0] == REPEAT
+
+
+def test_a_move_that_a_newer_one_overtook_is_not_made(log):
+    """Number 1 was lost, number 2 arrived, then the repetition of number 1."""
+    assert log.judge(10.0, "uav1", "mission", 2, True, 15.0)[0] == EXECUTE
+    assert log.judge(10.1, "uav1", "mission", 1, True, 15.0)[0] == EXPIRED
+    assert log.judge(10.1, "uav1", "mission", 3, True, 15.0)[0] == EXECUTE
+
+
+def test_recording_is_not_overtaken_by_moves(log):
+    assert log.judge(10.0, "uav1", "mission", 5, True, 15.0)[0] == EXECUTE
+    assert log.judge(10.1, "uav1", "mission", 4, False, 15.0)[0] == EXECUTE
+    assert log.judge(10.2, "uav1", "mission", 6, False, 15.0)[0] == EXECUTE
+
+
+def test_the_memory_is_bounded(log):
+    for number in range(1, 1000):
+        log.judge(10.0, "uav1", "mission", number, True, 15.0)
+    assert len(log._answers) == 200
+
+
+# ---- the target ------------------------------------------------------------------------------------------------
+
+
+def holder(*, mode="GUIDED", here=None, **limits):
+    h = Holder(FRAME, Limits(**limits))
+    h.pose(0.0, at(1.0, 2.0, 3.0, 0.5) if here is None else here)
+    h.state(mode, True)
+    return h
+
+
+def test_entering_guided_means_holding_here():
+    h = holder(mode="LOITER")
+    assert h.target is None
+    h.state("GUIDED", True)
+    assert np.allclose(h.target, at(1.0, 2.0, 3.0, 0.5))
+    h.state("LAND", True)
+    assert h.target is None
+    h.pose(0.1, at(1.0, 2.0, 2.9, 0.5))
+    h.state("GUIDED", True)  # the pilot gives it back: not to the old place
+    assert np.allclose(h.target, at(1.0, 2.0, 2.9, 0.5))
+
+
+def test_what_is_held_is_level():
+    h = holder(here=transforms.from_xyz_rpy([1.0, 2.0, 3.0], [0.2, -0.1, 0.5]))
+    assert np.allclose(h.target, at(1.0, 2.0, 3.0, 0.5))
+
+
+def test_a_restart_in_flight_holds_as_soon_as_the_place_is_known():
+    h = Holder(FRAME, Limits())
+    h.state("GUIDED", True)
+    assert h.target is None
+    with pytest.raises(CommandRefused, match="does not know where it is"):
+        h.hold()
+    h.pose(0.0, at(5.0, 0.0, 4.0))
+    assert np.allclose(h.target, at(5.0, 0.0, 4.0))
+
+
+def test_going_and_holding():
+    h = holder()
+    h.go_to(at(4.0, 2.0, 3.0), FRAME)
+    assert np.allclose(h.target, at(4.0, 2.0, 3.0))
+    h.pose(0.1, at(2.0, 2.0, 3.0))
+    h.hold()
+    assert np.allclose(h.target, at(2.0, 2.0, 3.0))
+
+
+def test_a_target_that_may_not_be_flown_to_is_refused_and_the_old_one_stays():
+    h = holder()
+    before = h.target
+    with pytest.raises(CommandRefused, match="frame 'uav2/odom'"):
+        h.go_to(at(1.0, 2.0, 3.0), "uav2/odom")
+    with pytest.raises(CommandRefused, match="100.0 m away, at most 60 m"):
+        h.go_to(at(101.0, 2.0, 3.0), FRAME)
+    assert np.allclose(h.target, before)
+    h.state("LOITER", True)
+    with pytest.raises(CommandRefused, match="in LOITER, not in GUIDED"):
+        h.go_to(at(1.0, 2.0, 3.0), FRAME)
+
+
+def test_nothing_is_streamed_during_a_take_off_and_the_place_above_is_held_thereafter():
+    h = holder(here=at(0.0, 0.0, 0.0))
+    h.take_off(0.0, 3.0)
+    assert h.target is None
+    with pytest.raises(CommandRefused, match="still taking off"):
+        h.go_to(at(1.0, 0.0, 3.0), FRAME)
+    for i in range(1, 30):
+        h.pose(0.1 * i, at(0.05, 0.0, 0.1 * i))
+    assert np.allclose(h.target, at(0.0, 0.0, 3.0))  # above where it stood, not where it drifted to
+    h.go_to(at(1.0, 0.0, 3.0), FRAME)
+
+
+def test_a_take_off_that_does_not_end_becomes_a_hold():
+    h = holder(here=at(0.0, 0.0, 0.0))
+    h.take_off(0.0, 3.0)
+    h.pose(29.0, at(0.0, 0.0, 1.0))
+    assert h.target is None
+    h.pose(31.0, at(0.0, 0.0, 1.1))
+    assert np.allclose(h.target, at(0.0, 0.0, 1.1))
+
+
+@pytest.mark.parametrize("altitude_m", [0.0, -1.0, 31.0, float("nan"), 2.9])
+def test_take_off_to_nowhere_is_refused(altitude_m):
+    with pytest.raises(CommandRefused, match="take-off to"):
+        holder().take_off(0.0, altitude_m)
+
+
+def test_a_jump_of_the_estimate_takes_the_target_along():
+    """The odometry frame was begun anew 30 m higher (thesis 6.8): flying the difference would be a crash."""
+    h = holder()
+    h.go_to(at(4.0, 2.0, 3.0), FRAME)
+    assert h.pose(0.03, at(1.0, 2.0, 33.0, 0.5)) == pytest.approx(30.0)
+    assert np.allclose(h.target, at(4.0, 2.0, 33.0))
+
+
+def test_flying_fast_is_no_jump_and_a_gap_hides_none():
+    h = holder()
+    h.hold()
+    for i in range(1, 60):  # 8 m/s at 30 Hz
+        assert h.pose(i / 30.0, at(1.0 + 8.0 * i / 30.0, 2.0, 3.0)) == 0.0
+    assert h.pose(10.0, at(60.0, 2.0, 3.0)) == 0.0  # after eight seconds of silence it may be anywhere
+
+
+@pytest.mark.parametrize("name", ["furthest_target_m", "highest_takeoff_m", "reset_step_m"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_limits_out_of_range_are_refused(name, value):
+    with pytest.raises(ValueError, match=name):
+        Limits(**{name: value})
+
+
+# ---- a silent control PC ---------------------------------------------------------------------------------------
+
+
+def test_silence_lands_only_where_asked_to_and_only_what_the_agent_flies():
+    loss = LinkLoss(10.0)
+    assert not loss.land(100.0, "GUIDED", True)  # never heard: flown by hand, or not yet begun
+    loss.heard(100.0)
+    assert not loss.land(109.0, "GUIDED", True)
+    assert not loss.land(111.0, "LOITER", True) and not loss.land(111.0, "GUIDED", False)
+    assert loss.land(111.0, "GUIDED", True)
+    assert not loss.land(112.0, "GUIDED", True) and loss.land(116.5, "GUIDED", True)  # again until it leaves GUIDED
+    assert not loss.land(117.0, "LAND", True)
+    assert not loss.land(130.0, "GUIDED", True)  # who goes back to GUIDED means it
+    loss.heard(131.0)
+    assert loss.land(142.0, "GUIDED", True)
+
+
+def test_by_default_a_vehicle_holds_for_ever():
+    loss = LinkLoss(0.0)
+    loss.heard(0.0)
+    assert not loss.land(1e6, "GUIDED", True)

@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The flight link's parts without a socket or a clock: frames, texts, commands, connection, feed, watchdog."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fcsv_control.flight import conversion, keeper
+from fcsv_control.flight.commands import ACCEPTED, FAILED, IN_PROGRESS, PendingCommand
+from fcsv_control.flight.feed import FeedParameters, VisionFeed
+from fcsv_control.flight.keeper import ConnectionKeeper
+from fcsv_control.flight.parameters import NEEDED, ParameterCheck
+from fcsv_control.flight.texts import Reasons, TextJoiner
+from fcsv_control.flight.watchdog import FeedWatchdog, WatchdogParameters
+from fcsv_geometry import transforms
+
+# ---- frames ----------------------------------------------------------------------------------------------------
+
+P_NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+R_FLU_FRD = np.diag([1.0, -1.0, -1.0])
+
+
+@pytest.mark.parametrize("yaw_enu, yaw_ned", [(0.0, 90.0), (90.0, 0.0), (180.0, -90.0), (-90.0, 180.0), (45.0, 45.0)])
+def test_yaw_by_hand(yaw_enu, yaw_ned):
+    """Facing east is 0 in ENU and 90 in NED; north 90 and 0."""
+    got = math.degrees(conversion.swap_yaw(math.radians(yaw_enu)))
+    assert math.remainder(got - yaw_ned, 360.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_position_by_hand():
+    assert conversion.swap_ned_enu((1.0, 2.0, 3.0)) == (2.0, 1.0, -3.0)  # 1 m east, 2 m north, 3 m up
+
+
+def test_attitude_is_the_same_rotation_in_the_other_frames():
+    """R_ned_frd = P_ned_enu R_enu_flu R_flu_frd, whatever the three angles are called."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        T = transforms.from_xyz_rpy(rng.normal(0, 10, 3), rng.uniform([-1, -1.4, -math.pi], [1, 1.4, math.pi]))
+        ned, rpy = conversion.ned_from_pose(T)
+        R_ned_frd = transforms.from_xyz_rpy([0, 0, 0], rpy)[:3, :3]
+        assert np.allclose(R_ned_frd, P_NED_ENU @ T[:3, :3] @ R_FLU_FRD, atol=1e-12)
+        assert np.allclose(ned, P_NED_ENU @ T[:3, 3])
+        assert np.allclose(conversion.pose_from_ned(ned, rpy), T, atol=1e-12)
+
+
+def test_nose_up_stays_nose_up():
+    """Pitch is positive downwards in FLU and positive upwards in FRD."""
+    T = transforms.from_xyz_rpy([0, 0, 0], [0.0, -0.2, 0.0])  # nose up
+    assert (T @ [1, 0, 0, 1])[2] > 0
+    _, (_, pitch_frd, _) = conversion.ned_from_pose(T)
+    assert pitch_frd == pytest.approx(0.2)
+
+
+# ---- texts -----------------------------------------------------------------------------------------------------
+
+
+def test_a_short_text_is_whole():
+    assert TextJoiner().add(0.0, 2, "Arm: VisOdom: not healthy") == (2, "Arm: VisOdom: not healthy")
+
+
+def test_chunks_are_joined():
+    joiner, text = TextJoiner(), "x" * 50 + "y" * 50 + "end"
+    assert joiner.add(0.0, 4, text[:50], 7, 0) is None
+    assert joiner.add(0.1, 4, text[50:100], 7, 1) is None
+    assert joiner.add(0.2, 4, text[100:], 7, 2) == (4, text)
+
+
+def test_a_text_of_exactly_two_pieces_ends_with_an_empty_one():
+    joiner = TextJoiner()
+    joiner.add(0.0, 4, "a" * 50, 7, 0)
+    assert joiner.add(0.1, 4, "", 7, 1) == (4, "a" * 50)
+
+
+def test_two_texts_at_once_stay_apart():
+    joiner = TextJoiner()
+    joiner.add(0.0, 4, "a" * 50, 1, 0)
+    joiner.add(0.0, 2, "b" * 50, 2, 0)
+    assert joiner.add(0.0, 2, "B", 2, 1) == (2, "b" * 50 + "B")
+    assert joiner.add(0.0, 4, "A", 1, 1) == (4, "a" * 50 + "A")
+
+
+def test_lost_pieces_leave_marks_and_are_not_waited_for_for_ever():
+    joiner = TextJoiner()
+    joiner.add(0.0, 4, "a" * 50, 7, 0)
+    assert joiner.add(0.1, 4, "end", 7, 2) == (4, "a" * 50 + "..." + "end")
+    joiner.add(1.0, 4, "b" * 50, 8, 0)
+    assert joiner.overdue(1.5) == []
+    assert joiner.overdue(2.1) == [(4, "b" * 50 + "...")]
+    assert joiner.overdue(9.0) == []
+
+
+def test_an_id_that_is_used_again_begins_a_new_text():
+    joiner = TextJoiner()
+    joiner.add(0.0, 4, "a" * 50, 7, 0)
+    assert joiner.add(0.5, 4, "new", 7, 0) == (4, "new")
+
+
+def test_reasons_are_those_said_since_and_serious():
+    reasons = Reasons()
+    reasons.add(1.0, 2, "before")
+    reasons.add(3.0, 2, "Arm: one")
+    reasons.add(3.1, 6, "information")
+    reasons.add(3.2, 2, "Arm: two")
+    reasons.add(3.3, 2, "Arm: one")
+    assert reasons.since(2.0) == "Arm: one; Arm: two"
+    assert reasons.since(4.0) == ""
+
+
+# ---- commands --------------------------------------------------------------------------------------------------
+
+
+def test_a_command_is_repeated_with_a_confirmation_number_until_answered():
+    pending = PendingCommand(400, 0.0, timeout_s=1.0, tries=3)
+    assert pending.due(0.0) == 0 and pending.due(0.5) is None
+    assert pending.due(1.0) == 1
+    pending.acknowledge(1.2, FAILED)
+    assert pending.result == FAILED and pending.over(1.2) and pending.due(5.0) is None
+    pending.acknowledge(1.3, ACCEPTED)  # a second answer, to the repetition
+    assert pending.result == FAILED
+
+
+def test_a_command_is_given_up():
+    pending = PendingCommand(400, 0.0, timeout_s=1.0, tries=2)
+    assert [pending.due(t) for t in (0.0, 1.0, 2.0)] == [0, 1, None]
+    assert not pending.over(1.9) and pending.over(2.0) and pending.result is None
+
+
+def test_in_progress_is_waited_for():
+    pending = PendingCommand(22, 0.0, timeout_s=1.0, tries=1)
+    pending.due(0.0)
+    pending.acknowledge(0.5, IN_PROGRESS)
+    assert not pending.over(3.0) and pending.due(3.0) is None
+    pending.acknowledge(4.0, ACCEPTED)
+    assert pending.over(4.0) and pending.result == ACCEPTED
+
+
+def test_an_answer_before_the_question_is_none():
+    pending = PendingCommand(400, 0.0, 1.0, 1)
+    pending.acknowledge(0.0, ACCEPTED)
+    assert pending.result is None
+
+
+# ---- connection ------------------------------------------------------------------------------------------------
+
+ALL_ASKED = {keeper.HEARTBEAT, keeper.STREAMS, keeper.ASK_ORIGIN, keeper.PARAMETER}
+
+
+def connected_keeper():
+    k = ConnectionKeeper(["ATTITUDE"])
+    assert k.due(0.0) == [keeper.HEARTBEAT]  # it speaks first
+    assert k.heartbeat(0.1)
+    assert set(k.due(0.1)) == {keeper.STREAMS, keeper.ASK_ORIGIN, keeper.PARAMETER}
+    return k
+
+
+def test_origin_is_asked_for_before_it_is_set_and_set_until_it_is_there():
+    k = connected_keeper()
+    sent = []
+    for t in np.arange(0.2, 2.9, 0.1):
+        sent += [(round(t, 1), what) for what in k.due(t) if what == keeper.SET_ORIGIN]
+    assert [t for t, _ in sent] == pytest.approx([0.6, 1.6, 2.6], abs=0.11)
+    k.origin_set = True
+    k.heartbeat(2.9)
+    assert not {keeper.ASK_ORIGIN, keeper.SET_ORIGIN} & set(k.due(5.0))
+
+
+def test_streams_are_asked_for_again_only_when_they_stop():
+    k = connected_keeper()
+    asked = []
+    for t in np.arange(0.2, 12.0, 0.1):
+        k.heartbeat(t)
+        if t < 4.0 or t > 8.0:
+            k.stream(t, "ATTITUDE", int(1000 * t))
+        asked += [t for what in k.due(t) if what == keeper.STREAMS]
+    assert asked == pytest.approx([6.0, 8.0], abs=0.25)
+
+
+def test_silence_begins_all_anew():
+    k = connected_keeper()
+    k.origin_set = k.parameters_read = True
+    k.stream(0.2, "ATTITUDE", 5000)
+    assert k.connected(3.0) and not k.connected(3.2)
+    assert k.due(3.2) == [keeper.HEARTBEAT]
+    assert k.heartbeat(4.0)
+    assert not k.origin_set and set(k.due(4.2)) == ALL_ASKED
+
+
+def test_a_reboot_without_silence_is_noticed():
+    k = connected_keeper()
+    k.origin_set = k.parameters_read = True
+    assert not k.stream(0.2, "ATTITUDE", 60000)
+    assert not k.stream(0.3, "LOCAL_POSITION_NED", 59990)  # sent a little earlier, came later
+    k.heartbeat(2.0)
+    assert k.stream(2.5, "ATTITUDE", 900)
+    assert not k.origin_set and {keeper.ASK_ORIGIN, keeper.PARAMETER} <= set(k.due(2.6))
+    assert not k.stream(2.6, "ATTITUDE", 1000)
+
+
+def test_parameters_are_read_one_by_one_and_what_is_wrong_is_named():
+    check = ParameterCheck()
+    answers = dict({name: allowed[0] for name, allowed in NEEDED.items()}, VISO_TYPE=0.0, EK3_SRC1_POSXY=3.0)
+    del answers["VISO_ORIENT"]  # this firmware does not know it: no answer
+    asked = []
+    while (name := check.next()) is not None:
+        asked.append(name)
+        if name in answers:
+            check.answer(name, answers[name])
+    assert asked.count("VISO_ORIENT") == 5 and asked.count("VISO_TYPE") == 1
+    lines = check.problems()
+    assert any("VISO_TYPE is 0" in line and "2 or 3" in line for line in lines)
+    assert any("EK3_SRC1_POSXY is 3" in line and "6" in line for line in lines)
+    assert any("VISO_ORIENT" in line and "not answered" in line for line in lines)
+    assert len(lines) == 3
+    check.answer("VISO_TYPE", 2.0)  # corrected meanwhile
+    assert not any("VISO_TYPE" in line for line in check.problems())
+
+
+# ---- feed ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate_in, passed", [(200.0, 300), (30.0, 300), (31.0, 300), (60.0, 300), (15.0, 150)])
+def test_the_feed_passes_thirty_a_second_at_most(rate_in, passed):
+    rng = np.random.default_rng(1)
+    feed = VisionFeed(FeedParameters())
+    stamps = (
+        1000.0 + np.arange(0.0, 10.0, 1.0 / rate_in) + rng.uniform(0, 0.1 / rate_in, int(math.ceil(10.0 * rate_in)))
+    )
+    assert sum(feed.judge(s + 0.004, s) == "" for s in stamps) == pytest.approx(passed, rel=0.02)
+
+
+def test_the_feed_drops_what_is_no_news():
+    feed = VisionFeed(FeedParameters(stale_s=0.3))
+    assert feed.judge(10.0, 9.99) == ""
+    assert "not newer" in feed.judge(10.02, 9.99)
+    assert "0.50 s old" in feed.judge(11.0, 10.5)
+    assert "ahead" in feed.judge(11.0, 11.5)
+    assert feed.judge(11.0, 10.99) == ""
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_feed():
+    feed = VisionFeed(FeedParameters())
+    assert feed.judge(1000.0, 1000.0) == ""
+    assert feed.judge(500.0, 500.0) == ""
+    assert feed.judge(500.034, 500.034) == ""
+
+
+# ---- watchdog --------------------------------------------------------------------------------------------------
+
+
+def verdicts(dog, times, armed=True, mode="GUIDED"):
+    return [dog.check(t, armed, mode) for t in times]
+
+
+def test_the_watchdog_warns_then_lands_once_it_is_obeyed():
+    dog = FeedWatchdog(WatchdogParameters(), 0.0)
+    dog.feed(10.0)
+    assert verdicts(dog, [10.4, 10.6, 10.75]) == ["", "warn", "warn"]
+    assert verdicts(dog, [10.85, 10.9, 11.5]) == ["land", "warn", "warn"]
+    assert dog.check(11.9, True, "GUIDED") == "land"  # not seen in LAND yet: again
+    assert dog.check(12.2, True, "LAND") == ""
+    assert verdicts(dog, [13.5, 15.0], mode="LOITER") == ["warn", "warn"]  # the pilot took over: no fight
+    dog.feed(20.0)
+    assert verdicts(dog, [20.1, 20.9]) == ["", "land"]  # a second death
+
+
+def test_the_watchdog_leaves_others_alone():
+    dog = FeedWatchdog(WatchdogParameters(), 0.0)
+    dog.feed(1.0)
+    assert verdicts(dog, [5.0], armed=False) == [""]
+    assert verdicts(dog, [5.0], mode="ALT_HOLD") == [""] and verdicts(dog, [5.0], mode="STABILIZE") == [""]
+    assert verdicts(dog, [5.0], mode="LOITER") == ["land"]
+
+
+def test_a_feed_that_never_began_is_dead():
+    """The link was restarted in flight while the odometry was gone."""
+    dog = FeedWatchdog(WatchdogParameters(), 100.0)
+    assert verdicts(dog, [100.3, 100.9]) == ["", "land"]
+
+
+def test_the_watchdog_may_be_told_to_warn_only():
+    dog = FeedWatchdog(WatchdogParameters(land_s=0.0), 0.0)
+    assert verdicts(dog, [0.6, 3.0]) == ["warn", "warn"]
+
+
+@pytest.mark.parametrize("values", [{"warn_s": 0.0}, {"warn_s": 0.5, "land_s": 0.2}, {"land_s": float("nan")}])
+def test_watchdog_parameters_out_of_range_are_refused(values):
+    with pytest.raises(ValueError, match="_s: "):
+        WatchdogParameters(**values)

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One whole vehicle on a real master: tracker, odometry, flight link and agent fly the simulated autopilot."""
+
+import socket
+import time
+
+import numpy as np
+import pytest
+import yaml
+from waiting import within
+
+from fcsv_geometry import transforms
+from fcsv_sim.machines import free_port
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+NAME = "f_one"  # not uav1: other tests may use that on the same master
+until = within(20.0)
+
+
+class ControlPc:
+    """What a control PC hears of the vehicle, and its commands, repeated until acknowledged."""
+
+    def __init__(self):
+        import rospy
+        from geometry_msgs.msg import PoseStamped
+
+        from fcsv_msgs.msg import Command, CommandAck, State, StatusText
+
+        self.state, self.T_odom_body, self.texts, self.acks, self.number = State(), None, [], {}, 0
+        self.set_points = []
+        self.sender = f"test-{time.time():.0f}"
+        on = lambda topic, kind, do: rospy.Subscriber(f"/{NAME}/{topic}", kind, do, queue_size=50)  # noqa: E731
+        self.heard = [
+            on("mavros/state", State, lambda m: setattr(self, "state", m)),
+            on("mavros/local_position/pose", PoseStamped, self.on_pose),
+            on("mavros/statustext/recv", StatusText, lambda m: self.texts.append(m.text)),
+            on("command_ack", CommandAck, lambda m: self.acks.setdefault(m.number, []).append(m)),
+            on("mavros/setpoint_position/local", PoseStamped, self.set_points.append),
+        ]
+        self.commands = rospy.Publisher(f"/{NAME}/command", Command, queue_size=20)
+        until(lambda: self.commands.get_num_connections(), what="agent")
+
+    def on_pose(self, message):
+        from fcsv_geometry.ros import conversions
+
+        self.T_odom_body = conversions.pose_to_transform(message.pose)
+
+    def command(self, kind, times=1, lifetime_s=5.0, **fields):
+        """(result, reason) of the acknowledgement."""
+        import rospy
+
+        from fcsv_msgs.msg import Command
+
+        self.number += 1
+        number = self.number
+        c = Command(vehicle=NAME, sender=self.sender, number=number, kind=getattr(Command, kind), **fields)
+        c.header.stamp, c.expires = rospy.Time.now(), rospy.Time.from_sec(time.time() + lifetime_s)
+        for answers in range(1, times + 1):  # said again although it was answered, as when the answer got lost
+            self.commands.publish(c)
+            until(lambda n=answers: len(self.acks.get(number, [])) >= n, what=f"{answers} acknowledgements of {kind}")
+        return self.acks[number][-1].result, self.acks[number][-1].reason
+
+    def at(self, xyz):
+        return self.T_odom_body is not None and np.linalg.norm(self.T_odom_body[:3, 3] - xyz) < 0.3
+
+    def close(self):
+        for each in self.heard:
+            each.unregister()
+        self.commands.unregister()
+
+
+@pytest.fixture
+def vehicle(root, start_node, tmp_path):
+    """The nodes of uav.launch that fly, and a ControlPc; ``vehicle.tracker`` may be stopped."""
+    document = yaml.safe_load((root / "config/vehicles/uav1.yaml").read_text())
+    (tmp_path / f"{NAME}.yaml").write_text(yaml.safe_dump({**document, "name": NAME}))
+    port = free_port(socket.SOCK_DGRAM)
+    both = {"vehicle": NAME, "vehicles_dir": str(tmp_path)}
+    simulated = {**both, "sim_dir": str(tmp_path / "sim"), "seed": 3}
+    (tmp_path / "sim").mkdir()
+    start_node("fcsv_sim", "vehicle", ns=NAME, params={**simulated, "mavlink_port": port, "rc_port": 0})
+    tracker = start_node("fcsv_sim", "t265", ns=NAME, params=simulated)
+    start_node("fcsv_tracking", "odometry", ns=NAME, params=both)
+    start_node("fcsv_control", "flight_link", ns=NAME, params={**both, "fcu_url": f"udpin:127.0.0.1:{port}"})
+    start_node("fcsv_control", "agent", ns=NAME, params={"vehicle": NAME})
+    pc = ControlPc()
+    pc.tracker = tracker
+    yield pc
+    pc.close()
+
+
+def target(x, y, z, yaw, frame=f"{NAME}/odom"):
+    from fcsv_geometry.ros import conversions
+
+    return conversions.pose_stamped(transforms.from_xyz_yaw([x, y, z], yaw), time.time(), frame)
+
+
+def arm_in_guided(pc):
+    """Arming is possible once origin and fusion are there: as an operator, try until the reasons are gone."""
+    until(lambda: pc.state.connected and pc.T_odom_body is not None, 40.0, "connection and an estimate")
+    assert pc.command("SET_MODE", mode="GUIDED") == (0, "")
+    deadline, reason = time.monotonic() + 40.0, "never asked"
+    while time.monotonic() < deadline:
+        result, reason = pc.command("ARM", flag=True)
+        if result == 0:
+            return
+        assert "refused" in reason, reason
+        time.sleep(1.0)
+    raise AssertionError(reason)
+
+
+def test_a_flight_by_command_and_a_dead_tracker(vehicle):
+    pc = vehicle
+    until(lambda: pc.state.connected, 40.0, "autopilot")
+    assert pc.command("GOTO", target=target(0, 0, 3, 0.0))[0] == 1  # not in GUIDED: refused, not queued
+    assert "GUIDED" in pc.acks[pc.number][-1].reason
+    arm_in_guided(pc)
+
+    assert pc.command("TAKEOFF", altitude_m=3.0) == (0, "")
+    start = pc.T_odom_body[:3, 3].copy()
+    above = np.array([start[0], start[1], 3.0])
+    until(lambda: pc.at(above), 30.0, "3 m")
+
+    there = target(*(above + [2.0, 1.0, 0.5]), 0.3)
+    assert pc.command("GOTO", times=3, target=there) == (0, "")
+    until(lambda: pc.at(above + [2.0, 1.0, 0.5]), 20.0, "the target")
+    until(lambda: abs(transforms.yaw(pc.T_odom_body) - 0.3) < 0.05, what="the yaw")
+
+    assert "not finite" in pc.command("GOTO", target=target(float("nan"), 0, 3, 0.0))[1]
+    assert "uav9/odom" in pc.command("GOTO", target=target(0, 0, 3, 0.0, "uav9/odom"))[1]
+    assert pc.command("GOTO", lifetime_s=-1.0, target=target(0, 0, 3, 0.0))[0] == 2  # came too late
+    assert "'HOVER' is not known" in pc.command("SET_MODE", mode="HOVER")[1]
+    pc.set_points.clear()
+    time.sleep(1.0)
+    assert 8 <= len(pc.set_points) <= 12  # the target goes on at 10 Hz without anybody asking
+    assert np.allclose(pc.set_points[-1].pose.position.x, above[0] + 2.0)
+
+    pc.tracker.stop()
+    until(lambda: pc.state.mode == "LAND", 5.0, "the watchdog's landing")
+    assert any("pose feed is" in t and "landing" in t for t in pc.texts)
+    until(lambda: not pc.state.armed, 60.0, "the ground")
+
+
+def test_landing_overtakes_what_waits(vehicle):
+    """A service that hangs must not keep a vehicle in the air."""
+    import rospy
+
+    from fcsv_msgs.msg import Command
+
+    pc = vehicle
+    arm_in_guided(pc)
+    assert pc.command("TAKEOFF", altitude_m=2.0) == (0, "")
+    until(lambda: pc.T_odom_body[2, 3] > 1.8, 30.0, "2 m")
+    soon = rospy.Time.from_sec(time.time() + 5.0)
+    for number, (kind, fields) in enumerate(
+        [("HOLD", {}), ("ARM", {"flag": True}), ("SET_MODE", {"mode": "LOITER"}), ("LAND", {})], pc.number + 1
+    ):
+        pc.commands.publish(
+            Command(vehicle=NAME, sender=pc.sender, number=number, kind=getattr(Command, kind), expires=soon, **fields)
+        )
+    until(lambda: pc.state.mode == "LAND", 6.0, "LAND")
+    until(lambda: not pc.state.armed, 40.0, "the ground")
+
+
+def test_a_line_that_cannot_be_opened_ends_the_node_with_one_line(root, start_node):
+    params = {"vehicle": "uav1", "fcu_url": "/dev/no_such_device:57600"}
+    node = start_node("fcsv_control", "flight_link", ns="f_two", params=params)
+    until(lambda: node.returncode is not None, what="its end")
+    assert node.returncode == 2
+    said = [line for line in node.tail(20).splitlines() if "cannot be opened" in line]
+    assert said and "Traceback" not in node.tail(50)
+
+
+@pytest.mark.parametrize(
+    "package, node, params, named",
+    [
+        ("fcsv_control", "agent", {"vehicle": "uav1", "set_point_rate_hz": 500.0}, "set_point_rate_hz"),
+        ("fcsv_control", "agent", {"vehicle": "uav1", "colour": "red"}, "colour"),
+        (
+            "fcsv_control",
+            "flight_link",
+            {"vehicle": "uav1", "fcu_url": "udpin:127.0.0.1:0", "link": {"rate": 3}},
+            "rate",
+        ),
+    ],
+)
+def test_wrong_parameters_end_the_node_and_are_named(start_node, package, node, params, named):
+    process = start_node(package, node, ns="f_three", params=params)
+    until(lambda: process.returncode is not None, what="its end")
+    assert process.returncode == 2 and named in process.tail(20) and "Traceback" not in process.tail(50)
