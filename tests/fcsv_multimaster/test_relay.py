@@ -69,7 +69,7 @@ HOME = """
 
 def test_listed_topics_cross_and_others_do_not(net):
     net.python("uav1", STATE.format(mode="GUIDED"))
-    assert "mode: \"GUIDED\"" in net.hears("control", "/uav1/mavros/state")
+    assert 'mode: "GUIDED"' in net.hears("control", "/uav1/mavros/state")
     assert net.hears("control", "/uav1/secret", 2.0) == ""
 
 

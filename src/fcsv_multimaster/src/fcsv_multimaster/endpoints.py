@@ -1,23 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
 """Addresses of machines: HOST:PORT for what is urgent; what is bulky uses the port after it, or HOST:PORT/PORT."""
 
+import ipaddress
 from dataclasses import dataclass
 from typing import Dict
 
 from fcsv_multimaster.errors import EndpointError
 
+_SEND_BUFFER = 60000  # old pictures must not pile up in the kernel
+
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Where a machine's relay listens, one TCP port per link."""
+    """Where a machine's relay listens: UDP and TCP on ``urgent_port`` (datagrams, urgent), TCP on ``bulk_port``."""
 
     host: str
     urgent_port: int
     bulk_port: int
 
-    def locator(self, link: str) -> str:
+    def locator(self, link: str, encrypted: bool) -> str:
         """Zenoh's form of the address of one link."""
-        return f"tcp/{self.host}:{self.urgent_port if link == 'urgent' else self.bulk_port}"
+        if link == "datagram":
+            return f"{'quic' if encrypted else 'udp'}/{self.host}:{self.urgent_port}?rel=0"
+        stream = f"{'tls' if encrypted else 'tcp'}/{self.host}"
+        return (
+            f"{stream}:{self.urgent_port}"
+            if link == "urgent"
+            else f"{stream}:{self.bulk_port}#so_sndbuf={_SEND_BUFFER}"
+        )
+
+    @property
+    def stays_on_this_machine(self) -> bool:
+        """Whether it is a loopback address."""
+        try:
+            return ipaddress.ip_address(self.host.strip("[]")).is_loopback
+        except ValueError:
+            return self.host == "localhost"
 
 
 def parse_endpoint(text: str) -> Endpoint:
@@ -31,6 +49,8 @@ def parse_endpoint(text: str) -> Endpoint:
         urgent_port = bulk_port = 0
     if not colon or not host or not (0 < urgent_port < 65536 and 0 < bulk_port < 65536):
         raise EndpointError(f"'{text}' is not an address; write HOST:PORT or HOST:PORT/PORT")
+    if urgent_port == bulk_port:
+        raise EndpointError(f"'{text}' names one port for two links; give two")
     return Endpoint(host, urgent_port, bulk_port)
 
 

@@ -10,3 +10,15 @@ class RelayError(FcsvError):
 
 class EndpointError(RelayError):
     """An address or a peer that cannot be understood or opened."""
+
+
+class KeyringError(RelayError):
+    """Keys that are missing, expired, or another machine's."""
+
+
+class PictureError(RelayError):
+    """A picture that cannot be packed or unpacked."""
+
+
+class WireError(RelayError):
+    """Bytes from a peer that are not what this relay speaks."""

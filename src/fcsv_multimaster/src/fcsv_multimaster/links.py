@@ -1,19 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The links file: classes of traffic, and which topics cross in which direction."""
 
-from dataclasses import dataclass, field
-from typing import Any, Dict, List, Optional
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, List, Optional, Tuple
 
 from fcsv_geometry import config
 
 CONTROL = "control"
-LINKS = ("urgent", "bulk")
+LINKS = ("datagram", "urgent", "bulk")
+TF_TOPICS = ("/tf", "/tf_static")
+CODECS = ("jpeg", "h264")
 PRIORITIES = ("real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background")
 
 
 @dataclass(frozen=True)
 class TrafficClass:
-    """How messages of a class travel; ``max_age_s``: older ones are dropped on arrival."""
+    """How messages of a class travel.
+
+    ``link``: datagram (small and urgent), urgent (any size), bulk (pictures). ``reliable``: repeated until
+    the other relay has acknowledged it, else newest wins. ``latched``: the last value goes to whoever comes later.
+    ``max_age_s``: older ones are not sent, not repeated, and dropped on arrival. ``max_bytes``: larger ones are, too.
+    """
 
     link: str
     priority: str
@@ -21,13 +28,16 @@ class TrafficClass:
     latched: bool = False
     max_age_s: Optional[float] = None
     rate_hz: Optional[float] = None
+    max_bytes: int = 4_000_000
 
     def __post_init__(self):
         if self.link not in LINKS:
             raise ValueError(f"link: '{self.link}' is not one of {', '.join(LINKS)}")
         if self.priority not in PRIORITIES:
             raise ValueError(f"priority: '{self.priority}' is not one of {', '.join(PRIORITIES)}")
-        for name in ("max_age_s", "rate_hz"):
+        if self.latched and (not self.reliable or self.link == "bulk"):
+            raise ValueError("latched: needs reliable: true and a link other than bulk")
+        for name in ("max_age_s", "rate_hz", "max_bytes"):
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ValueError(f"{name}: {value} must be positive")
@@ -35,11 +45,22 @@ class TrafficClass:
 
 @dataclass(frozen=True)
 class Rule:
-    """One topic that crosses."""
+    """One topic that crosses.
+
+    ``codec``: how pictures (sensor_msgs/Image, CompressedImage) are packed on the way, by what the link carries.
+    ``frames``: of a tf topic the child frames that cross; the others stay at home.
+    """
 
     topic: str
     traffic: TrafficClass
     rate_hz: Optional[float] = None
+    codec: Optional[str] = None
+    frames: Tuple[str, ...] = ()
+
+    def of(self, vehicle: str) -> "Rule":
+        """The rule for one vehicle, its name in place of {vehicle}."""
+        frames = tuple(f.replace("{vehicle}", vehicle) for f in self.frames)
+        return replace(self, topic=self.topic.replace("{vehicle}", vehicle), frames=frames)
 
     @property
     def most_hz(self) -> Optional[float]:
@@ -51,6 +72,16 @@ class _RuleEntry:
     topic: str
     traffic: str
     rate_hz: Optional[float] = None
+    codec: Optional[str] = None
+    frames: List[str] = field(default_factory=list)
+
+    def __post_init__(self):
+        if self.codec is not None and self.codec not in CODECS:
+            raise ValueError(f"codec: '{self.codec}' is not one of {', '.join(CODECS)}")
+        if self.rate_hz is not None and not self.rate_hz > 0:
+            raise ValueError(f"rate_hz: {self.rate_hz} must be positive")
+        if (self.topic in TF_TOPICS) != bool(self.frames):
+            raise ValueError(f"frames: belongs to {' and '.join(TF_TOPICS)}, and names the child frames that cross")
 
 
 @dataclass(frozen=True)
@@ -73,7 +104,7 @@ class Links:
             rules, name = [*self.to_vehicle, *self.to_all_vehicles], target
         else:
             rules, name = self.between_vehicles, source
-        return {r.topic.replace("{vehicle}", name): r for r in rules}
+        return {r.topic: r for r in (rule.of(name) for rule in rules)}
 
 
 _SECTIONS = ("to_control", "to_vehicle", "to_all_vehicles", "between_vehicles")
@@ -108,5 +139,10 @@ def _rules(entries: Any, section: str, classes: Dict[str, TrafficClass], path) -
             raise config.ConfigError(f"{path}: '{at}.class' is '{parsed.traffic}'; known: {', '.join(classes)}")
         if not parsed.topic.startswith("/"):
             raise config.ConfigError(f"{path}: '{at}.topic' is '{parsed.topic}'; topics here begin with /")
-        rules.append(Rule(parsed.topic, classes[parsed.traffic], parsed.rate_hz))
+        traffic = classes[parsed.traffic]
+        if parsed.codec is not None and traffic.link != "bulk":
+            raise config.ConfigError(f"{path}: '{at}.codec' needs a class on the bulk link, not '{parsed.traffic}'")
+        if parsed.topic == "/tf_static" and not traffic.latched:
+            raise config.ConfigError(f"{path}: '{at}.class' of /tf_static must be latched, '{parsed.traffic}' is not")
+        rules.append(Rule(parsed.topic, traffic, parsed.rate_hz, parsed.codec, tuple(parsed.frames)))
     return rules

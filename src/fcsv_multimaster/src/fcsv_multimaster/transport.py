@@ -1,80 +1,115 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes between machines over Zenoh: one session for what is urgent, one for what is bulky, static addresses only."""
+"""Bytes between machines over Zenoh: one session per link, static addresses only, and only peers that have keys.
+
+Small and urgent never shares a queue with large: datagrams (QUIC), an urgent stream (TLS) and a bulk stream (TLS with a
+small send buffer) are three sessions. Certificates say who a machine is, and an access list by certificate says under
+which names it may speak. Without keys only loopback addresses are allowed.
+"""
 
 import json
 import logging
-import struct
-import time
-from dataclasses import dataclass
+import os
 from typing import Callable, Dict, Optional
+
+# Closing a TLS link to a machine that vanished blocks one of Zenoh's receiving threads for ten seconds (SO_LINGER):
+# with its two threads one vanished vehicle would silence all others. Read when zenoh is loaded.
+os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
 
 import zenoh
 
+from fcsv_multimaster import wire
 from fcsv_multimaster.endpoints import Endpoint
 from fcsv_multimaster.errors import EndpointError
-from fcsv_multimaster.links import LINKS, Rule
+from fcsv_multimaster.keyring import Keyring
+from fcsv_multimaster.links import LINKS, TrafficClass
 
 _LOG = logging.getLogger(__name__)
-_HEAD = struct.Struct("<d32s")  # time of sending (s), md5 sum of the type
-_BULK_SEND_BUFFER = 60000  # old pictures must not pile up in the kernel
-
-
-@dataclass(frozen=True)
-class Parcel:
-    """A serialised message on its way."""
-
-    source: str
-    topic: str
-    type: str
-    md5: str
-    sent_s: float
-    data: bytes
+_LARGEST = 16_000_000  # of one message (octets), whatever a rule says
+_OPEN_MS = 1200  # of the greeting: what is lost of it may be lost for good, so try anew soon; QUIC repeats after 1 s
+_WAITS_OCTETS = 30000
+_MESSAGES = ("put", "delete", "declare_subscriber", "query", "declare_queryable", "reply")  # of the access list
 
 
 class Transport:
-    """Sends parcels of topics and hands over those of others. Callbacks run in Zenoh's threads.
+    """Sends to peers and hands over what they send. Callbacks run in Zenoh's threads.
 
-    ``on_parcel(Parcel)``; ``on_peer(name, alive)`` when a peer's relay appears or goes.
+    ``on_parcel(link, source, type, topic, payload)``, ``on_note(source, payload)``. Raises EndpointError where it
+    cannot listen.
     """
 
-    def __init__(self, name: str, listen: Endpoint, peers: Dict[str, Endpoint],
-                 on_parcel: Callable[[Parcel], None], on_peer: Callable[[str, bool], None]):  # fmt: skip
-        self._name = name
-        self._on_parcel, self._on_peer = on_parcel, on_peer
-        self._publishers: Dict[str, object] = {}
+    def __init__(self, name: str, listen: Endpoint, peers: Dict[str, Endpoint], keys: Optional[Keyring],
+                 on_parcel: Callable[[str, str, str, str, bytes], None],
+                 on_note: Callable[[str, bytes], None]):  # fmt: skip
+        self._name, self._peers = name, tuple(peers)
+        self._on_parcel, self._on_note = on_parcel, on_note
+        self.on_malformed: Callable[[str, str], None] = lambda source, text: _LOG.warning("%s: %s", source, text)
+        self._publishers: Dict[tuple, object] = {}
         self._definitions: Dict[str, str] = {}
-        self._sessions = {link: _open(link, listen, peers) for link in LINKS}
+        _refuse_open_networks(listen, peers, keys)
+        self._sessions: Dict[str, object] = {}
+        try:
+            for link in LINKS:
+                self._sessions[link] = _open(link, name, listen, peers, keys)
+        except EndpointError:
+            self.close()
+            raise
         self._held = []
-        for session in self._sessions.values():
-            self._held += [session.declare_subscriber(f"fcsv/{p}/t/**", self._received) for p in peers]
-        urgent = self._sessions["urgent"]
-        self._held.append(urgent.declare_queryable(f"fcsv/{name}/d/**", self._asked_for_definition))
-        self._held.append(urgent.liveliness().declare_token(f"fcsv/{name}/alive"))
+        self._datagrams: Dict[str, object] = {}
         for peer in peers:
-            key = f"fcsv/{peer}/alive"
-            self._held.append(urgent.liveliness().declare_subscriber(key, self._liveliness(peer), history=True))
+            self.listen_again(peer)
+            for link in ("urgent", "bulk"):
+                key = wire.everything_key(peer, name)
+                self._held.append(self._sessions[link].declare_subscriber(key, self._receiver(link)))
+            key = wire.definition_key(name, peer, "**")
+            self._held.append(self._sessions["urgent"].declare_queryable(key, self._asked_for_definition))
 
-    def send(self, topic: str, rule: Rule, type_name: str, md5: str, definition: str, data: bytes) -> None:
-        """One message; where the link is full a message of an unreliable class is dropped."""
-        publisher = self._publishers.get(topic)
+    def send(self, target: str, topic: str, traffic: TrafficClass, link: str, type_name: str, payload: bytes) -> None:
+        """One packed message over a link; where the link is full a small one is dropped, a large one waits."""
+        wait = link == "bulk" or len(payload) > _WAITS_OCTETS  # large ones would always find the link busy
+        known = (target, topic, link, type_name, wait)
+        publisher = self._publishers.get(known)
         if publisher is None:
-            self._definitions[type_name] = definition
-            publisher = self._declare(topic, rule, type_name)
-            self._publishers[topic] = publisher
-        publisher.put(_HEAD.pack(time.time(), md5.encode()) + data)
+            publisher = self._publishers[known] = self._sessions[link].declare_publisher(
+                wire.topic_key(self._name, target, type_name, topic),
+                priority=getattr(zenoh.Priority, traffic.priority.upper()),
+                congestion_control=zenoh.CongestionControl.BLOCK if wait else zenoh.CongestionControl.DROP,
+                express=link != "bulk",
+            )
+        publisher.put(payload)
 
-    def _declare(self, topic: str, rule: Rule, type_name: str):
-        drop = zenoh.CongestionControl.DROP
-        return self._sessions[rule.traffic.link].declare_publisher(
-            f"fcsv/{self._name}/t/{type_name}{topic}",
-            priority=getattr(zenoh.Priority, rule.traffic.priority.upper()),
-            congestion_control=zenoh.CongestionControl.BLOCK if rule.traffic.reliable else drop,
-            express=rule.traffic.link == "urgent",
-        )
+    def note(self, target: str, payload: bytes, link: str = "datagram") -> None:
+        """A few bytes, at once, perhaps lost."""
+        self._note_publisher(target, link).put(payload)
+
+    def reaches(self, target: str, link: str) -> bool:
+        """Whether the peer listens on this link now."""
+        return self._note_publisher(target, link).matching_status.matching
+
+    def _note_publisher(self, target: str, link: str):
+        publisher = self._publishers.get((target, link))
+        if publisher is None:
+            publisher = self._publishers[(target, link)] = self._sessions[link].declare_publisher(
+                wire.note_key(self._name, target), priority=zenoh.Priority.REAL_TIME,
+                congestion_control=zenoh.CongestionControl.DROP, express=True,
+            )  # fmt: skip
+        return publisher
+
+    def listen_again(self, peer: str) -> None:
+        """Tell a silent peer again that we listen: a declaration that was lost as a datagram is not repeated."""
+        known = self._datagrams.pop(peer, None)
+        if known is not None:
+            known.undeclare()
+        key = wire.everything_key(peer, self._name)
+        self._datagrams[peer] = self._sessions["datagram"].declare_subscriber(key, self._receiver("datagram"))
+
+    def define(self, type_name: str, text: str) -> None:
+        """The full text of a message type, for peers that ask."""
+        self._definitions[type_name] = text
 
     def definition(self, source: str, type_name: str, timeout_s: float = 2.0) -> Optional[str]:
         """The full text of a message type, asked of a peer; None where it does not answer."""
-        for reply in self._sessions["urgent"].get(f"fcsv/{source}/d/{type_name}", timeout=timeout_s):
+        key = wire.definition_key(source, self._name, type_name)
+        for reply in self._sessions["urgent"].get(key, timeout=timeout_s):
             if reply.ok is not None:
                 return reply.ok.payload.to_string()
         return None
@@ -83,42 +118,58 @@ class Transport:
         for session in self._sessions.values():
             session.close()
 
-    def _received(self, sample) -> None:
-        payload = sample.payload.to_bytes()
-        _, source, _, package, name, *topic = str(sample.key_expr).split("/")
-        if len(payload) < _HEAD.size or not topic:
-            _LOG.warning("a malformed message of %d bytes from %s", len(payload), source)
-            return
-        sent_s, md5 = _HEAD.unpack_from(payload)
-        parcel = Parcel(source, "/" + "/".join(topic), f"{package}/{name}", md5.decode(errors="replace"), sent_s,
-                        payload[_HEAD.size :])  # fmt: skip
-        self._on_parcel(parcel)
+    def _receiver(self, link: str):
+        def received(sample) -> None:
+            key, payload = str(sample.key_expr), sample.payload.to_bytes()
+            try:
+                if key.count("/") == 3:
+                    self._on_note(key.split("/", 2)[1], payload)
+                else:
+                    self._on_parcel(link, *wire.split_topic_key(key), payload)
+            except wire.WireError as error:
+                self.on_malformed(key.split("/")[1], str(error))
+
+        return received
 
     def _asked_for_definition(self, query) -> None:
         type_name = str(query.key_expr).split("/d/", 1)[1]
         if type_name in self._definitions:
             query.reply(query.key_expr, self._definitions[type_name])
 
-    def _liveliness(self, peer: str):
-        return lambda sample: self._on_peer(peer, sample.kind == zenoh.SampleKind.PUT)
+
+def _refuse_open_networks(listen: Endpoint, peers: Dict[str, Endpoint], keys: Optional[Keyring]) -> None:
+    if keys is not None:
+        return
+    for endpoint in (listen, *peers.values()):
+        if not endpoint.stays_on_this_machine:
+            raise EndpointError(
+                f"{endpoint.host} is on a network, and this relay has no keys: make them with"
+                " `rosrun fcsv_multimaster keys FOLDER control uav1 ...` and give it keys:=FOLDER/ITS_NAME"
+            )
 
 
-def _open(link: str, listen: Endpoint, peers: Dict[str, Endpoint]):
-    locator = listen.locator(link)
-    if link == "bulk":
-        locator += f"#so_sndbuf={_BULK_SEND_BUFFER}"
-    connect = [p.locator(link) + (f"#so_sndbuf={_BULK_SEND_BUFFER}" if link == "bulk" else "") for p in peers.values()]
+def _open(link: str, name: str, listen: Endpoint, peers: Dict[str, Endpoint], keys: Optional[Keyring]):
+    encrypted = keys is not None
+    locator = listen.locator(link, encrypted)
     settings = {
         "mode": "peer",
         "listen/endpoints": [locator],
-        "connect/endpoints": connect,
-        "connect/timeout_ms": 0,
+        "connect/endpoints": [p.locator(link, encrypted) for p in peers.values()],
+        "connect/timeout_ms": -1,  # for ever, and in the background
         "connect/exit_on_failure": False,
-        "connect/retry": {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2},
+        "connect/retry": {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 2},
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "open/return_conditions": {"connect_scouted": False, "declares": False},
         "transport/link/tx/lease": 2000,
+        "transport/link/rx/max_message_size": _LARGEST,
+        "transport/unicast/open_timeout": _OPEN_MS,
+        "transport/unicast/accept_timeout": _OPEN_MS,
+        "transport/shared_memory/enabled": False,
     }
+    if keys is not None:
+        settings["transport/link/tls"] = _tls(keys)
+        settings["access_control"] = _access_list(name, peers)
     config = zenoh.Config()
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
@@ -126,3 +177,29 @@ def _open(link: str, listen: Endpoint, peers: Dict[str, Endpoint]):
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise EndpointError(f"the relay cannot listen on {locator}: {str(error).splitlines()[0]}") from error
+
+
+def _tls(keys: Keyring) -> Dict[str, object]:
+    """Both sides show a certificate; its name is a machine's, not an address, so that addresses may change."""
+    return {
+        "root_ca_certificate": str(keys.authority),
+        "listen_private_key": str(keys.key), "listen_certificate": str(keys.certificate),
+        "connect_private_key": str(keys.key), "connect_certificate": str(keys.certificate),
+        "enable_mtls": True, "verify_name_on_connect": False,
+    }  # fmt: skip
+
+
+def _access_list(name: str, peers: Dict[str, Endpoint]) -> Dict[str, object]:
+    """Between this machine and the holder of a peer's certificate only what is theirs to say to each other."""
+    rules = [
+        {"id": f"with-{p}", "messages": list(_MESSAGES), "flows": ["ingress", "egress"], "permission": "allow",
+         "key_exprs": [f"fcsv/{p}/{name}/**", f"fcsv/{name}/{p}/**"]}
+        for p in peers
+    ]  # fmt: skip
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": p, "cert_common_names": [p]} for p in peers],
+        "policies": [{"rules": [f"with-{p}"], "subjects": [p]} for p in peers],
+    }

@@ -1,174 +1,154 @@
 # SPDX-License-Identifier: Apache-2.0
 """The relay of one machine: listed local topics out, listed topics of peers in, as raw messages."""
 
-import threading
+import sys
 import time
-import xmlrpc.client
-from typing import Dict, Optional
+from dataclasses import dataclass
+from typing import Dict, List
 
-import rosgraph
-import roslib.message
 import rospy
+from diagnostic_msgs.msg import DiagnosticArray
 
-from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
-from fcsv_multimaster.links import Rule, load_links
-from fcsv_multimaster.transport import Parcel, Transport
+from fcsv_multimaster.errors import RelayError
+from fcsv_multimaster.exchange import Exchange
+from fcsv_multimaster.keyring import open_keyring
+from fcsv_multimaster.links import TF_TOPICS, load_links
+from fcsv_multimaster.parcel import Parcel
+from fcsv_multimaster.ros import link_report
+from fcsv_multimaster.ros.drops import Drops
+from fcsv_multimaster.ros.inbox import Inbox
+from fcsv_multimaster.ros.master_watch import master_knows_us, register_again
+from fcsv_multimaster.ros.pictures import PicturePacker
+from fcsv_multimaster.ros.tf_merge import TfOut
+
+_SWITCH_S = 0.0005  # what is urgent must not wait five milliseconds for a thread that handles pictures
+_TF_HZ = 10.0
+
+
+@dataclass(frozen=True)
+class RelayParameters:
+    """Parameters of the node. ``peers``: NAME=HOST:PORT,...; ``keys``: this machine's folder of the fleet's keys."""
+
+    machine: str
+    links: str
+    listen: str
+    peers: str = ""
+    keys: str = ""
 
 
 class RelayNode:
-    """What a rule does not name neither leaves nor enters; a machine sends only what it is the source of."""
+    """What a rule does not name neither leaves nor enters; what this node published itself does not go back."""
 
     def __init__(self):
-        self._name = rospy.get_param("~machine")
-        links = load_links(rospy.get_param("~links"))
-        peers = parse_peers(rospy.get_param("~peers", ""))
-        listen = parse_endpoint(rospy.get_param("~listen"))
-        self._exports: Dict[str, Rule] = {}
-        for peer in peers:
-            for topic, rule in links.crossing(self._name, peer).items():
-                known = self._exports.get(topic)
-                fastest = known is None or (rule.most_hz or 1e9) > (known.most_hz or 1e9)
-                self._exports[topic] = rule if fastest else known
-        self._imports = {peer: links.crossing(peer, self._name) for peer in peers}
-        rospy.loginfo("relay of %s on %s, peers %s, sends %s", self._name, listen, peers, sorted(self._exports))
-        self._lock = threading.RLock()
-        self._last_sent_s: Dict[str, float] = {}
-        self._last_events: Dict[str, rospy.AnyMsg] = {}
-        self._publishers: Dict[str, Optional[rospy.Publisher]] = {}
-        self._classes: Dict[str, type] = {}
-        self._subscribers = []
+        parameters = node.parameters(RelayParameters)
+        sys.setswitchinterval(_SWITCH_S)
+        self._name = parameters.machine
+        links, peers = load_links(parameters.links), parse_peers(parameters.peers)
+        self._encrypted = bool(parameters.keys)
+        keys = open_keyring(parameters.keys, self._name) if self._encrypted else None
         self._health = Health(self._name)
-        self._transport = Transport(self._name, listen, peers, self._on_parcel, self._on_peer)
-        rospy.on_shutdown(self._transport.close)
-        self._subscribe()
+        self._drop = Drops(self._health)
+        self._packer = PicturePacker()
+        self._inbox = Inbox(self._drop, self._definition)
+        self._reports = rospy.Publisher("~links", DiagnosticArray, queue_size=1)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
+        self._exchange = Exchange(
+            self._name, links, parse_endpoint(parameters.listen), peers, keys,
+            self._on_parcel, self._drop, self._health.problem, self._packer.pack,
+        )  # fmt: skip
+        rospy.on_shutdown(self._exchange.close)
+        self._tf: Dict[str, Dict[str, TfOut]] = {
+            topic: {p.name: TfOut(self._name, p.exports[topic].frames, topic == "/tf_static")
+                    for p in self._exchange.peers.values() if topic in p.exports}
+            for topic in TF_TOPICS
+        }  # fmt: skip
+        self._tf_header: Dict[str, Dict[str, str]] = {}
+        rospy.loginfo("%s to %s sends %s", self._name, sorted(peers) or "nobody", self._exchange.exports)
+        self._subscribers = self._subscribe()
+
+    def _subscribe(self) -> List[rospy.Subscriber]:
+        subscribers = []
+        for topic in self._exchange.exports:
+            on = self._on_tf if topic in TF_TOPICS else self._on_local
+            options = {"queue_size": 20, "buff_size": 1 << 22, "tcp_nodelay": True}
+            subscribers.append(rospy.Subscriber(topic, rospy.AnyMsg, on, topic, **options))
+        if self._tf["/tf"]:
+            self._tf_timer = rospy.Timer(rospy.Duration(1.0 / _TF_HZ), lambda _event: self._send_tf("/tf"))
+        return subscribers
+
+    def _definition(self, source: str, type_name: str):
+        return self._exchange.definition(source, type_name)
 
     # ---- out -----------------------------------------------------------------------------------------------
 
-    def _subscribe(self) -> None:
-        self._subscribers = [
-            rospy.Subscriber(t, rospy.AnyMsg, self._on_local, t, queue_size=20, tcp_nodelay=True) for t in self._exports
-        ]
-
     def _on_local(self, message: rospy.AnyMsg, topic: str) -> None:
-        rule = self._exports[topic]
-        now_s = time.monotonic()
-        if rule.traffic.latched:
-            with self._lock:
-                self._last_events[topic] = message
-        if rule.most_hz is not None:
-            if now_s - self._last_sent_s.get(topic, float("-inf")) < 0.9 / rule.most_hz:
-                return
-            self._last_sent_s[topic] = now_s
-        self._send(topic, rule, message)
-
-    def _send(self, topic: str, rule: Rule, message: rospy.AnyMsg) -> None:
         h = message._connection_header
-        self._transport.send(topic, rule, h["type"], h["md5sum"], h.get("message_definition", ""), message._buff)
-        self._health.tick(f"out {topic}")
+        if h.get("callerid") == rospy.get_name():
+            return  # it came from a peer
+        taken = self._exchange.send(topic, h["type"], h["md5sum"], h.get("message_definition", ""), message._buff)
+        if taken:
+            self._health.tick(f"out {topic}")
 
-    def _on_peer(self, peer: str, alive: bool) -> None:
-        """A peer that comes (back) gets the last value of every event."""
-        rospy.loginfo("%s: relay of %s is %s", self._name, peer, "there" if alive else "gone")
-        self._health.value(f"peer {peer}", "there" if alive else "gone")
-        if alive:
-            with self._lock:
-                events = dict(self._last_events)
-            for topic, message in events.items():
-                self._send(topic, self._exports[topic], message)
+    def _on_tf(self, message: rospy.AnyMsg, topic: str) -> None:
+        h = message._connection_header
+        if h.get("callerid") == rospy.get_name():
+            return
+        self._tf_header[topic] = h
+        try:
+            changed = [out.add(message._buff) for out in self._tf[topic].values()]
+        except RelayError as error:
+            self._drop("tf", str(error))
+            return
+        if topic == "/tf_static" and any(changed):
+            self._send_tf(topic)
+
+    def _send_tf(self, topic: str) -> None:
+        h = self._tf_header.get(topic)
+        for peer, out in self._tf[topic].items():
+            data = out.take() if h is not None else None
+            if data is not None:
+                self._exchange.send(topic, h["type"], h["md5sum"], h.get("message_definition", ""), data, only=peer)
+                self._health.tick(f"out {topic}")
 
     # ---- in ------------------------------------------------------------------------------------------------
 
-    def _on_parcel(self, parcel: Parcel) -> None:
-        rule = self._imports.get(parcel.source, {}).get(parcel.topic)
-        if rule is None:
-            return  # meant for another machine, or for nobody
-        max_age_s = rule.traffic.max_age_s
-        if max_age_s is not None and time.time() - parcel.sent_s > max_age_s:
-            self._health.drop("late message", parcel.topic)
-            return
-        with self._lock:
-            publisher = self._publisher(parcel, rule)
-            if publisher is None:
-                return
-        message = self._classes[parcel.topic]()
-        message._buff = parcel.data
-        try:
-            publisher.publish(message)
-        except rospy.ROSException:
-            return  # shutting down
+    def _on_parcel(self, parcel: Parcel) -> bool:
         self._health.tick(f"in {parcel.topic}")
+        return self._inbox.deliver(parcel)
 
-    def _publisher(self, parcel: Parcel, rule: Rule) -> Optional[rospy.Publisher]:
-        known = self._classes.get(parcel.topic)
-        if known is not None:
-            if known._md5sum != parcel.md5 or known._type != parcel.type:
-                self._health.drop("message of another type", f"{parcel.topic}: {parcel.type} {parcel.md5}")
-                return None
-            return self._publishers[parcel.topic]
-        installed = roslib.message.get_message_class(parcel.type)
-        if installed is not None and installed._md5sum != parcel.md5:
-            self._health.drop("another message version", f"{parcel.topic}: {parcel.source} has another {parcel.type}")
-            return None
-        text = installed._full_text if installed is not None else self._transport.definition(parcel.source, parcel.type)
-        if text is None:
-            self._health.drop("unknown message type", f"{parcel.topic}: {parcel.type}")
-            return None
-        self._classes[parcel.topic] = _raw_class(parcel.type, parcel.md5, text)
-        self._publishers[parcel.topic] = self._advertise(parcel.topic, rule)
-        return self._publishers[parcel.topic]
-
-    def _advertise(self, topic: str, rule: Rule) -> rospy.Publisher:
-        cls = self._classes[topic]
-        return rospy.Publisher(topic, cls, queue_size=20, latch=rule.traffic.latched, tcp_nodelay=True)
-
-    # ---- the local master ----------------------------------------------------------------------------------
+    # ---- what goes on by itself ----------------------------------------------------------------------------
 
     def spin(self) -> None:
-        """Watch the local master: one that was restarted knows nothing of us and is told again."""
-        known = _master_pid()
+        """Report the links, and watch the local master."""
+        known, ticks = True, 0
         while not rospy.is_shutdown():
             time.sleep(0.5)
-            pid = _master_pid()
-            if pid is not None and pid != known:
-                if known is not None:
-                    rospy.logwarn("%s: the ROS master was restarted; registering again", self._name)
-                    self._register_again()
-                known = pid
+            knows_us = master_knows_us()
+            if knows_us is None and known:
+                rospy.logwarn("%s: the ROS master does not answer; what is connected goes on", self._name)
+            if knows_us is False:
+                rospy.logwarn("%s: the ROS master was restarted; registering again", self._name)
+                register_again()
+            known = knows_us is not None
+            ticks += 1
+            if ticks % 2 == 0:
+                self._report()
 
-    def _register_again(self) -> None:
-        with self._lock:
-            for subscriber in self._subscribers:
-                subscriber.unregister()
-            self._subscribe()
-            for source, rules in self._imports.items():
-                for topic, rule in rules.items():
-                    if self._publishers.get(topic) is not None:
-                        self._publishers[topic].unregister()
-                        self._publishers[topic] = self._advertise(topic, rule)
-                        rospy.loginfo("%s of %s again", topic, source)
-
-
-def _raw_class(type_name: str, md5: str, text: str) -> type:
-    """A message class that passes bytes through."""
-    return type("Raw", (rospy.AnyMsg,), {"_type": type_name, "_md5sum": md5, "_full_text": text, "_has_header": False})
-
-
-def _master_pid() -> Optional[int]:
-    try:
-        return xmlrpc.client.ServerProxy(rosgraph.get_master_uri()).getPid(rospy.get_name())[2]
-    except OSError:
-        return None
+    def _report(self) -> None:
+        now_s, statuses = time.monotonic(), []
+        for peer in self._exchange.peers.values():
+            report = peer.report(now_s)
+            steps = {n: s for n, s in self._packer.steps().items() if n.endswith(f" to {peer.name}")}
+            statuses.append(link_report.status_of(self._name, peer.name, report, self._encrypted, steps))
+            self._health.value(f"peer {peer.name}", statuses[-1].message)
+        message = link_report.array(rospy.Time.now(), statuses)
+        self._reports.publish(message)
+        self._diagnostics.publish(message)
 
 
 def main() -> int:
     """Run the node."""
-    rospy.init_node("relay")
-    try:
-        node = RelayNode()
-    except FcsvError as error:
-        rospy.logfatal("relay: %s", error)
-        return 2
-    node.spin()
-    return 0
+    return node.run("relay", RelayNode)

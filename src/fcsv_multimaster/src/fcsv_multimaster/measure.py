@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of the link to one peer: round trip, clocks, loss, throughput, age per topic. Time is an argument."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Dict, Optional, Tuple
+
+SILENT_S = 1.0  # four pings unanswered: the peer is taken for gone
+_KEPT_PINGS = 40
+_POOR_OF, _POOR_SHARE = 12, 0.75  # of the last three seconds' pings
+
+
+class Clocks:
+    """The peer's clocks against ours, from pings and their answers; a step of a wall clock changes no age."""
+
+    def __init__(self):
+        self._samples: Deque[Tuple[float, float, float]] = deque(maxlen=_KEPT_PINGS)  # round trip, offsets
+
+    def answered(self, sent_s: float, now_s: float, peer_s: float, wall_offset_s: float) -> None:
+        """A pong: our monotonic clock at ping and now, the peer's in between, its wall clock minus ours."""
+        self._samples.append((now_s - sent_s, peer_s - (sent_s + now_s) / 2, wall_offset_s))
+
+    def forget(self) -> None:
+        """The peer restarted: its monotonic clock may be another one."""
+        self._samples.clear()
+
+    @property
+    def round_trip_s(self) -> Optional[float]:
+        """The median of the last ten."""
+        last = sorted(s[0] for s in list(self._samples)[-10:])
+        return last[len(last) // 2] if last else None
+
+    @property
+    def wall_offset_s(self) -> Optional[float]:
+        """The peer's time of day minus ours, from the quickest of the last five pings, so that a step shows."""
+        last = list(self._samples)[-5:]
+        return min(last)[2] if last else None
+
+    def age_s(self, sent_s: float, now_s: float) -> Optional[float]:
+        """Age of what the peer sent at its ``sent_s``; None before the first pong."""
+        if not self._samples:
+            return None
+        return max(0.0, now_s + min(self._samples)[1] - sent_s)
+
+
+@dataclass
+class TopicCount:
+    """What came of one topic since the last look."""
+
+    received: int = 0
+    lost: int = 0
+    octets: int = 0
+    late: int = 0
+    newest_sequence: int = 0
+    age_s: Optional[float] = None
+    last_s: Optional[float] = None
+
+
+class PeerMeasure:
+    """All figures of one peer."""
+
+    def __init__(self):
+        self.clocks = Clocks()
+        self.topics: Dict[str, TopicCount] = {}
+        self.boot: Optional[int] = None
+        self._heard_s: Optional[float] = None
+        self._pings = self._pongs = 0
+        self._ping_loss = 0.0
+        self._since_s: Optional[float] = None
+        self._answered: Deque[bool] = deque(maxlen=_POOR_OF)
+        self._pong_since_ping = False
+
+    def heard(self, boot: int, now_s: float) -> str:
+        """ "same", "new" (first or restarted) or "double": another relay speaks while the one we know still does."""
+        if self.boot == boot:
+            self._heard_s = now_s
+            return "same"
+        if self.boot is not None and now_s - self._heard_s < SILENT_S:
+            return "double"
+        self.boot, self._heard_s = boot, now_s
+        self.clocks.forget()
+        for count in self.topics.values():
+            count.newest_sequence = 0
+        return "new"
+
+    def alive(self, now_s: float) -> bool:
+        return self._heard_s is not None and now_s - self._heard_s < SILENT_S
+
+    def pinged(self) -> None:
+        if self._pings or self._answered:
+            self._answered.append(self._pong_since_ping)
+        self._pong_since_ping = False
+        self._pings += 1
+
+    def ponged(self) -> None:
+        self._pong_since_ping = True
+        self._pongs += 1
+
+    @property
+    def poor(self) -> bool:
+        """Whether so many datagrams are lost that QUIC hardly sends any: state then goes by the stream."""
+        return len(self._answered) == _POOR_OF and sum(self._answered) < _POOR_SHARE * _POOR_OF
+
+    def overtaken(self, topic: str, sequence: int) -> bool:
+        """Whether this one, or a later one of its topic, has come already."""
+        count = self.topics.get(topic)
+        return count is not None and sequence <= count.newest_sequence
+
+    def came(self, topic: str, sequence: int, octets: int, age_s: Optional[float], now_s: float) -> None:
+        """One message of a topic; gaps in its sequence are losses until what was lost comes late."""
+        count = self.topics.setdefault(topic, TopicCount())
+        gap = sequence - count.newest_sequence - 1
+        if gap < 0:
+            count.lost = max(0, count.lost - 1)
+        elif count.newest_sequence:
+            count.lost += gap
+        count.newest_sequence = max(count.newest_sequence, sequence)
+        count.received += 1
+        count.octets += octets
+        count.age_s, count.last_s = age_s, now_s
+
+    def report(self, now_s: float) -> Dict[str, Dict]:
+        """Figures since the last report, and a new beginning: "link" and "topics", for diagnostics."""
+        elapsed_s = max(now_s - self._since_s, 1e-3) if self._since_s is not None else 1.0
+        topics, octets, received, lost = {}, 0, 0, 0
+        for name, c in self.topics.items():
+            topics[name] = {
+                "rate_hz": c.received / elapsed_s, "loss": c.lost / max(1, c.lost + c.received), "age_s": c.age_s,
+                "silent_s": None if c.last_s is None else now_s - c.last_s, "kbit_s": c.octets * 8e-3 / elapsed_s,
+            }  # fmt: skip
+            octets, received, lost = octets + c.octets, received + c.received, lost + c.lost
+            c.received = c.lost = c.octets = 0
+        if self._pings:
+            self._ping_loss = max(0.0, 1.0 - self._pongs / self._pings)
+        link = {
+            "alive": self.alive(now_s), "round_trip_s": self.clocks.round_trip_s,
+            "in_loss": lost / max(1, lost + received),
+            "poor": self.poor, "ping_loss": self._ping_loss, "in_kbit_s": octets * 8e-3 / elapsed_s,
+            "clock_offset_s": self.clocks.wall_offset_s,
+        }  # fmt: skip
+        self._pings = self._pongs = 0
+        self._since_s = now_s
+        return {"link": link, "topics": topics}

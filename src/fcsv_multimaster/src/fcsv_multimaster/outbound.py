@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What waits to be sent to one peer: repeated until acknowledged, or paced so that pictures never pile up."""
+
+from collections import OrderedDict, deque
+from dataclasses import dataclass
+from typing import Deque, Dict, List, Optional, Tuple
+
+from fcsv_multimaster.links import Rule
+
+_FIRST_REPEAT_S, _LAST_REPEAT_S = 0.03, 0.12
+_STREAM_REPEAT_S = 1.0  # TCP repeats by itself: this is for what fell into a cut
+_MOST_WAITING = 500
+_QUEUE_S = 0.25  # pictures under way are at most what the link carries in this time
+_MOST_PICTURES_WAITING = 64
+
+
+@dataclass
+class Message:
+    """A serialised message on its way out."""
+
+    topic: str
+    rule: Rule
+    type: str
+    md5: str
+    data: bytes
+    born_s: float
+    sequence: int = 0
+    number: int = 0
+    streamed: bool = False
+
+    def late(self, now_s: float) -> bool:
+        max_age_s = self.rule.traffic.max_age_s
+        return max_age_s is not None and now_s - self.born_s > max_age_s
+
+
+@dataclass
+class _Repeated:
+    message: Message
+    next_s: float
+    interval_s: float
+
+
+class Repeater:
+    """Messages that are sent again until the peer has acknowledged them, or they are too old to matter."""
+
+    def __init__(self):
+        self._open: OrderedDict[int, _Repeated] = OrderedDict()
+        self.expired = 0
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def add(self, message: Message, now_s: float) -> None:
+        """Sent now, perhaps again. A latched one replaces the older one of its topic."""
+        if message.rule.traffic.latched:
+            for number in [n for n, r in self._open.items() if r.message.topic == message.topic]:
+                del self._open[number]
+        if len(self._open) >= _MOST_WAITING:
+            self._open.popitem(last=False)
+            self.expired += 1
+        interval_s = _FIRST_REPEAT_S if message.rule.traffic.link == "datagram" else _STREAM_REPEAT_S
+        self._open[message.number] = _Repeated(message, now_s + interval_s, interval_s)
+
+    def acknowledged(self, number: int) -> bool:
+        return self._open.pop(number, None) is not None
+
+    def due(self, now_s: float, round_trip_s: Optional[float]) -> List[Message]:
+        """What to send again now; what is too old is forgotten."""
+        for number in [n for n, r in self._open.items() if r.message.late(now_s)]:
+            del self._open[number]
+            self.expired += 1
+        due = [r for r in self._open.values() if r.next_s <= now_s]
+        for r in due:
+            if r.message.rule.traffic.link == "datagram":
+                r.interval_s = min(_LAST_REPEAT_S, max(1.5 * r.interval_s, 1.5 * (round_trip_s or 0.0)))
+            r.next_s = now_s + r.interval_s
+        return [r.message for r in due]
+
+    def next_s(self) -> Optional[float]:
+        return min((r.next_s for r in self._open.values()), default=None)
+
+
+class Pacer:
+    """Bulky messages for one peer: newest wins per topic, reliable ones in order, few under way at a time.
+
+    The peer acknowledges every one; what it acknowledges per second is what the link carries, and what is under way is
+    bounded by it, so that a slow link makes pictures rarer instead of older.
+    """
+
+    def __init__(self, lost_after_s: float = 2.5, most_in_flight: int = 3):
+        self._most_in_flight = most_in_flight
+        self._lost_after_s = lost_after_s
+        self._latest: OrderedDict[str, Message] = OrderedDict()
+        self._waiting: Deque[Message] = deque()
+        self._flying: OrderedDict[int, Tuple[Message, int, float]] = OrderedDict()  # message, octets, since
+        self._acked: Deque[Tuple[float, int]] = deque()
+        self._carries_octets_s: Optional[float] = None
+        self._limited_s = float("-inf")
+        self._turn = False
+        self.dropped = 0
+        self.queue_s: Optional[float] = None  # age of the last acknowledged one when its acknowledgement came
+
+    def __len__(self) -> int:
+        return len(self._latest) + len(self._waiting)
+
+    def offer(self, message: Message) -> None:
+        """Take a message in; an unreliable one replaces the one of its topic that still waits."""
+        if message.rule.traffic.reliable:
+            if len(self._waiting) >= _MOST_PICTURES_WAITING:
+                self._waiting.popleft()
+                self.dropped += 1
+            self._waiting.append(message)
+            return
+        self.dropped += message.topic in self._latest
+        self._latest[message.topic] = message
+
+    def take(self, now_s: float) -> Optional[Message]:
+        """The next to send, or None while the link is full or nothing waits."""
+        self._forget_lost(now_s)
+        if not self._waiting and not self._latest:
+            return None
+        if not self._room():
+            self._limited_s = now_s
+            return None
+        while self._waiting or self._latest:
+            self._turn = not self._turn or not self._latest  # by turns: neither kind starves the other
+            by_turn = self._turn and self._waiting
+            message = self._waiting.popleft() if by_turn or not self._latest else self._latest.popitem(last=False)[1]
+            if not message.late(now_s):
+                return message
+            self.dropped += 1
+        return None
+
+    def sent(self, message: Message, octets: int, now_s: float) -> None:
+        self._flying[message.number] = (message, octets, now_s)
+
+    def acknowledged(self, number: int, now_s: float) -> bool:
+        known = self._flying.pop(number, None)
+        if known is None:
+            return False
+        _, octets, sent_s = known
+        self.queue_s = now_s - sent_s
+        self._acked.append((now_s, octets))
+        while self._acked and now_s - self._acked[0][0] > 2.0:
+            self._acked.popleft()
+        if self.limited(now_s) and len(self._acked) > 2:
+            span_s = max(now_s - self._acked[0][0], 0.05)
+            rate = sum(o for _, o in list(self._acked)[1:]) / span_s
+            self._carries_octets_s = (
+                rate if self._carries_octets_s is None else 0.7 * self._carries_octets_s + 0.3 * rate
+            )
+        elif self._carries_octets_s is not None:
+            self._carries_octets_s *= 1.05  # it carried what there was: perhaps more
+        return True
+
+    def cut(self) -> None:
+        """The peer is gone or restarted: reliable ones that were under way wait again, in their order."""
+        again = [m for m, _, _ in self._flying.values() if m.rule.traffic.reliable]
+        self._flying.clear()
+        self._turn = False
+        self._waiting.extendleft(reversed(again))
+
+    def limited(self, now_s: float) -> bool:
+        """Whether something had to wait for the link lately: pictures give way."""
+        return now_s - self._limited_s < 1.0
+
+    def budget_octets_s(self, now_s: float) -> Optional[float]:
+        """What pictures may use; None: no bound is known, all that was asked for went through."""
+        return self._carries_octets_s if self.limited(now_s) or self._carries_octets_s is not None else None
+
+    def flying(self) -> Tuple[int, int]:
+        """(messages, octets) under way."""
+        return len(self._flying), sum(o for _, o, _ in self._flying.values())
+
+    def _room(self) -> bool:
+        messages, octets = self.flying()
+        if messages == 0:
+            return True
+        most = _QUEUE_S * self._carries_octets_s if self._carries_octets_s is not None else float("inf")
+        return messages < self._most_in_flight and octets < max(most, 1.0)
+
+    def _forget_lost(self, now_s: float) -> None:
+        lost = [n for n, (_, _, since_s) in self._flying.items() if now_s - since_s > self._lost_after_s]
+        for number in lost:
+            message = self._flying.pop(number)[0]
+            if message.rule.traffic.reliable and not message.late(now_s):
+                self._waiting.appendleft(message)
+            else:
+                self.dropped += 1
+
+
+class RateLimit:
+    """At most ``rate_hz`` messages a second on average, however regular they come."""
+
+    def __init__(self, rate_hz: float):
+        self._period_s = 1.0 / rate_hz
+        self._next_s = float("-inf")
+
+    def passes(self, now_s: float) -> bool:
+        if now_s < self._next_s:
+            return False
+        self._next_s = max(self._next_s, now_s - self._period_s) + self._period_s
+        return True
+
+    @property
+    def next_s(self) -> float:
+        """When the next one may pass."""
+        return self._next_s
+
+
+class Remembered:
+    """Numbers that were received lately, so that a repetition is not delivered twice."""
+
+    def __init__(self, most: int = 2000):
+        self._most = most
+        self._numbers: Dict[int, None] = OrderedDict()
+
+    def first_time(self, number: int) -> bool:
+        if number in self._numbers:
+            return False
+        self._numbers[number] = None
+        if len(self._numbers) > self._most:
+            self._numbers.popitem(last=False)
+        return True

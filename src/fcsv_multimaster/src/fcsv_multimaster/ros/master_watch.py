@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A local master that was restarted knows nothing of this node and is told again; nobody's connection is cut for it."""
+
+import http.client
+import socket
+import xmlrpc.client
+from typing import Optional
+
+import rosgraph
+import rospy
+from rospy.impl import registration
+
+_TIMEOUT_S = 2.0
+
+
+class _Transport(xmlrpc.client.Transport):
+    def make_connection(self, host):
+        connection = super().make_connection(host)
+        connection.timeout = _TIMEOUT_S
+        return connection
+
+
+def master_knows_us() -> Optional[bool]:
+    """None where the master does not answer, be it down or hung."""
+    try:
+        master = xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport())
+        return master.lookupNode(rospy.get_name(), rospy.get_name())[0] == 1
+    except (OSError, socket.timeout, http.client.HTTPException, xmlrpc.client.Error):
+        return None
+
+
+def register_again() -> None:
+    """Everything that this node publishes, subscribes and serves, as rospy registers it at the start.
+
+    Connections between nodes outlive the master, so they stay; rospy has no public call for this.
+    """
+    topics, services = registration.get_topic_manager(), registration.get_service_manager()
+    listeners = registration.get_registration_listeners()
+    for name, kind in topics.get_publications():
+        listeners.notify_added(name, kind, registration.Registration.PUB)
+    for name, kind in topics.get_subscriptions():
+        listeners.notify_added(name, kind, registration.Registration.SUB)
+    for name, uri in services.get_services():
+        listeners.notify_added(name, uri, registration.Registration.SRV)

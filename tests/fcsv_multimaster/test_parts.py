@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The relay's parts without a network or a master; time is an argument."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fcsv_multimaster import fkie, wire
+from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
+from fcsv_multimaster.errors import EndpointError, KeyringError, PictureError, WireError
+from fcsv_multimaster.keyring import make_fleet, open_keyring
+from fcsv_multimaster.links import Rule, TrafficClass, load_links
+from fcsv_multimaster.measure import PeerMeasure
+from fcsv_multimaster.outbound import Message, Pacer, RateLimit, Remembered, Repeater
+from fcsv_multimaster.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
+from fcsv_multimaster.transport import Transport
+
+CRITICAL = TrafficClass("datagram", "real_time", True, max_age_s=5.0)
+EVENT = TrafficClass("urgent", "data_high", True, latched=True)
+BULK = TrafficClass("bulk", "background", False, max_age_s=3.0)
+CAPTURE = TrafficClass("bulk", "data", True, max_age_s=10.0)
+
+
+def message(number, traffic=BULK, topic="/t", born_s=0.0, size=60000):
+    return Message(topic, Rule(topic, traffic), "p/T", "0" * 32, bytes(size), born_s, number, number)
+
+
+# ---- wire --------------------------------------------------------------------------------------------------
+
+
+def test_a_parcel_and_every_note_come_out_as_they_went_in():
+    head = wire.Head(wire.JPEG, 7, 8, 9, 1.5, "0123456789abcdef" * 2)
+    assert wire.unpack(wire.pack(head, b"data")) == (head, b"data")
+    for note in (wire.Ping(1, 2.0, 3.0), wire.Pong(1, 2.0, 3.0, 4.0), wire.Ack(1, 2, True)):
+        assert wire.unpack_note(wire.pack_note(note)) == note
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_understood_or_refused_by_one_error(payload):
+    for read in (wire.unpack, wire.unpack_note):
+        try:
+            read(payload)
+        except WireError:
+            pass
+
+
+def test_another_version_of_the_language_is_named():
+    head = wire.Head(wire.RAW, 1, 1, 0, 0.0, "0" * 32)
+    with pytest.raises(WireError, match="version 3"):
+        wire.unpack(b"\x03" + wire.pack(head, b"")[1:])
+    with pytest.raises(WireError, match="md5"):
+        wire.pack(wire.Head(wire.RAW, 1, 1, 0, 0.0, "*"), b"")
+
+
+# ---- what is measured --------------------------------------------------------------------------------------
+
+
+def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
+    peer = PeerMeasure()
+    assert peer.heard(1, 10.0) == "new"
+    for i, wall_s in enumerate((0.0, 3600.0, 3600.0, 3600.0, 3600.0, 3600.0)):  # the peer's clock steps by an hour
+        peer.clocks.answered(10.0 + i, 10.02 + i, 500.01 + i, wall_s)
+    assert peer.clocks.age_s(500.0, 10.05) == pytest.approx(0.05)
+    assert peer.clocks.wall_offset_s == 3600.0 and peer.clocks.round_trip_s == pytest.approx(0.02)
+
+
+def test_a_second_machine_of_the_same_name_is_told_from_a_restart():
+    peer = PeerMeasure()
+    assert [peer.heard(1, 0.0), peer.heard(1, 0.5), peer.heard(2, 0.6), peer.heard(1, 0.7)] == [
+        "new", "same", "double", "same",
+    ]  # fmt: skip
+    assert peer.heard(2, 5.0) == "new" and not peer.alive(6.5)
+
+
+def test_loss_counts_gaps_and_forgives_what_comes_late():
+    peer = PeerMeasure()
+    for sequence in (1, 2, 5, 4, 6):
+        peer.came("/t", sequence, 100, 0.01, 1.0)
+    assert peer.report(2.0)["topics"]["/t"]["loss"] == pytest.approx(1 / 6)
+    assert peer.overtaken("/t", 6) and not peer.overtaken("/t", 7)
+
+
+# ---- what waits --------------------------------------------------------------------------------------------
+
+
+def test_a_command_is_repeated_until_acknowledged_and_not_when_it_is_too_old():
+    repeater = Repeater()
+    repeater.add(message(1, CRITICAL, size=50), 0.0)
+    repeater.add(message(2, CRITICAL, size=50), 0.0)
+    assert repeater.due(0.01, None) == []
+    assert [m.number for m in repeater.due(0.05, None)] == [1, 2]
+    repeater.acknowledged(1)
+    sent = [t for t in np.arange(0.06, 8.0, 0.01) for m in repeater.due(t, 0.02)]
+    assert len(sent) > 30 and max(sent) <= 5.0 and repeater.expired == 1 and len(repeater) == 0
+
+
+def test_only_the_last_value_of_an_event_is_repeated():
+    repeater = Repeater()
+    for number in (1, 2, 3):
+        repeater.add(message(number, EVENT), 0.0)
+    assert [m.number for m in repeater.due(100.0, None)] == [3]
+
+
+def test_pictures_that_a_slow_link_cannot_carry_get_rarer_not_older():
+    """100 kB/s for 30 pictures of 60 kB a second, 20 ms away."""
+    pacer, arrivals, link_free_s, number = Pacer(), [], 0.0, 0
+    flying = []
+    for step in range(20000):
+        now_s = step * 1e-3
+        for done in [f for f in flying if f[0] <= now_s]:
+            flying.remove(done)
+            pacer.acknowledged(done[1].number, now_s)
+            arrivals.append((now_s, now_s - done[1].born_s))
+        if step % 33 == 0:
+            number += 1
+            pacer.offer(message(number, born_s=now_s))
+        m = pacer.take(now_s)
+        if m is not None:
+            pacer.sent(m, 60000, now_s)
+            link_free_s = max(link_free_s, now_s) + 0.6
+            flying.append((link_free_s + 0.02, m))
+    late = [age_s for at_s, age_s in arrivals if at_s > 10.0]
+    # the link takes 0.6 s for one: one under way and at most one begun behind it
+    assert len(late) == pytest.approx(10 / 0.6, abs=2) and max(late) < 1.35
+    assert pacer.limited(20.0) and 0.5e5 < pacer.budget_octets_s(20.0) < 1.5e5
+
+
+def test_captures_keep_their_order_and_survive_a_cut_in_the_middle_and_starve_nobody():
+    pacer = Pacer()
+    pacer.offer(message(1))
+    for number in (2, 3):
+        pacer.offer(message(number, CAPTURE, "/c"))
+    first = pacer.take(0.0)
+    pacer.sent(first, 60000, 0.0)
+    assert first.number == 2
+    pacer.cut()
+    assert [pacer.take(1.0).number for _ in range(3)] == [2, 1, 3]
+
+
+def test_a_rate_limit_holds_on_average_for_any_rhythm():
+    limit = RateLimit(10.0)
+    assert sum(limit.passes(t) for t in np.arange(0.0, 10.0, 1 / 33)) == pytest.approx(100, abs=2)
+
+
+def test_duplicates_are_known():
+    remembered = Remembered(3)
+    assert [remembered.first_time(n) for n in (1, 2, 1, 3, 4, 2)] == [True, True, False, True, True, False]
+
+
+# ---- pictures ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def picture():
+    coarse = np.random.default_rng(1).integers(0, 255, (12, 16, 3), dtype=np.uint8)
+    return cv2.resize(coarse, (320, 240), interpolation=cv2.INTER_CUBIC)
+
+
+def test_jpeg_gives_way_until_it_fits_and_comes_back(picture):
+    jpeg = AdaptiveJpeg()
+    sizes = [len(jpeg.encode(picture, 150000.0, 30.0)) for _ in range(10)]
+    assert sizes[-1] * 30.0 <= 150000.0 < sizes[0] * 30.0
+    small = decode_jpeg(jpeg.encode(picture, 150000.0, 30.0), (240, 320))
+    # a quarter of the size still shows what is there: the coarse pattern is 20 px wide
+    assert small.shape == picture.shape and np.abs(small.astype(int) - picture).mean() < 12
+    for _ in range(10):
+        jpeg.encode(picture, None, 30.0)
+    assert jpeg.step == 0
+
+
+def test_h264_follows_the_stream_and_waits_for_a_whole_picture_after_a_gap(picture):
+    if not h264_available():
+        pytest.skip("PyAV with libx264 is not installed")
+    encoder, decoder = H264Encoder(), H264Decoder()
+    units = [encoder.encode(np.roll(picture, i, 1), 5e5, 30.0, keyframe=i == 8) for i in range(12)]
+    out = [decoder.decode(u, i) for i, u in enumerate(units) if i != 5]
+    assert [o is not None for o in out] == [True] * 5 + [False] * 2 + [True] * 4
+    # quantisation at 4 Mbit/s and halved colour; a wrong picture (shifted by 20) differs by 30 and more
+    assert np.abs(out[-1].astype(int) - np.roll(picture, 11, 1)).mean() < 6
+    assert sum(map(len, units[1:8])) / 7 < 0.5 * len(units[0])
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff\xd8 no picture", bytes(100)])
+def test_a_malformed_jpeg_is_an_error(data):
+    with pytest.raises(PictureError):
+        decode_jpeg(data)
+
+
+# ---- keys --------------------------------------------------------------------------------------------------
+
+
+def test_keys_of_a_fleet_open_and_others_do_not(tmp_path):
+    make_fleet(tmp_path / "a", ["control", "uav1"])
+    make_fleet(tmp_path / "b", ["uav1"])
+    ring = open_keyring(tmp_path / "a/uav1", "uav1")
+    assert ring.key.stat().st_mode & 0o077 == 0
+    before = ring.certificate.read_bytes()
+    make_fleet(tmp_path / "a", ["uav1", "uav2"])  # a vehicle more: the others keep their keys
+    assert ring.certificate.read_bytes() == before and open_keyring(tmp_path / "a/uav2", "uav2")
+    with pytest.raises(KeyringError, match="belongs to 'uav1'"):
+        open_keyring(tmp_path / "a/uav1", "control")
+    (tmp_path / "a/uav1/fleet.pem").write_bytes((tmp_path / "b/fleet.pem").read_bytes())
+    with pytest.raises(KeyringError, match="not of the fleet"):
+        open_keyring(tmp_path / "a/uav1", "uav1")
+    (tmp_path / "b/uav1/machine.key").unlink()
+    with pytest.raises(KeyringError, match="machine.key: is missing"):
+        open_keyring(tmp_path / "b/uav1", "uav1")
+
+
+def test_without_keys_nothing_leaves_the_machine():
+    with pytest.raises(EndpointError, match="has no keys"):
+        Transport("a", parse_endpoint("0.0.0.0:7447"), {}, None, print, print)
+
+
+# ---- the list, for fkie --------------------------------------------------------------------------------------
+
+
+def test_fkie_gets_the_same_topics_and_nothing_else(root):
+    links, peers = (
+        load_links(root / "config/links/default.yaml"),
+        parse_peers("control=10.0.0.1:7447,uav2=10.0.0.3:7447"),
+    )
+    topics = fkie.sync("uav1", links, peers)["sync_topics"]
+    assert {"/uav1/odometry/state", "/uav1/command", "/home", "/uav2/odometry/state"} <= set(topics)
+    assert "/uav2/command" not in topics and "/rosout" not in topics
+    assert fkie.discovery(peers)["robot_hosts"] == ["10.0.0.1", "10.0.0.3"]

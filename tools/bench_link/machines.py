@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Machines in network namespaces of their own, with a master and a relay each, and the keys that they share."""
+
+import sys
+import textwrap
+import time
+from pathlib import Path
+from typing import Dict, List, Optional
+
+from radio import Conditions, Radio, in_namespace
+
+from fcsv_multimaster.keyring import make_fleet
+from fcsv_sim.machines import Machine, Process
+
+PORT, BULK_PORT = 7447, 7448
+MASTER_PORT = 11311
+
+
+class NamespaceMachine(Machine):
+    """A machine whose loopback is its own: every one has its master on the same port."""
+
+    def __init__(self, name: str, folder, namespace: str):
+        super().__init__(name, folder, port=MASTER_PORT)
+        self.namespace = namespace
+
+    def start_master(self, timeout_s: float = 30.0) -> "NamespaceMachine":
+        command = self._inside(["roscore", "-p", str(self.port)])
+        self._core = Process(command, self.folder / "roscore.log", self.env)
+        deadline = time.monotonic() + timeout_s
+        while not self.master_alive():
+            if self._core.returncode is not None or time.monotonic() > deadline:
+                raise RuntimeError(f"{self.name}: no ROS master: {self._core.tail(3)}")
+            time.sleep(0.1)
+        return self
+
+    def master_alive(self) -> bool:
+        return in_namespace(self.namespace, super().master_alive)
+
+    @property
+    def core(self) -> Process:
+        return self._core
+
+    def run(self, command, log: str) -> Process:
+        return super().run(self._inside(command), log)
+
+    def python(self, code: str, log: str = "script") -> Process:
+        """A rospy script on this machine; it runs until the machine stops."""
+        path = self.folder / f"{log}-{time.time()}.py"
+        path.write_text("import rospy, sys, time\nrospy.init_node('t', anonymous=True)\n" + textwrap.dedent(code))
+        return self.run([sys.executable, str(path)], path.stem)
+
+    def _inside(self, command):
+        return ["ip", "netns", "exec", self.namespace, *command]
+
+
+class Net:
+    """Machines with relays over an emulated radio. ``masters``: who has ROS; all by default."""
+
+    def __init__(self, folder, links, names=("control", "uav1"), conditions=None, congestion="", masters=None):
+        self.folder, self.links = Path(folder), Path(links)
+        self.keys = self.folder / "keys"
+        make_fleet(self.keys, names)
+        self.radio = Radio(names, conditions or Conditions(), congestion=congestion)
+        self.machines: Dict[str, NamespaceMachine] = {}
+        self.relays: Dict[str, Process] = {}
+        self._others: List[Process] = []
+        try:
+            for name in names if masters is None else masters:
+                machine = NamespaceMachine(name, self.folder, self.radio.namespace(name))
+                self.machines[name] = machine
+                machine.start_master()
+            for name in self.machines:
+                self.start_relay(name)
+        except BaseException:
+            self.stop()
+            raise
+
+    def peers(self, name: str) -> str:
+        """As the relay of ``name`` takes them."""
+        return ",".join(f"{n}={a}:{PORT}" for n, a in self.radio.addresses.items() if n != name)
+
+    def start_relay(self, name: str, peers: Optional[str] = None, listen: Optional[str] = None) -> Process:
+        """The relay node of a machine, with its keys."""
+        listen = listen or f"0.0.0.0:{PORT}"
+        peers = self.peers(name) if peers is None else peers
+        self.relays[name] = self.machines[name].run(
+            ["rosrun", "fcsv_multimaster", "relay", f"_machine:={name}", f"_links:={self.links}",
+             f"_listen:={listen}", f"_peers:={peers}", f"_keys:={self.keys / name}"], "relay",
+        )  # fmt: skip
+        return self.relays[name]
+
+    def stop(self) -> None:
+        for process in self._others:
+            process.stop()
+        for machine in self.machines.values():
+            machine.stop()
+        self.radio.close()
+
+    def __enter__(self) -> "Net":
+        return self
+
+    def __exit__(self, *_exc) -> None:
+        self.stop()
+
+
+def vehicle_ports(index: int) -> int:
+    """The first port of a vehicle that shares its address with others."""
+    return 7500 + 2 * index
+
+
+class FleetNet(Net):
+    """A control PC with a master and a relay; all vehicles behind one address, without ROS."""
+
+    def __init__(self, folder, links, vehicles, conditions=None):
+        self._vehicles = tuple(vehicles)
+        super().__init__(folder, links, ("control", "vehicles"), conditions, masters=("control",))
+
+    def peers(self, name: str) -> str:
+        make_fleet(self.keys, self._vehicles)
+        address = self.radio.addresses["vehicles"]
+        return ",".join(f"{v}={address}:{vehicle_ports(i)}" for i, v in enumerate(self._vehicles))
+
+    def run_in(self, name: str, command) -> Process:
+        """A process in a namespace that has no master."""
+        inside = ["ip", "netns", "exec", self.radio.namespace(name), *command]
+        self._others.append(Process(inside, self.folder / f"{name}-{len(self._others)}.log"))
+        return self._others[-1]
