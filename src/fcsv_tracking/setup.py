@@ -3,4 +3,6 @@ from distutils.core import setup
 
 from catkin_pkg.python_setup import generate_distutils_setup
 
-setup(**generate_distutils_setup(packages=["fcsv_tracking", "fcsv_tracking.ros"], package_dir={"": "src"}))
+PACKAGES = [f"fcsv_tracking{p}" for p in ("", ".cameras", ".commands", ".evaluation", ".mocap", ".mounts", ".ros")]
+
+setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))

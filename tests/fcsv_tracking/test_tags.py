@@ -10,6 +10,7 @@ import yaml
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_tracking.errors import TagError
 from fcsv_tracking.tags import TagDetector, corner_points, planar_poses
 
 CAMERA = PinholeCamera.from_fov(640, 480, np.radians(56.0))
@@ -77,7 +78,7 @@ def test_mirrored_or_hidden_tags_are_not_found():
 
 
 def test_wrong_pictures_are_refused():
-    with pytest.raises(ValueError, match="HxW uint8"):
+    with pytest.raises(TagError, match="HxW uint8"):
         TagDetector({1: 0.16}).detect(np.zeros((480, 640, 3), np.uint8), CAMERA)
 
 

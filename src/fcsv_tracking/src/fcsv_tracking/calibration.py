@@ -16,6 +16,7 @@ from typing import Sequence
 
 import numpy as np
 
+from fcsv_geometry import transforms
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.link_model import LinkNoise
@@ -32,6 +33,8 @@ class CalibrationRules(LinkNoise):
     most_position_std_m: float = 0.05
     most_distance_m: float = 8.0
     most_speed_mps: float = 1.5
+    most_oblique_deg: float = 55.0  # between the tag's normal and the line of sight
+    most_clock_offset_s: float = 0.02  # between two machines: at 1 m/s of sway 2 cm
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ def calibrate_link(
         ) from error
     used = [d for d, u in zip(ordered, solution.used) if u]
     _require_enough(parent, child, used, rules)
+    _require_facing(parent, child, used, solution, rules)
     _require_tight(parent, child, solution, used[-1], rules)
     return Link(
         parent, child, solution.T_Op_Oc, solution.covariance, solution.position_spread_m, solution.yaw_spread_rad,
@@ -77,6 +81,11 @@ def calibrate_link(
 
 
 def _require_enough(parent: str, child: str, detections: Sequence[Detection], rules: CalibrationRules) -> None:
+    if not detections:
+        raise CalibrationRefused(
+            f"{child} does not see {parent}'s tag: line {child} up 3 to 4 m behind {parent}, at its height, and check "
+            f"that the tag has the id and family of {parent}'s file and is not covered"
+        )
     if len(detections) < rules.least_detections:
         raise CalibrationRefused(
             f"{child} sees {parent}'s tag in {len(detections)} usable pictures, {rules.least_detections} are needed: "
@@ -100,6 +109,23 @@ def _require_slow(parent: str, child: str, ordered: Sequence[Detection], rules: 
                 raise CalibrationRefused(
                     f"{parent} or {child} moves faster than {rules.most_speed_mps} m/s: fly slower"
                 )
+
+
+def _require_facing(
+    parent: str, child: str, used: Sequence[Detection], solution: LinkSolution, rules: CalibrationRules
+) -> None:
+    """By the joint solution: a single detection's normal may be the mirrored one."""
+    angles_deg = []
+    for d in used:
+        T_cam_tag = transforms.invert(d.T_odom_cam) @ transforms.invert(solution.T_Op_Oc) @ d.T_odom_tag
+        p = T_cam_tag[:3, 3]
+        angles_deg.append(np.degrees(np.arccos(np.clip(T_cam_tag[:3, 2] @ p / np.linalg.norm(p), -1.0, 1.0))))
+    angle_deg = float(np.median(angles_deg))
+    if angle_deg > rules.most_oblique_deg:
+        raise CalibrationRefused(
+            f"{child} sees {parent}'s tag at {angle_deg:.0f} deg off its normal (bound {rules.most_oblique_deg:.0f}): "
+            f"bring {child} straight behind {parent}"
+        )
 
 
 def _require_tight(parent: str, child: str, solution: LinkSolution, last: Detection, rules: CalibrationRules) -> None:

@@ -16,6 +16,14 @@ class OdometryRejected(TrackingError):
         self.reason = reason
 
 
+class SampleRejected(TrackingError):
+    """A sample that the mocap tracker must not use; ``reason`` is its counter's name."""
+
+    def __init__(self, reason: str, message: str):
+        super().__init__(message)
+        self.reason = reason
+
+
 class TagError(TrackingError):
     """The tag detector cannot be set up, or a picture is not one it can look at."""
 
@@ -26,3 +34,15 @@ class CalibrationRefused(TrackingError):
 
 class HomeRefused(TrackingError):
     """Home cannot be set now; the message says why."""
+
+
+class CameraCalibrationRefused(TrackingError):
+    """Pictures of a chessboard that would not give a good camera; the message says which and what to do."""
+
+
+class ExtrinsicsRefused(TrackingError):
+    """A motion or detections from which the mounting of camera or tag cannot be found; the message says why."""
+
+
+class EvaluationError(TrackingError):
+    """Trajectories that cannot be read or compared."""

@@ -31,6 +31,7 @@ class LinkNoise:
     walk_m_per_sqrt_m: float = 0.012  # random walk of a tracker's position over the distance moved (1 % at 1 m)
     heading_deg_per_sqrt_m: float = 0.015
     level_deg: float = 0.05  # constant error of either vertical
+    clock_s: float = 0.02  # between the two machines: common to all detections, as far as the parent moves
 
     def __post_init__(self):
         for f in fields(self):
@@ -53,6 +54,7 @@ class LinkModel:
         self.R_C_Oc = T_Oc_C[:, :3, :3].transpose(0, 2, 1)
         self.p_Oc_C = T_Oc_C[:, :3, 3]
         self.mean_Oc_C = self.p_Oc_C.mean(axis=0)
+        self.v_Op_A = _velocities(np.array([d.stamp_s for d in detections]), self.p_Op_A)
         self._paths_m = [_path_to_end(self.p_Op_A), _path_to_end(self.p_Oc_C)]
 
     def __len__(self) -> int:
@@ -61,7 +63,7 @@ class LinkModel:
     def subset(self, keep: np.ndarray) -> "LinkModel":
         """The model of some of the detections, with the same unknowns and paths."""
         part = copy.copy(self)
-        for name in ("focal_px", "measured", "p_Op", "p_Op_A", "R_C_Oc", "p_Oc_C"):
+        for name in ("focal_px", "measured", "p_Op", "p_Op_A", "R_C_Oc", "p_Oc_C", "v_Op_A"):
             setattr(part, name, getattr(self, name)[keep])
         part._paths_m = [path_m[keep] for path_m in self._paths_m]
         return part
@@ -94,6 +96,8 @@ class LinkModel:
         for path_m, B in zip(self._paths_m, (d_point @ _Rz(-x[3]), -d_point)):
             walk_m2 = self.noise.walk_m_per_sqrt_m**2 * np.minimum(path_m[:, None], path_m[None, :])
             C += np.einsum("ij,iak,jbk->iajb", walk_m2, B, B, optimize=True)
+        late = self._by_clock(x, d_point)
+        C += np.einsum("ia,jb->iajb", late, late)
         i = np.arange(n)
         C[i, :, i, :] += self._own_noise(p_C)
         return C.reshape(8 * n, 8 * n)
@@ -103,7 +107,13 @@ class LinkModel:
         p_C = self._in_camera(x)[1]
         d_point = self._projection_jacobian(p_C).reshape(len(self), 8, 3)
         walk_m2 = self.noise.walk_m_per_sqrt_m**2 * (self._paths_m[0] + self._paths_m[1])
-        return self._own_noise(p_C) + walk_m2[:, None, None] * d_point @ d_point.transpose(0, 2, 1)
+        late = self._by_clock(x, d_point)
+        own = self._own_noise(p_C) + late[:, :, None] * late[:, None, :]
+        return own + walk_m2[:, None, None] * d_point @ d_point.transpose(0, 2, 1)
+
+    def _by_clock(self, x: np.ndarray, d_point: np.ndarray) -> np.ndarray:
+        """(N, 8) px that one standard deviation of the clocks' difference moves the tag in the picture."""
+        return self.noise.clock_s * np.einsum("nak,nk->na", d_point @ _Rz(-x[3]), self.v_Op_A)
 
     def drift_covariance(self, x: np.ndarray) -> np.ndarray:
         """(4, 4) of x that no number of detections averages away: level errors, heading drift."""
@@ -145,6 +155,13 @@ class LinkModel:
 def _Rz(yaw_rad: float) -> np.ndarray:
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _velocities(stamps_s: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """(N, 3) by differences between neighbouring detections; nought where there is one alone."""
+    if len(p) < 2 or (np.diff(stamps_s) <= 0).any():
+        return np.zeros_like(p)
+    return np.gradient(p, stamps_s, axis=0)
 
 
 def _path_to_end(p: np.ndarray) -> np.ndarray:

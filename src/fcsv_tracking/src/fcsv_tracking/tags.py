@@ -3,7 +3,7 @@
 
 import os
 from dataclasses import dataclass
-from typing import List, Mapping, Optional, Tuple
+from typing import Dict, List, Mapping, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -11,10 +11,13 @@ from apriltag import apriltag
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_tracking.errors import TagError
 
 FAMILY = "tag36h11"
 #: The detector puts pixel centres at (0.5, 0.5); ours are at whole numbers (tests/fcsv_tracking/test_tags.py).
 _PIXEL_CENTRE_PX = 0.5
+_LEAST_MARGIN = 20.0
+_MOST_RMS_PX, _MOST_RMS_SHARE = 1.0, 0.03  # of the best plane's corners; the larger of the two counts
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,11 @@ class TagObservation:
     decision_margin: float
     hamming: int
 
+    @property
+    def edge_px(self) -> float:
+        """Longest edge in the picture."""
+        return float(np.linalg.norm(self.corners_px - np.roll(self.corners_px, 1, axis=0), axis=1).max())
+
 
 def corner_points(size_m: float) -> np.ndarray:
     """The corners (4,3) in the tag's frame (x right, y down, z into the tag), in the detector's order."""
@@ -43,21 +51,46 @@ class TagDetector:
 
     def __init__(self, sizes_m: Mapping[int, float], decimate: float = 1.0, threads: int = 1):
         self._sizes_m = dict(sizes_m)
+        #: Why quads were passed over, and how often.
+        self.rejected: Dict[str, int] = {}
         self._detector = apriltag(FAMILY, threads=threads, decimate=decimate, refine_edges=True, maxhamming=1)
 
     def detect(self, gray: np.ndarray, camera: PinholeCamera) -> List[TagObservation]:
-        """Observations in an undistorted or distorted picture (HxW uint8) of ``camera``."""
+        """Observations in an undistorted or distorted picture (HxW uint8) of ``camera``.
+
+        What is seen twice is neither: one id on two tags cannot be told apart. Raises TagError where the picture is
+        none, or not the camera's size.
+        """
         if gray.dtype != np.uint8 or gray.ndim != 2:
-            raise ValueError(f"picture must be HxW uint8, got {gray.shape} {gray.dtype}")
+            raise TagError(f"picture must be HxW uint8, got {gray.shape} {gray.dtype}")
+        if gray.shape != (camera.height, camera.width):
+            raise TagError(
+                f"picture is {gray.shape[1]}x{gray.shape[0]}, camera_info is of {camera.width}x{camera.height}: "
+                f"calibrate at the size that is used"
+            )
         found = []
         os.path.exists("")  # the binding takes an old EAGAIN of this thread for its own: leave another errno there
         for raw in self._detector.detect(np.ascontiguousarray(gray)):
             size_m = self._sizes_m.get(raw["id"])
-            if size_m is None or raw["hamming"] > 1 or raw["margin"] < 20.0:
-                continue
-            corners_px = np.array(raw["lb-rb-rt-lt"], float) - _PIXEL_CENTRE_PX
-            found.append(_observation(raw, size_m, corners_px, camera))
-        return found
+            if size_m is None:
+                self._reject("unknown id")
+            elif raw["hamming"] > 1 or raw["margin"] < _LEAST_MARGIN:
+                self._reject("unsure")
+            else:
+                corners_px = np.array(raw["lb-rb-rt-lt"], float) - _PIXEL_CENTRE_PX
+                found.append(_observation(raw, size_m, corners_px, camera))
+        return self._good([o for o in found if [p.id for p in found].count(o.id) == 1], len(found))
+
+    def _good(self, single: List[TagObservation], found: int) -> List[TagObservation]:
+        """Those whose corners are a square's: a tag bent, half hidden or cut by a blade is not."""
+        self._reject("same id twice", found - len(single))
+        square = [o for o in single if o.reprojection_rms_px < max(_MOST_RMS_PX, _MOST_RMS_SHARE * o.edge_px)]
+        self._reject("not square", len(single) - len(square))
+        return square
+
+    def _reject(self, reason: str, count: int = 1) -> None:
+        if count:
+            self.rejected[reason] = self.rejected.get(reason, 0) + count
 
 
 def _observation(raw, size_m, corners_px, camera) -> TagObservation:

@@ -2,6 +2,7 @@
 """The control PC's services /calibrate and /set_home, and what they find as latched topics."""
 
 import threading
+from dataclasses import dataclass, field
 from typing import Dict, List
 
 import numpy as np
@@ -10,34 +11,44 @@ from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError, PoseUnavailable
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_geometry.vehicle import load_vehicles
-from fcsv_msgs.msg import Calibration, Home, TagDetections
+from fcsv_msgs.msg import Calibration, ClockOffset, Home, TagDetections
 from fcsv_msgs.srv import Calibrate, CalibrateResponse, SetHome, SetHomeResponse
 from fcsv_tracking.calibration import CalibrationRules, Link, calibrate_link
 from fcsv_tracking.chain import home_of
+from fcsv_tracking.clocks import difference
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.errors import CalibrationRefused, TrackingError
-from fcsv_tracking.ros import link_messages
+from fcsv_tracking.loops import merge_loops
+from fcsv_tracking.ros import clock_node, link_messages
 
 _OLDEST_ODOMETRY_S = 0.5
+
+
+@dataclass(frozen=True)
+class CalibrationParameters:
+    """Parameters of the node; the vehicles are a column, front first."""
+
+    vehicles: List[str]
+    vehicles_dir: str
+    rules: CalibrationRules = field(default_factory=CalibrationRules)
 
 
 class CalibrationNode:
     """Listens always, collects while a calibration runs."""
 
     def __init__(self):
-        self._names: List[str] = list(rospy.get_param("~vehicles"))
-        self._vehicles = load_vehicles(rospy.get_param("~vehicles_dir"), self._names)
-        self._rules = CalibrationRules(**rospy.get_param("~rules", {}))
-        rospy.loginfo("calibration of %s: %s", self._names, self._rules)
+        parameters = node.parameters(CalibrationParameters)
+        self._names, self._rules = parameters.vehicles, parameters.rules
+        self._vehicles = node.vehicles(parameters.vehicles_dir, self._names)
         self._lock = threading.Lock()
         self._tracks: Dict[str, Trajectory] = {n: Trajectory(gap_s=0.15, keep_s=60.0) for n in self._names}
         self._collected: Dict[str, List[TagDetections]] = {}
         self._collecting = False
         self._calibrated: set = set()
+        self._clocks: Dict[str, ClockOffset] = {}
         self._health = Health("control")
         self._calibration = rospy.Publisher("/calibration", Calibration, queue_size=1, latch=True)
         self._home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
@@ -46,6 +57,7 @@ class CalibrationNode:
         for name in self._names:
             rospy.Subscriber(f"/{name}/odometry/state", Odometry, self._on_odometry, name, queue_size=30)
             rospy.Subscriber(f"/{name}/tags/detections", TagDetections, self._on_tags, name, queue_size=30)
+            rospy.Subscriber(f"/{name}/clock/offset", ClockOffset, self._on_clock, name, queue_size=1)
 
     def _on_odometry(self, message: Odometry, name: str) -> None:
         if message.header.frame_id != frames.odom(name):
@@ -57,7 +69,12 @@ class CalibrationNode:
             self._health.drop("odometry", str(error))
             return
         with self._lock:
-            self._tracks[name].add(message.header.stamp.to_sec(), T_odom_body)
+            newer = self._tracks[name].add(message.header.stamp.to_sec(), T_odom_body)
+        if not newer:
+            self._health.drop("odometry", f"{name}'s stamp goes back")
+
+    def _on_clock(self, message: ClockOffset, name: str) -> None:
+        self._clocks[name] = clock_node.from_message(message)
 
     def _on_tags(self, message: TagDetections, name: str) -> None:
         if message.vehicle != name:
@@ -94,34 +111,68 @@ class CalibrationNode:
         with self._lock:
             self._collecting = False
             collected = self._collected
-        return [
-            calibrate_link(front, back, self._detections(front, back, collected.get(back, [])), self._rules)
-            for front, back in zip(column, column[1:])
-        ]
+        links = [self._link(front, back, collected) for front, back in zip(column, column[1:])]
+        return merge_loops(links, self._loops(column, collected))
+
+    def _link(self, front: str, back: str, collected: Dict[str, List[TagDetections]]) -> Link:
+        self._require_one_time(front, back)
+        return calibrate_link(front, back, self._detections(front, back, collected.get(back, [])), self._rules)
+
+    def _loops(self, column: List[str], collected: Dict[str, List[TagDetections]]) -> List[Link]:
+        """What vehicles see of tags further ahead, where that is good enough; the column does not depend on it."""
+        found = []
+        for i, back in enumerate(column):
+            for front in column[: max(i - 1, 0)]:
+                try:
+                    found.append(self._link(front, back, collected))
+                except CalibrationRefused as error:
+                    rospy.logdebug("no loop from %s to %s: %s", front, back, error)
+        return found
+
+    def _require_one_time(self, front: str, back: str) -> None:
+        apart = difference(self._clocks.get(front), self._clocks.get(back))
+        if apart is not None and abs(apart[0]) - apart[1] > self._rules.most_clock_offset_s:
+            raise CalibrationRefused(
+                f"the clocks of {front} and {back} differ by {apart[0]:.3f} s (bound "
+                f"{self._rules.most_clock_offset_s} s): start chrony on both, with the control PC as server"
+            )
 
     def _detections(self, front: str, back: str, messages: List[TagDetections]) -> List[Detection]:
-        tag_id, T_body_tag = self._vehicles[front].tag_id, self._vehicles[front].T_body_tag
-        found, without_pose = [], 0
+        tag_id, found, without_pose = self._vehicles[front].tag_id, [], 0
         for message in messages:
-            for tag in message.detections:
-                if tag.id != tag_id:
-                    continue
-                stamp_s = message.header.stamp.to_sec()
+            seen = [tag for tag in message.detections if tag.id == tag_id]
+            if len(seen) > 1:
+                self._health.drop("detections", f"{back} sees {len(seen)} tags of {front}'s id {tag_id}")
+                continue
+            for tag in seen:
                 try:
-                    with self._lock:
-                        T_odom_tag = self._tracks[front].at(stamp_s) @ T_body_tag
-                    T_odom_cam = conversions.pose_to_transform(message.camera_in_odom)
+                    found.append(self._detection(front, message, tag))
+                except CalibrationRefused:
+                    raise
                 except FcsvError:
                     without_pose += 1
-                    continue
-                corners = np.array(tag.corners_normalized).reshape(4, 2)
-                found.append(Detection(stamp_s, corners, tag.size_m, message.focal_px, T_odom_cam, T_odom_tag))
         if without_pose > len(found):
             raise CalibrationRefused(
                 f"{without_pose} of {len(messages)} pictures of {back} have no pose of {front} at their stamp: "
                 f"check the radio link and that the clocks agree (chrony)"
             )
         return found
+
+    def _detection(self, front: str, message: TagDetections, tag) -> Detection:
+        """Raises PoseUnavailable, GeometryError, or TrackingError where the message is none that can be used."""
+        vehicle, stamp_s = self._vehicles[front], message.header.stamp.to_sec()
+        corners = np.array(tag.corners_normalized).reshape(4, 2)
+        if not (np.isfinite(corners).all() and np.isfinite(message.focal_px) and message.focal_px > 0):
+            raise TrackingError("corners or focal length are not finite")
+        if not np.isclose(tag.size_m, vehicle.tag_size_m, rtol=1e-3):
+            raise CalibrationRefused(
+                f"{message.vehicle} takes {front}'s tag to be {tag.size_m:g} m wide, {front}'s file says "
+                f"{vehicle.tag_size_m:g} m: give both machines the same files"
+            )
+        with self._lock:
+            T_odom_tag = self._tracks[front].at(stamp_s) @ vehicle.T_body_tag
+        T_odom_cam = conversions.pose_to_transform(message.camera_in_odom)
+        return Detection(stamp_s, corners, tag.size_m, message.focal_px, T_odom_cam, T_odom_tag)
 
     def _on_set_home(self, request) -> SetHomeResponse:
         reference = request.reference or self._names[0]
@@ -160,8 +211,6 @@ def _in_words(link: Link) -> str:
     )
 
 
-def main() -> None:
+def main() -> int:
     """Run the node."""
-    rospy.init_node("calibration")
-    CalibrationNode()
-    rospy.spin()
+    return node.run("calibration", CalibrationNode)

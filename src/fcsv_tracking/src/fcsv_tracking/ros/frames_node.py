@@ -2,6 +2,7 @@
 """tf2 on every machine, and the pose of every camera in home, from what this machine hears."""
 
 import threading
+from dataclasses import dataclass, field
 from typing import Dict, List, Optional
 
 import numpy as np
@@ -12,30 +13,53 @@ from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.vehicle import VehicleGeometry, load_vehicles
 from fcsv_msgs.msg import Calibration, Home
 from fcsv_tracking.calibration import Link
-from fcsv_tracking.chain import odoms_in_home
+from fcsv_tracking.camera_covariance import AgeRules, camera_covariance, stale_reason
+from fcsv_tracking.chain import Place, places_in_home
+from fcsv_tracking.drift import Drift, DriftRates
+from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.ros import link_messages
+from fcsv_tracking.ros.static_frames import fixed_parts
+
+
+@dataclass(frozen=True)
+class FramesParameters:
+    """Parameters of the node. ``rate_hz`` is for people and rviz: what needs every pose hears the odometry itself."""
+
+    vehicles: List[str]
+    vehicles_dir: str
+    rate_hz: float = 15.0
+    drift: DriftRates = field(default_factory=DriftRates)
+    age: AgeRules = field(default_factory=AgeRules)
+
+    def __post_init__(self):
+        if not 1.0 <= self.rate_hz <= 200.0:
+            raise ValueError(f"rate_hz: {self.rate_hz} is not in 1..200")
 
 
 class FramesNode:
     """Only frames that are known are published; before home there is none above uavN/odom."""
 
     def __init__(self):
-        self._names: List[str] = list(rospy.get_param("~vehicles"))
-        self._vehicles = load_vehicles(rospy.get_param("~vehicles_dir"), self._names)
+        parameters = node.parameters(FramesParameters)
+        self._names = parameters.vehicles
+        self._vehicles = node.vehicles(parameters.vehicles_dir, self._names)
         self._lock = threading.Lock()
         self._links: List[Link] = []
         self._home: Optional[Home] = None
-        self._T_home_odom: Dict[str, np.ndarray] = {}
-        self._covariances: Dict[str, np.ndarray] = {}
-        self._health = Health("frames")
+        self._places: Dict[str, Place] = {}
+        self._calibrated_s: Optional[float] = None
+        self._drifts: Dict[str, Drift] = {n: Drift(parameters.drift) for n in self._names}
+        self._age_rules = parameters.age
+        self._period_s = 1.0 / parameters.rate_hz
+        self._next_s = dict.fromkeys(self._names, 0.0)
+        self._health = Health("frames", {f"odometry of {n}": 1.0 for n in self._names})
         self._tf = tf2_ros.TransformBroadcaster()
         self._static = tf2_ros.StaticTransformBroadcaster()
-        self._static.sendTransform([t for v in self._vehicles.values() for t in _fixed_parts(v)])
+        self._static.sendTransform([t for v in self._vehicles.values() for t in fixed_parts(v)])
         self._cameras = {
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
         }
@@ -47,7 +71,14 @@ class FramesNode:
 
     def _on_calibration(self, message: Calibration) -> None:
         with self._lock:
-            self._links = [link_messages.from_message(link) for link in message.links]
+            try:
+                self._links = [link_messages.from_message(link) for link in message.links]
+            except FcsvError as error:
+                self._health.drop("calibration", str(error))
+                return
+            self._calibrated_s = message.header.stamp.to_sec()
+            for drift in self._drifts.values():
+                drift.begin()
         self._recompose()
 
     def _on_home(self, message: Home) -> None:
@@ -59,63 +90,62 @@ class FramesNode:
         with self._lock:
             if self._home is None:
                 return
-            T_odom_home = conversions.pose_to_transform(self._home.home_in_odom)
-            self._T_home_odom = odoms_in_home(self._links, self._home.reference, T_odom_home)
-            self._covariances = {link.child: link.covariance for link in self._links}
+            try:
+                T_odom_home = conversions.pose_to_transform(self._home.home_in_odom)
+            except FcsvError as error:
+                self._health.drop("home", str(error))
+                return
+            self._places = places_in_home(self._links, self._home.reference, T_odom_home)
 
     def _publish_home(self, _event) -> None:
         with self._lock:
-            T_home_odom = dict(self._T_home_odom)
+            T_home_odom = {n: place.T_a_b for n, place in self._places.items()}
         stamp_s = rospy.get_time()
         self._tf.sendTransform(
             [conversions.transform_stamped(T, stamp_s, frames.HOME, frames.odom(n)) for n, T in T_home_odom.items()]
         )
 
     def _on_odometry(self, message: Odometry, name: str) -> None:
+        stamp_s = message.header.stamp.to_sec()
+        if self._next_s[name] - 1.0 < stamp_s < self._next_s[name]:  # a stamp far back: a clock that was set
+            return
+        self._next_s[name] = stamp_s + 0.9 * self._period_s
+        expected = (frames.odom(name), frames.base_link(name))
+        found = (message.header.frame_id, message.child_frame_id)
         try:
+            if found != expected:
+                raise TrackingError(f"has frames {found}, expected {expected}")
             T_odom_body = conversions.pose_to_transform(message.pose.pose)
         except FcsvError as error:
             self._health.drop("odometry", f"{name}: {error}")
             return
-        stamp_s = message.header.stamp.to_sec()
-        self._tf.sendTransform(
-            conversions.transform_stamped(T_odom_body, stamp_s, frames.odom(name), frames.base_link(name))
-        )
+        self._health.tick(f"odometry of {name}")
+        self._tf.sendTransform(conversions.transform_stamped(T_odom_body, stamp_s, *expected))
         with self._lock:
-            T_home_odom = self._T_home_odom.get(name)
-            link_covariance = self._covariances.get(name)
-        if T_home_odom is None:
+            self._drifts[name].feed(stamp_s, T_odom_body[:3, 3])
+            place = self._places.get(name)
+        if place is not None:
+            self._publish_camera(name, stamp_s, place, T_odom_body, message.pose.covariance)
+
+    def _publish_camera(self, name: str, stamp_s: float, place: Place, T_odom_body, tracker) -> None:
+        tracker = np.array(tracker, float).reshape(6, 6)
+        if not np.isfinite(tracker).all() or (np.diag(tracker) < 0).any():
+            self._health.drop("odometry", f"{name}: its covariance is none")
             return
+        T_body_cam, drift = self._vehicles[name].T_body_cam, self._drifts[name]
+        with self._lock:
+            covariance = camera_covariance(place, T_odom_body, T_body_cam, drift, tracker)
         out = PoseWithCovarianceStamped(header=conversions.header(stamp_s, frames.HOME))
-        out.pose.pose = conversions.transform_to_pose(T_home_odom @ T_odom_body @ self._vehicles[name].T_body_cam)
-        out.pose.covariance = _pose_covariance(message, link_covariance).ravel().tolist()
+        out.pose.pose = conversions.transform_to_pose(place.T_a_b @ T_odom_body @ T_body_cam)
+        out.pose.covariance = covariance.ravel().tolist()
         self._cameras[name].publish(out)
+        age_s = None if self._calibrated_s is None else stamp_s - self._calibrated_s
+        self._health.problem(name, stale_reason(name, covariance, drift, age_s, self._age_rules))
+        self._health.value(f"{name} known to [m]", f"{np.sqrt(np.trace(covariance[:3, :3])):.3f}")
+        self._health.value(f"{name} yaw known to [deg]", f"{np.degrees(np.sqrt(covariance[5, 5])):.2f}")
+        self._health.value(f"{name} flown since calibration [m]", f"{drift.path_m:.0f}")
 
 
-def _pose_covariance(message: Odometry, link_covariance: Optional[np.ndarray]) -> np.ndarray:
-    """6x6 about home's axes: the tracker's own, and the calibration's for all but the reference."""
-    covariance = np.array(message.pose.covariance, float).reshape(6, 6)
-    if link_covariance is not None:
-        keep = [0, 1, 2, 5]
-        covariance[np.ix_(keep, keep)] += link_covariance
-    return covariance
-
-
-def _fixed_parts(vehicle: VehicleGeometry):
-    """Static transforms of one vehicle; the driver's optical frame is ours by definition."""
-    n = vehicle.name
-    optical = frames.camera_optical(n)
-    parts = {
-        optical: (frames.base_link(n), vehicle.T_body_cam),
-        frames.tag(n): (frames.base_link(n), vehicle.T_body_tag),
-        f"{n}/t265_pose_frame": (frames.base_link(n), vehicle.T_body_t265),
-        f"{n}/camera_color_optical_frame": (optical, np.eye(4)),
-    }
-    return [conversions.transform_stamped(T, rospy.get_time(), a, b) for b, (a, T) in parts.items()]
-
-
-def main() -> None:
+def main() -> int:
     """Run the node."""
-    rospy.init_node("frames")
-    FramesNode()
-    rospy.spin()
+    return node.run("frames", FramesNode)

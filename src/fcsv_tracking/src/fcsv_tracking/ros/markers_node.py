@@ -1,19 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """Vehicles, what their cameras see, and their tags, as markers for rviz."""
 
+from dataclasses import dataclass
+from typing import Dict, List, Optional
+
 import numpy as np
 import rospy
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from fcsv_geometry import frames
-from fcsv_geometry.ros import conversions
-from fcsv_geometry.vehicle import VehicleGeometry, load_vehicles
+from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_msgs.msg import Calibration
+from fcsv_tracking.ros.tracking_markers import tracking_markers
 
 _COLORS = ((0.95, 0.35, 0.2), (0.2, 0.55, 0.95), (0.3, 0.8, 0.3), (0.9, 0.75, 0.2))
 _FRUSTUM_M = 2.0
 _HALF_VIEW = (np.tan(np.radians(28.0)), np.tan(np.radians(21.7)))  # 56 x 43.5 degrees
+
+
+@dataclass(frozen=True)
+class FleetParameters:
+    """Parameters of the node; the vehicles are a column, front first."""
+
+    vehicles: List[str]
+    vehicles_dir: str
 
 
 def vehicle_markers(vehicle: VehicleGeometry, color) -> MarkerArray:
@@ -41,17 +54,36 @@ def _marker(vehicle: str, number: int, kind: int, frame: str, color: ColorRGBA) 
     return marker
 
 
-def main() -> None:
-    """Publish once a second; rviz keeps them locked to their frames."""
-    rospy.init_node("markers")
-    names = list(rospy.get_param("~vehicles"))
-    vehicles = load_vehicles(rospy.get_param("~vehicles_dir"), names)
-    publishers = {n: rospy.Publisher(f"/{n}/markers", MarkerArray, queue_size=1, latch=True) for n in names}
-    rate = rospy.Rate(1.0)
-    while not rospy.is_shutdown():
-        for i, name in enumerate(names):
-            publishers[name].publish(vehicle_markers(vehicles[name], _COLORS[i % len(_COLORS)]))
-        try:
-            rate.sleep()
-        except rospy.ROSInterruptException:
-            return
+class MarkersNode:
+    """Publishes once a second; rviz keeps the vehicles' markers locked to their frames. Ellipsoids and the
+    calibration's residuals are in home, on /tracking/markers."""
+
+    def __init__(self):
+        parameters = node.parameters(FleetParameters)
+        vehicles = node.vehicles(parameters.vehicles_dir, parameters.vehicles)
+        self._markers = [vehicle_markers(v, _COLORS[i % len(_COLORS)]) for i, v in enumerate(vehicles.values())]
+        self._publishers = [rospy.Publisher(f"/{n}/markers", MarkerArray, queue_size=1, latch=True) for n in vehicles]
+        self._cameras: Dict[str, PoseWithCovarianceStamped] = {}
+        self._calibration: Optional[Calibration] = None
+        self._tracking = rospy.Publisher("/tracking/markers", MarkerArray, queue_size=1, latch=True)
+        rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
+        for name in vehicles:
+            topic = f"/{name}/camera_pose"
+            rospy.Subscriber(topic, PoseWithCovarianceStamped, self._on_camera, name, queue_size=1)
+        self._timer = rospy.Timer(rospy.Duration(1.0), self._publish)
+
+    def _on_calibration(self, message: Calibration) -> None:
+        self._calibration = message
+
+    def _on_camera(self, message: PoseWithCovarianceStamped, name: str) -> None:
+        self._cameras[name] = message
+
+    def _publish(self, _event) -> None:
+        self._tracking.publish(tracking_markers(dict(self._cameras), self._calibration))
+        for publisher, markers in zip(self._publishers, self._markers):
+            publisher.publish(markers)
+
+
+def main() -> int:
+    """Run the node."""
+    return node.run("markers", MarkersNode)

@@ -12,11 +12,10 @@ from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vecto
 from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
-from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros import node
 from fcsv_msgs.msg import Calibration
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose, GateParameters, Rebase
-from fcsv_tracking.ros import parameters
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,9 @@ class OdometryNode:
     """t265/odom/sample -> odometry/body, odometry/state, mavros/vision_pose/pose."""
 
     def __init__(self):
-        self._parameters = parameters.read(OdometryParameters)
+        self._parameters = node.parameters(OdometryParameters)
         name = self._parameters.vehicle
-        geometry = parameters.vehicles(self._parameters.vehicles_dir, [name])[name]
+        geometry = node.vehicles(self._parameters.vehicles_dir, [name])[name]
         self._expected = (f"{name}/t265_odom_frame", f"{name}/t265_pose_frame")
         self._odom, self._body = frames.odom(name), frames.base_link(name)
         # the re-basing outlives a restart of this node, or a restart would undo it: a jump
@@ -142,12 +141,6 @@ class OdometryNode:
         return status
 
 
-def main() -> None:
+def main() -> int:
     """Run the node."""
-    rospy.init_node("odometry")
-    try:
-        OdometryNode()
-    except FcsvError as error:
-        rospy.logfatal(str(error))
-        raise SystemExit(1) from None
-    rospy.spin()
+    return node.run("odometry", OdometryNode)

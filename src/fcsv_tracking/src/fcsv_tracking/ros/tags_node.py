@@ -3,86 +3,122 @@
 
 import threading
 import time
-from typing import Optional
+from dataclasses import dataclass, field
+from typing import List, Optional
 
 import cv2
 import rospy
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, Image
 
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError, PoseUnavailable
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_geometry.vehicle import load_vehicles
 from fcsv_msgs.msg import TagDetection, TagDetections
+from fcsv_tracking.errors import TrackingError
+from fcsv_tracking.ros.picture_sender import PictureSender, SendingParameters
 from fcsv_tracking.tags import TagDetector, TagObservation
 
 _WAIT_FOR_ODOMETRY_S = 0.15
+_FOLLOW_S = 2.0  # how long after a tag was seen every picture is looked at
+_CLOCK_SET_S = 5.0  # a stamp that goes back further comes from a clock that was set
+
+
+@dataclass(frozen=True)
+class TagsParameters:
+    """Parameters of the node. ``search_rate_hz`` counts while no picture shows a tag: looking at a picture costs
+    as much as all else on board together. ``decimate`` shrinks pictures before quads are sought in them."""
+
+    vehicle: str
+    vehicles: List[str]
+    vehicles_dir: str
+    rate_hz: float = 6.0
+    search_rate_hz: float = 2.0
+    decimate: float = 1.0
+    sending: SendingParameters = field(default_factory=SendingParameters)
+
+    def __post_init__(self):
+        for name in ("rate_hz", "search_rate_hz"):
+            if not 0.1 <= getattr(self, name) <= 60.0:
+                raise ValueError(f"{name}: {getattr(self, name)} is not in 0.1..60")
+        if not 1.0 <= self.decimate <= 4.0:
+            raise ValueError(f"decimate: {self.decimate} is not in 1..4")
 
 
 class TagsNode:
-    """The newest picture wins; pictures beyond rate_hz are left alone."""
+    """The newest picture wins; pictures beyond the rate are left alone. What is sent over the radio goes through here,
+    too: one process on board that takes pictures in."""
 
     def __init__(self):
-        self._name = rospy.get_param("~vehicle")
-        names = list(rospy.get_param("~vehicles"))
-        vehicles = load_vehicles(rospy.get_param("~vehicles_dir"), names)
+        parameters = node.parameters(TagsParameters)
+        self._name = parameters.vehicle
+        vehicles = node.vehicles(parameters.vehicles_dir, [*parameters.vehicles, self._name])
         self._T_body_cam = vehicles[self._name].T_body_cam
-        self._period_s = 1.0 / rospy.get_param("~rate_hz", 6.0)
-        self._preview_period_s = 1.0 / rospy.get_param("~preview_rate_hz", 1.0)
+        self._period_s = 1.0 / parameters.rate_hz
+        self._search_period_s = 1.0 / parameters.search_rate_hz
+        self._next_s = self._seen_s = 0.0
+        self._health = Health(self._name, {"pictures": 1.0})
+        self._sender = PictureSender(self._name, parameters.sending, self._health)
+        self._others = [n for n in vehicles if n != self._name]
         sizes_m = {v.tag_id: v.tag_size_m for n, v in vehicles.items() if n != self._name}
-        self._detector = TagDetector(sizes_m, rospy.get_param("~decimate", 1.0))
+        self._detector = TagDetector(sizes_m, parameters.decimate)
         self._track = Trajectory(gap_s=0.1, keep_s=3.0)
         self._track_grew = threading.Condition()
         self._camera: Optional[PinholeCamera] = None
+        self._info: Optional[CameraInfo] = None
         self._picture: Optional[Image] = None
         self._picture_came = threading.Condition()
-        self._next_preview_s = 0.0
-        self._health = Health(self._name, {"pictures": 1.0})
         self._health.problem("camera_info", f"{self._name}: no camera_info yet; pictures cannot be used")
         self._detections = rospy.Publisher("tags/detections", TagDetections, queue_size=5)
-        self._preview = rospy.Publisher("camera/color/image_raw/compressed", CompressedImage, queue_size=1)
         rospy.Subscriber("odometry/body", Odometry, self._on_odometry, queue_size=50, tcp_nodelay=True)
         rospy.Subscriber("camera/color/camera_info", CameraInfo, self._on_info, queue_size=1)
         rospy.Subscriber("camera/color/image_raw", Image, self._on_picture, queue_size=1, buff_size=4 << 20)
 
     def _on_odometry(self, message: Odometry) -> None:
+        expected = (frames.odom(self._name), frames.base_link(self._name))
         try:
+            if (message.header.frame_id, message.child_frame_id) != expected:
+                raise TrackingError(f"has frames {message.header.frame_id}, {message.child_frame_id}, not {expected}")
             T_odom_body = conversions.pose_to_transform(message.pose.pose)
         except FcsvError as error:
             self._health.drop("odometry", str(error))
             return
         with self._track_grew:
-            self._track.add(message.header.stamp.to_sec(), T_odom_body)
+            newer = self._track.add(message.header.stamp.to_sec(), T_odom_body)
             self._track_grew.notify_all()
+        if not newer:
+            self._health.drop("odometry", "stamp goes back")
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self._camera = conversions.camera_from_info(message)
+            if self._info is None or _intrinsics(message) != _intrinsics(self._info):
+                self._camera = conversions.camera_from_info(message)
+            self._info = message
         except FcsvError as error:
             self._health.problem("camera_info", f"{self._name}: {error}")
             return
         self._health.problem("camera_info", "")
 
     def _on_picture(self, message: Image) -> None:
+        if any(message.header.frame_id.startswith(f"{other}/") for other in self._others):
+            self._health.drop("picture", f"is of frame {message.header.frame_id}, another vehicle's")
+            return
         with self._picture_came:
             self._picture = message
             self._picture_came.notify()
 
     def spin(self) -> None:
-        """Detect in the newest picture, at most at the configured rate."""
-        next_s = 0.0
+        """One picture after the other; what comes meanwhile is passed over but for the newest."""
         while not rospy.is_shutdown():
             with self._picture_came:
                 if self._picture is None:
                     self._picture_came.wait(0.2)
                 message, self._picture = self._picture, None
-            if message is None or self._camera is None or message.header.stamp.to_sec() < next_s:
+            if message is None or self._camera is None:
                 continue
-            next_s = message.header.stamp.to_sec() + 0.9 * self._period_s
             try:
                 self._process(message)
             except FcsvError as error:
@@ -90,11 +126,31 @@ class TagsNode:
 
     def _process(self, message: Image) -> None:
         stamp_s = message.header.stamp.to_sec()
+        look = not self._next_s - _CLOCK_SET_S < stamp_s < self._next_s
+        send = self._sender.wants_capture(message)
+        if not look and not send:
+            return
         picture = conversions.image_to_array(message, "bgr8")
-        gray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-        observations = self._detector.detect(gray, self._camera)
-        self._publish_preview(message, picture, stamp_s)
+        self._sender.preview(message, picture)
+        if look:
+            observations = self._detect(picture, stamp_s)
         T_odom_cam = self._body_at(stamp_s) @ self._T_body_cam
+        if look:
+            self._publish(observations, T_odom_cam, stamp_s)
+        if send:
+            self._sender.capture(message, picture, self._info, T_odom_cam)
+
+    def _detect(self, picture, stamp_s: float) -> List[TagObservation]:
+        observations = self._detector.detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), self._camera)
+        for reason, count in self._detector.rejected.items():
+            self._health.value(f"tags rejected: {reason}", count)
+        if observations:
+            self._seen_s = stamp_s
+        following = stamp_s - self._seen_s < _FOLLOW_S
+        self._next_s = stamp_s + 0.9 * (self._period_s if following else self._search_period_s)
+        return observations
+
+    def _publish(self, observations: List[TagObservation], T_odom_cam, stamp_s: float) -> None:
         out = TagDetections(header=conversions.header(stamp_s, frames.camera_optical(self._name)))
         out.vehicle, out.focal_px = self._name, (self._camera.fx + self._camera.fy) / 2.0
         out.camera_in_odom = conversions.transform_to_pose(T_odom_cam)
@@ -113,12 +169,9 @@ class TagsNode:
                 self._track_grew.wait(left_s)
             return self._track.at(stamp_s)
 
-    def _publish_preview(self, message: Image, picture, stamp_s: float) -> None:
-        if stamp_s < self._next_preview_s or self._preview.get_num_connections() == 0:
-            return
-        self._next_preview_s = stamp_s + self._preview_period_s
-        _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 70])
-        self._preview.publish(CompressedImage(header=message.header, format="jpeg", data=jpeg.tobytes()))
+
+def _intrinsics(info: CameraInfo) -> tuple:
+    return info.width, info.height, info.distortion_model, info.K, info.D
 
 
 def _message(o: TagObservation) -> TagDetection:
@@ -134,7 +187,6 @@ def _message(o: TagObservation) -> TagDetection:
     )
 
 
-def main() -> None:
+def main() -> int:
     """Run the node."""
-    rospy.init_node("tags")
-    TagsNode().spin()
+    return node.run("tags", TagsNode)

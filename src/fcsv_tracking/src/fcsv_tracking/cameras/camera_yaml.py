@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The YAML file of camera_calibration_parsers, which camera_info_manager and every ROS camera driver read."""
+
+from pathlib import Path
+from typing import Optional, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import config
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_tracking.cameras.stereo import StereoCalibration
+
+_SHAPES = {
+    "camera_matrix": (3, 3), "distortion_coefficients": (1, 5), "rectification_matrix": (3, 3),
+    "projection_matrix": (3, 4),
+}  # fmt: skip
+
+
+def write_camera(
+    path: Path, name: str, camera: PinholeCamera, R: Optional[np.ndarray] = None, P: Optional[np.ndarray] = None
+) -> None:
+    """One camera; R (3,3) and P (3,4) of a rectified pair, by default those of a single camera."""
+    matrices = {
+        "camera_matrix": camera.K,
+        "distortion_coefficients": np.array([(*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]]),
+        "rectification_matrix": np.eye(3) if R is None else R,
+        "projection_matrix": np.hstack([camera.K, np.zeros((3, 1))]) if P is None else P,
+    }
+    lines = [f"image_width: {camera.width}", f"image_height: {camera.height}", f"camera_name: {name}"]
+    for key, matrix in matrices.items():
+        if key == "distortion_coefficients":
+            lines.append("distortion_model: plumb_bob")
+        values = ", ".join(repr(float(v)) for v in matrix.ravel())
+        lines += [f"{key}:", f"  rows: {matrix.shape[0]}", f"  cols: {matrix.shape[1]}", f"  data: [{values}]"]
+    Path(path).write_text("\n".join(lines) + "\n")
+
+
+def write_pair(folder: Path, left: PinholeCamera, right: PinholeCamera, stereo: StereoCalibration) -> None:
+    """left.yaml and right.yaml with the rectification of both (cv2.stereoRectify, whole pictures kept valid)."""
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(
+        left.K, np.array(left.distortion), right.K, np.array(right.distortion), (left.width, left.height),
+        stereo.T_right_left[:3, :3], stereo.T_right_left[:3, 3], flags=cv2.CALIB_ZERO_DISPARITY, alpha=0,
+    )  # fmt: skip
+    write_camera(folder / "left.yaml", "left", left, R1, P1)
+    write_camera(folder / "right.yaml", "right", right, R2, P2)
+
+
+def read_camera(path: Path) -> Tuple[str, PinholeCamera]:
+    """Name and camera. Raises ConfigError naming file and field."""
+    document = config.read_yaml(path)
+    if not isinstance(document, dict):
+        raise config.ConfigError(f"{path}: is not a camera file of camera_calibration_parsers")
+    for key in ("image_width", "image_height", "camera_name", "distortion_model", *_SHAPES):
+        if key not in document:
+            raise config.ConfigError(f"{path}: '{key}' is missing")
+    if document["distortion_model"] != "plumb_bob":
+        raise config.ConfigError(f"{path}: distortion_model '{document['distortion_model']}'; only plumb_bob is known")
+    K = _matrix(path, document, "camera_matrix")
+    D = _matrix(path, document, "distortion_coefficients").ravel()
+    size = (int(document["image_width"]), int(document["image_height"]))
+    return str(document["camera_name"]), PinholeCamera(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(D.tolist()))
+
+
+def _matrix(path: Path, document: dict, key: str) -> np.ndarray:
+    try:
+        return np.array(document[key]["data"], float).reshape(_SHAPES[key])
+    except (KeyError, TypeError, ValueError) as error:
+        raise config.ConfigError(f"{path}: '{key}' is not a {_SHAPES[key]} matrix ({error})") from error

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Board views out of pictures, with a reason for every picture that gives none."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Callable, Dict, Iterable, List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_tracking.cameras.board import BoardView, Chessboard, find_board
+from fcsv_tracking.errors import CameraCalibrationRefused
+
+_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"}
+#: A view that moved less than this against the one before (mean of all corners) says nothing new.
+_LEAST_MOVE_PX = 12.0
+_MOST_VIEWS = 80
+
+NamedPicture = Tuple[str, Optional[np.ndarray]]  # grey HxW uint8; None: unreadable
+
+
+@dataclass
+class Views:
+    """What the pictures of one camera gave; ``size`` is width, height."""
+
+    size: Tuple[int, int] = (0, 0)
+    views: List[BoardView] = field(default_factory=list)
+    left_out: Dict[str, str] = field(default_factory=dict)
+
+
+def folder_pictures(folder: Path, prefix: str = "") -> List[Tuple[str, Path]]:
+    """Name (without ``prefix``, so that left07 and right07 are one) and path of the pictures of a folder, sorted."""
+    if not folder.is_dir():
+        raise CameraCalibrationRefused(f"{folder}: no such folder")
+    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.name.startswith(prefix))
+    if not paths:
+        start = f" that begin with '{prefix}'" if prefix else ""
+        raise CameraCalibrationRefused(f"{folder}: no pictures{start} ({', '.join(sorted(_SUFFIXES))})")
+    return [(p.stem[len(prefix) :] or p.stem, p) for p in paths]
+
+
+def read_gray(path: Path) -> Optional[np.ndarray]:
+    return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+
+
+def collect_views(
+    pictures: Iterable[NamedPicture], board: Chessboard, thin: bool = False, progress: Callable[[str], None] = str
+) -> Views:
+    """Views of one camera; ``thin`` passes over pictures of a video in which the board has hardly moved.
+
+    Pictures of another size than most, unreadable ones and such without the whole board are named with the reason.
+    """
+    found, sizes = Views(), {}
+    for name, gray in pictures:
+        progress(name)
+        if gray is None:
+            found.left_out[name] = "cannot be read as a picture"
+            continue
+        sizes[name] = gray.shape[::-1]
+        corners = find_board(gray, board)
+        if corners is None:
+            found.left_out[name] = "no whole board found"
+        elif not (thin and found.views and _moved_px(found.views[-1].corners_px, corners) < _LEAST_MOVE_PX):
+            found.views.append(BoardView(name, corners))
+    if not found.views:
+        raise CameraCalibrationRefused(
+            f"none of {len(found.left_out)} pictures shows a board of {board.columns}x{board.rows} inner corners: "
+            f"check --board, and that no edge is cut off"
+        )
+    _require_one_size(found, sizes)
+    if thin and len(found.views) > _MOST_VIEWS:
+        found.views = [found.views[i] for i in np.linspace(0, len(found.views) - 1, _MOST_VIEWS).astype(int)]
+    return found
+
+
+def _require_one_size(found: Views, sizes: Dict[str, Tuple[int, int]]) -> None:
+    found.size = Counter(sizes[v.name] for v in found.views).most_common(1)[0][0]
+    for view in [v for v in found.views if sizes[v.name] != found.size]:
+        width, height = sizes[view.name]
+        found.left_out[view.name] = f"is {width}x{height}, the others {found.size[0]}x{found.size[1]}"
+        found.views.remove(view)
+
+
+def _moved_px(before: np.ndarray, after: np.ndarray) -> float:
+    return float(np.linalg.norm(after - before, axis=1).mean())

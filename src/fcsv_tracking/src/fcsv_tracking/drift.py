@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How wrong a vehicle's odometry may have become since it was calibrated, from the way that it flew since.
+
+The error of position and yaw is propagated along the flown path: a random walk of the position over the distance,
+one of the heading (whose error displaces everything flown after it), a scale error, and a slow walk over time that
+also a hovering vehicle has.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Optional
+
+import numpy as np
+
+from fcsv_tracking.chain import about_z
+
+_STEP_M = 0.1  # shorter movements are the tracker's noise: summed up they would be metres of path
+
+
+@dataclass(frozen=True)
+class DriftRates:
+    """Standard deviations of a T265-like tracker (thesis 6.1: 1 % of the distance)."""
+
+    walk_m_per_sqrt_m: float = 0.012
+    heading_deg_per_sqrt_m: float = 0.015
+    scale: float = 0.006
+    walk_m_per_sqrt_s: float = 0.0005
+
+    def __post_init__(self):
+        for f in fields(self):
+            if getattr(self, f.name) < 0:
+                raise ValueError(f"{f.name}: {getattr(self, f.name)} must not be negative")
+
+
+class Drift:
+    """Covariance of one vehicle's odometry against what it was when ``begin`` was called; the caller brings the time.
+
+    ``path_m`` is the distance flown since.
+    """
+
+    def __init__(self, rates: DriftRates = DriftRates()):
+        self._rates = rates
+        self.begin()
+
+    def begin(self) -> None:
+        """A new calibration: from here on the odometry is what the calibration says."""
+        self.path_m = 0.0
+        self._P = np.zeros((5, 5))  # of x, y, z, yaw, scale
+        self._P[4, 4] = self._rates.scale**2
+        self._p_m: Optional[np.ndarray] = None
+        self._stamp_s: Optional[float] = None
+
+    def feed(self, stamp_s: float, p_odom_body_m: np.ndarray) -> None:
+        """The newest position; one that is not newer is passed over."""
+        p = np.asarray(p_odom_body_m, float)
+        if self._p_m is None:
+            self._p_m, self._stamp_s = p.copy(), stamp_s
+            return
+        dt_s = stamp_s - self._stamp_s
+        if dt_s <= 0.0:
+            return
+        self._P[range(3), range(3)] += self._rates.walk_m_per_sqrt_s**2 * dt_s
+        self._stamp_s = stamp_s
+        step = p - self._p_m
+        length_m = float(np.linalg.norm(step))
+        if length_m < _STEP_M:
+            return
+        F = np.eye(5)
+        F[:3, 3], F[:3, 4] = about_z(step), step
+        self._P = F @ self._P @ F.T
+        self._P[range(3), range(3)] += self._rates.walk_m_per_sqrt_m**2 * length_m
+        self._P[3, 3] += np.radians(self._rates.heading_deg_per_sqrt_m) ** 2 * length_m
+        self.path_m += length_m
+        self._p_m = p.copy()
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(4, 4) of the body's x, y, z (odometry's axes) and yaw."""
+        return self._P[:4, :4].copy()

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An error-state Kalman filter on State: one vehicle's pose, odometry offset, drift and delay (Solà 2017, chapter 5).
+
+It knows nothing of queues, gates or bad input: that is tracker.py's. Time is only in ``dt_s``.
+"""
+
+from dataclasses import dataclass
+from typing import Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_tracking.mocap import measurements, so3
+from fcsv_tracking.mocap.state import BA, DELAY, PHI, PO, SIZE, TH, B, P, State, V, advance, advance_jacobian
+
+
+@dataclass(frozen=True)
+class FilterNoise:
+    """Standard deviations; the mocap's error along its ray grows with the square of the range."""
+
+    turn_deg: float = 0.06  # of the turn between two samples of attitude
+    accel_mps2: float = 0.4  # a sample at 20 Hz stands for what happens between
+    accel_bias_walk: float = 1e-3  # m/s2 per root second
+    odometry_position_m: float = 0.006  # quantisation and noise; the drift is its own state
+    odometry_velocity_mps: float = 0.05
+    odometry_jitter_s: float = 0.006  # of the messages' delay
+    attitude_deg: float = 0.45  # coloured over half a second, at 20 Hz, weighed for that
+    heading_walk_deg_per_sqrt_s: float = 0.04
+    level_walk_deg_per_sqrt_s: float = 0.004
+    level_deg: float = 0.08  # constant error of either level, which no time averages away
+    drift_share: float = 0.0233  # rms; 2 % of 20 m
+    drift_length_m: float = 20.0  # over which the drift's direction changes
+    delay_s: float = 0.03  # first guess's error
+    delay_walk_s: float = 2e-4  # per root second
+    mocap_depth_per_m: float = 1.3e-4  # one over m: at 3 m 1.2 mm along the ray
+    mocap_lateral_m: float = 2e-4
+    mocap_jitter_s: float = 0.0017  # of the topic's stamps
+    marker_radius_m: float = 0.045  # how far markers are from their middle: turns position noise into rotation
+    marker_arm_m: float = 0.04  # from their middle to the body's origin: carries noise of rotation into position
+    body_m: float = 0.0003  # where the tracker's rigid body was put in the vehicle
+    body_deg: float = 0.06
+
+    def __post_init__(self):
+        for name in self.__dataclass_fields__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name}: must be positive, got {getattr(self, name)}")
+
+
+class MocapFilter:
+    """State and covariance (22,22). Every correction returns its squared Mahalanobis distance before it is taken."""
+
+    def __init__(self, noise: FilterNoise, T_M_D: np.ndarray, T_O_D: np.ndarray, delay_s: float):
+        self._noise = n = noise
+        T_M_O = T_M_D @ transforms.invert(T_O_D)
+        zero = np.zeros(3)
+        self.state = State(
+            T_M_D[:3, 3].copy(), zero, T_M_D[:3, :3].copy(), T_M_O[:3, 3], T_M_O[:3, :3], zero, zero, delay_s
+        )
+        deg = np.pi / 180.0
+        begin = [0.02, 0.5, 3 * deg, 0.1, 3 * deg, n.drift_share / np.sqrt(3.0), 0.05]
+        self.covariance = np.diag([*np.repeat(begin, 3), n.delay_s]) ** 2
+
+    def predict(self, rate_radps: np.ndarray, accel_mps2: np.ndarray, dt_s: float, coasting: bool = False) -> None:
+        """Move on by ``dt_s`` under an IMU sample; ``coasting``: there is none, the one given is that of hovering."""
+        n, s = self._noise, self.state
+        F = advance_jacobian(s, rate_radps, accel_mps2, dt_s, n.drift_length_m)
+        self.state = advance(s, rate_radps, accel_mps2, dt_s, n.drift_length_m)
+        q = np.zeros(SIZE)
+        # a sample that is held errs alike until the next, 50 ms: as white noise that is its density
+        q[V] = n.accel_mps2**2 * 0.05 * dt_s
+        q[TH] = np.radians(n.turn_deg) ** 2 / 0.05 * dt_s
+        if coasting:
+            q[V], q[TH] = 4.0 * dt_s, 0.3 * dt_s  # 2 m/s2 and 30 deg/s for a second
+        q[PHI] = np.radians(n.level_walk_deg_per_sqrt_s) ** 2 * dt_s
+        q[PHI.start + 2] = np.radians(n.heading_walk_deg_per_sqrt_s) ** 2 * dt_s
+        moved_m = float(np.sqrt(s.v_M @ s.v_M)) * dt_s
+        q[B] = n.drift_share**2 / 3.0 * 2.0 * moved_m / n.drift_length_m
+        q[BA] = n.accel_bias_walk**2 * dt_s
+        q[DELAY] = n.delay_walk_s**2 * dt_s
+        self.covariance = F @ self.covariance @ F.T
+        self.covariance.flat[:: SIZE + 1] += q
+
+    def mocap(self, T_M_D: np.ndarray) -> "Correction":
+        """A pose by the tracker on the ground."""
+        residual, H = measurements.mocap_pose(self.state, T_M_D)
+        return Correction(self, residual, H, self._mocap_noise(T_M_D[:3, 3]))
+
+    def odometry(self, p_O_D: np.ndarray, v_O: np.ndarray, assumed_delay_s: float) -> "Correction":
+        """Position and velocity by the vehicle, put at its stamp less ``assumed_delay_s``."""
+        n = self._noise
+        residual, H = measurements.odometry(self.state, p_O_D, v_O, self.state.delay_s - assumed_delay_s)
+        R = np.diag(np.repeat([n.odometry_position_m, n.odometry_velocity_mps], 3) ** 2)
+        v_m = self.state.R_M_O.T @ self.state.v_M * n.odometry_jitter_s
+        R[:3, :3] += np.outer(v_m, v_m)
+        return Correction(self, residual, H, R)
+
+    def attitude(self, R_O_D: np.ndarray, rate_radps: np.ndarray, assumed_delay_s: float) -> "Correction":
+        """Attitude by the vehicle's IMU, likewise."""
+        late_s = self.state.delay_s - assumed_delay_s
+        residual, H = measurements.attitude(self.state, R_O_D, rate_radps, late_s)
+        turn = rate_radps * self._noise.odometry_jitter_s
+        R = np.eye(3) * np.radians(self._noise.attitude_deg) ** 2 + np.outer(turn, turn)
+        return Correction(self, residual, H, R)
+
+    def inflate(self, error: np.ndarray) -> None:
+        """Add independent errors (22,) standard deviations."""
+        self.covariance.flat[:: SIZE + 1] += error**2
+
+    def move_odometry(self, T_O_D: np.ndarray, p_sigma_m: float, yaw_sigma_rad: float) -> None:
+        """The odometry began anew: the offset is re-anchored on the pose as it is now, level kept.
+
+        T_M_O' = T_M_D T_D_O' with the heading alone free, so the pose stays and its errors become the offset's.
+        """
+        s = self.state
+        up_M = s.R_M_O[:, 2]
+        R = s.R_M_D @ T_O_D[:3, :3].T
+        turn = rotation_between(R[:, 2], up_M)
+        R_M_O = turn @ R
+        moved = State(
+            s.p_M_D,
+            s.v_M,
+            s.R_M_D,
+            s.p_M_D - R_M_O @ T_O_D[:3, 3],
+            R_M_O,
+            s.drift_O,
+            s.accel_bias_mps2,
+            s.delay_s,
+        )
+        J = np.eye(SIZE)
+        J[PO, :], J[PHI.start + 2, :] = 0.0, 0.0
+        J[PO, P] = np.eye(3)
+        J[PHI.start + 2, TH] = R_M_O[:, 2] @ s.R_M_D  # heading follows the body's
+        C = J @ self.covariance @ J.T
+        lever = np.cross(R_M_O[:, 2], R_M_O @ T_O_D[:3, 3])
+        yaw = np.zeros(SIZE)
+        yaw[PHI.start + 2], yaw[PO] = 1.0, -lever
+        C += yaw_sigma_rad**2 * np.outer(yaw, yaw)
+        C[PO, PO] += p_sigma_m**2 * np.eye(3)
+        self.state, self.covariance = moved, C
+
+    def pose_covariance(self) -> np.ndarray:
+        """(6,6) of the body in M: position (m), rotation about M's axes (rad); constant errors of level included."""
+        s = self.state
+        J = np.zeros((6, SIZE))
+        J[:3, P], J[3:, TH] = np.eye(3), s.R_M_D
+        C = J @ self.covariance @ J.T
+        C[:3, :3] += self._noise.body_m**2 * np.eye(3)
+        C[3:, 3:] += np.radians(self._noise.body_deg) ** 2 * np.eye(3)
+        return C
+
+    def level_covariance(self) -> np.ndarray:
+        """(3,3) rad^2 about M's axes of the rotation R_M_O."""
+        C = self.covariance[PHI, PHI] + np.diag([np.radians(self._noise.level_deg) ** 2] * 2 + [0.0])
+        return self.state.R_M_O @ C @ self.state.R_M_O.T
+
+    def _mocap_noise(self, p_M_D: np.ndarray) -> np.ndarray:
+        """(6,6): a stereo camera at M's origin sees depth worst, and so turns about the axes across the ray."""
+        n = self._noise
+        range_m = max(float(np.sqrt(p_M_D @ p_M_D)), 0.1)
+        ray = p_M_D / range_m
+        along = np.outer(ray, ray)
+        across = np.eye(3) - along
+        depth_m = n.mocap_depth_per_m * range_m**2
+        position = n.mocap_lateral_m**2 * across + (depth_m**2 + n.mocap_lateral_m**2) * along
+        turn = (n.mocap_lateral_m**2 * along + (depth_m**2 + n.mocap_lateral_m**2) * across) / n.marker_radius_m**2
+        position += n.marker_arm_m**2 * np.trace(turn) / 3.0 * np.eye(3)
+        v_m = self.state.v_M * n.mocap_jitter_s
+        R = np.zeros((6, 6))
+        R[:3, :3] = position + np.outer(v_m, v_m)
+        R[3:, 3:] = self.state.R_M_D.T @ turn @ self.state.R_M_D
+        return R
+
+
+class Correction:
+    """One measurement against the state: look at ``distance2`` first, then apply()."""
+
+    def __init__(self, owner: MocapFilter, residual: np.ndarray, H: np.ndarray, R: np.ndarray):
+        self._owner, self.residual, self._H, self._R = owner, residual, H, R
+        self._PHt = owner.covariance @ H.T
+        self.S = H @ self._PHt + R
+        self._S_inverse = np.linalg.inv(self.S)
+
+    @property
+    def distance2(self) -> float:
+        """Squared Mahalanobis distance of the residual."""
+        return float(self.residual @ self._S_inverse @ self.residual)
+
+    def part(self, rows: slice) -> Tuple[float, np.ndarray]:
+        """Squared distance and residual of some rows alone."""
+        r = self.residual[rows]
+        return float(r @ np.linalg.solve(self.S[rows, rows], r)), r
+
+    def apply(self) -> None:
+        """Take it, in Joseph's form: the covariance stays symmetric and positive."""
+        owner = self._owner
+        K = self._PHt @ self._S_inverse
+        IKH = np.eye(SIZE) - K @ self._H
+        C = IKH @ owner.covariance @ IKH.T + K @ self._R @ K.T
+        owner.covariance = 0.5 * (C + C.T)
+        owner.state = owner.state.boxplus(K @ self.residual)
+
+
+def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The smallest rotation that takes unit vector a to b."""
+    axis = np.cross(a, b)
+    sine = float(np.linalg.norm(axis))
+    return np.eye(3) if sine < 1e-12 else so3.exp(axis / sine * float(np.arctan2(sine, a @ b)))

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One vehicle: samples in as they arrive, its pose in the mocap's frame out, right or absent.
+
+Samples are put in order of the moments that they tell of and taken once every stream has come that far: the mocap
+is 10 ms late, a Tello's packets 70 ms and more, and the filter learns how much more.
+"""
+
+import heapq
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import Deque, List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.trajectory import Trajectory
+from fcsv_tracking.mocap import so3
+from fcsv_tracking.mocap.anchor import Anchor
+from fcsv_tracking.mocap.blend import Blend
+from fcsv_tracking.mocap.filter import FilterNoise, MocapFilter
+from fcsv_tracking.mocap.samples import InputRules, MocapInput, VehicleInput, VehicleSample
+
+_HOVER = (np.zeros(3), np.array([0.0, 0.0, 9.81]))
+_LONGEST_STEP_S = 0.05
+_UNPROVEN_S = 0.1  # how long odometry alone is followed before movement has proven its heading
+
+
+@dataclass(frozen=True)
+class TrackerRules:
+    """How one vehicle is tracked."""
+
+    mocap_latency_s: float = 0.011  # the tracker's frame to the stamp of its pose: exposure, network, half a period
+    odometry_latency_s: float = 0.07  # first guess; the filter learns it in view
+    mocap_wait_s: float = 0.03  # how much later a pose may come before odometry goes on without it
+    hold_s: float = 0.25  # likewise for odometry: several packets that Wi-Fi loses
+    coast_s: float = 0.5  # without odometry and mocap for longer than this there is no pose
+    bridge_s: float = 2.0  # odometry silent for longer, out of view: it may have begun anew, the offset is lost
+    gate_6: float = 30.0  # squared Mahalanobis distances: one in 25 000 by chance
+    gate_3: float = 24.0
+    dispute_s: float = 0.5  # place in dispute, heading not, for so long: who is right is not known
+    dispute_all_s: float = 2.0  # both in dispute: mocap takes something else for the body, until this long
+    confirm_m: float = 0.3  # horizontal movement in view that proves the heading
+    blend_mps: float = 0.25
+    blend_degps: float = 10.0
+    input: InputRules = field(default_factory=InputRules)
+    noise: FilterNoise = field(default_factory=FilterNoise)
+
+    def __post_init__(self):
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if isinstance(value, float) and not value > 0:
+                raise ValueError(f"{name}: must be positive, got {value}")
+
+
+@dataclass(frozen=True)
+class TrackedPose:
+    """T_M_D at a stamp, and T_M_O that goes with it; covariance (6,6): position (m), rotation (rad), in M's axes."""
+
+    stamp_s: float
+    T_M_D: np.ndarray
+    T_M_O: np.ndarray
+    covariance: np.ndarray
+    in_view: bool
+    heading_confirmed: bool
+
+
+class MocapTracker:
+    """feed_mocap() and feed_vehicle() with the time of arrival; pose() afterwards. Rejected samples raise."""
+
+    def __init__(self, rules: Optional[TrackerRules] = None):
+        self._rules = rules = rules or TrackerRules()
+        self.counts: Counter = Counter()
+        self._mocap_input = MocapInput(rules.input, self.counts)
+        self._vehicle_input = VehicleInput(rules.input, self.counts)
+        self._queue: List[Tuple[float, int, object]] = []
+        self._number = 0
+        self._coming: Deque[Tuple[float, VehicleSample, bool]] = deque()
+        self._newest = {"mocap": -np.inf, "vehicle": -np.inf}
+        self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
+        self._anchor = Anchor()
+        self._forget("not seen yet: fly it into the mocap's view")
+
+    # -- samples ----------------------------------------------------------------------------------------------------
+
+    def feed_mocap(self, now_s: float, stamp_s: float, p_M_D_m, q_M_D_xyzw) -> None:
+        """A pose of the body from the tracker on the ground. Raises SampleRejected."""
+        T_M_D = self._mocap_input.check(now_s, stamp_s, p_M_D_m, q_M_D_xyzw)
+        self._push(now_s, "mocap", stamp_s - self._rules.mocap_latency_s, T_M_D)
+
+    def feed_vehicle(self, now_s: float, stamp_s: float, p_O_D_m, q_O_D_xyzw, v_D_mps, gyro_radps, accel_mps2) -> None:
+        """A packet of the vehicle's odometry and IMU. Raises SampleRejected."""
+        sample, continues = self._vehicle_input.check(
+            now_s, stamp_s, p_O_D_m, q_O_D_xyzw, v_D_mps, gyro_radps, accel_mps2
+        )
+        if not continues:
+            self.counts["odometry: began anew"] += 1
+            self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
+            self._anchor.clear()
+        delay_s = self._filter.state.delay_s if self._filter else self._rules.odometry_latency_s
+        self._odometry.add(stamp_s - delay_s, sample.T_O_D)
+        self._coming.append((stamp_s - delay_s, sample, continues))
+        self._push(now_s, "vehicle", stamp_s - delay_s, (sample, delay_s, continues))
+
+    def _push(self, now_s: float, stream: str, moment_s: float, what) -> None:
+        if moment_s < self._newest[stream] - self._rules.input.oldest_s:
+            self._start_over()
+        self._newest[stream] = max(self._newest[stream], moment_s)
+        self._number += 1
+        heapq.heappush(self._queue, (moment_s, self._number, what))
+        mocap_s = max(self._newest["mocap"], now_s - self._rules.mocap_latency_s - self._rules.mocap_wait_s)
+        ready_s = min(mocap_s, max(self._newest["vehicle"], now_s - self._rules.hold_s))
+        before_s = self._time_s
+        while self._queue and self._queue[0][0] <= ready_s:
+            moment_s, _, what = heapq.heappop(self._queue)
+            self._take(moment_s, what)
+        if self._filter is not None:  # one pose goes out for all of them: one step, also where packets were lost
+            self._blend.advance(min(max(self._time_s - before_s, 0.0), _LONGEST_STEP_S))
+
+    def _start_over(self) -> None:
+        """The clock was set back: what came before it is of another time."""
+        self.counts["clock set back"] += 1
+        self._queue.clear()
+        self._coming.clear()
+        self._newest = {"mocap": -np.inf, "vehicle": -np.inf}
+        self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
+        self._vehicle_s, self._imu = -np.inf, None
+        self._forget("the clock was set back")
+
+    def _take(self, moment_s: float, what) -> None:
+        if self._filter is not None and moment_s < self._time_s - 0.02:
+            self.counts["too late"] += 1
+            return
+        self._advance(moment_s)
+        if isinstance(what, tuple):
+            self._take_vehicle(moment_s, *what)
+        else:
+            self._take_mocap(moment_s, what)
+
+    # -- the filter's day -------------------------------------------------------------------------------------------
+
+    def _advance(self, moment_s: float) -> None:
+        if self._filter is None:
+            self._time_s = moment_s
+            return
+        while moment_s - self._time_s > 1e-9:
+            dt_s = min(moment_s - self._time_s, _LONGEST_STEP_S)
+            imu = self._imu_at(self._time_s + 0.5 * dt_s)
+            self._filter.predict(*(imu or _HOVER), dt_s, coasting=imu is None)
+            self._time_s += dt_s
+        if self._time_s - max(self._mocap_s, self._vehicle_s) > self._rules.coast_s:
+            self._forget("neither odometry nor mocap")
+
+    def _imu_at(self, moment_s: float):
+        """Gyro and accelerometer between the last sample and the next, which is mostly there already."""
+        while self._coming and self._coming[0][0] <= self._vehicle_s:
+            self._coming.popleft()
+        last, following = self._imu, self._coming[0] if self._coming else None
+        if last is None or following is None or not 0.0 < following[0] - self._vehicle_s < self._rules.hold_s:
+            return None  # silent: what the last packet said of turning and pushing holds for 50 ms at most
+        if not following[2]:
+            return last.gyro_radps, last.accel_mps2
+        gap_s, after = following[0] - self._vehicle_s, following[1]
+        share = min(1.0, max(0.0, (moment_s - self._vehicle_s) / gap_s))
+        # the turn between two attitudes, not the gyro's momentary reading: at 20 Hz that is vibration
+        rate = so3.log(last.T_O_D[:3, :3].T @ after.T_O_D[:3, :3]) / gap_s
+        return rate, (1 - share) * last.accel_mps2 + share * after.accel_mps2
+
+    def _take_vehicle(self, moment_s: float, sample: VehicleSample, delay_s: float, continues: bool) -> None:
+        silent_s = moment_s - self._vehicle_s
+        self._vehicle_s, self._imu = moment_s, sample
+        if self._filter is None:
+            return
+        if silent_s > self._rules.bridge_s and moment_s - self._mocap_s > self._rules.coast_s:
+            self._forget("odometry was silent too long out of view: fly it into the mocap's view")
+            return
+        if not continues or silent_s > self._rules.bridge_s:
+            self._filter.move_odometry(sample.T_O_D, 0.05 + silent_s * 0.1, np.radians(1.0))
+            return
+        self._correct_by_odometry(moment_s, sample, delay_s)
+
+    def _correct_by_odometry(self, moment_s: float, sample: VehicleSample, delay_s: float) -> None:
+        before = self._filter.state.T_M_D
+        odometry = self._filter.odometry(sample.T_O_D[:3, 3], sample.v_O_mps, delay_s)
+        if odometry.distance2 > self._rules.gate_6:
+            self.counts["odometry: off what was predicted"] += 1
+            if self._odometry_off_s is None:
+                self._odometry_off_s = moment_s
+            elif moment_s - self._odometry_off_s > self._rules.dispute_s:
+                self._forget("odometry and IMU contradict each other, or mocap: who is right is not known")
+            return
+        self._odometry_off_s = None
+        odometry.apply()
+        attitude = self._filter.attitude(sample.T_O_D[:3, :3], sample.gyro_radps, delay_s)
+        if attitude.distance2 > self._rules.gate_3:
+            self.counts["odometry: attitude off what was predicted"] += 1
+        else:
+            attitude.apply()
+        self._blend.corrected(before, self._filter.state.T_M_D)
+
+    def _take_mocap(self, moment_s: float, T_M_D: np.ndarray) -> None:
+        if self._filter is None:
+            T_M_D = self._anchor.add(moment_s, T_M_D, self._odometry)
+            if T_M_D is not None:
+                self._begin(moment_s, T_M_D)
+            return
+        correction = self._filter.mocap(T_M_D)
+        if correction.distance2 > self._rules.gate_6:
+            self._doubt(moment_s, T_M_D, correction)
+            return
+        before = self._filter.state.T_M_D
+        correction.apply()
+        self._blend.corrected(before, self._filter.state.T_M_D)
+        self._mocap_s, self._doubt_since_s, self._place_doubt_since_s = moment_s, None, None
+        moved_O = self._filter.state.R_M_O.T @ (T_M_D[:3, 3] - self._began_p_M)
+        if float(np.hypot(moved_O[0], moved_O[1])) > self._rules.confirm_m:
+            self._heading_confirmed = True
+
+    def _doubt(self, moment_s: float, T_M_D: np.ndarray, correction) -> None:
+        """A pose that the gate keeps out: whose fault, and for how long already?"""
+        place_off = correction.part(slice(0, 3))[0] > self._rules.gate_3
+        heading_off = correction.part(slice(3, 6))[0] > self._rules.gate_3
+        self.counts[f"mocap: {'place' if place_off else ''}{' and ' if place_off and heading_off else ''}"
+                    f"{'rotation' if heading_off else ''} off what was predicted"] += 1  # fmt: skip
+        if heading_off and not place_off and self._heading_confirmed:
+            return  # markers taken for one another; odometry carries on
+        if self._doubt_since_s is None:
+            self._doubt_since_s = moment_s
+        if heading_off and place_off:
+            self._place_doubt_since_s = None
+        elif self._place_doubt_since_s is None:
+            self._place_doubt_since_s = moment_s
+        alone_s = moment_s - (moment_s if self._place_doubt_since_s is None else self._place_doubt_since_s)
+        if alone_s > self._rules.dispute_s or moment_s - self._doubt_since_s > self._rules.dispute_all_s:
+            self._forget("mocap and odometry contradict each other: who is right is not known")
+
+    def _begin(self, moment_s: float, T_M_D: np.ndarray) -> None:
+        self._filter = MocapFilter(
+            self._rules.noise, T_M_D, self._odometry.at(moment_s), self._rules.odometry_latency_s
+        )
+        self._time_s = self._mocap_s = moment_s
+        self._began_p_M = T_M_D[:3, 3].copy()
+        self.counts["anchored"] += 1
+        self.absent_because = ""
+
+    def _forget(self, why: str) -> None:
+        """No pose from here on, until mocap and odometry agree for half a second again."""
+        self._filter: Optional[MocapFilter] = None
+        self._anchor.clear()
+        self._time_s = self._mocap_s = -np.inf
+        self._vehicle_s = getattr(self, "_vehicle_s", -np.inf)
+        self._imu: Optional[VehicleSample] = getattr(self, "_imu", None)
+        self._blend = Blend(self._rules.blend_mps, np.radians(self._rules.blend_degps))
+        self._heading_confirmed = False
+        self._doubt_since_s = self._place_doubt_since_s = self._odometry_off_s = None
+        self.absent_because = why
+
+    # -- what comes out ---------------------------------------------------------------------------------------------
+
+    @property
+    def old_pose(self) -> bool:
+        """Whether the mocap streams a pose of some time ago, as it does while the body is hidden."""
+        return self._mocap_input.old_pose
+
+    @property
+    def filter(self) -> Optional[MocapFilter]:
+        return self._filter
+
+    def pose(self, now_s: float) -> Optional[TrackedPose]:
+        """The newest pose, None where there is none to be trusted (``absent_because``)."""
+        if self._filter is None:
+            return None
+        if now_s - self._time_s > self._rules.coast_s + self._rules.hold_s:
+            self._forget("neither odometry nor mocap")
+            return None
+        if self._time_s - max(self._vehicle_s, self._mocap_s) > self._rules.coast_s:
+            return None
+        if not self._heading_confirmed and self._time_s - self._mocap_s > _UNPROVEN_S:
+            return None  # odometry may lead the wrong way
+        state = self._filter.state
+        T_M_D = self._blend.pose(state.T_M_D)
+        covariance = self._filter.pose_covariance() + self._blend.covariance()
+        if not self._heading_confirmed:
+            up = state.R_M_D[:, 2]  # a body with the wrong marker in front looks just as well, and leans the other way
+            covariance[3:, 3:] += (0.5 * np.pi) ** 2 * np.outer(up, up) + np.radians(6.0) ** 2 * np.eye(3)
+        T_D_O = transforms.invert(state.T_M_D) @ state.T_M_O
+        in_view = self._time_s - self._mocap_s < self._rules.hold_s
+        return TrackedPose(self._time_s, T_M_D, T_M_D @ T_D_O, covariance, in_view, self._heading_confirmed)

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The control PC's tracker of thesis chapter 5: mocap_optitrack's poses and the vehicles' odometry and IMU in,
+T_home_cam of every vehicle out, on the same topics and frames as with the other trackers."""
+
+import threading
+from dataclasses import dataclass, field
+from typing import Dict, List
+
+import message_filters
+import numpy as np
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu
+
+from fcsv_geometry import frames
+from fcsv_geometry.errors import FcsvError, GeometryError
+from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros.health import Health
+from fcsv_msgs.msg import Home
+from fcsv_msgs.srv import SetHome, SetHomeResponse
+from fcsv_tracking.errors import HomeRefused, SampleRejected
+from fcsv_tracking.mocap.system import CameraPose, MocapSystem
+from fcsv_tracking.mocap.tracker import TrackerRules
+from fcsv_tracking.ros.static_frames import fixed_parts
+
+_SAME_PACKET_S = 0.002
+
+
+@dataclass(frozen=True)
+class MocapTrackerParameters:
+    """Parameters of the node. ``mocap_frame`` is mocap_optitrack's parent_frame_id."""
+
+    vehicles: List[str]
+    vehicles_dir: str
+    rate_hz: float = 30.0
+    mocap_frame: str = "mocap"
+    rules: TrackerRules = field(default_factory=TrackerRules)
+
+    def __post_init__(self):
+        if not 1.0 <= self.rate_hz <= 200.0:
+            raise ValueError(f"rate_hz: {self.rate_hz} is not in 1..200")
+
+
+class MocapTrackerNode:
+    """/mocap/NAME/pose, /NAME/tello/odom, /NAME/tello/imu -> /NAME/camera_pose, tf, /home; service /set_home."""
+
+    def __init__(self):
+        self._parameters = parameters = node.parameters(MocapTrackerParameters)
+        self._names = parameters.vehicles
+        vehicles = node.vehicles(parameters.vehicles_dir, self._names)
+        self._lock = threading.Lock()
+        self._system = MocapSystem({n: v.T_body_cam for n, v in vehicles.items()}, parameters.rules)
+        self._stamps_s: Dict[str, float] = dict.fromkeys(self._names, 0.0)
+        self._health = Health("mocap", {f"{n} {s}": 1.0 for n in self._names for s in ("mocap", "odometry", "pose")})
+        self._tf = tf2_ros.TransformBroadcaster()
+        self._static = tf2_ros.StaticTransformBroadcaster()
+        self._static.sendTransform([t for v in vehicles.values() for t in fixed_parts(v)])
+        self._home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
+        self._cameras = {
+            n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
+        }
+        rospy.Service("/set_home", SetHome, self._on_set_home)
+        self._timer = rospy.Timer(rospy.Duration(1.0 / parameters.rate_hz), self._publish)
+        self._slow_timer = rospy.Timer(rospy.Duration(1.0), self._report)
+        self._pairs = [self._listen(n) for n in self._names]
+
+    def _listen(self, name: str) -> message_filters.TimeSynchronizer:
+        rospy.Subscriber(f"/mocap/{name}/pose", PoseStamped, self._on_mocap, name, queue_size=200, tcp_nodelay=True)
+        parts = [message_filters.Subscriber(f"/{name}/tello/odom", Odometry, queue_size=50, tcp_nodelay=True),
+                 message_filters.Subscriber(f"/{name}/tello/imu", Imu, queue_size=50, tcp_nodelay=True)]  # fmt: skip
+        pair = message_filters.ApproximateTimeSynchronizer(parts, queue_size=50, slop=_SAME_PACKET_S)
+        pair.registerCallback(self._on_packet, name)
+        return pair
+
+    def _on_mocap(self, message: PoseStamped, name: str) -> None:
+        if message.header.frame_id != self._parameters.mocap_frame:
+            self._health.drop(f"{name} mocap: wrong frame", message.header.frame_id)
+            return
+        p, q = message.pose.position, message.pose.orientation
+        try:
+            with self._lock:
+                self._system.feed_mocap(
+                    name, rospy.get_time(), message.header.stamp.to_sec(), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+                )
+        except SampleRejected as error:
+            rospy.logdebug("%s: %s", name, error)  # counted; Motive streams old poses for minutes
+            return
+        self._health.tick(f"{name} mocap")
+
+    def _on_packet(self, odometry: Odometry, imu: Imu, name: str) -> None:
+        expected = (frames.odom(name), frames.base_link(name), frames.base_link(name))
+        found = (odometry.header.frame_id, odometry.child_frame_id, imu.header.frame_id)
+        if found != expected:
+            self._health.drop(f"{name} odometry: wrong frames", f"{found}, expected {expected}")
+            return
+        p, q, v = odometry.pose.pose.position, odometry.pose.pose.orientation, odometry.twist.twist.linear
+        w, a = imu.angular_velocity, imu.linear_acceleration
+        q_xyzw = np.array([q.x, q.y, q.z, q.w])
+        try:
+            with self._lock:
+                self._system.feed_vehicle(
+                    name, rospy.get_time(), odometry.header.stamp.to_sec(), (p.x, p.y, p.z), q_xyzw,
+                    (v.x, v.y, v.z), (w.x, w.y, w.z), (a.x, a.y, a.z),
+                )  # fmt: skip
+        except SampleRejected as error:
+            rospy.logwarn_throttle(5.0, f"{name}: {error}")
+            return
+        self._health.tick(f"{name} odometry")
+
+    def _publish(self, _event) -> None:
+        now_s = rospy.get_time()
+        for name in self._names:
+            with self._lock:
+                camera = self._system.camera(name, now_s)
+            if camera is not None and camera.stamp_s > self._stamps_s[name]:
+                self._stamps_s[name] = camera.stamp_s
+                self._publish_camera(name, camera)
+
+    def _publish_camera(self, name: str, camera: CameraPose) -> None:
+        out = PoseWithCovarianceStamped(header=conversions.header(camera.stamp_s, frames.HOME))
+        out.pose.pose = conversions.transform_to_pose(camera.T_home_cam)
+        out.pose.covariance = camera.covariance.ravel().tolist()
+        self._cameras[name].publish(out)
+        odom, body = frames.odom(name), frames.base_link(name)
+        self._tf.sendTransform([
+            conversions.transform_stamped(camera.T_home_odom, camera.stamp_s, frames.HOME, odom),
+            conversions.transform_stamped(camera.T_odom_body, camera.stamp_s, odom, body),
+        ])  # fmt: skip
+        self._health.tick(f"{name} pose")
+
+    def _on_set_home(self, request) -> SetHomeResponse:
+        reference, now_s = request.reference or self._names[0], rospy.get_time()
+        try:
+            if reference not in self._names:
+                raise HomeRefused(f"'{reference}' is not a vehicle here; known: {', '.join(self._names)}")
+            with self._lock:
+                T_odom_home = self._system.set_home(reference, now_s)
+                T_home_mocap = self._system.T_home_mocap
+        except FcsvError as error:
+            return SetHomeResponse(False, str(error), Home())
+        home = Home(
+            conversions.header(now_s, frames.odom(reference)), reference, conversions.transform_to_pose(T_odom_home)
+        )
+        self._home.publish(home)
+        self._static.sendTransform(
+            conversions.transform_stamped(T_home_mocap, now_s, frames.HOME, self._parameters.mocap_frame)
+        )
+        text = f"home is where the camera of {reference} is now"
+        rospy.loginfo("%s", text)
+        return SetHomeResponse(True, text, home)
+
+    def _report(self, _event) -> None:
+        """Counts and states for diagnostics: what was rejected and why there is no pose."""
+        with self._lock:
+            for name, tracker in self._system.trackers.items():
+                for reason, count in tracker.counts.items():
+                    self._health.value(f"{name} {reason}", count)
+                self._health.value(f"{name} mocap streams an old pose", tracker.old_pose)
+                missing = tracker.pose(rospy.get_time()) is None
+                self._health.problem(name, f"{name}: no pose, {tracker.absent_because}" if missing else "")
+                if tracker.filter is not None:
+                    self._health.value(f"{name} odometry delay [s]", f"{tracker.filter.state.delay_s:.3f}")
+            try:
+                self._health.value("level sigma [deg]", f"{np.degrees(self._system.level()[1]):.3f}")
+            except GeometryError as error:
+                self._health.value("level sigma [deg]", str(error))
+
+
+def main() -> int:
+    """Run the node."""
+    return node.run("mocap_tracker", MocapTrackerNode)

@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clock, frames, calibration and tag nodes on a master: what they publish, refuse, count and say."""
+
+import time
+
+import numpy as np
+import pytest
+
+from fcsv_geometry import transforms
+from fcsv_sim.formation import Formation, FormationParameters
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """config/vehicles of three vehicles."""
+    for n in (1, 2, 3):
+        (tmp_path / f"uav{n}.yaml").write_text(
+            f"name: uav{n}\nsystem_id: {n}\ntag_id: {n}\ntag_size_m: 0.16\ncamera: {{xyz_m: [0.11, 0.0, 0.03]}}\n"
+            f"tracking_camera: {{xyz_m: [0.06, 0.0, -0.05], rpy_deg: [0.0, 90.0, 0.0]}}\n"
+            f"tag: {{xyz_m: [-0.16, 0.0, 0.02], rpy_deg: [0.0, 0.0, 180.0]}}\n"
+        )
+    return str(tmp_path)
+
+
+class Listener:
+    """Keeps what comes on a topic."""
+
+    def __init__(self, topic, kind):
+        import rospy
+
+        self.messages = []
+        self._subscriber = rospy.Subscriber(topic, kind, self.messages.append, queue_size=100)
+
+    def wait(self, condition=lambda m: True, seconds=20.0):
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            for message in list(self.messages):
+                if condition(message):
+                    return message
+            time.sleep(0.05)
+        return None
+
+    def close(self):
+        self._subscriber.unregister()
+
+
+@pytest.fixture
+def listen(ros_master):
+    opened = []
+
+    def make(topic, kind):
+        opened.append(Listener(topic, kind))
+        return opened[-1]
+
+    yield make
+    for listener in opened:
+        listener.close()
+
+
+@pytest.fixture
+def talk(ros_master):
+    """talk(topic, type) -> a publisher; closed after the test, latched messages with it."""
+    import rospy
+
+    opened = []
+
+    def make(topic, kind, **kwargs):
+        opened.append(rospy.Publisher(topic, kind, queue_size=100, **kwargs))
+        return opened[-1]
+
+    yield make
+    for publisher in opened:
+        publisher.unregister()
+
+
+def connected(*publishers, seconds=20.0):
+    deadline = time.monotonic() + seconds
+    while any(p.get_num_connections() < 1 for p in publishers) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert all(p.get_num_connections() for p in publishers)
+
+
+def odometry(name, stamp_s, T_odom_body, frame=None):
+    from nav_msgs.msg import Odometry
+
+    from fcsv_geometry.ros import conversions
+
+    message = Odometry(header=conversions.header(stamp_s, frame or f"{name}/odom"), child_frame_id=f"{name}/base_link")
+    message.pose.pose = conversions.transform_to_pose(T_odom_body)
+    return message
+
+
+def says(text):
+    """A diagnostics message in which some status says so."""
+    return lambda m: any(text in s.message or any(text in f"{v.key} {v.value}" for v in s.values) for s in m.status)
+
+
+def test_clocks_are_measured_and_a_wrong_one_is_named(start_node, listen, talk):
+    import rospy
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from fcsv_msgs.msg import ClockEcho, ClockOffset
+
+    right, wrong = listen("/uav1/clock/offset", ClockOffset), listen("/uav2/clock/offset", ClockOffset)
+    health = listen("/diagnostics", DiagnosticArray)
+    answers = talk("/uav2/clock/pong", ClockEcho)
+
+    def answer(message):  # a machine whose clock is 0.4 s ahead
+        message.received = message.answered = rospy.Time.now() + rospy.Duration(0.4)
+        answers.publish(message)
+
+    ping = rospy.Subscriber("/uav2/clock/ping", ClockEcho, answer, queue_size=1)
+    start_node("fcsv_tracking", "clock", name="clock_uav1", params={"role": "vehicle", "name": "uav1"})
+    start_node("fcsv_tracking", "clock", name="clock", params={"role": "control", "vehicles": ["uav1", "uav2", "uav3"]})
+    near = right.wait()
+    far = wrong.wait()
+    assert near is not None and abs(near.offset_s) <= near.uncertainty_s + 1e-4  # one machine, one clock
+    assert far is not None and abs(far.offset_s - 0.4) <= far.uncertainty_s + 1e-4
+    assert health.wait(says("uav2's clock is 0.4")) is not None
+    assert health.wait(says("uav3 does not answer")) is not None
+    ping.unregister()
+
+
+def test_frames_publish_covariance_that_grows_and_call_for_calibration(start_node, listen, talk, folder):
+    from diagnostic_msgs.msg import DiagnosticArray
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from nav_msgs.msg import Odometry
+    from visualization_msgs.msg import MarkerArray
+
+    from fcsv_geometry.ros import conversions
+    from fcsv_msgs.msg import Calibration, Home
+    from fcsv_tracking.calibration import Link
+    from fcsv_tracking.ros import link_messages
+
+    camera = listen("/uav3/camera_pose", PoseWithCovarianceStamped)
+    health = listen("/diagnostics", DiagnosticArray)
+    calibration, home = talk("/calibration", Calibration, latch=True), talk("/home", Home, latch=True)
+    tracks = {n: talk(f"/{n}/odometry/state", Odometry) for n in ("uav1", "uav2", "uav3")}
+    params = {"vehicles": ["uav1", "uav2", "uav3"], "vehicles_dir": folder, "age": {"most_position_std_m": 0.15}}
+    start_node("fcsv_tracking", "frames", params=params)
+    connected(*tracks.values(), calibration, home)
+    link = np.diag([0.01, 0.01, 0.005, 0.004]) ** 2
+    T = transforms.from_xyz_yaw([-3.5, 0.0, 0.0], 0.5)
+    now_s = time.time()
+    message = Calibration(header=conversions.header(now_s, "uav1/odom"))
+    message.links = [link_messages.to_message(Link(a, b, T, link, 0.0, 0.0, 0.0, 40, 0))
+                     for a, b in (("uav1", "uav2"), ("uav2", "uav3"))]  # fmt: skip
+    calibration.publish(message)
+    markers = listen("/tracking/markers", MarkerArray)
+    start_node("fcsv_tracking", "markers", params={"vehicles": ["uav1", "uav2", "uav3"], "vehicles_dir": folder})
+    home.publish(Home(header=message.header, reference="uav1", home_in_odom=conversions.transform_to_pose(np.eye(4))))
+    for i in range(200):  # standing, until calibration and home have arrived
+        tracks["uav3"].publish(odometry("uav3", now_s - 30.0 + 0.1 * i, np.eye(4)))
+        if camera.wait(seconds=0.1) is not None:
+            break
+    for i in range(400):  # 40 m in two seconds of stamps, faster than it flies: only the way counts
+        T_odom_body = transforms.from_xyz_yaw([0.1 * i, 0.0, 0.0], 0.0)
+        tracks["uav3"].publish(odometry("uav3", now_s + 0.1 * i, T_odom_body))
+        time.sleep(0.003)
+    tracks["uav3"].publish(odometry("uav3", now_s + 41.0, np.eye(4), frame="uav1/odom"))
+    assert camera.wait(lambda m: m.header.stamp.to_sec() > now_s + 39.0) is not None
+    first, last = (np.reshape(camera.messages[i].pose.covariance, (6, 6)) for i in (0, -1))
+    # at the beginning the chain's: 3.5 m of lever arm of the first yaw beside both positions, 0.11 m of camera
+    assert np.sqrt(np.trace(first[:3, :3])) == pytest.approx(0.026, abs=0.006)
+    assert last[5, 5] > first[5, 5] and np.sqrt(np.trace(last[:3, :3])) > 0.15
+    assert np.linalg.eigvalsh(last).min() > -1e-12 and np.allclose(last, last.T)
+    assert health.wait(says("calibrate again: uav3 is only known to")) is not None
+    assert health.wait(says("dropped: odometry")) is not None
+    expected = T @ T @ transforms.from_xyz_yaw([39.9, 0, 0], 0.0) @ transforms.from_xyz_yaw([0.11, 0, 0.03], 0.0)
+    drawn = markers.wait(lambda m: any(k.ns == "covariance of uav3" for k in m.markers))
+    ball = next(k for k in drawn.markers if k.ns == "covariance of uav3")
+    q = ball.pose.orientation
+    R = transforms.from_xyz_quaternion(np.zeros(3), [q.x, q.y, q.z, q.w])[:3, :3]
+    drawn_covariance = R @ np.diag(np.square([ball.scale.x, ball.scale.y, ball.scale.z]) / 36.0) @ R.T
+    some = [np.reshape(m.pose.covariance, (6, 6))[:3, :3] for m in camera.messages]
+    assert min(np.abs(drawn_covariance - c).max() for c in some) < 1e-6  # three sigma either way of one that came
+    p = camera.messages[-1].pose.pose.position
+    assert np.allclose([p.x, p.y, p.z], expected[:3, 3], atol=1e-6)
+
+
+class TestCalibration:
+    """Two vehicles' calibration as it comes over the radio, ten times as fast."""
+
+    def calibrate(self, start_node, talk, folder, spoil=lambda m: m, clock_offset_s=0.0):
+        import rospy
+        from nav_msgs.msg import Odometry
+
+        from fcsv_geometry.ros import conversions
+        from fcsv_msgs.msg import ClockOffset, TagDetection, TagDetections
+        from fcsv_msgs.srv import Calibrate
+
+        flight = Formation(2, FormationParameters())
+        params = {"vehicles": ["uav1", "uav2"], "vehicles_dir": folder}
+        start_node("fcsv_tracking", "calibration", params=params)
+        states = {n: talk(f"/{n}/odometry/state", Odometry) for n in flight.names}
+        tags = talk("/uav2/tags/detections", TagDetections)
+        clocks = {n: talk(f"/{n}/clock/offset", ClockOffset, latch=True) for n in flight.names}
+        connected(*states.values(), tags, *clocks.values())
+        for name, offset_s in (("uav1", 0.0), ("uav2", clock_offset_s)):
+            clocks[name].publish(ClockOffset(vehicle=name, offset_s=offset_s, uncertainty_s=0.001))
+        calibrate = rospy.ServiceProxy("/calibrate", Calibrate)
+        calibrate.wait_for_service(20.0)
+        from concurrent.futures import ThreadPoolExecutor
+
+        with ThreadPoolExecutor(1) as pool:
+            answer = pool.submit(calibrate, ["uav1", "uav2"], 4.0)
+            time.sleep(0.5)
+            detections = {round(d.stamp_s, 3): d for d in flight.detections(1, 0)}
+            for i in range(int(flight.end_s * 30) + 8):
+                for k, name in enumerate(flight.names):
+                    stamp_s = i * 7 / 200.0
+                    if stamp_s <= flight.end_s + 0.2:
+                        states[name].publish(odometry(name, 100.0 + stamp_s, flight.states[k].at(stamp_s)))
+                time.sleep(0.002)
+            for d in detections.values():
+                corners = d.corners_normalized.ravel().tolist()
+                tag = TagDetection(id=1, size_m=d.size_m, corners_normalized=corners)
+                message = TagDetections(header=conversions.header(100.0 + d.stamp_s, "uav2/camera_optical"))
+                message.vehicle, message.focal_px, message.detections = "uav2", d.focal_px, [tag]
+                message.camera_in_odom = conversions.transform_to_pose(d.T_odom_cam)
+                tags.publish(spoil(message))
+                time.sleep(0.005)
+            return flight, answer.result(timeout=30.0)
+
+    def test_good(self, start_node, talk, folder):
+        from fcsv_geometry.ros import conversions
+
+        flight, answer = self.calibrate(start_node, talk, folder)
+        assert answer.success, answer.message
+        T = conversions.pose_to_transform(answer.calibration.links[0].child_odom_in_parent_odom)
+        estimated, true = flight.relative({"uav2": T}, 1)
+        assert np.linalg.norm((estimated - true)[:3, 3]) < 0.05  # the issue's worst of ten seeds
+
+    def test_clocks_differ(self, start_node, talk, folder):
+        _, answer = self.calibrate(start_node, talk, folder, clock_offset_s=0.3)
+        assert not answer.success and "clocks of uav1 and uav2 differ" in answer.message and "chrony" in answer.message
+
+    def test_tag_twice_in_every_picture(self, start_node, talk, folder):
+        def twice(message):
+            message.detections = message.detections * 2
+            return message
+
+        _, answer = self.calibrate(start_node, talk, folder, spoil=twice)
+        assert not answer.success and "does not see uav1's tag" in answer.message
+
+    def test_another_size_than_the_file(self, start_node, talk, folder):
+        def larger(message):
+            message.detections[0].size_m = 0.2
+            return message
+
+        _, answer = self.calibrate(start_node, talk, folder, spoil=larger)
+        assert not answer.success and "takes uav1's tag to be 0.2 m wide" in answer.message
+
+    def test_nan_corners(self, start_node, talk, folder):
+        def nan(message):
+            message.detections[0].corners_normalized = [float("nan")] * 8
+            return message
+
+        _, answer = self.calibrate(start_node, talk, folder, spoil=nan)
+        assert not answer.success
+
+
+class TestTags:
+    """The tag node between pictures and detections."""
+
+    def running(self, start_node, listen, talk, folder):
+        from diagnostic_msgs.msg import DiagnosticArray
+        from nav_msgs.msg import Odometry
+        from sensor_msgs.msg import CameraInfo, Image
+
+        from fcsv_msgs.msg import TagDetections
+
+        found, health = listen("/uav2/tags/detections", TagDetections), listen("/diagnostics", DiagnosticArray)
+        out = [talk("/uav2/odometry/body", Odometry), talk("/uav2/camera/color/camera_info", CameraInfo),
+               talk("/uav2/camera/color/image_raw", Image)]  # fmt: skip
+        params = {"vehicle": "uav2", "vehicles": ["uav1", "uav2"], "vehicles_dir": folder, "rate_hz": 30.0,
+                  "search_rate_hz": 30.0}  # fmt: skip
+        start_node("fcsv_tracking", "tags", ns="uav2", params=params)
+        connected(*out)
+        return found, health, out
+
+    def show(self, out, picture, frame="uav2/camera_color_optical_frame", camera=None, odometry_frame=None, times=6):
+        from test_tags import CAMERA
+
+        from fcsv_geometry.ros import conversions
+
+        body, info, image = out
+        for _ in range(times):
+            now_s = time.time()
+            info.publish(conversions.info_from_camera(camera or CAMERA, now_s, frame))
+            image.publish(conversions.array_to_image(picture, "mono8", now_s, frame))
+            for k in range(-2, 12):
+                body.publish(odometry("uav2", now_s + 0.01 * k, np.eye(4), odometry_frame))
+                time.sleep(0.005)
+            time.sleep(0.1)
+
+    def test_good_then_wrong(self, start_node, listen, talk, folder):
+        from test_tags import pose, render
+
+        from fcsv_geometry.camera import PinholeCamera
+
+        found, health, out = self.running(start_node, listen, talk, folder)
+        tag = render(pose(3.0))
+        self.show(out, tag)
+        assert found.wait(lambda m: len(m.detections) == 1) is not None
+        time.sleep(0.5)
+        wrong_size = PinholeCamera.from_fov(320, 240, np.radians(56.0))
+        for kwargs, word in (
+            ({"frame": "uav1/camera_color_optical_frame"}, "dropped: picture"),
+            ({"camera": wrong_size}, "dropped: picture"),
+            ({"odometry_frame": "uav1/odom"}, "dropped: odometry"),
+        ):
+            del found.messages[:], health.messages[:]
+            time.sleep(2.2)  # what was buffered is gone, odometry older than the buffer's gap
+            del found.messages[:]
+            self.show(out, tag, **kwargs)
+            assert health.wait(says(word)) is not None, kwargs
+            assert not found.messages, kwargs
+        both = np.concatenate([render(pose(2.5, x=-0.4))[:, :320], render(pose(2.5, x=0.4))[:, 320:]], axis=1)
+        self.show(out, both)
+        assert health.wait(says("tags rejected: same id twice")) is not None
+        assert found.messages and not any(m.detections for m in found.messages)
