@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The thesis's method on synthetic walls with known depth, and its equations."""
 
+import dataclasses
 import doctest
 
 import numpy as np
@@ -15,7 +16,8 @@ from fcsv_stereo.inputs import ConfigurationInput, MapInput
 from fcsv_stereo.matchers import MATCHERS, DisparityWindow, match
 from fcsv_stereo.rectify import RECTIFIERS
 from fcsv_stereo.result import Configuration
-from fcsv_stereo.thesis import ThesisOptions, map_thesis, select
+from fcsv_stereo.selection import SelectionOptions, select
+from fcsv_stereo.thesis import ThesisOptions, map_thesis
 
 WIDE = ErrorThreshold(5.0, False)  # everything in the scene is in range
 
@@ -72,6 +74,17 @@ def test_every_matcher(matcher):
     assert known.mean() > 0.35 and np.median(relative) < 0.05
 
 
+@pytest.mark.parametrize("matcher", ["sgbm", "bm"])
+@pytest.mark.parametrize("xyz, axis", [((0, -0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical")])
+def test_a_wide_window_costs_no_border(matcher, xyz, axis):
+    """Up to 220 px of 240: only what the other camera does not see may be missing (25 px at the near wall, and the
+    blocks at the edges), not a border as wide as the largest disparity."""
+    scene = given((xyz, axis)).configurations[0]
+    pair = RECTIFIERS["home"](scene.references[0], scene.others[0], axis)
+    wide, narrow = (match(pair, matcher, DisparityWindow(4, most)) for most in (220, 60))
+    assert np.isfinite(wide).mean() > 0.85 * np.isfinite(narrow).mean()
+
+
 def test_baselines_share_the_range():
     """Near wall by the short baseline, far wall by the long one (3.2)."""
     scene = given(((0, -0.6, 0), "horizontal"), ((0, -1.2, 0), "horizontal"))
@@ -105,9 +118,74 @@ def test_selection_takes_the_middle_and_the_bracket():
     T = camera_pose([0, 0, 0])
     references = [picture(f"r{i}", "uav1", 10.0 + 0.2 * i, T) for i in range(16)]
     others = [picture(f"o{i}", "uav2", 10.05 + 0.2 * i, T) for i in range(16)]
-    chosen, near = select(ConfigurationInput(Configuration("horizontal", 1.0), references, others), 0.5)
+    chosen, near = select(ConfigurationInput(Configuration("horizontal", 1.0), references, others), SelectionOptions())
     assert abs(chosen.stamp_s - 11.5) <= 0.11
     assert [o for o in others if abs(o.stamp_s - chosen.stamp_s) <= 0.5] == near and len(near) == 5
+
+
+def test_the_buffer_ends_after_5_s_or_30_pictures():
+    """5.4, at 2 Hz for 20 s and at 20 Hz: what comes later is not looked at."""
+    T = camera_pose([0, 0, 0])
+    (one,) = [picture("p", "uav1", 0.0, T)]
+    for rate_hz, middle_s in ((2.0, 5.0 - 1.5), (20.0, 29 / 20.0 / 2)):
+        stamps = np.arange(0.0, 20.0, 1 / rate_hz)
+        pictures = [dataclasses.replace(one, stamp_s=float(t)) for t in stamps]
+        chosen, near = select(
+            ConfigurationInput(Configuration("horizontal", 1.0), pictures, pictures), SelectionOptions()
+        )
+        assert abs(chosen.stamp_s - middle_s) <= 0.5 / rate_hz + 1e-9
+        assert all(abs(p.stamp_s - chosen.stamp_s) <= 0.5 for p in near) and len(near) >= 3
+
+
+def test_without_a_picture_in_the_bracket_the_nearest_is_tried():
+    one = picture("p", "uav1", 10.0, camera_pose([0, 0, 0]))
+    others = [dataclasses.replace(one, stamp_s=t) for t in (8.0, 12.5)]
+    assert (
+        select(ConfigurationInput(Configuration("horizontal", 1.0), [one], others), SelectionOptions())[1] == others[:1]
+    )
+
+
+def test_trim_points_by_hand():
+    """6.6: the walls at 12 and 20 m fall to the baselines that the person gave them to."""
+    scene = given(((0, -0.6, 0), "horizontal"), ((0, -1.2, 0), "horizontal"))
+    window = DisparityWindow(4, 200)
+    for ends, far_wall in (([15, 30], 1), ([30, 40], 0)):
+        options = ThesisOptions(trim_m={"horizontal": ends}, window=window)
+        cloud = map_thesis(scene, options, quiet).cloud
+        far = np.abs(cloud.points_home_m[:, 0] - 20.0) < 3.0
+        assert far.sum() > 1000 and (cloud.baseline_index[far] == far_wall).mean() > 0.99
+    for trim_m, words in (({"horizontal": [15]}, "2 baselines"), ({"horizontal": [15, 9]}, "not fall"),
+                          ({"vertical": [15]}, "vertical"), ({"horizontal": [15, float("nan")]}, "trim")):  # fmt: skip
+        with pytest.raises(InputError, match=words):
+            map_thesis(scene, ThesisOptions(trim_m=trim_m, window=window), quiet)
+    with pytest.raises(InputError, match="--across-axes"):
+        ThesisOptions(trim_m={"all": [15, 30]})
+
+
+def test_two_configurations_at_once_make_one_depth_image():
+    """3.6: horizontal for the near wall, vertical for the far one, no averaging in between."""
+    scene = given(((0, -0.6, 0), "horizontal"), ((0, 0, 1.2), "vertical"))
+    options = ThesisOptions(trim_m={"all": [15, 30]}, across_axes=True, window=DisparityWindow(4, 200))
+    result = map_thesis(scene, options, quiet)
+    assert [p.effective_range_m for p in result.pairs] == [(0, 15), (15, 30)]
+    known = np.isfinite(result.depth)
+    horizontal = result.depth[known] <= 15.0
+    assert np.array_equal(result.cloud.baseline_index == 0, horizontal) and 0.05 < horizontal.mean() < 0.95
+
+
+def test_equal_baselines_of_both_axes_are_averaged_in_their_range():
+    nan = np.nan
+    h, v, far = (
+        np.array([a], np.float32) for a in ([10.0, nan, 10.0, 50.0], [12.0, 12.0, nan, nan], [nan] * 3 + [55.0])
+    )
+    layers = [fuse.Layer("horizontal", 2.0, 2.0, 600.0, h), fuse.Layer("vertical", 2.0, 2.0, 600.0, v),
+              fuse.Layer("horizontal", 4.0, 4.0, 600.0, far)]  # fmt: skip
+    ranges = fuse.effective_ranges(layers, ErrorThreshold(0.1, True), {"all": [30, 60]}, True)
+    assert ranges == [(0, 30), (0, 30), (30, 60)]
+    depth, sigma, source = fuse.fuse_layers(layers, ranges, True)
+    assert depth.tolist() == [[11.0, 12.0, 10.0, 55.0]] and source.tolist() == [[0, 1, 0, 2]]
+    one = depth_error(np.array([10.0, 12.0]), 2.0, 600.0)
+    assert sigma[0, 0] == pytest.approx(np.hypot(*one) / 2)
 
 
 def test_the_better_candidate_wins():

@@ -11,14 +11,25 @@ from tqdm import tqdm
 from fcsv_geometry.errors import FcsvError
 from fcsv_stereo import pipeline
 from fcsv_stereo.equations import parse_threshold
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.joint import JointOptions
 from fcsv_stereo.matchers import MATCHERS, DisparityWindow
+from fcsv_stereo.products import PRODUCTS, parse_products
 from fcsv_stereo.rectify import RECTIFIERS
+from fcsv_stereo.refinement import RefineOptions
+from fcsv_stereo.result import AXES
 from fcsv_stereo.table import demo_table
 from fcsv_stereo.thesis import ThesisOptions
 
+#: Options that only one method knows.
+_OPTIONS_OF = {
+    "thesis": ("matcher", "rectify", "disparity", "across_axes", *(f"trim_{k}" for k in (*AXES, "all"))),
+    "joint": ("no_refine", "refine_focal", "refine_time_offset"),
+}
 _EXAMPLES = """examples:
   map out/demo/session -o out/map
-  map photos/ -o out/photos --reference 0003.jpg --matcher sgbm --disparity 16 256
+  map photos/ -o out/photos --reference 0003.jpg --method thesis --matcher sgbm --disparity 16 256
+  map photos/ -o out/photos --products laz,orthophoto,colmap
 """
 
 
@@ -37,7 +48,11 @@ def main(argv: Optional[List[str]] = None) -> int:
             bar.close()
 
     try:
-        document = pipeline.run(Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress)
+        products = parse_products(args.products)
+        poi = Path(args.poi) if args.poi else None
+        document = pipeline.run(
+            Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress, poi, products
+        )
     except (FcsvError, ValueError) as error:
         print(f"map: {error}", file=sys.stderr)
         return 2
@@ -45,17 +60,34 @@ def main(argv: Optional[List[str]] = None) -> int:
         print("map: interrupted; nothing was written", file=sys.stderr)
         return 130
     print(demo_table(document))
-    print(f"wrote {args.out}: map.ply, depth.npy, sigma.npy, report.json, report.html")
+    written = ["map.ply", "depth.npy", "sigma.npy", "report.json", "report.html"]
+    print(f"wrote {args.out}: {', '.join(written + [f for p in products for f in PRODUCTS[p]])}")
     return 0
 
 
-def _options(args) -> ThesisOptions:
+def _options(args) -> pipeline.Options:
+    _refuse_foreign(args)
+    threshold = parse_threshold(args.error)
+    if args.method == "joint":
+        refinement = RefineOptions(refine_focal=args.refine_focal, refine_time_offset=args.refine_time_offset)
+        return JointOptions(not args.no_refine, refinement, threshold=threshold)
     return ThesisOptions(
-        matcher=args.matcher,
+        matcher=args.matcher or ThesisOptions.matcher,
         rectifier=args.rectify,
-        window=DisparityWindow(*args.disparity),
-        threshold=parse_threshold(args.error),
+        window=DisparityWindow(*args.disparity) if args.disparity else DisparityWindow(),
+        threshold=threshold,
+        trim_m={k: v for k in (*AXES, "all") for v in [getattr(args, f"trim_{k}")] if v},
+        across_axes=args.across_axes,
     )
+
+
+def _refuse_foreign(args) -> None:
+    """An option of another method would be ignored in silence. Raises InputError."""
+    for method, names in _OPTIONS_OF.items():
+        given = [n for n in names if getattr(args, n)]
+        if method != args.method and given:
+            option = "--" + given[0].replace("_", "-")
+            raise InputError(f"{option} belongs to --method {method}; the method here is {args.method}")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -66,17 +98,33 @@ def _parser() -> argparse.ArgumentParser:
     window = DisparityWindow()
     parser.add_argument("input", help="a session folder, a bag, or a folder of posed photographs (COLMAP text model)")
     parser.add_argument("-o", "--out", required=True, help="folder for the map; an earlier map in it is replaced")
-    parser.add_argument("--method", choices=sorted(pipeline.METHODS), default="thesis")
+    parser.add_argument("--method", choices=sorted(pipeline.METHODS), default=pipeline.DEFAULT_METHOD)
     parser.add_argument("--reference", help="photographs: name of the reference picture (default: first in images.txt)")
-    parser.add_argument("--matcher", choices=sorted(MATCHERS), default="quasi-dense")
+    parser.add_argument("--products", default="", metavar="LIST", help=f"also: {','.join(PRODUCTS)} (or all)")
+    parser.add_argument("--matcher", choices=sorted(MATCHERS), help="thesis: default quasi-dense")
     parser.add_argument(
-        "--rectify", choices=sorted(RECTIFIERS), help="default: home for sessions, bouguet for photographs"
+        "--rectify", choices=sorted(RECTIFIERS), help="thesis: default home for sessions, bouguet for photographs"
     )
     parser.add_argument(
         "--error", default="10%", help="accepted depth error: metres, or a share of the distance (10%%)"
     )
     parser.add_argument(
-        "--disparity", nargs=2, type=float, metavar=("LEAST", "MOST"), default=[window.least_px, window.most_px],
-        help=f"disparities in px that count (default {window.least_px:g} {window.most_px:g})",
+        "--disparity", nargs=2, type=float, metavar=("LEAST", "MOST"),
+        help=f"thesis: disparities in px that count (default {window.least_px:g} {window.most_px:g})",
     )  # fmt: skip
+    for name in (*AXES, "all"):
+        parser.add_argument(
+            f"--trim-{name}", nargs="+", type=float, metavar="M",
+            help=f"thesis: far end (m) of each {'' if name == 'all' else name + ' '}baseline's range, shortest first",
+        )  # fmt: skip
+    parser.add_argument(
+        "--across-axes", action="store_true",
+        help="thesis: horizontal and vertical baselines share out the range (several configurations at once)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--poi", metavar="FILE", help="points of interest to evaluate (default: INPUT/poi.yaml, if any)"
+    )
+    parser.add_argument("--no-refine", action="store_true", help="joint: take the poses as they come")
+    parser.add_argument("--refine-focal", action="store_true", help="joint: also adjust the focal length")
+    parser.add_argument("--refine-time-offset", action="store_true", help="joint: also adjust each vehicle's clock")
     return parser

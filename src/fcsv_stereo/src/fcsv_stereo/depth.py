@@ -17,7 +17,7 @@ def depth_from_disparity(pair: RectifiedPair, disparity: np.ndarray) -> np.ndarr
     """
     i = pair.axis_index
     f = pair.K_reference[i, i]
-    d = disparity - (pair.K_reference[i, 2] - pair.K_other[i, 2])
+    d = disparity - pair.infinity_px
     shape = disparity.shape
     u = np.broadcast_to(np.arange(shape[1])[None, :] if i == 0 else np.arange(shape[0])[:, None], shape)
     x_other = (u - pair.K_reference[i, 2]) / f - d / f

@@ -57,3 +57,24 @@ def farthest(baseline_m: float, focal_px: float, threshold: ErrorThreshold, disp
     if threshold.relative:
         return threshold.value * baseline_m * focal_px / disparity_error_px
     return float(np.sqrt(threshold.value * baseline_m * focal_px / disparity_error_px))
+
+
+def baseline_for(z_m: float, focal_px: float, threshold: ErrorThreshold, disparity_error_px: float = 1.0) -> float:
+    """Equation 3.2: the baseline (m) whose error at z_m equals the threshold; the inverse of 3.1.
+
+    >>> round(baseline_for(40.0, 602.0, ErrorThreshold(0.5, False)), 2)
+    5.32
+    >>> round(baseline_for(481.6, 602.0, ErrorThreshold(0.1, True)), 2)
+    8.0
+    """
+    accepted_m = threshold.value * (z_m if threshold.relative else 1.0)
+    return z_m**2 / (accepted_m * focal_px) * disparity_error_px
+
+
+def segment_ends(nearest_m: float, range_m: float, count: int) -> np.ndarray:
+    """Equation 3.3: the far ends (m) of ``count`` equal segments between the smallest and the largest range.
+
+    >>> segment_ends(0.0, 40.0, 3).round(2).tolist()
+    [13.33, 26.67, 40.0]
+    """
+    return nearest_m + (range_m - nearest_m) / count * np.arange(1, count + 1)

@@ -18,3 +18,7 @@ class MatchingError(StereoError):
 
 class OutputError(StereoError):
     """The result cannot be written where it was asked for."""
+
+
+class PlanError(StereoError):
+    """A plan that contradicts itself, or that cannot be flown."""

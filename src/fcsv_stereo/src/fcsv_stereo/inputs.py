@@ -8,6 +8,7 @@ from typing import List, Optional
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.errors import InputError
 from fcsv_stereo.result import Configuration
 
 
@@ -24,6 +25,33 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class PosePrior:
+    """Standard deviations, per axis, of a picture's prior pose relative to the reference's.
+
+    The position's is ``position_m`` plus, in quadrature, ``position_share`` of the distance from the reference.
+    """
+
+    rotation_rad: float = float(np.radians(0.3))
+    position_m: float = 0.02
+    position_share: float = 0.01
+
+    def __post_init__(self):
+        if not 0.0 < self.rotation_rad <= np.pi or not np.isfinite(self.rotation_rad):
+            raise InputError(f"prior of rotation is {self.rotation_rad} rad; it must lie in 0 to pi")
+        shares = (self.position_m, self.position_share)
+        if not np.isfinite(shares).all() or min(shares) < 0.0 or max(shares) <= 0.0:
+            raise InputError(f"prior of position is {self.position_m} m and {self.position_share} of the distance")
+
+    def position_sigma_m(self, distance_m: float) -> float:
+        """Per axis, at a distance from the reference.
+
+        >>> PosePrior(position_m=0.03, position_share=0.01).position_sigma_m(4.0)
+        0.05
+        """
+        return float(np.hypot(self.position_m, self.position_share * distance_m))
+
+
+@dataclass(frozen=True)
 class ConfigurationInput:
     """Pictures of one configuration, in order of time: of the reference camera and of the other one."""
 
@@ -32,11 +60,19 @@ class ConfigurationInput:
     others: List[Picture]
 
 
+#: Of a flight: the calibration's few centimetres, and one per cent of the way flown since by both.
+FLOWN = PosePrior(position_m=0.15)
+
+
 @dataclass(frozen=True)
 class MapInput:
-    """``kind`` is "session" (home is level, cameras are nearly parallel) or "photographs" (any poses)."""
+    """``kind`` is "session" (home is level, cameras are nearly parallel) or "photographs" (any poses).
+
+    ``prior`` says how good the pictures' poses are, where that is known better than the method assumes.
+    """
 
     kind: str
     configurations: List[ConfigurationInput]
     truth_folder: Optional[Path] = None
     warnings: List[str] = field(default_factory=list)
+    prior: Optional[PosePrior] = None

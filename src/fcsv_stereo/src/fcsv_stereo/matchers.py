@@ -15,7 +15,10 @@ _PAD = 9
 
 @dataclass(frozen=True)
 class DisparityWindow:
-    """Disparities (px) that count; smaller ones are too far to be measured, larger ones are false matches."""
+    """Disparities (px) that count; smaller ones are too far to be measured, larger ones are false matches.
+
+    The thesis used 11 to 256 (3.1), 16 to 256 (6.7), and 32 at least where the sky had to stay out (3.5).
+    """
 
     least_px: float = 8.0
     most_px: float = 256.0
@@ -25,8 +28,21 @@ class DisparityWindow:
             raise ValueError(f"disparity window {self.least_px}..{self.most_px} px is empty")
 
 
-def quasi_dense(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:
-    """Quasi-Dense matching (the thesis's choice); whole pixels, matches in two dimensions."""
+@dataclass(frozen=True)
+class Search:
+    """Disparities (px) to look for in the turned and shifted pictures, and the one that the sky has there."""
+
+    low_px: float
+    high_px: float
+    sky_px: float = 0.0
+
+
+def quasi_dense(left: np.ndarray, right: np.ndarray, search: Search) -> np.ndarray:
+    """Quasi-Dense matching (the thesis's choice); whole pixels, matches in two dimensions.
+
+    OpenCV answers the length of the shift, as the thesis took it; where far things are shifted the other way, the shift
+    along x is taken, with its sign.
+    """
     left, right = (cv2.copyMakeBorder(i, *[_PAD] * 4, cv2.BORDER_REFLECT_101) for i in (left, right))
     matcher = cv2.stereo.QuasiDenseStereo.create(left.shape[::-1])
     settings = matcher.Param
@@ -35,26 +51,29 @@ def quasi_dense(left: np.ndarray, right: np.ndarray, window: DisparityWindow) ->
     settings.correlationThreshold = 0.4
     matcher.Param = settings
     matcher.process(left, right)
-    return matcher.getDisparity()[_PAD:-_PAD, _PAD:-_PAD]
+    disparity = matcher.getDisparity() if search.sky_px >= 0 else _signed(matcher.getDenseMatches(), left.shape)
+    return disparity[_PAD:-_PAD, _PAD:-_PAD]
 
 
-def sgbm(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:
+def sgbm(left: np.ndarray, right: np.ndarray, search: Search) -> np.ndarray:
     """Semi-global block matching, sub-pixel."""
+    least, levels = _levels(search)
     matcher = cv2.StereoSGBM_create(
-        minDisparity=int(window.least_px), numDisparities=_levels(window), blockSize=5, P1=8 * 25, P2=32 * 25,
+        minDisparity=least, numDisparities=levels, blockSize=5, P1=8 * 25, P2=32 * 25,
         disp12MaxDiff=1, uniquenessRatio=8, speckleWindowSize=80, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
-    return _scaled(matcher.compute(left, right), window)
+    return _computed(matcher, left, right, least, levels)
 
 
-def bm(left: np.ndarray, right: np.ndarray, window: DisparityWindow) -> np.ndarray:
+def bm(left: np.ndarray, right: np.ndarray, search: Search) -> np.ndarray:
     """Block matching."""
-    matcher = cv2.StereoBM_create(_levels(window), 15)
-    matcher.setMinDisparity(int(window.least_px))
-    return _scaled(matcher.compute(left, right), window)
+    least, levels = _levels(search)
+    matcher = cv2.StereoBM_create(levels, 15)
+    matcher.setMinDisparity(least)
+    return _computed(matcher, left, right, least, levels)
 
 
-MATCHERS: Dict[str, Callable[[np.ndarray, np.ndarray, DisparityWindow], np.ndarray]] = {
+MATCHERS: Dict[str, Callable[[np.ndarray, np.ndarray, Search], np.ndarray]] = {
     "quasi-dense": quasi_dense,
     "sgbm": sgbm,
     "bm": bm,
@@ -66,17 +85,21 @@ def match(pair: RectifiedPair, matcher: str, window: DisparityWindow, offset_px:
 
     Pictures are turned so that the disparity runs along +x, and the other one is shifted by ``offset_px`` (added
     back), which keeps disparities of convergent pairs small and positive; None finds it from a few features.
+    What counts as too far is judged against the sky's disparity, which is not 0 in a tilted pair (3.5).
     """
     sign = 1.0 if pair.baseline_m > 0 else -1.0
     turn, back = _turns(pair.axis, sign)
     left, right = (turn(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY)) for i in (pair.reference, pair.other))
     seen, seen_other = turn(pair.mask_reference), turn(pair.mask_other)
-    if offset_px is None:
+    given = offset_px is not None
+    if not given:
         offset_px = _offset(left, right, window)
     offset = int(round(offset_px))
     shifted, seen_other = _shift(right, offset), _shift(seen_other.astype(np.uint8), offset) > 0
-    disparity = MATCHERS[matcher](left, shifted, window).astype(np.float32)
-    valid = (disparity >= window.least_px) & (disparity <= window.most_px) & seen
+    sky_px = sign * pair.infinity_px - offset if given else 0.0  # photographs: the offset was found for the window
+    search = Search(window.least_px + sky_px, window.most_px, sky_px)
+    disparity = MATCHERS[matcher](left, shifted, search).astype(np.float32)
+    valid = (disparity >= search.low_px) & (disparity <= search.high_px) & seen
     valid &= _source_seen(disparity, seen_other)
     disparity = np.where(valid, disparity + offset, np.nan).astype(np.float32)
     return sign * back(disparity)
@@ -134,11 +157,27 @@ def _source_seen(disparity: np.ndarray, seen_other: np.ndarray) -> np.ndarray:
     return inside & np.take_along_axis(seen_other, column, axis=1)
 
 
-def _levels(window: DisparityWindow) -> int:
-    return int(np.ceil((window.most_px - int(window.least_px)) / 16.0)) * 16
+def _levels(search: Search) -> Tuple[int, int]:
+    """OpenCV's smallest disparity and number of disparities (a multiple of 16)."""
+    least = int(np.floor(search.low_px))
+    return least, max(1, int(np.ceil((search.high_px - least) / 16.0))) * 16
 
 
-def _scaled(raw: np.ndarray, window: DisparityWindow) -> np.ndarray:
+def _computed(matcher, left: np.ndarray, right: np.ndarray, least: int, levels: int) -> np.ndarray:
+    """Disparity (px, NaN where none). OpenCV leaves a border as wide as the largest disparity unmatched, which is half
+    of a vertical pair: pictures are padded by it."""
+    before, after = max(least + levels, 0), max(-least, 0)
+    wide = [cv2.copyMakeBorder(i, 0, 0, before, after, cv2.BORDER_REPLICATE) for i in (left, right)]
+    raw = matcher.compute(*wide)[:, before : before + left.shape[1]]
     disparity = raw.astype(np.float32) / 16.0
-    disparity[raw < int(window.least_px) * 16] = np.nan
+    disparity[raw < least * 16] = np.nan
+    return disparity
+
+
+def _signed(matches, shape: Tuple[int, int]) -> np.ndarray:
+    """Disparity along x (px, NaN where none) of OpenCV's list of matches."""
+    disparity = np.full(shape, np.nan, np.float32)
+    if matches:
+        both = np.array([(*m.p0, *m.p1) for m in matches], int)
+        disparity[both[:, 1], both[:, 0]] = both[:, 0] - both[:, 2]
     return disparity

@@ -12,6 +12,7 @@ import numpy as np
 
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.products import names
 from fcsv_stereo.result import Cloud, MapResult
 
 FILES = ("map.ply", "depth.npy", "sigma.npy", "reference.png", "report.json", "report.html")
@@ -26,7 +27,7 @@ def check_out(out: Path) -> None:
     """An earlier map may be replaced, anything else is left alone. Raises OutputError."""
     if out.exists() and not out.is_dir():
         raise OutputError(f"{out}: is a file; give a folder with -o")
-    foreign = [p.name for p in out.iterdir() if p.name not in FILES] if out.exists() else []
+    foreign = [p.name for p in out.iterdir() if p.name not in (*FILES, *names.FILES)] if out.exists() else []
     if foreign:
         raise OutputError(f"{out}: holds '{foreign[0]}', which is not of a map; give another folder with -o")
 

@@ -3,19 +3,34 @@
 
 import time
 from pathlib import Path
-from typing import Callable, Dict, Optional
+from typing import Callable, Dict, Optional, Sequence, Union
 
 from fcsv_stereo import colmap, output
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint
+from fcsv_stereo.poi import FILE as POI_FILE
+from fcsv_stereo.poi import load_points, sample
+from fcsv_stereo.products import write_products
+from fcsv_stereo.refinement import RefineOptions
 from fcsv_stereo.report import write_report
 from fcsv_stereo.result import MapResult
 from fcsv_stereo.thesis import Progress, ThesisOptions, map_thesis
 from fcsv_stereo.truth import load_truth
 
-#: name: (the method, its options)
-METHODS: Dict[str, Callable[[MapInput, ThesisOptions, Progress], MapResult]] = {"thesis": map_thesis}
+Options = Union[ThesisOptions, JointOptions]
+#: by name; each takes its own options
+METHODS: Dict[str, Callable[[MapInput, Options, Progress], MapResult]] = {"joint": map_joint, "thesis": map_thesis}
+OPTIONS = {"joint": JointOptions, "thesis": ThesisOptions}
+#: for depth again and again, where its rate counts more than its finish
+QUICK_OPTIONS = {
+    "joint": JointOptions(
+        refinement=RefineOptions(features=1500), matching=MatchOptions(volume_pixels=20000, iterations=1)
+    ),
+    "thesis": ThesisOptions(matcher="bm"),
+}
+DEFAULT_METHOD = "joint"
 
 
 def load(path: Path, reference: Optional[str] = None) -> MapInput:
@@ -34,11 +49,22 @@ def load(path: Path, reference: Optional[str] = None) -> MapInput:
 
 
 def run(
-    path: Path, out: Path, method: str, options: ThesisOptions, reference: Optional[str], progress: Progress
+    path: Path,
+    out: Path,
+    method: str,
+    options: Options,
+    reference: Optional[str],
+    progress: Progress,
+    poi: Optional[Path] = None,
+    products: Sequence[str] = (),
 ) -> dict:
-    """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written."""
+    """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written.
+
+    ``poi`` names a file of points of interest; a session may hold one (poi.yaml). ``products`` are written besides.
+    """
     started = time.perf_counter()
     output.check_out(out)
+    points = load_points(poi or path / POI_FILE) if poi or (path / POI_FILE).is_file() else []
     given = load(path, reference)
     loaded = time.perf_counter()
     result = METHODS[method](given, options, progress)
@@ -49,9 +75,13 @@ def run(
         output.write_arrays(result, staged.folder)
         result.timing_s["write"] = time.perf_counter() - writing
         result.timing_s["total"] = sum(result.timing_s[k] for k in ("load", "refine", "match", "fuse", "write"))
+        write_products(products, result, given, staged.folder)
         true_depth = truth.depth(result.reference) if truth else None
         evaluation = evaluate(result, truth, true_depth) if truth else None
+        sampled = sample(result, points, true_depth)
         document = output.report_document(result, evaluation)
+        if sampled:
+            document["points_of_interest"] = [p.to_dict() for p in sampled]
         output.write_report_json(document, staged.folder)
-        write_report(result, staged.folder, evaluation, true_depth)
+        write_report(result, staged.folder, evaluation, true_depth, sampled)
     return document

@@ -69,6 +69,11 @@ class Reference:
     camera: PinholeCamera
     T_home_cam: np.ndarray
 
+    @property
+    def is_level(self) -> bool:
+        """Whether home's z points up in the picture, to within 60 degrees: photographs may have any world."""
+        return bool(-self.T_home_cam[2, 1] > 0.5)
+
 
 @dataclass(frozen=True)
 class Cloud:

@@ -7,8 +7,10 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import LogNorm
+from matplotlib.colors import ListedColormap, LogNorm
+from matplotlib.ticker import FuncFormatter
 
+from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.result import MapResult, PairResult
 
@@ -52,7 +54,9 @@ def depth(image: np.ndarray, title: str, label: str = "m"):
     drawn = axes.imshow(image, cmap=_with_none(DEPTH_MAP), norm=LogNorm(max(low, 1e-3), max(high, low * 1.01)))
     axes.set_title(title, fontsize=10)
     axes.axis("off")
-    figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)
+    bar = figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)
+    for formatter in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
+        formatter(FuncFormatter(_round_number))
     return figure
 
 
@@ -69,9 +73,12 @@ def depth_error(found: np.ndarray, truth: np.ndarray):
 
 
 def from_above(result: MapResult, by_baseline: bool):
-    """The cloud seen from above with a distance grid; x forward is up."""
+    """The cloud seen from above with a distance grid; x forward is up.
+
+    Where home does not lie level, from above the reference camera: forward is its optical axis.
+    """
     cloud = result.cloud
-    points = cloud.points_home_m
+    points = transforms.apply(_T_view_home(result), cloud.points_home_m)
     keep = np.random.default_rng(0).permutation(len(points))[:150000]
     points, index = points[keep], cloud.baseline_index[keep]
     reach = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 99.5)) if len(points) else 10.0
@@ -89,8 +96,9 @@ def from_above(result: MapResult, by_baseline: bool):
     axes.set_aspect("equal")
     axes.set_xlim(-0.62 * reach, 0.62 * reach)
     axes.set_ylim(-0.04 * reach, 1.06 * reach)
-    axes.set_xlabel("to the right of home (m)")
-    axes.set_ylabel("ahead of home (m)")
+    origin = "home" if result.reference.is_level else "the reference camera"
+    axes.set_xlabel(f"to the right of {origin} (m)")
+    axes.set_ylabel(f"ahead of {origin} (m)")
     axes.set_title("map from above, " + ("by configuration" if by_baseline else "in colour"), fontsize=10)
     return figure
 
@@ -112,7 +120,7 @@ def errors_by_range(result: MapResult, truth: np.ndarray, evaluation: Evaluation
     figure, axes = plt.subplots(figsize=(7.2, 4.2))
     axes.plot(middle, half, "o-", label="median error")
     axes.plot(middle, ninety, "o--", label="90 % are below", alpha=0.7)
-    axes.plot(middle, predicted, "r:", label="predicted (2.12, 1 px)")
+    axes.plot(middle, predicted, "r:", label="predicted (median sigma)")
     axes.set_xlabel("true distance (m)")
     axes.set_ylabel("error of depth (m)")
     axes.set_ylim(0, 3.0 * max([*predicted, *half, 1.0]))
@@ -127,17 +135,28 @@ def histogram(result: MapResult):
     figure, axes = plt.subplots(figsize=(7.2, 3.2))
     axes.hist(values, bins=80, color="#3a6ea5")
     for p in result.pairs:
-        if p.effective_range_m[1] < values.max():
+        if values.size and p.effective_range_m[1] < values.max():
             axes.axvline(p.effective_range_m[1], color="#c0392b", lw=0.8, ls="--")
     axes.set_xlabel("depth (m); dashed: trim points")
     axes.set_ylabel("pixels")
     return figure
 
 
-def _with_none(name: str, color: str = _NONE):
-    colormap = plt.get_cmap(name).copy()
-    colormap.set_bad(color)
-    return colormap
+def _round_number(value: float, _position) -> str:
+    """20 and not 2e1; nothing where labels would crowd (4, 6 to 9)."""
+    digit = round(value / 10.0 ** np.floor(np.log10(value) + 1e-9)) if value > 0 else 0
+    return f"{value:g}" if digit in (1, 2, 3, 5) else ""
+
+
+def _with_none(name: str, color: str = _NONE) -> ListedColormap:
+    """A colormap that shows NaN in a colour; matplotlib's own way to say so differs between its versions."""
+    colors = plt.get_cmap(name)(np.linspace(0.0, 1.0, 256))
+    try:
+        return ListedColormap(colors, bad=color)  # from 3.11 on, where set_bad goes away
+    except TypeError:
+        colormap = ListedColormap(colors)
+        colormap.set_bad(color)
+        return colormap
 
 
 def _lines(axes, shape, axis: str) -> None:
@@ -156,8 +175,16 @@ def _rings(axes, reach: float) -> None:
         axes.text(r * np.sin(angles[-1]) * 0.52, r * 0.995, f"{r:.0f} m", fontsize=7, color="#444444")
 
 
+def _T_view_home(result: MapResult) -> np.ndarray:
+    """From home to the frame that is drawn from above: home itself where it is level."""
+    if result.reference.is_level:
+        return np.eye(4)
+    T_view_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+    return T_view_cam @ transforms.invert(result.reference.T_home_cam)
+
+
 def _field_of_view(axes, result: MapResult, reach: float) -> None:
-    camera, T = result.reference.camera, result.reference.T_home_cam
+    camera, T = result.reference.camera, _T_view_home(result) @ result.reference.T_home_cam
     for u in (0, camera.width - 1):
         d = T[:3, :3] @ np.array([(u - camera.cx) / camera.fx, 0.0, 1.0])
         d = d / np.linalg.norm(d) * reach * 1.1

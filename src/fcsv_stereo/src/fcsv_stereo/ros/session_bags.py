@@ -10,14 +10,14 @@ import rosbag
 import yaml
 from rosbag.bag import ROSBagException, ROSBagUnindexedException
 
-from fcsv_geometry import frames, transforms
+from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError, GeometryError, PoseUnavailable
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
-from fcsv_stereo.result import Configuration
+from fcsv_stereo.inputs import FLOWN, ConfigurationInput, MapInput, Picture
+from fcsv_stereo.ros.session_messages import odoms_in_home, window_of
 
 _ENCODINGS = ("rgb8", "bgr8", "mono8", "rgba8", "bgra8")
 
@@ -50,7 +50,7 @@ def read_session(path: Path) -> MapInput:
     warnings: List[str] = []
     configurations = _pictures(path, recorded, T_home_odom, warnings)
     truth = path / "truth" if path.is_dir() and (path / "truth" / "scene.ply").exists() else None
-    return MapInput("session", configurations, truth, warnings)
+    return MapInput("session", configurations, truth, warnings, FLOWN)
 
 
 def _bags(path: Path) -> List[Path]:
@@ -141,43 +141,28 @@ def _require(path: Path, recorded: _Recorded) -> None:
 
 
 def _odoms_in_home(path: Path, recorded: _Recorded) -> Dict[str, np.ndarray]:
-    """T_home_odom of every calibrated vehicle (6.3)."""
     try:
-        reference = recorded.home.reference
-        T_home_odom = {reference: transforms.invert(conversions.pose_to_transform(recorded.home.home_in_odom))}
-        links = {(k.parent, k.child): conversions.pose_to_transform(k.child_odom_in_parent_odom)
-                 for k in recorded.calibration.links}  # fmt: skip
+        return odoms_in_home(recorded.home, recorded.calibration)
     except GeometryError as error:
         raise InputError(f"{path}: /calibration or /home: {error}") from error
-    for _ in links:
-        for (parent, child), T_parent_child in links.items():
-            if parent in T_home_odom:
-                T_home_odom.setdefault(child, T_home_odom[parent] @ T_parent_child)
-            elif child in T_home_odom:
-                T_home_odom[parent] = T_home_odom[child] @ transforms.invert(T_parent_child)
-    return T_home_odom
 
 
 def _pictures(path, recorded: _Recorded, T_home_odom, warnings: List[str]) -> List[ConfigurationInput]:
     stock = {v: _vehicle_pictures(v, recorded, T_home_odom, warnings) for v in recorded.tracks if v in recorded.cameras}
     configurations = []
-    for c in recorded.captures:
-        start_s, stop_s = c.start.to_sec(), c.stop.to_sec()
-        name = c.configuration.name
+    for window in map(window_of, recorded.captures):
         inside = {}
-        for vehicle in (c.reference, c.vehicle):
+        for vehicle in (window.reference, window.vehicle):
             if vehicle not in T_home_odom:
                 raise InputError(f"{path}: /calibration does not say where {vehicle} is")
-            inside[vehicle] = [p for p in stock[vehicle] if start_s <= p.stamp_s <= stop_s]
+            inside[vehicle] = [p for p in stock[vehicle] if window.holds(p.stamp_s)]
         if not all(inside.values()):
-            empty = [v for v, pictures in inside.items() if not pictures]
-            warnings.append(
-                f"configuration '{name}' is left out: no usable picture of {', '.join(empty)} in its window"
-            )
+            empty = ", ".join(v for v, pictures in inside.items() if not pictures)
+            name = window.configuration.name
+            warnings.append(f"configuration '{name}' is left out: no usable picture of {empty} in its window")
             continue
-        axis = "vertical" if c.configuration.axis == c.configuration.VERTICAL else "horizontal"
-        configuration = Configuration(axis, c.configuration.baseline_m, c.configuration.tilt_rad, name)
-        configurations.append(ConfigurationInput(configuration, inside[c.reference], inside[c.vehicle]))
+        pictures = inside[window.reference], inside[window.vehicle]
+        configurations.append(ConfigurationInput(window.configuration, *pictures))
     if not configurations:
         raise InputError(
             f"{path}: no configuration has pictures of both vehicles in its window: do image_raw, odometry and "
@@ -191,14 +176,14 @@ def _vehicle_pictures(vehicle: str, recorded: _Recorded, T_home_odom, warnings: 
     if vehicle not in T_home_odom:
         return []
     topic = f"/{vehicle}/camera/color/image_raw"
-    windows = [(c.start.to_sec(), c.stop.to_sec()) for c in recorded.captures]
+    windows = [window_of(c) for c in recorded.captures]
     camera, pictures, lost = recorded.cameras[vehicle], [], 0
     for bag_path in recorded.bags:
         try:
             with rosbag.Bag(str(bag_path)) as bag:
                 for _, message, _ in bag.read_messages(topics=[topic]):
                     stamp_s = message.header.stamp.to_sec()
-                    if not any(a <= stamp_s <= b for a, b in windows):
+                    if not any(w.holds(stamp_s) for w in windows):
                         continue
                     image = _image(bag_path, topic, message, camera)
                     try:

@@ -9,31 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import rospy
-from sensor_msgs.msg import Image, PointCloud2, PointField
+from sensor_msgs.msg import Image, PointCloud2
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
 from fcsv_stereo.output import read_ply
-from fcsv_stereo.result import Cloud
-
-_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4")])
-
-
-def cloud_message(cloud: Cloud, chosen: np.ndarray, stamp_s: float) -> PointCloud2:
-    """Points of home with packed colour and sigma."""
-    points = np.empty(int(chosen.sum()), _POINT)
-    for i, axis in enumerate("xyz"):
-        points[axis] = cloud.points_home_m[chosen, i]
-    colors = cloud.colors[chosen].astype(np.uint32)
-    points["rgb"] = colors[:, 0] << 16 | colors[:, 1] << 8 | colors[:, 2]
-    points["sigma"] = cloud.sigma_m[chosen]
-    message = PointCloud2(header=conversions.header(stamp_s, frames.HOME), height=1, width=len(points))
-    kinds = {"<f4": PointField.FLOAT32, "<u4": PointField.FLOAT32}  # rgb travels in a float's bits
-    message.fields = [PointField(n, _POINT.fields[n][1], kinds[_POINT[n].str], 1) for n in _POINT.names]
-    message.point_step, message.row_step, message.is_dense = _POINT.itemsize, _POINT.itemsize * len(points), True
-    message.data = points.tobytes()
-    return message
+from fcsv_stereo.ros.map_messages import cloud_message
 
 
 def publish_map(out: Path) -> list:
@@ -47,7 +29,7 @@ def publish_map(out: Path) -> list:
     publishers = []
     for topic, chosen in clouds.items():
         publisher = rospy.Publisher(topic, PointCloud2, queue_size=1, latch=True)
-        publisher.publish(cloud_message(cloud, chosen, 0.0))
+        publisher.publish(cloud_message(cloud, 0.0, chosen))
         publishers.append(publisher)
         rospy.loginfo("%s: %d points", topic, chosen.sum())
     reference = cv2.imread(str(out / "reference.png"))

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inverse depth at a reduced size from the whole cost volume, and which pixels it can be trusted at."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+
+from fcsv_stereo.joint.sgm import aggregate
+from fcsv_stereo.joint.sweep import Views, inverse_depths
+from fcsv_stereo.joint.volume import census, cost_volume
+
+P1, P2 = 20.0, 500.0
+STEP_PX = 1.0
+_CONFIDENT = 60  # volume units: a match whose better pairs differ in no more than six of 32 bits
+_TEXTURE = 9.0  # variance of grey levels in 5x5
+_LEAST_LEVELS = 8
+_LEAST_BITS = 5  # set in a census code that tells something
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """``w`` HxW float32 (1/m); ``cost`` HxW uint8 there; ``margin`` HxW float32: next best over best, less one."""
+
+    w: np.ndarray
+    cost: np.ndarray
+    margin: np.ndarray
+    levels: np.ndarray
+
+
+def coarse(found: Views, nearest: float, most_levels: int, pool: ThreadPoolExecutor) -> Coarse:
+    """By semi-global matching in the cost volume of all pairs; no inverse depth above ``nearest`` (1/m)."""
+    levels = inverse_depths(found, STEP_PX, most_levels, nearest)
+    volume = cost_volume(found, levels, pool)
+    total = aggregate(volume, found.reference, P1, P2, pool)
+    w = np.empty(found.shape, np.float32)
+    cost = np.empty(found.shape, np.uint8)
+    margin = np.empty(found.shape, np.float32)
+    _minima(total, volume, levels, w, cost, margin)
+    return Coarse(w, cost, margin, levels)
+
+
+def nearest_inverse_depth(found: Coarse, grey: np.ndarray) -> float:
+    """An upper bound of the inverse depth in the picture, from what has texture and was matched well."""
+    steady = np.abs(found.w - cv2.medianBlur(found.w, 5)) <= 0.05 * found.w
+    variance = cv2.blur(np.square(grey), (5, 5)) - np.square(cv2.blur(grey, (5, 5)))
+    brighter = np.unpackbits(census(grey).view(np.uint8).reshape(*grey.shape, 4), axis=2).sum(axis=2)
+    good = steady & (found.cost <= _CONFIDENT) & (variance > _TEXTURE) & (brighter >= _LEAST_BITS)
+    if good.sum() < 50:
+        return float(found.levels[-1])
+    least = found.levels[min(_LEAST_LEVELS, len(found.levels) - 1)]
+    return float(np.clip(1.3 * np.percentile(found.w[good], 99.8), least, found.levels[-1]))
+
+
+@njit(cache=True, nogil=True)
+def _minima(total, volume, levels, w, cost, margin):
+    """Least sum per pixel, between the levels by a parabola."""
+    height, width, depth = total.shape
+    for y in range(height):
+        for x in range(width):
+            sums = total[y, x]
+            k = 0
+            for d in range(1, depth):
+                if sums[d] < sums[k]:
+                    k = d
+            second = np.float32(1e9)
+            for d in range(depth):
+                if abs(d - k) > 2:
+                    second = min(second, np.float32(sums[d]))
+            w[y, x] = levels[k]
+            if 0 < k < depth - 1:
+                a, b, c = np.float32(sums[k - 1]), np.float32(sums[k]), np.float32(sums[k + 1])
+                bend = a - b - b + c
+                if bend > 0:
+                    shift = (a - c) / (bend + bend)
+                    step = levels[k + 1] - levels[k] if shift > 0 else levels[k] - levels[k - 1]
+                    w[y, x] += shift * step
+            cost[y, x] = volume[y, x, k]
+            margin[y, x] = second / max(np.float32(sums[k]), np.float32(1.0)) - np.float32(1.0)

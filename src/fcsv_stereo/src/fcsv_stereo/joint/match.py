@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joint matching: depth in the reference picture from all other pictures at once."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import Dict, List, Optional, Sequence
+
+import cv2
+import numpy as np
+
+from fcsv_stereo.errors import InputError, MatchingError
+from fcsv_stereo.inputs import Picture
+from fcsv_stereo.joint import confidence
+from fcsv_stereo.joint.coarse import Coarse, coarse, nearest_inverse_depth
+from fcsv_stereo.joint.direct import adjust
+from fcsv_stereo.joint.fill import filled, trusted
+from fcsv_stereo.joint.fine import Fine, choose_surface, refine
+from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
+from fcsv_stereo.joint.sky import sky
+from fcsv_stereo.joint.sweep import Views, grey, inverse_depths, views
+from fcsv_stereo.joint.unique import consistent
+
+_LEAST_BASELINE_M = 1e-6
+_LEAST_PIXELS = 16
+_ADJUSTMENTS = 4
+
+
+@dataclass(frozen=True)
+class MatchOptions:
+    """Choices of joint matching."""
+
+    volume_pixels: int = 100000  # size of the picture that the whole cost volume is built for
+    most_levels: int = 768  # of inverse depth
+    iterations: int = 2  # of the sub-pixel step at full size
+    most_relative_sigma: float = 0.4  # a depth less certain than this is none (the sky is one such)
+    threads: int = 2
+    adjust_poses: bool = False  # to the pictures, where covariances are given
+
+    def __post_init__(self):
+        if self.volume_pixels < 1000 or self.most_levels < 8 or self.iterations < 1 or self.threads < 1:
+            raise InputError("joint matching needs 1000 pixels, 8 levels, 1 iteration and 1 thread at least")
+        if not 0.0 < self.most_relative_sigma <= 1.0:
+            raise InputError(f"largest relative sigma is {self.most_relative_sigma}; it must lie in 0 to 1")
+
+
+@dataclass(frozen=True)
+class JointDepth:
+    """Depth and what is known about it, in the reference picture.
+
+    ``depth`` and ``sigma`` are HxW float32 (m along the optical axis, NaN where none). ``support`` is HxW uint16: bit i
+    is set where pair i of ``used`` agrees. ``used`` are indices into the pictures given; ``left_out`` says by index why
+    a picture was not. ``fine`` holds the evidence that they were made from, ``pictures`` are those
+    used, with the poses that served.
+    """
+
+    depth: np.ndarray
+    sigma: np.ndarray
+    support: np.ndarray
+    used: List[int]
+    left_out: Dict[int, str] = field(default_factory=dict)
+    fine: Optional[Fine] = None
+    known: Optional[np.ndarray] = None
+    pictures: List[Picture] = field(default_factory=list)
+
+    def agrees(self, pair: int) -> np.ndarray:
+        """HxW bool: where a pair (of ``used``) agrees."""
+        return (self.support >> pair) & 1 > 0
+
+    @property
+    def strongest(self) -> np.ndarray:
+        """HxW index into ``used`` of the pair that tells most about each pixel's depth."""
+        r = self.fine.residuals
+        return (r.trust * r.speed + 1e-6 * r.speed).argmax(axis=0)
+
+
+def match_jointly(
+    reference: Picture,
+    others: Sequence[Picture],
+    options: Optional[MatchOptions] = None,
+    covariances: Optional[Sequence[Optional[np.ndarray]]] = None,
+) -> JointDepth:
+    """Depth of ``reference`` from all ``others``; poses are taken as they are, with their 6x6 ``covariances``.
+
+    Raises MatchingError where no other picture can be used.
+    """
+    options = options or MatchOptions()
+    used, left_out = usable(reference, others)
+    if not used:
+        raise MatchingError("no picture can be matched: " + "; ".join(left_out.values()))
+    chosen = [others[i] for i in used]
+    poses = [covariances[i] for i in used] if covariances else [None] * len(used)
+    greys = [grey(p) for p in (reference, *chosen)]
+    scales = _scales(greys[0].size, options.volume_pixels)
+    with ThreadPoolExecutor(options.threads) as pool:
+        chosen, poses, w, levels, known, found = _coarse(reference, chosen, poses, greys, scales[0], options, pool)
+        for scale in scales[1:]:
+            found = views(reference, chosen, scale, greys)
+            w = choose_surface(found, found.reference, w, pool)
+            step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
+            fine = refine(detail(found), w, step, options.iterations if scale == 1.0 else 1, pool)
+            w = fine.w
+    geometry = confidence.geometry_sigma(reference, chosen, poses, fine)
+    known = cv2.resize(known.astype(np.uint8), fine.w.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    sigma_w = np.hypot(confidence.matching_sigma(fine, known), geometry)
+    return _answer(fine, known, sigma_w, used, left_out, chosen, options)
+
+
+def usable(reference: Picture, others: Sequence[Picture]):
+    """Indices of the pictures that see something of the reference's from another place, and why others do not."""
+    used, left_out = [], {}
+    for i, other in enumerate(others):
+        baseline_m = float(np.linalg.norm(other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
+        if min(*reference.image.shape[:2], *other.image.shape[:2]) < _LEAST_PIXELS:
+            left_out[i] = f"{other.name} or {reference.name} is smaller than {_LEAST_PIXELS} px: nothing to match"
+        elif baseline_m < _LEAST_BASELINE_M:
+            left_out[i] = f"{other.name} and {reference.name} were taken from one place: no baseline"
+        elif len(inverse_depths(views(reference, [other], 0.25, [grey(reference), grey(other)]), 1.0, 64)) < 3:
+            left_out[i] = f"{other.name} does not overlap {reference.name}"
+        else:
+            used.append(i)
+    return used, left_out
+
+
+def _scales(pixels: int, volume_pixels: int) -> List[float]:
+    """From the volume's size to the full one, each at most twice the one before; at least two."""
+    first = min(0.5, float(np.sqrt(volume_pixels / pixels)))
+    steps = int(np.ceil(-np.log2(first)))
+    return [2.0 ** -(steps * (1 - k / steps) * -np.log2(first) / steps) for k in range(steps)] + [1.0]
+
+
+def _coarse(reference: Picture, chosen, poses, greys, scale: float, options: MatchOptions, pool):
+    """Inverse depth at a reduced size, its levels, and the pictures of that size; their poses on the way."""
+    adjusted = options.adjust_poses and all(p is not None for p in poses)
+    prior = poses
+    small = views(reference, chosen, scale / 2.0, greys)
+    rough = coarse(small, np.inf, options.most_levels, pool)
+    if adjusted:
+        known, r = _trusted(rough, small, pool)
+        chosen, poses, _ = adjust(reference, chosen, prior, detail(small), rough.w, known, _ADJUSTMENTS)
+    found = views(reference, chosen, scale, greys)
+    result: Coarse = coarse(found, nearest_inverse_depth(rough, small.reference), options.most_levels, pool)
+    known, r = _trusted(result, found, pool)
+    _equalise(greys, r, found, result.w, pool)
+    if adjusted:
+        found = views(reference, chosen, scale, greys)
+        chosen, poses, w = adjust(reference, chosen, prior, detail(found), result.w, known, _ADJUSTMENTS)
+        found = views(reference, chosen, scale, greys)
+        result = replace(result, w=w)
+    colour = _colour(reference, found.shape)
+    filling = filled(result, known, r.seen.max(axis=0) > 0, found, colour)
+    filling[sky(filling, r, colour)] = 0.0
+    return chosen, poses, filling, result.levels, known, found
+
+
+def _colour(picture: Picture, shape) -> np.ndarray:
+    """HxWx3 float32 at a reduced size."""
+    image = picture.image if picture.image.ndim == 3 else np.repeat(picture.image[..., None], 3, axis=2)
+    return cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+
+
+def _trusted(result: Coarse, found: Views, pool):
+    """HxW bool, and the residuals that it is from."""
+    r = residuals(detail(found), result.w, pool)
+    return trusted(result, consistent(found, result.w, r)), r
+
+
+def _equalise(greys: List[np.ndarray], r: Residuals, found: Views, w: np.ndarray, pool) -> None:
+    """Brings each other picture's exposure to the reference's, by what agrees at ``w``; in place."""
+    differences = residuals(found, w, pool).difference
+    for i, (t, d) in enumerate(zip(r.trust, differences)):
+        good = t > confidence.LEAST_TRUST
+        if good.sum() < 200:
+            continue
+        here, there = found.reference[good], (found.reference - d)[good]
+        gain = float(np.clip(here.std() / max(there.std(), 1e-3), 0.5, 2.0))
+        greys[i + 1] = gain * greys[i + 1] + float(np.median(here - gain * there))
+
+
+def _answer(
+    fine: Fine, known, sigma_w: np.ndarray, used, left_out, chosen, options: MatchOptions
+) -> JointDepth:  # fmt: skip
+    """Depth where it is certain enough; sigma of 1/w to first order."""
+    w = np.maximum(fine.w, 1e-9)
+    relative = sigma_w / w
+    none = ~(relative < options.most_relative_sigma)
+    depth, sigma = 1.0 / w, relative / w
+    depth[none], sigma[none] = np.nan, np.nan
+    support = support_bits(fine.residuals, confidence.LEAST_TRUST)
+    support[none] = 0
+    return JointDepth(depth.astype(np.float32), sigma.astype(np.float32), support, used, left_out, fine, known, chosen)

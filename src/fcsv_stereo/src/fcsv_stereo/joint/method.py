@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The method ``joint``: refine all poses, match all pictures with the reference at once."""
+
+import time
+from dataclasses import dataclass, field, replace
+from typing import Callable, List, Tuple
+
+import numpy as np
+
+from fcsv_stereo.depth import points_from_depth
+from fcsv_stereo.equations import ErrorThreshold, farthest
+from fcsv_stereo.errors import MatchingError
+from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
+from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
+from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
+from fcsv_stereo.refinement import RefinedPicture, RefineOptions, refine
+from fcsv_stereo.result import Cloud, Configuration, ImageEntry, MapResult, Reference
+
+_MOST_POSE_PX = 1.5
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class JointOptions:
+    """Choices of the method. An input that says how good its poses are overrules the refinement's prior;
+    ``threshold`` is for equation 3.1's farthest depth in the report alone."""
+
+    refine_poses: bool = True
+    refinement: RefineOptions = field(default_factory=RefineOptions)
+    matching: MatchOptions = field(default_factory=MatchOptions)
+    threshold: ErrorThreshold = field(default_factory=lambda: ErrorThreshold(0.1, True))
+
+
+def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
+    """The map of all configurations in the first one's reference picture. Raises MatchingError where none matched."""
+    if given.prior is not None:
+        options = replace(options, refinement=replace(options.refinement, prior=given.prior))
+    reference, others = choose_pictures(given.configurations)
+    warnings = list(given.warnings)
+
+    started = time.perf_counter()
+    progress("poses", 0, 3)
+    refined = _refine(reference, others, options, warnings)
+    timing_s = {"refine": time.perf_counter() - started}
+
+    started = time.perf_counter()
+    progress("matching", 1, 3)
+    kept = _fit_to_match(refined, warnings)
+    pictures = [refined[i].picture for i in kept]
+    matching = replace(options.matching, adjust_poses=options.refine_poses)
+    found = match_jointly(reference, pictures, matching, [refined[i].covariance for i in kept])
+    for i, picture in zip(found.used, found.pictures):
+        pictures[i] = picture
+        refined[kept[i]] = replace(refined[kept[i]], picture=picture)
+    warnings += [f"left out: {reason}" for reason in found.left_out.values()]
+    timing_s["match"] = time.perf_counter() - started
+
+    started = time.perf_counter()
+    progress("map", 2, 3)
+    cloud = _cloud(reference, found)
+    if not len(cloud):
+        raise MatchingError(f"no pixel of {reference.name} has a depth that can be relied on: too little texture")
+    configurations = [given.configurations[i].configuration for i in kept]
+    pairs = _pairs(configurations, given.kind == "session", reference, pictures, found, options)
+    timing_s["fuse"] = time.perf_counter() - started
+    progress("map", 3, 3)
+    view = Reference(
+        reference.name, reference.stamp_s, reference.vehicle, reference.image, reference.camera, reference.T_home_cam
+    )
+    images = _images(reference, others, refined)
+    return MapResult("joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings)
+
+
+def choose_pictures(configurations: List[ConfigurationInput]) -> Tuple[Picture, List[Picture]]:
+    """One reference picture for all, and one other of each configuration, each from the middle of its recording.
+
+    The scene stands still while vehicles move from one configuration to the next, and every picture has its own pose:
+    there is no need for a reference picture of each configuration.
+    """
+    references = configurations[0].references
+    reference = references[len(references) // 2]
+    return reference, [c.others[len(c.others) // 2] for c in configurations]
+
+
+def _refine(reference: Picture, others: List[Picture], options: JointOptions, warnings: List[str]):
+    if options.refine_poses:
+        refinement = refine(reference, others, options.refinement)
+        warnings += refinement.warnings
+        return refinement.others
+    prior = options.refinement.prior
+    unrefined = []
+    for o in others:
+        distance_m = float(np.linalg.norm(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
+        sigmas = np.repeat([prior.rotation_rad, prior.position_sigma_m(distance_m)], 3)
+        nan = float("nan")
+        unrefined.append(
+            RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, np.diag(sigmas**2))
+        )  # fmt: skip
+    return unrefined
+
+
+def _fit_to_match(refined: List[RefinedPicture], warnings: List[str]) -> List[int]:
+    """Pictures that refinement refused lie pixels away from the others: they are left out where others serve."""
+    if not any(r.refined for r in refined):
+        return list(range(len(refined)))
+    kept = []
+    for i, r in enumerate(refined):
+        rotation_rad = float(np.sqrt(np.max(np.diag(r.covariance)[:3])))
+        off_px = r.picture.camera.fx * rotation_rad
+        if r.refined or off_px <= _MOST_POSE_PX:
+            kept.append(i)
+        else:
+            warnings.append(f"left out: {r.picture.name}: its pose is only known to {off_px:.1f} px ({r.reason})")
+    return kept
+
+
+def _cloud(reference: Picture, found: JointDepth) -> Cloud:
+    known = np.isfinite(found.depth)
+    points_cam = points_from_depth(found.depth, reference.camera.K)[known]
+    points_home = points_cam @ reference.T_home_cam[:3, :3].T + reference.T_home_cam[:3, 3]
+    image = reference.image if reference.image.ndim == 3 else np.repeat(reference.image[..., None], 3, axis=2)
+    strongest = found.strongest[known].astype(np.uint8)
+    return Cloud(points_home.astype(np.float32), image[known], found.sigma[known], strongest)
+
+
+def _pairs(
+    configurations: List[Configuration], level: bool, reference: Picture, others: List[Picture], found: JointDepth,
+    options: JointOptions,
+):  # fmt: skip
+    pairs = []
+    for bit, i in enumerate(found.used):
+        configuration = configurations[i]
+        agrees = found.agrees(bit)
+        depth = np.where(agrees, found.depth, np.nan).astype(np.float32)
+        near_m = nearest_useful_m(found.depth, agrees, found.fine.residuals.seen[bit] > 0)
+        far_m = farthest(max(configuration.baseline_m, 1e-6), reference.camera.fx, options.threshold)
+        pairs.append(JointPair(configuration, reference, others[i], depth, (min(near_m, far_m), far_m), level))
+    return pairs
+
+
+def _images(reference: Picture, others: List[Picture], refined: List[RefinedPicture]) -> List[ImageEntry]:
+    def entry(p: Picture, prior, **found) -> ImageEntry:
+        return ImageEntry(p.name, p.vehicle, p.stamp_s, p.T_home_cam, prior, **found)
+
+    images = {reference.name: entry(reference, reference.T_home_cam)}
+    for o, r in zip(others, refined):
+        rms = r.epipolar_after_px if np.isfinite(r.epipolar_after_px) else None
+        found = entry(r.picture, o.T_home_cam, refined=r.refined, inliers=r.inliers, epipolar_rms_px=rms)
+        images.setdefault(o.name, found)
+    return list(images.values())

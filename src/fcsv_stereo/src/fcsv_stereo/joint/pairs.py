@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each pair contributed to a joint map: its share, its useful range, and its rectified view when asked for."""
+
+from functools import cached_property
+from typing import List, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_stereo.inputs import Picture
+from fcsv_stereo.rectify import RectifiedPair, bouguet, home
+from fcsv_stereo.result import Configuration
+
+_BINS_PER_DOUBLING = 4
+_LEAST_SHARE = 0.6  # of a pair's usual agreement: below it the pair stops being useful
+_LEAST_PIXELS = 200
+
+
+class JointPair:
+    """Stands where a ``PairResult`` does; rectified pictures and disparity are made when they are looked at.
+
+    ``depth`` is the joint depth (HxW float32, m, NaN) where this pair agrees with it. ``disparity`` is that depth seen
+    in the rectified view: px along the pair's axis.
+    """
+
+    def __init__(
+        self, configuration: Configuration, reference: Picture, other: Picture, depth: np.ndarray,
+        effective_range_m: Tuple[float, float], level: bool,
+    ):  # fmt: skip
+        self.configuration = configuration
+        self.depth = depth
+        self.effective_range_m = effective_range_m
+        self.match_rate = float(np.isfinite(depth).mean())
+        self.reference_name, self.other_name = reference.name, other.name
+        self.candidates: List[Tuple[str, float]] = [(other.name, self.match_rate)]
+        self.T_home_cam_reference, self.T_home_cam_other = reference.T_home_cam, other.T_home_cam
+        self._pictures = reference, other
+        self._level = level
+
+    @cached_property
+    def _rectified(self) -> RectifiedPair:
+        return (home if self._level else bouguet)(*self._pictures, self.configuration.axis)
+
+    @property
+    def reference_rectified(self) -> np.ndarray:
+        """HxWx3 uint8 RGB."""
+        return self._rectified.reference
+
+    @property
+    def other_rectified(self) -> np.ndarray:
+        """HxWx3 uint8 RGB."""
+        return self._rectified.other
+
+    @cached_property
+    def disparity(self) -> np.ndarray:
+        """HxW float32 (px, NaN where none) in the rectified view."""
+        pair, reference = self._rectified, self._pictures[0]
+        R_cam_rect = reference.T_home_cam[:3, :3].T @ pair.R_home_rect
+        height, width = self.depth.shape
+        u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(pair.K_reference).T
+        seen = rays @ R_cam_rect.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2]
+        camera = reference.camera
+        maps = [m.astype(np.float32) for m in (camera.fx * x + camera.cx, camera.fy * y + camera.cy)]
+        depth = cv2.remap(self.depth, *maps, cv2.INTER_NEAREST, borderValue=float("nan"))
+        points = rays * (depth / seen[..., 2])[..., None] - pair.p_rect_other_m
+        i = pair.axis_index
+        with np.errstate(divide="ignore", invalid="ignore"):
+            projected = pair.K_other[i, i] * points[..., i] / points[..., 2] + pair.K_other[i, 2]
+        return ((u, v)[i] - projected).astype(np.float32)
+
+
+def nearest_useful_m(depth: np.ndarray, agrees: np.ndarray, sees: np.ndarray) -> float:
+    """The depth (m) below which a pair's matches stop agreeing with the joint map, from the evidence.
+
+    ``agrees`` and ``sees`` are HxW bool. In bands of depth (with their neighbours, lest one object decides) the share
+    of the map's pixels that the pair agrees with is held against its usual share; what it does not see is lost too.
+    What the thesis left open beside equation 3.1's farthest depth.
+    """
+    known = np.isfinite(depth)
+    if not known.any():
+        return 0.0
+    low, high = np.log2(np.percentile(depth[known], [0.5, 99.5]))
+    count = max(2, int(np.ceil((high - low) * _BINS_PER_DOUBLING)))
+    edges = np.exp2(np.linspace(low, high, count + 1))
+    of, agreeing = (np.histogram(depth[m], edges)[0] for m in (known, known & agrees & sees))
+    of, agreeing = (np.convolve(x, np.ones(3))[1:-1] for x in (of, agreeing))
+    enough = of >= _LEAST_PIXELS
+    if not enough.any():
+        return float(edges[-1])
+    share = agreeing / np.maximum(of, 1.0)
+    usual = np.percentile(share[enough], 75)
+    failing = np.flatnonzero(enough & (share < _LEAST_SHARE * usual) & (np.arange(count) < np.argmax(share * enough)))
+    return float(edges[failing[-1] + 1]) if failing.size else float(edges[0])

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sub-pixel inverse depth: planes fitted to small surroundings, straight to the pictures' differences."""
+
+import numpy as np
+from numba import njit
+
+_RADIUS = 3
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance, spread):
+    """One Gauss-Newton step of a plane of inverse depth about every pixel of rows y0 to y1.
+
+    ``information`` and ``push`` (HxW) are the sums over the pairs of weight slope^2 and weight slope difference: pixel
+    q asks for ``w_q + push/information``. Only pixels whose ``w`` is within ``tau`` of the centre's take part: others
+    are of another surface. ``residual`` is the weighted squared difference. Into ``out`` the plane's value at the
+    centre, into ``variance`` its variance (1/m^2) for the residuals found, into ``spread`` the rms of its surroundings.
+    """
+    height, width = w.shape
+    for y in range(y0, y1):
+        for x in range(width):
+            m00 = m10 = m01 = m20 = m11 = m02 = np.float32(0.0)
+            b0 = b1 = b2 = np.float32(0.0)
+            energy = weight = count = np.float32(0.0)
+            off = np.float32(0.0)
+            centre, limit = w[y, x], tau[y, x]
+            for r in range(max(y - _RADIUS, 0), min(y + _RADIUS + 1, height)):
+                for c in range(max(x - _RADIUS, 0), min(x + _RADIUS + 1, width)):
+                    step = w[r, c] - centre
+                    if abs(step) > limit:
+                        continue
+                    dx, dy = np.float32(c - x), np.float32(r - y)
+                    a = information[r, c] + prior[r, c]
+                    b = a * step + push[r, c]
+                    m00 += a
+                    m10 += a * dx
+                    m01 += a * dy
+                    m20 += a * dx * dx
+                    m11 += a * dx * dy
+                    m02 += a * dy * dy
+                    b0 += b
+                    b1 += b * dx
+                    b2 += b * dy
+                    energy += residual[r, c]
+                    weight += information[r, c]
+                    off += step * step
+                    count += np.float32(1.0)
+            # a little stiffness of the slope: windows of one row or a few pixels have none of their own
+            stiff = np.float32(0.05) * m00
+            m20 += stiff
+            m02 += stiff
+            c00 = m20 * m02 - m11 * m11
+            c01 = m11 * m01 - m10 * m02
+            c02 = m10 * m11 - m20 * m01
+            det = m00 * c00 + m10 * c01 + m01 * c02
+            shift = (c00 * b0 + c01 * b1 + c02 * b2) / max(det, np.float32(1e-30))
+            out[y, x] = centre + min(max(shift, -limit), limit)
+            variance[y, x] = c00 / max(det, np.float32(1e-30)) * (energy / max(count, np.float32(1.0)))
+            spread[y, x] = np.sqrt(off / max(count, np.float32(1.0)))

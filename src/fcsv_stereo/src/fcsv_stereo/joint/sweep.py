@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The geometry of the plane sweep: how pixels of the reference move in the other pictures with inverse depth."""
+
+from dataclasses import dataclass
+from typing import List, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.inputs import Picture
+
+LEAST_SEEN = 0.3  # share of the reference picture that a pair must see at an inverse depth for it to count there
+
+
+@dataclass(frozen=True)
+class Views:
+    """Grey pictures at one scale and how they see the reference's pixels.
+
+    ``reference`` is HxW float32; ``others`` NxHoxWo float32 (the largest size, ``sizes`` Nx2 holds each one's height
+    and width). ``projections`` is Nx12 float32: a 3x3 matrix A by rows and a vector b, so that the reference's pixel
+    (u, v) at inverse depth w (1/m) is at ``A @ [u, v, 1] + w b`` (homogeneous) in the other picture.
+    """
+
+    reference: np.ndarray
+    others: np.ndarray
+    sizes: np.ndarray
+    projections: np.ndarray
+
+    @property
+    def shape(self) -> Tuple[int, int]:
+        return self.reference.shape
+
+    def __len__(self) -> int:
+        return len(self.others)
+
+
+def grey(picture: Picture) -> np.ndarray:
+    """HxW float32, 0 to 255."""
+    if picture.image.ndim == 2:
+        return picture.image.astype(np.float32)
+    return cv2.cvtColor(picture.image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+
+def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Sequence[np.ndarray]) -> Views:
+    """At ``scale`` of the full size; ``greys`` are the full-size grey pictures, the reference's first."""
+    small = [_resize(g, scale) for g in greys]
+    shape = np.max([g.shape for g in small[1:]], axis=0)
+    stack = np.zeros((len(others), *shape), np.float32)
+    for s, g in zip(stack, small[1:]):
+        s[: g.shape[0], : g.shape[1]] = g
+    K = scaled_camera(reference.camera, small[0].shape)
+    projections = [
+        projection(reference, o, K, scaled_camera(o.camera, g.shape)) for o, g in zip(others, small[1:])
+    ]  # fmt: skip
+    sizes = np.array([g.shape for g in small[1:]], np.int64).reshape(-1, 2)
+    return Views(small[0], stack, sizes, np.array(projections, np.float32).reshape(-1, 12))
+
+
+def projection(reference: Picture, other: Picture, K_reference: np.ndarray, K_other: np.ndarray) -> np.ndarray:
+    """(12,) A and b of ``Views.projections``, from the relative pose."""
+    T_other_ref = transforms.invert(other.T_home_cam) @ reference.T_home_cam
+    A = K_other @ T_other_ref[:3, :3] @ np.linalg.inv(K_reference)
+    return np.concatenate([A.ravel(), K_other @ T_other_ref[:3, 3]])
+
+
+def inverse_depths(found: Views, step_px: float, most: int, nearest: float = np.inf) -> np.ndarray:
+    """(D,) float32 inverse depths (1/m) from 0, such that the fastest pair in view moves by at most ``step_px``.
+
+    None is above ``nearest`` (1/m). Steps are widened where there would be more than ``most``. Inverse depths that no
+    pair sees are left out.
+    """
+    grid = _grid(found.shape)
+    tops = [_top(p, grid, s) for p, s in zip(found.projections, found.sizes)]
+    top = min(max(tops), nearest)
+    if top <= 0:
+        return np.zeros(1, np.float32)
+    samples = top * np.linspace(0.0, 1.0, 192) ** 2
+    rate = np.max([_rate(p, grid, s, samples) for p, s in zip(found.projections, found.sizes)], axis=0)
+    moved = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(samples))])
+    count = int(np.clip(np.ceil(moved[-1] / step_px), 2, most))
+    return np.interp(np.linspace(0.0, moved[-1], count + 1), moved, samples).astype(np.float32)
+
+
+def seen_share(found: Views, w: float) -> List[float]:
+    """Share of the reference picture that each pair sees at inverse depth w."""
+    grid = _grid(found.shape)
+    return [float(_inside(_project(p, grid, w), s).mean()) for p, s in zip(found.projections, found.sizes)]
+
+
+def epipolar_directions(found: Views) -> np.ndarray:
+    """(N,2) unit vectors: where the middle of the reference picture moves in each pair as it comes nearer."""
+    middle = np.array([[(found.shape[1] - 1) / 2], [(found.shape[0] - 1) / 2], [1.0]])
+    out = np.zeros((len(found), 2))
+    for d, p in zip(out, found.projections.astype(float)):
+        q = p[:9].reshape(3, 3) @ middle[:, 0]
+        motion = p[9:11] * q[2] - q[:2] * p[11]
+        d[:] = motion / max(np.linalg.norm(motion), 1e-12)
+    return out
+
+
+def _resize(image: np.ndarray, scale: float) -> np.ndarray:
+    if scale == 1.0:
+        return image
+    size = [max(1, int(round(n * scale))) for n in image.shape[::-1]]
+    return cv2.resize(image, tuple(size), interpolation=cv2.INTER_AREA)
+
+
+def scaled_camera(camera: PinholeCamera, shape: Tuple[int, int]) -> np.ndarray:
+    """K of the resized picture; pixel centres at whole numbers."""
+    sx, sy = shape[1] / camera.width, shape[0] / camera.height
+    return np.array([
+        [camera.fx * sx, 0.0, (camera.cx + 0.5) * sx - 0.5], [0.0, camera.fy * sy, (camera.cy + 0.5) * sy - 0.5],
+        [0.0, 0.0, 1.0],
+    ])  # fmt: skip
+
+
+def _grid(shape: Tuple[int, int]) -> np.ndarray:
+    u, v = np.meshgrid(np.linspace(0, shape[1] - 1, 17), np.linspace(0, shape[0] - 1, 13))
+    return np.stack([u.ravel(), v.ravel(), np.ones(u.size)])
+
+
+def _project(p: np.ndarray, grid: np.ndarray, w) -> np.ndarray:
+    """(..., 2, n) pixels in the other picture, NaN behind it."""
+    w = np.asarray(w, float)
+    q = p[:9].reshape(3, 3) @ grid + w[..., None, None] * p[9:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        uv = q[..., :2, :] / q[..., 2:, :]
+        return np.where(q[..., 2:, :] > 1e-9, uv, np.nan)
+
+
+def _inside(uv: np.ndarray, size: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore"):
+        x, y = uv[..., 0, :], uv[..., 1, :]
+        return (x >= 0) & (x <= size[1] - 1) & (y >= 0) & (y <= size[0] - 1)
+
+
+def _top(p: np.ndarray, grid: np.ndarray, size: np.ndarray) -> float:
+    """The largest inverse depth at which the pair still sees enough of the picture."""
+    length = np.linalg.norm(p[9:]) / max(np.linalg.norm(p[:9].reshape(3, 3), 2), 1e-12)
+    if length <= 0:
+        return 0.0
+    # p[9:] is K t: in units of pixels times metres; a point nearer than half the baseline is no stereo
+    top = 2.0 * size.max() / np.linalg.norm(p[9:])
+    w = top * np.linspace(0.0, 1.0, 128)
+    enough = _inside(_project(p, grid, w), size).mean(axis=-1) >= LEAST_SEEN
+    return float(w[enough].max()) if enough.any() else 0.0
+
+
+def _rate(p: np.ndarray, grid: np.ndarray, size: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Pixels per unit of inverse depth that the pair's faster grid points move, 0 where it sees too little."""
+    uv = _project(p, grid, w)
+    dw = 1e-4 * w[-1]
+    speed = np.linalg.norm(_project(p, grid, w + dw) - uv, axis=-2) / dw
+    inside = _inside(uv, size) & np.isfinite(speed)
+    fast = np.array([np.percentile(s[i], 90) if i.any() else 0.0 for s, i in zip(speed, inside)])
+    return np.where(inside.mean(axis=-1) >= LEAST_SEEN, fast, 0.0)

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Uniqueness: two places of the reference picture cannot both be what one place of another picture shows."""
+
+import numpy as np
+from numba import njit
+
+from fcsv_stereo.joint.photometric import Residuals
+from fcsv_stereo.joint.sweep import Views
+
+_TOLERANCE = 0.06  # of inverse depth: the same surface
+
+
+def consistent(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
+    """HxW bool: whether in some pair that sees it no place of another depth matches the same pixel better.
+
+    A surface that was stretched into what it hides is told from what hides it: both land on the same pixels.
+    """
+    out = np.zeros(found.shape, np.bool_)
+    for i in range(len(found)):
+        _claim(w, found.projections[i], found.sizes[i], r.trust[i], r.seen[i], np.float32(_TOLERANCE), out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _claim(w, p, size, trust, seen, tolerance, out):
+    height, width = w.shape
+    best = np.full((size[0], size[1]), np.float32(-1.0))
+    winner = np.zeros((size[0], size[1]), np.float32)
+    for turn in range(2):
+        for v in range(height):
+            for u in range(width):
+                if seen[v, u] < 0.5:
+                    continue
+                z = p[6] * u + p[7] * v + p[8] + w[v, u] * p[11]
+                x = int((p[0] * u + p[1] * v + p[2] + w[v, u] * p[9]) / z + 0.5)
+                y = int((p[3] * u + p[4] * v + p[5] + w[v, u] * p[10]) / z + 0.5)
+                if x < 0 or y < 0 or x >= size[1] or y >= size[0]:
+                    continue
+                if turn == 0:
+                    if trust[v, u] > best[y, x]:
+                        best[y, x], winner[y, x] = trust[v, u], w[v, u]
+                elif abs(winner[y, x] - w[v, u]) <= tolerance * max(winner[y, x], w[v, u]):
+                    out[v, u] = True

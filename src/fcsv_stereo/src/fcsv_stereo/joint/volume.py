@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cost volume: how little the reference and the other pictures agree, per pixel and inverse depth.
+
+Every other picture is warped onto the reference for every plane of inverse depth (plane sweep; Collins 1996), so that
+its census code (Zabih and Woodfill 1994) is taken at sub-pixel places and for any relative pose. All pairs speak in
+one volume (Okutomi and Kanade 1993); each pair's cost is cut off, so that one that is occluded cannot outvote others.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numba import njit
+
+from fcsv_stereo.joint.bits import differing_bits, or_if
+from fcsv_stereo.joint.sweep import Views
+
+RADIUS = 4
+#: (dy, dx) that the centre is compared with: 5x5, and eight further out.
+OFFSETS = np.array(
+    [(y, x) for y in range(-2, 3) for x in range(-2, 3) if (y, x) != (0, 0)]
+    + [(-4, 0), (4, 0), (0, -4), (0, 4), (-3, -3), (-3, 3), (3, -3), (3, 3)],
+    np.int64,
+)
+CUT = 16.0  # bits of 32, after weighing: half of them differ between unrelated places
+UNSEEN = 9.0  # bits that a pair counts with where it does not see the point: more than a match, less than none
+POWER = 1.0
+_SCALE = 10.0  # volume units per bit
+NOISE = 1.5  # grey levels: smaller steps are no texture
+_BAND = 40
+_BLOCK = 32
+
+
+def cost_volume(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
+    """HxWxD uint8, tenths of bits: the cost of every inverse depth ``w`` (1/m) at every pixel.
+
+    The pairs' costs are sorted and the better ones weigh more (4, 3, 2, 1 of four): where some are occluded, the rest
+    decides.
+    """
+    height, width = found.shape
+    volume = np.empty((height, width, len(w)), np.uint8)
+    codes = census(found.reference)
+    weights = pair_weights(len(found))
+    bands = [(y, min(y + _BAND, height)) for y in range(0, height, _BAND)]
+
+    def run(band):
+        _sweep_band(
+            codes, found.others, found.sizes, found.projections, w, OFFSETS, weights, np.float32(UNSEEN), *band, volume
+        )
+
+    list(pool.map(run, bands))
+    return volume
+
+
+def pair_weights(pairs: int) -> np.ndarray:
+    """(N,) float32 weights of the pairs' costs from the best to the worst at a pixel; their sum is 1."""
+    weights = np.arange(pairs, 0, -1, dtype=np.float64) ** POWER
+    return (weights / weights.sum()).astype(np.float32)
+
+
+def census(image: np.ndarray) -> np.ndarray:
+    """HxW uint32 census codes of a float32 picture; its border is repeated."""
+    padded = np.pad(image, RADIUS, mode="edge")
+    codes = np.zeros(image.shape, np.uint32)
+    for y in range(image.shape[0]):
+        _census_row(padded, y + RADIUS, OFFSETS, codes[y])
+    return codes
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _census_row(padded, row, offsets, codes):
+    width = codes.shape[0]
+    centre = padded[row, RADIUS : RADIUS + width]
+    codes[:] = np.uint32(0)
+    bit = np.uint32(1)
+    for k in range(offsets.shape[0]):
+        near = padded[row + offsets[k, 0], RADIUS + offsets[k, 1] : RADIUS + offsets[k, 1] + width]
+        for x in range(width):
+            codes[x] = or_if(codes[x], near[x] > centre[x] + np.float32(NOISE), bit)
+        bit = np.uint32(bit << 1)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _warp_row(image, size, p, w, v, u0, out, seen):
+    """A row of the reference's pixels (u0 on, at height v) sampled from another picture at inverse depth w."""
+    height, width = np.float32(size[0] - 1), np.float32(size[1] - 1)
+    zero, one = np.float32(0.0), np.float32(1.0)
+    x0 = p[1] * v + p[2] + w * p[9]
+    y0 = p[4] * v + p[5] + w * p[10]
+    z0 = p[7] * v + p[8] + w * p[11]
+    for i in range(out.shape[0]):
+        u = np.float32(u0 + i)
+        z = p[6] * u + z0
+        inverse = one / max(z, np.float32(1e-9))
+        x = (p[0] * u + x0) * inverse
+        y = (p[3] * u + y0) * inverse
+        seen[i] = one if (z > zero and x >= zero and x <= width and y >= zero and y <= height) else zero
+        x = min(max(x, zero), width)
+        y = min(max(y, zero), height)
+        xi, yi = np.int32(x), np.int32(y)
+        fx, fy = x - np.float32(xi), y - np.float32(yi)
+        xj = min(xi + 1, size[1] - 1)
+        yj = min(yi + 1, size[0] - 1)
+        top = image[yi, xi] + fx * (image[yi, xj] - image[yi, xi])
+        low = image[yj, xi] + fx * (image[yj, xj] - image[yj, xi])
+        out[i] = top + fy * (low - top)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _insert(ranked, count, costs):
+    """A row of costs into ``count`` sorted ones."""
+    for j in range(count):
+        row = ranked[j]
+        for x in range(costs.shape[0]):
+            low, high = min(row[x], costs[x]), max(row[x], costs[x])
+            row[x] = low
+            costs[x] = high
+    ranked[count, :] = costs
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _weigh(ranked, weights, total):
+    """Mean of sorted costs, the better ones weighing more."""
+    total[:] = np.float32(0.0)
+    for j in range(ranked.shape[0]):
+        for x in range(total.shape[0]):
+            total[x] += weights[j] * ranked[j, x]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _sweep_band(reference, others, sizes, projections, w, offsets, weights, unseen, y0, y1, volume):
+    width = reference.shape[1]
+    rows = y1 - y0
+    pairs = others.shape[0]
+    warped = np.empty((rows + 2 * RADIUS, width + 2 * RADIUS), np.float32)
+    seen = np.empty((rows + 2 * RADIUS, width + 2 * RADIUS), np.float32)
+    codes = np.empty(width, np.uint32)
+    costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
+    ranked = np.empty((rows, pairs, width), np.float32)
+    block = np.empty((rows, width, _BLOCK), np.uint8)
+    for k0 in range(0, w.shape[0], _BLOCK):
+        k1 = min(k0 + _BLOCK, w.shape[0])
+        for k in range(k0, k1):
+            for i in range(pairs):
+                for r in range(rows + 2 * RADIUS):
+                    v = np.float32(y0 - RADIUS + r)
+                    _warp_row(others[i], sizes[i], projections[i], w[k], v, -RADIUS, warped[r], seen[r])
+                for r in range(rows):
+                    _census_row(warped, r + RADIUS, offsets, codes)
+                    inside = seen[r + RADIUS, RADIUS : RADIUS + width]
+                    for x in range(width):
+                        bits = differing_bits(codes[x], reference[y0 + r, x])
+                        costs[x] = bits if inside[x] > np.float32(0.5) else unseen
+                    _insert(ranked[r], i, costs)
+            for r in range(rows):
+                _weigh(ranked[r], weights, total)
+                for x in range(width):
+                    block[r, x, k - k0] = np.uint8(min(total[x], np.float32(CUT)) * np.float32(_SCALE))
+        for r in range(rows):
+            for x in range(width):
+                for k in range(k1 - k0):
+                    volume[y0 + r, x, k0 + k] = block[r, x, k]

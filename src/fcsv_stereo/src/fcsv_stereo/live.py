@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map that grows in flight: pictures, recording windows and frames as they come in; what can be mapped so far."""
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Deque, Dict, List, Optional, Sequence
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.inputs import FLOWN, ConfigurationInput, MapInput, Picture
+from fcsv_stereo.result import Configuration, MapResult
+
+
+@dataclass(frozen=True)
+class LivePicture:
+    """A picture as it came over the link: JPEG of the distorted picture, and T_odom_cam at its stamp."""
+
+    vehicle: str
+    stamp_s: float
+    jpeg: bytes
+    camera: PinholeCamera
+    T_odom_cam: np.ndarray
+
+    @cached_property
+    def image(self) -> np.ndarray:
+        """Undistorted (H,W,3) uint8 RGB, made once: a map takes it again with every configuration that comes.
+
+        Raises InputError where it is no picture of its camera.
+        """
+        bgr = cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR) if self.jpeg else None
+        size = (self.camera.height, self.camera.width)
+        if bgr is None or bgr.shape[:2] != size:
+            found = "is not a JPEG" if bgr is None else f"is {bgr.shape[1]}x{bgr.shape[0]}, not {size[1]}x{size[0]}"
+            raise InputError(f"picture of {self.vehicle} at {self.stamp_s:.3f} {found}")
+        return self.camera.undistort(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
+
+    def picture(self, T_home_odom: np.ndarray) -> Picture:
+        """With its pose in home. Raises like image."""
+        name = f"{self.vehicle}/{self.stamp_s:.3f}"
+        T_home_cam = T_home_odom @ self.T_odom_cam
+        return Picture(name, self.vehicle, self.stamp_s, self.image, self.camera.undistorted(), T_home_cam)
+
+
+@dataclass(frozen=True)
+class Window:
+    """The recording of one configuration: pictures with start_s <= stamp <= stop_s."""
+
+    index: int
+    configuration: Configuration
+    reference: str
+    vehicle: str
+    start_s: float
+    stop_s: float
+
+    def holds(self, stamp_s: float) -> bool:
+        """Whether a stamp belongs to it."""
+        return self.start_s <= stamp_s <= self.stop_s
+
+
+@dataclass
+class LiveSession:
+    """What is known so far. ``most_pictures`` of a vehicle are kept outside of windows, and all inside."""
+
+    most_pictures: int = 60
+    T_home_odom: Dict[str, np.ndarray] = field(default_factory=dict)
+    windows: Dict[int, Window] = field(default_factory=dict)
+    _newest: Dict[str, Deque[LivePicture]] = field(default_factory=dict)
+    _kept: Dict[int, Dict[str, List[LivePicture]]] = field(default_factory=dict)
+
+    def add_picture(self, picture: LivePicture) -> None:
+        """A picture came; those of a window may come before or after its end is said."""
+        newest = self._newest.setdefault(picture.vehicle, deque(maxlen=self.most_pictures))
+        newest.append(picture)
+        for window in self.windows.values():
+            if picture.vehicle in (window.reference, window.vehicle) and window.holds(picture.stamp_s):
+                self._keep(window, picture)
+
+    def add_window(self, window: Window) -> None:
+        """A recording ended; said again with the same index it is replaced."""
+        self.windows[window.index] = window
+        self._kept[window.index] = {}
+        for vehicle in (window.reference, window.vehicle):
+            for picture in self._newest.get(vehicle, ()):
+                if window.holds(picture.stamp_s):
+                    self._keep(window, picture)
+
+    def complete(self, index: int) -> bool:
+        """Whether both vehicles' pictures of a window have come."""
+        return len(self._kept.get(index, {})) == 2
+
+    def missing(self) -> List[str]:
+        """One line for each window that cannot be mapped yet."""
+        lines = []
+        for index, window in sorted(self.windows.items()):
+            absent = [v for v in (window.reference, window.vehicle) if v not in self._kept[index]]
+            if absent:
+                lines.append(f"configuration '{window.configuration.name}': no picture of {', '.join(absent)} yet")
+        return lines
+
+    def inputs(self, most_per_vehicle: int = 3) -> MapInput:
+        """All windows that are complete, the middle ``most_per_vehicle`` pictures of each; broken ones are named.
+
+        Raises InputError where there is none, or where a vehicle's place in home is not known.
+        """
+        configurations, problems = [], self.missing()
+        for index, window in sorted(self.windows.items()):
+            if not self.complete(index):
+                continue
+            sides = [self._middle(index, v, most_per_vehicle, problems) for v in (window.reference, window.vehicle)]
+            if all(sides):
+                configurations.append(ConfigurationInput(window.configuration, *sides))
+        if not configurations:
+            raise InputError("; ".join(["no configuration has pictures of both vehicles yet", *problems]))
+        return MapInput("session", configurations, None, problems, FLOWN)
+
+    def newest(
+        self, reference: str, others: Sequence[str], apart_s: float, after_s: float = float("-inf")
+    ) -> Optional[MapInput]:
+        """For monitoring (3.6): the newest pictures of vehicles that hold, one pair for each of ``others``.
+
+        None while there is no picture of the reference after ``after_s`` of which every other vehicle has one within
+        ``apart_s``. Raises InputError.
+        """
+        for anchor in reversed(self._newest.get(reference, ())):
+            chosen = [_nearest(self._newest.get(v, ()), anchor.stamp_s, apart_s) for v in others]
+            if anchor.stamp_s > after_s and all(c is not None for c in chosen):
+                break
+        else:
+            return None
+        first = self._posed(anchor)
+        pairs = []
+        for other in (self._posed(c) for c in chosen):
+            configuration = _configuration(first, other)
+            pairs.append(ConfigurationInput(configuration, [first], [other]))
+        return MapInput("session", pairs, prior=FLOWN)
+
+    def _keep(self, window: Window, picture: LivePicture) -> None:
+        kept = self._kept[window.index].setdefault(picture.vehicle, [])
+        if all(picture.stamp_s != p.stamp_s for p in kept):
+            kept.append(picture)
+            kept.sort(key=lambda p: p.stamp_s)
+
+    def _middle(self, index: int, vehicle: str, most: int, problems: List[str]) -> List[Picture]:
+        kept = self._kept[index][vehicle]
+        first = max(0, (len(kept) - most) // 2)
+        T_home_odom = self._T_home_odom_of(vehicle)
+        pictures = []
+        for picture in kept[first : first + most]:
+            try:
+                pictures.append(picture.picture(T_home_odom))
+            except InputError as error:
+                problems.append(f"left out: {error}")
+        return pictures
+
+    def _posed(self, picture: LivePicture) -> Picture:
+        return picture.picture(self._T_home_odom_of(picture.vehicle))
+
+    def _T_home_odom_of(self, vehicle: str) -> np.ndarray:
+        if vehicle not in self.T_home_odom:
+            raise InputError(f"where {vehicle} is in home is not known: calibrate, then set home")
+        return self.T_home_odom[vehicle]
+
+
+class Corrections:
+    """What refinement found of each vehicle's place, for later pictures of vehicles that hold.
+
+    What is wrong with a flown pose is where its odometry frame lies in home (calibration and drift), which changes
+    slowly; the odometry follows the airframe's vibration by itself: T_home_cam = C T_home_cam_prior.
+    """
+
+    def __init__(self):
+        self._C: Dict[str, np.ndarray] = {}
+
+    def learn(self, result: MapResult) -> None:
+        """From a map whose poses were refined."""
+        for image in result.images:
+            if image.refined:
+                self._C[image.vehicle] = image.T_home_cam @ transforms.invert(image.prior_T_home_cam)
+
+    def know(self, given: MapInput) -> bool:
+        """Whether every other vehicle's correction is known."""
+        return all(p.vehicle in self._C for c in given.configurations for p in c.others)
+
+    def apply(self, given: MapInput) -> MapInput:
+        """The same input with better poses."""
+        better = [
+            replace(c, others=[replace(p, T_home_cam=self._C[p.vehicle] @ p.T_home_cam) for p in c.others])
+            for c in given.configurations
+        ]
+        return replace(given, configurations=better)
+
+
+def _nearest(pictures, stamp_s: float, apart_s: float) -> Optional[LivePicture]:
+    near = [p for p in pictures if abs(p.stamp_s - stamp_s) <= apart_s]
+    return min(near, key=lambda p: abs(p.stamp_s - stamp_s)) if near else None
+
+
+def _configuration(reference: Picture, other: Picture) -> Configuration:
+    """Named after where the other camera is in the reference's picture plane."""
+    p_cam = reference.T_home_cam[:3, :3].T @ (other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3])
+    axis = "horizontal" if abs(p_cam[0]) >= abs(p_cam[1]) else "vertical"
+    baseline_m = float(np.linalg.norm(p_cam))
+    return Configuration(axis, baseline_m, 0.0, f"{other.vehicle}, {axis} {baseline_m:.1f} m")

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``rosrun fcsv_stereo plan --range-m 400 --error 10% ...``."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import List, Optional
+
+import numpy as np
+
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.errors import FcsvError
+from fcsv_stereo.equations import parse_threshold
+from fcsv_stereo.errors import OutputError, PlanError
+from fcsv_stereo.planning.mission import MIN_SEPARATION_M, map_arguments, mission_document, write_mission
+from fcsv_stereo.planning.plan import Plan, PlanRequest, make_plan
+
+_EXAMPLES = """examples:
+  plan --range-m 400 --error 10%                                      four baselines by equations 3.2 and 3.3
+  plan --range-m 400 --error 10% --baselines 2 4 6 8                  by hand (3.2): trim points 120, 240, 360 m
+  plan --range-m 40 --error 0.5 --number 3 --figures out/plan         the example of figure 3.7
+  plan --range-m 120 --error 10% --baselines 2 4 6 8 --trim 30 60 90 120 --mission my.yaml
+"""
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """Exit status 0 with a table, 2 with one line on stderr that says what is wrong; then nothing is written."""
+    args = _parser().parse_args(argv)
+    try:
+        plan = make_plan(_request(args))
+        document = mission_document(plan, args.name, args.record_s, args.min_separation_m) if args.mission else None
+        print(table(plan))
+        if args.figures:
+            _write_figures(plan, Path(args.figures))
+        if document:
+            write_mission(document, Path(args.mission))
+            print(f"wrote {args.mission}; fly it with mission:={args.mission}")
+            print(f"trim its map as planned: map --method thesis {' '.join(map_arguments(plan))}")
+    except FcsvError as error:
+        print(f"plan: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def table(plan: Plan) -> str:
+    """Text: one line per configuration, then what to know before flying it."""
+    request = plan.request
+    share = f"{request.threshold.value:.4g} m"
+    if request.threshold.relative:
+        share = f"{request.threshold.value * 100:.4g} % of the distance"
+    lines = [
+        f"focal length {request.camera.fx:.1f} px, disparity error {request.disparity_error_px:g} px, accepted {share}"
+    ]
+    lines.append(f"{'axis':<11}{'baseline':>10}{'tilt':>8}{'effective range':>20}{'farthest (3.1)':>16}"
+                 f"{'error there':>13}{'views meet':>12}{'not shared near / far':>23}")  # fmt: skip
+    for b in plan.baselines:
+        span = f"{_metres(b.range_m[0])} to {_metres(b.range_m[1])} m"
+        unshared = f"{b.non_overlap[0]:.0%} / {b.non_overlap[1]:.0%}"
+        lines.append(
+            f"{b.axis:<11}{f'{b.baseline_m:.2f} m':>10}{f'{np.degrees(b.tilt_rad):.1f} deg':>8}{span:>20}"
+            f"{f'{b.farthest_m:.1f} m':>16}{f'{b.error_m:.2f} m':>13}{f'{b.overlap_starts_m:.1f} m':>12}{unshared:>23}"
+        )
+    return "\n".join([*lines, *(f"note: {n}" for n in plan.notes)])
+
+
+def _metres(z_m: float) -> str:
+    return f"{z_m:.0f}" if abs(z_m - round(z_m)) < 1e-6 else f"{z_m:.2f}"
+
+
+def _request(args) -> PlanRequest:
+    axes = ("horizontal", "vertical") if args.axis == "both" else (args.axis,)
+    return PlanRequest(
+        range_m=args.range_m, threshold=parse_threshold(args.error), camera=_camera(args), nearest_m=args.nearest_m,
+        count=args.number, baselines_m=args.baselines, trim_m=args.trim, whole=args.whole,
+        disparity_error_px=args.disparity_error_px, axes=axes, tilt_per_m_rad=float(np.radians(args.tilt_per_m_deg)),
+    )  # fmt: skip
+
+
+def _camera(args) -> PinholeCamera:
+    width, height = args.size
+    if width < 1 or height < 1 or not 1 <= args.fov_deg <= 170:
+        raise PlanError(f"--size {width} {height} --fov-deg {args.fov_deg:g} is not a camera")
+    camera = PinholeCamera.from_fov(width, height, np.radians(args.fov_deg))
+    if args.focal_px is None:
+        return camera
+    return PinholeCamera(width, height, args.focal_px, args.focal_px, camera.cx, camera.cy)
+
+
+def _write_figures(plan: Plan, folder: Path) -> None:
+    from fcsv_stereo.planning import figures  # matplotlib is slow to load, and a table needs none
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, draw in (("error_curves.png", figures.error_curves), ("segments.png", figures.segments)):
+            draw(plan).savefig(folder / name, dpi=110, bbox_inches="tight")
+            print(f"wrote {folder / name}")
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror})") from error
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="plan", description="The baselines to fly, their effective ranges, the predicted error.", epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    add = parser.add_argument
+    add("--range-m", type=float, required=True, help="largest distance (m) at which the error must hold")
+    add("--error", default="10%", help="accepted error of depth: metres (0.5), or a share of the distance (10%%)")
+    add("--nearest-m", type=float, default=0.0, help="smallest distance (m) of interest (default 0)")
+    add("--number", "-n", type=int, help="how many baselines (default 4)")
+    add("--whole", action="store_true", help="round baselines up to whole metres, trim points down to two digits (6.6)")
+    add("--baselines", type=float, nargs="+", metavar="M", help="baselines (m) by hand, instead of --number")
+    add("--trim", type=float, nargs="+", metavar="M", help="far end (m) of each baseline's range by hand")
+    add("--axis", choices=["horizontal", "vertical", "both"], default="horizontal")
+    add("--tilt-per-m-deg", type=float, default=0.0, help="inward tilt (degrees) per metre of baseline (1 in 3.5)")
+    add("--disparity-error-px", type=float, default=1.0, help="error of matching (default 1 px)")
+    add("--focal-px", type=float, help="focal length (px), instead of --fov-deg")
+    add("--fov-deg", type=float, default=56.0, help="horizontal angle of view (default 56: the D435's at 640x480)")
+    add("--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), default=[640, 480], help="picture (px)")
+    add("--figures", metavar="FOLDER", help="draw error_curves.png (figure 2.3) and segments.png (figure 3.7) there")
+    add("--mission", metavar="FILE", help="write the mission that flies this plan")
+    add("--name", default="planned", help="the mission's name")
+    add("--record-s", type=float, default=5.0, help="mission: seconds of recording at each place")
+    add("--min-separation-m", type=float, default=MIN_SEPARATION_M, help="mission: least distance between vehicles")
+    return parser

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clouds in the formats of PCL (PCD) and of laser scanning (LAZ); PLY is in output.py."""
+
+from pathlib import Path
+
+import numpy as np
+
+from fcsv_stereo.result import Cloud
+
+_LAZ_STEP_M = 0.001  # LAZ stores whole numbers of this
+_PCD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4"), ("baseline", "<u4")])
+
+
+def write_pcd(cloud: Cloud, path: Path) -> None:
+    """Binary PCD 0.7: x y z (home, m), rgb packed as PCL does, sigma (m), baseline (index of the configuration)."""
+    points = np.empty(len(cloud), _PCD_POINT)
+    for i, axis in enumerate("xyz"):
+        points[axis] = cloud.points_home_m[:, i]
+    red, green, blue = cloud.colors.astype(np.uint32).T
+    points["rgb"] = (red << 16) | (green << 8) | blue
+    points["sigma"], points["baseline"] = cloud.sigma_m, cloud.baseline_index
+    count = len(points)
+    head = (
+        "# .PCD v0.7 - frame home, metres\nVERSION 0.7\nFIELDS x y z rgb sigma baseline\nSIZE 4 4 4 4 4 4\n"
+        f"TYPE F F F U F U\nCOUNT 1 1 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\n"
+        "DATA binary\n"
+    )
+    path.write_bytes(head.encode() + points.tobytes())
+
+
+def write_laz(cloud: Cloud, path: Path) -> None:
+    """LAZ 1.4 (point format 7): x y z (home, m, to 1 mm), 16-bit colours, extra dimensions sigma (m) and baseline."""
+    import laspy  # with lazrs; only where the product is asked for
+
+    header = laspy.LasHeader(point_format=7, version="1.4")
+    header.scales = np.full(3, _LAZ_STEP_M)
+    header.offsets = np.floor(cloud.points_home_m.min(axis=0)).astype(float)
+    header.add_extra_dims(
+        [
+            laspy.ExtraBytesParams("sigma", np.float32, "standard deviation (m)"),
+            laspy.ExtraBytesParams("baseline", np.uint8, "index of configuration"),
+        ]
+    )
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = cloud.points_home_m.astype(float).T
+    las.red, las.green, las.blue = cloud.colors.T.astype(np.uint16) * 257
+    las["sigma"], las["baseline"] = cloud.sigma_m, cloud.baseline_index
+    las.write(str(path), laz_backend=laspy.LazBackend.Lazrs)

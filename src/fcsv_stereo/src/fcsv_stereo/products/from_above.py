@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The map from above: an orthophoto (PNG with world file) and a height map (GeoTIFF), both of the highest points.
+
+Map coordinates are those of home: x (forward) to the right, y (left) upwards, metres. So every GIS reads them without
+a rotation; the vehicles look to the right.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fcsv_stereo.result import Cloud
+
+_MOST_CELLS = 1500  # along the longer side
+_LEAST_CELL_M = 0.01
+_CLOSE_CELLS = 5.0  # four neighbours within so many
+_KEPT_PERCENT = (0.1, 99.9)  # of x and of y: a stray point must not make the map coarse
+_CITATION = "home of the stereo session: x forward, y left, z up, metres|"
+
+
+@dataclass(frozen=True)
+class Raster:
+    """``height`` (H,W) float32 m above home, NaN where nothing was seen; ``rgb`` (H,W,3) uint8 likewise 0.
+
+    Row 0 lies at the largest y. ``x0_m``, ``y0_m``: the outer corner of the first cell.
+    """
+
+    height: np.ndarray
+    rgb: np.ndarray
+    cell_m: float
+    x0_m: float
+    y0_m: float
+
+
+def write_from_above(cloud: Cloud, folder: Path) -> None:
+    """orthophoto.png, orthophoto.pgw, height.tif."""
+    raster = rasterize(cloud)
+    alpha = np.where(np.isfinite(raster.height), 255, 0).astype(np.uint8)
+    bgra = np.dstack([raster.rgb[..., ::-1], alpha])
+    if not cv2.imwrite(str(folder / "orthophoto.png"), bgra):
+        raise OSError("orthophoto.png was refused")
+    c = raster.cell_m
+    lines = (c, 0.0, 0.0, -c, raster.x0_m + c / 2, raster.y0_m - c / 2)
+    (folder / "orthophoto.pgw").write_text("".join(f"{v:.6f}\n" for v in lines))
+    _write_height(raster, folder / "height.tif")
+
+
+def rasterize(cloud: Cloud, cell_m: float = 0.0) -> Raster:
+    """The highest point of every cell, and what lies between points filled from the nearest.
+
+    ``cell_m`` 0 takes 1, 2 or 5 times a power of ten: as fine as most points are dense, 1500 cells a side at most.
+    """
+    p = cloud.points_home_m.astype(float)
+    low, high = np.percentile(p[:, :2], _KEPT_PERCENT, axis=0)
+    cell_m = cell_m or _cell_size_m(p[:, :2], float((high - low).max()))
+    (x_first, y_first), (x_last, y_last) = np.floor(low / cell_m).astype(int), np.floor(high / cell_m).astype(int)
+    shape = y_last - y_first + 1, x_last - x_first + 1
+    x, y = np.floor(p[:, :2] / cell_m).astype(int).T
+    row, column = y_last - y, x - x_first
+    inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
+    order = np.flatnonzero(inside)[np.argsort(p[inside, 2], kind="stable")]  # the highest is written last
+    height = np.full(shape, np.nan, np.float32)
+    rgb = np.zeros((*shape, 3), np.uint8)
+    height[row[order], column[order]] = p[order, 2]
+    rgb[row[order], column[order]] = cloud.colors[order]
+    return Raster(*_closed(height, rgb), cell_m, float(x_first * cell_m), float((y_last + 1) * cell_m))
+
+
+def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
+    """Three points in four have four neighbours within a cell's side."""
+    some = xy_m[np.random.default_rng(0).permutation(len(xy_m))[:4000]]
+    neighbours = min(5, len(xy_m))  # the point itself is the first
+    spacing_m = float(np.percentile(cKDTree(xy_m).query(some, k=[neighbours])[0], 75))
+    least = max(extent_m / _MOST_CELLS, spacing_m, _LEAST_CELL_M)
+    power = 10.0 ** np.floor(np.log10(least))
+    return float(next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= least * (1 - 1e-6)))
+
+
+def _closed(height: np.ndarray, rgb: np.ndarray):
+    """Cells between points take the nearest point's value where points lie close; a lone point stays one cell."""
+    known = np.isfinite(height)
+    cells = np.argwhere(known)
+    neighbours = min(5, len(cells))
+    apart = cKDTree(cells).query(cells, k=[neighbours])[0][:, 0] if neighbours > 1 else np.ones(len(cells))
+    reach = np.zeros(height.shape, np.float32)
+    reach[known] = np.where(apart <= _CLOSE_CELLS, 0.75 * apart, 0.0)
+    distance, label = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    nearest = np.zeros(int(label.max()) + 1, np.int64)
+    nearest[label[known]] = np.flatnonzero(known)
+    source = nearest[label].ravel()
+    near = distance.ravel() <= reach.ravel()[source]
+    filled = np.where(near, height.ravel()[source], np.nan).astype(np.float32)
+    colour = np.where(near[:, None], rgb.reshape(-1, 3)[source], 0).astype(np.uint8)
+    return filled.reshape(height.shape), colour.reshape(rgb.shape)
+
+
+def _write_height(raster: Raster, path: Path) -> None:
+    """GeoTIFF 1.1 with a user-defined (local) coordinate system, cells as areas, NaN where nothing was seen."""
+    import tifffile  # only where the product is asked for
+
+    user_defined, pixel_is_area = 32767, 1
+    keys = [
+        1, 1, 1, 4, 1024, 0, 1, user_defined, 1025, 0, 1, pixel_is_area, 1026, 34737, len(_CITATION), 0,
+        3076, 0, 1, 9001,
+    ]  # fmt: skip
+    tags = [
+        (33550, "d", 3, (raster.cell_m, raster.cell_m, 0.0), False),
+        (33922, "d", 6, (0.0, 0.0, 0.0, raster.x0_m, raster.y0_m, 0.0), False),
+        (34735, "H", len(keys), keys, False),
+        (34737, "s", 0, _CITATION, False),
+        (42113, "s", 0, "nan", False),
+    ]
+    tifffile.imwrite(path, raster.height, compression="zlib", extratags=tags, metadata=None, software=False)

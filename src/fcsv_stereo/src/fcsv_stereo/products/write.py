@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes the products that were asked for into one folder."""
+
+from pathlib import Path
+from typing import Callable, Dict, Sequence
+
+from fcsv_stereo.errors import OutputError
+from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.products import clouds, exchange, from_above, rectified
+from fcsv_stereo.products.points import merge_duplicates
+from fcsv_stereo.result import Cloud, MapResult
+
+_Writer = Callable[[MapResult, MapInput, Cloud, Path], None]
+_WRITERS: Dict[str, _Writer] = {
+    "pcd": lambda result, given, cloud, folder: clouds.write_pcd(cloud, folder / "map.pcd"),
+    "laz": lambda result, given, cloud, folder: clouds.write_laz(cloud, folder / "map.laz"),
+    "orthophoto": lambda result, given, cloud, folder: from_above.write_from_above(cloud, folder),
+    "colmap": lambda result, given, cloud, folder: exchange.write_colmap(result, given, cloud, folder / "colmap"),
+    "pairs": lambda result, given, cloud, folder: rectified.write_pairs(result, given, folder / "pairs"),
+}
+
+
+def write_products(names: Sequence[str], result: MapResult, given: MapInput, folder: Path) -> None:
+    """Each of ``names`` into ``folder``; what a reader must know is added to the map's warnings.
+
+    Raises OutputError where the map cannot give one, or the disk does not take it.
+    """
+    if not names:
+        return
+    cloud = merge_duplicates(result.cloud, result.reference)
+    if not len(cloud):
+        raise OutputError(f"the map holds no points (only sky?): nothing to make {', '.join(names)} of")
+    if "orthophoto" in names and not result.reference.is_level:
+        result.warnings.append(
+            "home's z axis does not point up in the reference picture: orthophoto and heights are along that axis all "
+            "the same. Turn the model upright (its world's z up) for a map that lies level."
+        )
+    for name in names:
+        try:
+            _WRITERS[name](result, given, cloud, folder)
+        except OSError as error:
+            raise OutputError(f"{name}: cannot be written into {folder} ({error.strerror or error})") from error

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One robust adjustment of all pictures' poses with their priors (GTSAM), points eliminated."""
+
+from dataclasses import dataclass, field
+from typing import Dict, List
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import F, T, X
+
+from fcsv_stereo.refinement.geometry import PairPrior
+from fcsv_stereo.refinement.structure import Observations, Structure
+from fcsv_stereo.refinement.time_offset import Motion
+
+_PRIOR_KERNEL = 4.0  # standard deviations from which a prior pulls no harder: one of them may be wrong
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Pictures by number, 0 the reference: priors of T_ref_cam, focal lengths and measuring noise (px).
+
+    ``focal_sigma`` is the prior's share for a common scale of the focal lengths, 0 where it is held.
+    """
+
+    observations: Observations
+    priors: Dict[int, PairPrior]
+    focals_px: Dict[int, float]
+    noise_px: Dict[int, float]
+    focal_sigma: float = 0.0
+    moving: List[Motion] = field(default_factory=list)
+    time_offset_sigma_s: float = 0.1
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """Poses T_ref_cam; ``covariance`` of them in order (rotation, position, in camera axes); residuals (M, 2) px."""
+
+    poses: Dict[int, np.ndarray]
+    order: List[int]
+    covariance: np.ndarray
+    rho: np.ndarray
+    focal_scale: float
+    time_offsets_s: List[float]  # in the order of the problem's moving vehicles
+    residual_px: np.ndarray
+
+
+def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> Adjusted:
+    """Levenberg-Marquardt from poses ``starts`` and inverse depths ``rho`` (N,) 1/m."""
+    order = sorted(problem.priors)
+    structure = Structure(problem.observations, rho, problem.focals_px, problem.noise_px)
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for k in order:
+        graph.add(_prior_factor(problem, k))
+        values.insert(X(k), gtsam.Pose3(starts[k]))
+    for i, _ in enumerate(problem.moving):
+        sigma = gtsam.noiseModel.Isotropic.Sigma(1, problem.time_offset_sigma_s)
+        graph.add(gtsam.PriorFactorVector(T(i), np.zeros(1), sigma))
+        values.insert(T(i), np.zeros(1))
+    with_focal = problem.focal_sigma > 0.0
+    if with_focal:
+        sigma = gtsam.noiseModel.Isotropic.Sigma(1, problem.focal_sigma)
+        graph.add(gtsam.PriorFactorVector(F(0), np.ones(1), sigma))
+        values.insert(F(0), np.ones(1))
+    graph.add(_structure_factor(structure, order, with_focal))
+    params = gtsam.LevenbergMarquardtParams()
+    params.setMaxIterations(25)
+    params.setRelativeErrorTol(1e-7)
+    result = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
+    poses, scale = _poses(result, order), _scale(result, with_focal)
+    structure.settle(poses, scale)
+    residual = structure.linearise(poses, scale, poses_too=False).residual
+    offsets = [float(result.atVector(T(i))[0]) for i in range(len(problem.moving))]
+    return Adjusted(poses, order, _covariance(graph, result, order), structure.rho, scale, offsets, residual)
+
+
+def _prior_factor(problem: Problem, k: int):
+    prior = problem.priors[k]
+    sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([prior.rotation_rad, prior.position_m], 3))
+    sigmas = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(_PRIOR_KERNEL), sigmas)
+    for i, motion in enumerate(problem.moving):
+        if k in motion.pictures:
+            return _moving_prior(k, i, prior, motion.pictures[k], sigmas)
+    return gtsam.PriorFactorPose3(X(k), gtsam.Pose3(prior.T_a_b), sigmas)
+
+
+def _moving_prior(k: int, i: int, prior: PairPrior, velocity_mps: np.ndarray, sigmas):
+    """The prior, moved along the track by the vehicle's time offset: position + velocity x offset."""
+    R_prior, p_prior = prior.T_a_b[:3, :3], prior.T_a_b[:3, 3]
+
+    def evaluate(_, values, jacobians):
+        pose = values.atPose3(X(k))
+        R = R_prior.T @ pose.rotation().matrix()
+        away = pose.translation() - p_prior - velocity_mps * values.atVector(T(i))[0]
+        rotation = gtsam.Rot3.Logmap(gtsam.Rot3(R))
+        if jacobians is not None:
+            J = np.zeros((6, 6), order="F")
+            J[:3, :3] = _logmap_derivative(rotation)
+            J[3:, 3:] = R
+            jacobians[0] = J
+            jacobians[1] = np.asfortranarray(np.concatenate([np.zeros(3), -R_prior.T @ velocity_mps])[:, None])
+        return np.concatenate([rotation, R_prior.T @ away])
+
+    return gtsam.CustomFactor(sigmas, gtsam.KeyVector([X(k), T(i)]), evaluate)
+
+
+def _logmap_derivative(rotation: np.ndarray) -> np.ndarray:
+    """Of Log(R exp(d)) to d at Log(R) = rotation, to second order: priors are within tenths of a radian."""
+    x, y, z = rotation
+    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + W / 2.0 + W @ W / 12.0
+
+
+def _structure_factor(structure: Structure, order: List[int], with_focal: bool) -> gtsam.CustomFactor:
+    """Everything that the pictures say about the poses, as one factor.
+
+    Its residual e has derivative A with A'A the reduced normal matrix and A'e the gradient; a last row makes |e|^2 the
+    robust cost, which is what the optimiser compares.
+    """
+    keys = [X(k) for k in order] + ([F(0)] if with_focal else [])
+    size = 6 * len(order) + int(with_focal)
+
+    def evaluate(_, values, jacobians):
+        H, g, cost = structure.reduced(_poses(values, order), _scale(values, with_focal), order, with_focal)
+        value, vector = np.linalg.eigh(H)  # rounding may leave what is not known a little below zero
+        value = np.sqrt(np.maximum(value, 1e-12 * value[-1] + 1e-9))
+        root, error = value[:, None] * vector.T, vector.T @ g / value
+        if jacobians is not None:
+            A = np.vstack([root, np.zeros(size)])
+            for i in range(len(order)):
+                jacobians[i] = np.asfortranarray(A[:, 6 * i : 6 * i + 6])
+            if with_focal:
+                jacobians[-1] = np.asfortranarray(A[:, -1:])
+        return np.append(error, np.sqrt(max(cost - error @ error, 0.0)))
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(size + 1), gtsam.KeyVector(keys), evaluate)
+
+
+def _poses(values, order) -> Dict[int, np.ndarray]:
+    return {0: np.eye(4), **{k: values.atPose3(X(k)).matrix() for k in order}}
+
+
+def _scale(values, with_focal) -> float:
+    return float(values.atVector(F(0))[0]) if with_focal else 1.0
+
+
+def _covariance(graph, result, order) -> np.ndarray:
+    """Of the poses in order, by inverting GTSAM's normal matrix: its Marginals call these scales singular."""
+    linear = graph.linearize(result)
+    ordering = gtsam.Ordering()
+    keys = [X(k) for k in order]
+    for key in keys + [k for k in result.keys() if k not in keys]:
+        ordering.push_back(key)
+    information, _ = linear.hessian(ordering)
+    scale = 1.0 / np.sqrt(np.diag(information))
+    covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+    return covariance[: 6 * len(order), : 6 * len(order)]

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The adjustment repeated until every picture in it agrees with the others; those that do not are left out."""
+
+from dataclasses import dataclass, field, replace
+from typing import Dict, List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_stereo.refinement.adjust import Adjusted, Problem, adjust
+from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.geometry import PairPrior
+from fcsv_stereo.refinement.graph import distance_m, prior_of
+from fcsv_stereo.refinement.links import Link
+from fcsv_stereo.refinement.structure import Observations
+from fcsv_stereo.refinement.time_offset import Motion
+from fcsv_stereo.refinement.types import RefineOptions
+
+_FIRST_NOISE = 0.4  # of a feature's: what tracking is taken to leave until the residuals tell
+_LEAST_NOISE_PX = 0.05
+_LEAST_SHARE = 0.5  # of a picture's observations must fit the others'
+# Neighbouring patches share pixels and the same change of view, so their errors are not independent. This factor
+# makes the reported covariance agree with the errors on scenes with known truth (tools/bench_refinement.py).
+_CORRELATION = 2.5
+
+
+@dataclass(frozen=True)
+class Consensus:
+    """``adjusted`` from ``observations`` (those that fit), None where nothing was left; why pictures were left out."""
+
+    adjusted: Optional[Adjusted]
+    observations: Optional[Observations]
+    refused: Dict[int, str] = field(default_factory=dict)
+    moving: List[Motion] = field(default_factory=list)
+
+
+def adjust_robustly(
+    views: List[View],
+    found: Optional[Tuple[Observations, np.ndarray]],
+    links: List[Link],
+    starts: Dict[int, np.ndarray],
+    moving: List[Motion],
+    options: RefineOptions,
+) -> Consensus:
+    """All pictures that the links reach, less those that the others contradict."""
+    if found is None:
+        return Consensus(None, None)
+    observations, rho = found
+    priors = _priors(views, links, starts, options)
+    refused: Dict[int, str] = {}
+    poses = dict(starts)
+    while priors:
+        of = _among(observations, [0, *priors])
+        few = _few(of, priors, options.least_inliers)
+        if few:
+            refused.update(few)
+            priors = {k: p for k, p in priors.items() if k not in few}
+            continue
+        problem = _problem(views, of, priors, {k: _FIRST_NOISE * views[k].noise_px for k in priors}, moving, options)
+        first = adjust(problem, poses, rho)
+        noise_px, fits = _noise_and_fit(of, first)
+        worst = _worst(of, fits, priors)
+        if worst is not None:
+            refused[worst] = "what it shows contradicts the other pictures (another place, or something moved)"
+            priors = {k: p for k, p in priors.items() if k != worst}
+            continue
+        of = of.select(fits)
+        few = _few(of, priors, options.least_inliers)
+        if few:
+            refused.update(few)
+            priors = {k: p for k, p in priors.items() if k not in few}
+            continue
+        problem = _problem(views, of, priors, noise_px, moving, options)
+        return Consensus(adjust(problem, first.poses, first.rho), of, refused, problem.moving)
+    return Consensus(None, None, refused)
+
+
+def _priors(views, links, starts, options) -> Dict[int, PairPrior]:
+    """Of each reached picture relative to the reference, in force: looser where a link showed it to be wrong."""
+    priors = {}
+    for k in sorted(starts):
+        if k:
+            given = prior_of(views[0], views[k], (0.0, distance_m(views, k)), options.prior)
+            direct = [l.prior for l in links if (l.a, l.b) == (0, k)]
+            loose = [l for l in links if l.loosened and l.b == k and l.a]
+            if direct:
+                given = direct[0]
+            elif loose:
+                T = given.T_a_b.copy()
+                T[:3, :3] = starts[k][:3, :3]
+                given = replace(given, T_a_b=T, rotation_rad=loose[0].prior.rotation_rad)
+            priors[k] = given
+    return priors
+
+
+def _problem(views, observations, priors, noise_px, moving, options) -> Problem:
+    pictures = [0, *priors]
+    focals_px = {k: views[k].camera.fx for k in pictures}
+    noise = {**dict.fromkeys(pictures, min(noise_px.values())), **noise_px}  # one that only anchors has none
+    focal_sigma = options.focal_sigma if options.refine_focal else 0.0
+    still = [m for m in (m.among(list(priors)) for m in moving) if m.pictures]
+    return Problem(observations, priors, focals_px, noise, focal_sigma, still, options.time_offset_sigma_s)
+
+
+def _among(observations: Observations, pictures: List[int]) -> Observations:
+    known = np.isin(observations.picture, pictures) & np.isin(observations.anchor[observations.point], pictures)
+    return observations.select(known)
+
+
+def _few(observations: Observations, priors, least: int) -> Dict[int, str]:
+    """Pictures with fewer observations than need be; those seen only as anchors count what hangs on them."""
+    out = {}
+    anchors = observations.anchor[observations.point]
+    for k in priors:
+        count = int(((observations.picture == k) | (anchors == k)).sum())
+        if count < least:
+            out[k] = f"only {count} points with parallax could be measured in it (blur, exposure, sky, nothing near)"
+    return out
+
+
+def _noise_and_fit(observations: Observations, adjusted: Adjusted) -> Tuple[Dict[int, float], np.ndarray]:
+    """Measuring noise by picture (px, per axis) and which observations fit.
+
+    From points that three pictures see; of others the residual along the epipolar line is nil by construction, and its
+    length the error across.
+    """
+    several = np.bincount(observations.point)[observations.point] > 1
+    noise_px, fits = {}, np.zeros(len(observations.point), bool)
+    for k in set(adjusted.order) | {0}:
+        of = observations.picture == k
+        if not of.any():
+            continue
+        both = of & several
+        errors_px = np.abs(adjusted.residual_px[both]) if both.sum() > 20 else np.hypot(*adjusted.residual_px[of].T)
+        spread_px = 1.4826 * float(np.median(errors_px))
+        spread_px = max(spread_px, _LEAST_NOISE_PX)
+        fits[of] = np.hypot(*adjusted.residual_px[of].T) < max(4.0 * spread_px, 0.5)
+        noise_px[k] = _CORRELATION * spread_px
+    return noise_px, fits
+
+
+def _worst(observations: Observations, fits: np.ndarray, priors) -> Optional[int]:
+    shares = {k: float(fits[observations.picture == k].mean()) for k in priors if (observations.picture == k).any()}
+    k = min(shares, key=shares.get) if shares else None
+    return k if k is not None and shares[k] < _LEAST_SHARE else None

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What became of a picture: its refined pose, or its prior and the reason."""
+
+from dataclasses import replace
+from typing import List, Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.refinement.consensus import Consensus
+from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.geometry import epipolar_error
+from fcsv_stereo.refinement.graph import distance_m
+from fcsv_stereo.refinement.links import Link
+from fcsv_stereo.refinement.types import RefinedPicture, RefineOptions
+
+_LEAST_GAIN = 0.7  # the rotation's standard deviation must shrink below this share of the prior's
+_FARTHEST_SHARE = 0.25  # of the baseline: a camera that far from its prior was not where its configuration says
+_SURPRISE = 4.0  # standard deviations of an axis: a correction in three axes is longer once in a thousand times
+
+
+def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options: RefineOptions) -> RefinedPicture:
+    """Picture k as the consensus left it. Covariance of a refused one is its prior's."""
+    prior_T = views[k].picture.T_home_cam
+    adjusted = consensus.adjusted
+    reason = consensus.refused.get(k, "")
+    if not reason and (adjusted is None or k not in adjusted.order):
+        reason = direct.reason or "no picture that it overlaps with could be refined"
+    if not reason:
+        covariance = _covariance(views[0], adjusted, k)
+        T_home_cam = views[0].picture.T_home_cam @ adjusted.poses[k]
+        reason = _doubt(views, k, T_home_cam, covariance, options)
+    if reason:
+        return RefinedPicture(views[k].picture, prior_T, False, reason, 0, np.nan, np.nan, _prior(views, k, options))
+    before, after, inliers = _epipolar(views, k, consensus)
+    camera = scaled(views[k].picture.camera, adjusted.focal_scale)
+    picture = replace(views[k].picture, T_home_cam=T_home_cam, camera=camera)
+    return RefinedPicture(picture, prior_T, True, "", inliers, before, after, covariance)
+
+
+def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
+    """The camera with its focal lengths multiplied."""
+    return replace(camera, fx=camera.fx * focal_scale, fy=camera.fy * focal_scale) if focal_scale != 1.0 else camera
+
+
+def _doubt(views: List[View], k: int, T_home_cam, covariance, options: RefineOptions) -> str:
+    sigma_rad = float(np.sqrt(np.diag(covariance)[:3]).max())
+    if sigma_rad > _LEAST_GAIN * options.prior.rotation_rad:
+        return f"the pictures fix its rotation no better than {np.degrees(sigma_rad):.2f} degrees"
+    away_m = float(np.linalg.norm(T_home_cam[:3, 3] - views[k].picture.T_home_cam[:3, 3]))
+    allowed_m = _FARTHEST_SHARE * distance_m(views, k)
+    if away_m > allowed_m and away_m > _position_surprise_m(views, k, options):
+        return f"the pictures put it {away_m:.2f} m from its prior, with a baseline of {distance_m(views, k):.2f} m"
+    return ""
+
+
+def surprise(views: List[View], k: int, refined: RefinedPicture, options: RefineOptions) -> str:
+    """In words, where a refined pose says that the prior was wrong; empty where it was not."""
+    words = []
+    if refined.correction_rad > _SURPRISE * options.prior.rotation_rad:
+        words.append(f"rotation by {np.degrees(refined.correction_rad):.1f} degrees")
+    if refined.correction_m > _position_surprise_m(views, k, options):
+        words.append(f"position by {refined.correction_m:.2f} m")
+    return f"its prior was wrong in {' and '.join(words)}; the pictures' own pose was taken" if words else ""
+
+
+def _position_surprise_m(views: List[View], k: int, options: RefineOptions) -> float:
+    return _SURPRISE * options.prior.position_sigma_m(distance_m(views, k))
+
+
+def _covariance(reference: View, adjusted, k: int) -> np.ndarray:
+    """6x6, rotation in camera axes and position turned from camera to home axes."""
+    i = adjusted.order.index(k)
+    turn = np.eye(6)
+    turn[3:, 3:] = reference.picture.T_home_cam[:3, :3] @ adjusted.poses[k][:3, :3]
+    return turn @ adjusted.covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] @ turn.T
+
+
+def _prior(views: List[View], k: int, options: RefineOptions) -> np.ndarray:
+    sigmas = [options.prior.rotation_rad, options.prior.position_sigma_m(distance_m(views, k))]
+    return np.diag(np.repeat(sigmas, 3) ** 2)
+
+
+def _epipolar(views: List[View], k: int, consensus: Consensus) -> Tuple[float, float, int]:
+    """rms (px) before and after over the inliers of all pairs that end in picture k, and their number."""
+    o, scale = consensus.observations, consensus.adjusted.focal_scale
+    anchors = o.anchor[o.point]
+    undo = np.array([1.0 / scale, 1.0 / scale, 1.0])
+    before, after = [], []
+    for a, b in sorted(set(zip(anchors.tolist(), o.picture.tolist()))):
+        if k in (a, b):
+            of = (anchors == a) & (o.picture == b)
+            rays_a, rays_b = o.anchor_rays[o.point[of]], o.rays[of]
+            prior = transforms.invert(views[a].picture.T_home_cam) @ views[b].picture.T_home_cam
+            poses = consensus.adjusted.poses
+            refined = transforms.invert(poses[a]) @ poses[b]
+            before.append(epipolar_error(prior, rays_a, rays_b)[0] * views[b].picture.camera.fx)
+            after.append(epipolar_error(refined, rays_a * undo, rays_b * undo)[0] * views[b].picture.camera.fx * scale)
+    rms = [float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for e in (before, after)]
+    return rms[0], rms[1], sum(map(len, after))

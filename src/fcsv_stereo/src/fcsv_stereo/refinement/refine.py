@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pose refinement of a session: the story from pictures and priors to adjusted poses."""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Dict, List, Sequence
+
+import numpy as np
+
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.inputs import Picture
+from fcsv_stereo.refinement.consensus import adjust_robustly
+from fcsv_stereo.refinement.features import View, prepare
+from fcsv_stereo.refinement.graph import link_all, start_poses
+from fcsv_stereo.refinement.judge import judge, scaled, surprise
+from fcsv_stereo.refinement.time_offset import motions
+from fcsv_stereo.refinement.tracks import observe
+from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptions
+
+_DEFAULT = RefineOptions()
+_SIFT_FEATURES = 1500
+
+
+def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions = _DEFAULT) -> Refinement:
+    """Poses of ``others`` relative to ``reference`` (whose pose stays), from all pictures together.
+
+    Features are matched in the bands that the priors leave, corners tracked from the depths of these, and all poses
+    adjusted at once with their priors, from which alone scale comes. A picture about which too little is known keeps
+    its prior and says why. Raises InputError for pictures that cannot be compared at all.
+    """
+    _check(reference, others)
+    clock = _Clock()
+    with ThreadPoolExecutor(options.threads) as pool:
+        views = list(pool.map(lambda p: prepare(p, _SIFT_FEATURES), [reference, *others]))
+        clock.lap("features")
+        direct, between = link_all(views, options, pool)
+        trusted = [l for l in direct.values() if not l.reason] + between
+        starts = start_poses(len(views), trusted)
+        trusted = [l for l in trusted if l.a in starts and l.b in starts]
+        clock.lap("match")
+        found = observe(views, trusted, options.features, pool) if trusted else None
+        clock.lap("track")
+    moving, unmoving = motions(reference, others, options)
+    consensus = adjust_robustly(views, found, trusted, starts, moving, options)
+    refined = [judge(views, k, direct[k], consensus, options) for k in range(1, len(views))]
+    clock.lap("adjust")
+    warnings = [*unmoving, *_warnings(refined, views, options)]
+    scale, offsets_s = 1.0, {}
+    if consensus.adjusted is not None:
+        scale = consensus.adjusted.focal_scale
+        offsets_s = {m.vehicle: s for m, s in zip(consensus.moving, consensus.adjusted.time_offsets_s)}
+    reference = replace(reference, camera=scaled(reference.camera, scale))
+    return Refinement(reference, refined, warnings, clock.laps_s, scale, offsets_s)
+
+
+class _Clock:
+    """Seconds of each step."""
+
+    def __init__(self):
+        self.laps_s: Dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps_s[name], self._last = now - self._last, now
+
+
+def _check(reference: Picture, others: Sequence[Picture]) -> None:
+    """Raises InputError for what is no picture with a pose."""
+    for p in (reference, *others):
+        if p.image.dtype != np.uint8 or p.image.ndim not in (2, 3):
+            raise InputError(f"{p.name}: pictures to refine are 8-bit, grey or RGB; this is {p.image.dtype}")
+        if p.image.shape[:2] != (p.camera.height, p.camera.width):
+            raise InputError(f"{p.name}: is {p.image.shape[1]}x{p.image.shape[0]}, its camera is not")
+        R = p.T_home_cam[:3, :3]
+        if not np.isfinite(p.T_home_cam).all() or np.abs(R @ R.T - np.eye(3)).max() > 1e-3:
+            raise InputError(f"{p.name}: its prior pose is no rigid transform")
+
+
+def _warnings(refined: List[RefinedPicture], views: List[View], options: RefineOptions) -> List[str]:
+    """In plain words: pictures that keep their prior, and priors that were wrong."""
+    out = []
+    for k, r in enumerate(refined, 1):
+        words = surprise(views, k, r, options) if r.refined else f"keeps the pose that it came with: {r.reason}"
+        if words:
+            out.append(f"{r.picture.name}: {words}")
+    return out

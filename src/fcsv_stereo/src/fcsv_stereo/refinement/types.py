@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What refinement takes and gives back."""
+
+from dataclasses import dataclass, field
+from typing import Dict, List
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.inputs import Picture, PosePrior
+
+
+@dataclass(frozen=True)
+class RefineOptions:
+    """Choices of the refinement; defaults suit the simulated flights and ordinary photographs."""
+
+    prior: PosePrior = field(default_factory=PosePrior)
+    refine_focal: bool = False  # one scale of the focal length, common to all pictures
+    refine_time_offset: bool = False  # one per vehicle besides the reference's
+    time_offset_sigma_s: float = 0.1
+    focal_sigma: float = 0.01  # of the prior of the focal length, as a share of it
+    features: int = 3500  # corners in the reference picture, spread over it
+    least_inliers: int = 25  # fewer and a picture keeps its prior
+    pair_others: bool = True  # also match the others with each other where the reference does not see
+    threads: int = 2
+
+    def __post_init__(self):
+        if self.features < 50 or self.least_inliers < 8 or self.threads < 1:
+            raise InputError("refinement needs at least 50 features, 8 inliers and 1 thread")
+        if not (self.time_offset_sigma_s > 0.0 and 0.0 < self.focal_sigma < 1.0):
+            raise InputError("priors of time offset and focal length must be positive")
+
+
+@dataclass(frozen=True)
+class RefinedPicture:
+    """A picture after refinement; ``picture`` has the refined pose, or the prior where it was refused.
+
+    ``covariance`` is 6x6 of the pose relative to the reference: rotation (rad, camera axes), position (m, home axes).
+    The epipolar errors are rms over the inliers (px), NaN where there are none; ``reason`` says why it was refused.
+    """
+
+    picture: Picture
+    prior_T_home_cam: np.ndarray
+    refined: bool
+    reason: str
+    inliers: int
+    epipolar_before_px: float
+    epipolar_after_px: float
+    covariance: np.ndarray
+
+    @property
+    def correction_rad(self) -> float:
+        """Angle between the prior's rotation and the refined one."""
+        R = self.prior_T_home_cam[:3, :3].T @ self.picture.T_home_cam[:3, :3]
+        return float(Rotation.from_matrix(R).magnitude())
+
+    @property
+    def correction_m(self) -> float:
+        """Distance between the prior's position and the refined one."""
+        return float(np.linalg.norm(self.picture.T_home_cam[:3, 3] - self.prior_T_home_cam[:3, 3]))
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """All pictures after one adjustment; ``reference`` keeps its pose, ``others`` keep their order.
+
+    ``focal_scale`` multiplies every focal length (already done in the pictures' cameras). ``time_offsets_s`` is
+    by vehicle what is to be added to the stamps of its pictures.
+    """
+
+    reference: Picture
+    others: List[RefinedPicture]
+    warnings: List[str]
+    timing_s: Dict[str, float]
+    focal_scale: float = 1.0
+    time_offsets_s: Dict[str, float] = field(default_factory=dict)

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the report states beyond the map, measured from the result: overlap, epipolar offset, seams, corrections."""
+
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_stereo.result import ImageEntry, MapResult, PairResult
+
+_FAR_M = 1e5  # where a pixel without depth is taken to look
+_STEP_PX = 4  # of the grid on which overlap is counted
+_CORNERS = 600
+_SEAM_SHARE = 0.15  # half-width of the range about a trim point in which two pairs are compared
+
+
+@dataclass(frozen=True)
+class PairEvidence:
+    """Of one pair: ``overlap`` is the share of the reference's view that the other sees; the epipolar offset (px, rms
+    and median) is that of corners across the epipolar line, None where too few were found; ``carried_m`` holds 5th and
+    95th percentile of the depths that the map took from it, None where it took none."""
+
+    overlap: float
+    epipolar_rms_px: Optional[float]
+    epipolar_median_px: Optional[float]
+    corners: int
+    points: int
+    carried_m: Optional[Tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Seam:
+    """Two pairs about the range at which one takes over from the other: median of longer over shorter, less one."""
+
+    shorter: str
+    longer: str
+    at_m: float
+    pixels: int
+    step: float
+
+
+def pair_evidence(result: MapResult, index: int) -> PairEvidence:
+    """All about one pair of the map."""
+    p = result.pairs[index]
+    offsets = epipolar_offsets(p)
+    enough = len(offsets) >= 20
+    # beyond three robust deviations it is a wrong correspondence
+    if enough:
+        spread = 1.4826 * np.median(np.abs(offsets - np.median(offsets)))
+        offsets = offsets[np.abs(offsets - np.median(offsets)) <= 3.0 * max(spread, 0.05)]
+    mine = result.cloud.baseline_index == index
+    carried = None
+    if mine.any():
+        T_cam_home = transforms.invert(result.reference.T_home_cam)
+        z = transforms.apply(T_cam_home, result.cloud.points_home_m[mine].astype(float))[:, 2]
+        carried = tuple(float(v) for v in np.percentile(z, [5, 95]))
+    rms = float(np.sqrt(np.mean(offsets**2))) if enough else None
+    middle = float(np.median(np.abs(offsets))) if enough else None
+    return PairEvidence(overlap(result, p), rms, middle, len(offsets), int(mine.sum()), carried)
+
+
+def overlap(result: MapResult, p: PairResult) -> float:
+    """Share of the reference picture's pixels that the other camera sees, at the mapped depth or far away."""
+    camera = result.reference.camera
+    depth = result.depth[::_STEP_PX, ::_STEP_PX]
+    z = np.where(np.isfinite(depth), depth, _FAR_M)
+    points = camera.rays()[::_STEP_PX, ::_STEP_PX] * z[..., None]
+    T_other_ref = transforms.invert(p.T_home_cam_other) @ result.reference.T_home_cam
+    seen = transforms.apply(T_other_ref, points.reshape(-1, 3).astype(float))
+    ahead = seen[:, 2] > 0
+    uv = camera.project(seen[ahead])
+    inside = (uv >= -0.5).all(1) & (uv[:, 0] < camera.width - 0.5) & (uv[:, 1] < camera.height - 0.5)
+    return float(inside.sum() / len(seen))
+
+
+def epipolar_offsets(p: PairResult) -> np.ndarray:
+    """How far (px) corners lie off their epipolar line in the rectified pictures, signed; those that can be followed.
+
+    Where the disparity says, the corner is looked for by optical flow, forth and back: what is left across the line is
+    the offset.
+    """
+    a, b = (cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (p.reference_rectified, p.other_rectified))
+    known = np.isfinite(p.disparity)
+    if a.shape != b.shape or known.shape != a.shape or not known.any():
+        return np.empty(0)
+    found = cv2.goodFeaturesToTrack(a, _CORNERS, 0.01, 6, mask=known.astype(np.uint8))
+    if found is None:
+        return np.empty(0)
+    along = 0 if p.configuration.axis == "horizontal" else 1
+    start = found.reshape(-1, 2)
+    u, v = np.rint(start).astype(int).T
+    guess = start.copy()
+    guess[:, along] -= p.disparity[v, u]
+    window = {"winSize": (15, 15), "maxLevel": 1, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    there, good, _ = cv2.calcOpticalFlowPyrLK(a, b, start, guess.copy(), **window)
+    back, good_back, _ = cv2.calcOpticalFlowPyrLK(b, a, there, start.copy(), **window)
+    kept = (good.ravel() == 1) & (good_back.ravel() == 1) & (np.hypot(*(back - start).T) < 0.5)
+    kept &= np.abs(there - guess)[:, along] < 3.0
+    return (there - start)[kept, 1 - along].astype(float)
+
+
+def seams(result: MapResult) -> List[Seam]:
+    """Where one baseline of an axis takes over from the next shorter one."""
+    found = []
+    for axis in ("horizontal", "vertical"):
+        pairs = [p for p in result.pairs if p.configuration.axis == axis]
+        pairs.sort(key=lambda p: p.configuration.baseline_m)
+        for a, b in zip(pairs, pairs[1:]):
+            at_m = a.effective_range_m[1]
+            if not np.isfinite(at_m):
+                continue
+            with np.errstate(invalid="ignore"):
+                near = (np.abs(a.depth / at_m - 1) < _SEAM_SHARE) & (np.abs(b.depth / at_m - 1) < _SEAM_SHARE)
+            if near.sum() >= 50:
+                step = float(np.median(b.depth[near] / a.depth[near]) - 1.0)
+                found.append(Seam(a.configuration.name, b.configuration.name, at_m, int(near.sum()), step))
+    return found
+
+
+def correction(e: ImageEntry) -> Tuple[float, float]:
+    """Degrees and metres between a picture's prior and its pose."""
+    angle = transforms.rotation_angle(e.prior_T_home_cam, e.T_home_cam)
+    return float(np.degrees(angle)), float(np.linalg.norm(e.T_home_cam[:3, 3] - e.prior_T_home_cam[:3, 3]))
+
+
+def sigma_bands(result: MapResult, edges_m=(0.0, 25.0, 50.0, 100.0, 200.0, 400.0, np.inf)) -> List[Dict[str, float]]:
+    """By mapped depth: pixels, median sigma (m), median of sigma over depth."""
+    rows = []
+    known = np.isfinite(result.depth) & np.isfinite(result.sigma)
+    for a, b in zip(edges_m, edges_m[1:]):
+        inside = known & (result.depth > a) & (result.depth <= b)
+        if inside.any():
+            sigma = result.sigma[inside]
+            share = float(np.median(sigma / result.depth[inside]))
+            rows.append({"from_m": a, "to_m": b, "pixels": int(inside.sum()), "sigma_m": float(np.median(sigma)),
+                         "share": share})  # fmt: skip
+    return rows

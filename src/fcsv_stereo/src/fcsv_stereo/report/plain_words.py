@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a map, said so that one who flies drones understands it and knows what to do."""
+
+from typing import List, Optional, Sequence
+
+import numpy as np
+
+from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.report.evidence import PairEvidence, Seam, correction
+from fcsv_stereo.result import MapResult
+
+LEAST_COVERAGE, LEAST_MATCHED, LEAST_OVERLAP = 0.25, 0.3, 0.5
+MOST_EPIPOLAR_PX, MOST_CORRECTION_DEG, MOST_SEAM, MOST_APART_S = 1.0, 1.0, 0.05, 0.2
+WIDE_SIGMA, MOST_WIDE = 0.1, 0.25
+
+
+def warnings(
+    result: MapResult, pairs: Sequence[PairEvidence], seams: Sequence[Seam], evaluation: Optional[Evaluation]
+) -> List[str]:
+    """Sentences, the method's own first; what is alike is said once."""
+    found = list(result.warnings)
+    if result.coverage < LEAST_COVERAGE:
+        found.append(
+            f"Only {result.coverage:.0%} of the picture has a depth. Sky counts as none; if there is little sky, the "
+            "pictures have little texture or the poses are poor."
+        )
+    found += _of_pairs(result, pairs)
+    found += _of_poses(result)
+    steps = [f"{s.step:+.0%} at {s.at_m:.0f} m ({s.shorter} to {s.longer})" for s in seams if abs(s.step) > MOST_SEAM]
+    if steps:
+        found.append(
+            f"Depths jump where one baseline takes over from another: {', '.join(steps)}. The poses of these baselines "
+            "do not agree."
+        )
+    return found + _of_sigma(result, evaluation)
+
+
+def _of_pairs(result: MapResult, evidence: Sequence[PairEvidence]) -> List[str]:
+    stamps = {i.name: i.stamp_s for i in result.images}
+    narrow, poor, off, apart = [], [], [], []
+    for p, e in zip(result.pairs, evidence):
+        name = p.configuration.name
+        apart_s = abs(stamps.get(p.other_name, 0.0) - stamps.get(p.reference_name, 0.0))
+        narrow += [f"{name} ({e.overlap:.0%})"] if e.overlap < LEAST_OVERLAP else []
+        poor += [f"{name} ({p.match_rate:.0%})"] if p.match_rate < LEAST_MATCHED else []
+        rms = e.epipolar_rms_px
+        off += [f"{name} ({rms:.1f} px)"] if rms is not None and rms > MOST_EPIPOLAR_PX else []
+        apart += [f"{name} ({apart_s:.1f} s)"] if apart_s > MOST_APART_S else []
+    said = (
+        (narrow, "The other camera sees too little of the reference picture; tilt it inwards"),
+        (poor, "Few pixels matched, so these baselines add little"),
+        (off, "Corresponding points lie off their epipolar line (1 px would be good): poses are not good enough, and "
+              "far depths of these baselines are not to be trusted"),
+        (apart, "Pictures were not taken at one time; what moved in between is wrong in the map"),
+    )  # fmt: skip
+    return [f"{text}: {', '.join(names)}." for names, text in said if names]
+
+
+def _of_poses(result: MapResult) -> List[str]:
+    turned, kept = [], []
+    any_refined = any(i.refined for i in result.images)
+    for i in result.images:
+        degrees, metres = correction(i)
+        turned += [f"{i.name} ({degrees:.1f}°, {metres:.2f} m)"] if degrees > MOST_CORRECTION_DEG else []
+        kept += [i.name] if any_refined and not i.refined and i.name != result.reference.name else []
+    found = []
+    if turned:
+        found.append(
+            f"Refinement moved pictures a lot: {', '.join(turned)}. Check calibration and odometry of these vehicles."
+        )
+    if kept:
+        found.append(f"The poses of these pictures could not be refined and are as recorded: {', '.join(kept)}.")
+    return found
+
+
+def _of_sigma(result: MapResult, evaluation: Optional[Evaluation]) -> List[str]:
+    found = []
+    known = np.isfinite(result.depth) & np.isfinite(result.sigma)
+    wide = float((result.sigma[known] > WIDE_SIGMA * result.depth[known]).mean()) if known.any() else 0.0
+    if wide > MOST_WIDE:
+        found.append(
+            f"{wide:.0%} of the depths have a standard deviation above {WIDE_SIGMA:.0%} of the distance; fly a longer "
+            "baseline for what is far."
+        )
+    if evaluation is not None and evaluation.within_2_sigma < 0.8:
+        found.append(
+            f"Against truth only {evaluation.within_2_sigma:.0%} of the errors lie within two standard deviations, "
+            "where 95 % would be right: sigma is too small, most likely because poses are worse than it assumes."
+        )
+    return found

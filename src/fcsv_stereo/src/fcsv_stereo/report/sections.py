@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report's sections, each a list of HTML pieces out of what the report knows."""
+
+import html
+from dataclasses import dataclass
+from typing import List, Optional, Sequence
+
+import numpy as np
+
+from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.poi import PoiResult
+from fcsv_stereo.report import charts, figures, poi
+from fcsv_stereo.report.evidence import PairEvidence, Seam, correction, sigma_bands
+from fcsv_stereo.report.markup import image, note, number, percent, side, table
+from fcsv_stereo.report.plain_words import warnings
+from fcsv_stereo.result import MapResult
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """What sections draw from; truth is None where it is not known."""
+
+    result: MapResult
+    evidence: List[PairEvidence]
+    seams: List[Seam]
+    evaluation: Optional[Evaluation] = None
+    true_depth: Optional[np.ndarray] = None
+    points: Sequence[PoiResult] = ()
+
+
+def summary(data: ReportData) -> List[str]:
+    """Warnings in plain words, the main figures, the map at a glance."""
+    result, e = data.result, data.evaluation
+    found = warnings(result, data.evidence, data.seams, e)
+    parts = [f'<p class="warning">{html.escape(w)}</p>' for w in found]
+    parts += [] if found else ['<p class="good">Nothing stands out as wrong.</p>']
+    known = result.depth[np.isfinite(result.depth)]
+    span = f"{np.percentile(known, 1):.1f} to {np.percentile(known, 99):.0f} m" if known.size else "–"
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = result.sigma / result.depth
+    relative = relative[np.isfinite(relative)]
+    rows = [
+        ("reference picture", html.escape(result.reference.name)),
+        ("configurations", str(len(result.pairs))),
+        ("points", f"{result.points:,}"),
+        ("coverage of the picture", f"{result.coverage:.1%}"),
+        ("depth, 1st to 99th percentile", span),
+        ("sigma over distance, median", percent(float(np.median(relative)) if relative.size else None, 2)),
+        ("processing", number(result.timing_s.get("total"), "{:.1f} s")),
+    ]
+    if e is not None:
+        o = e.overall
+        rows += [
+            (f"within 10 % of truth, of all pixels to {e.most_m:.0f} m", f"{o.within_10_percent:.1%}"),
+            ("wrong by more, of the answered", f"{o.wrong_of_answered:.1%}"),
+            ("median error", percent(o.median_relative_error, 2)),
+        ]
+    reference = figures.picture(result.reference.image, f"reference {result.reference.name}")
+    return [*parts, table(("", ""), rows), side(reference, figures.depth(result.depth, "depth"))]
+
+
+def timing(data: ReportData) -> List[str]:
+    """Seconds by step."""
+    if not any(data.result.timing_s.values()):
+        return [note("not measured")]
+    rows = [(html.escape(k), f"{v:.2f} s") for k, v in data.result.timing_s.items()]
+    return [image(charts.timing(data.result)), table(("step", "time"), rows)]
+
+
+def configurations(data: ReportData) -> List[str]:
+    """Pairs with baseline, overlap, epipolar offset, match rate, range."""
+    rows = []
+    for p, e in zip(data.result.pairs, data.evidence):
+        tracked = np.linalg.norm(p.T_home_cam_other[:3, 3] - p.T_home_cam_reference[:3, 3])
+        carried = "–" if e.carried_m is None else f"{e.carried_m[0]:.0f} to {e.carried_m[1]:.0f} m"
+        near, far = p.effective_range_m
+        rows.append((
+            html.escape(p.configuration.name), p.configuration.axis, f"{p.configuration.baseline_m:.2f} m",
+            f"{tracked:.2f} m", f"{np.degrees(p.configuration.tilt_rad):.1f}°", f"{e.overlap:.0%}",
+            number(e.epipolar_rms_px, "{:.2f} px"), f"{p.match_rate:.1%}", f"{near:.0f} to {far:.0f} m", carried,
+            f"{e.points:,}",
+        ))  # fmt: skip
+    head = ("configuration", "axis", "baseline", "tracked", "tilt", "overlap", "epipolar rms", "matched",
+            "effective range", "depths it gave", "points")  # fmt: skip
+    said = (
+        "Overlap: share of the reference's view that the other camera sees. Epipolar rms: how far corresponding "
+        "corners lie off the line on which they are looked for, in the rectified pictures; below 1 px is good. Depths "
+        "it gave: 5th to 95th percentile of the points that the map took from this baseline."
+    )
+    parts = [table(head, rows), note(said)]
+    return parts + ([image(charts.ranges(data.result, data.evidence))] if rows else [])
+
+
+def poses(data: ReportData) -> List[str]:
+    """Corrections of the refinement by picture."""
+    rows = []
+    for i in data.result.images:
+        degrees, metres = correction(i)
+        state = "reference" if i.name == data.result.reference.name else "yes" if i.refined else "no"
+        rows.append((
+            html.escape(i.name), html.escape(i.vehicle), state, f"{degrees:.3f}°", f"{metres:.3f} m",
+            "–" if i.inliers is None else f"{i.inliers:,}", number(i.epipolar_rms_px, "{:.2f} px"),
+        ))  # fmt: skip
+    head = ("picture", "vehicle", "refined", "turned by", "moved by", "inliers", "epipolar rms after")
+    if not any(i.refined for i in data.result.images):
+        return [table(head, rows), note(f"Method {data.result.method} uses the recorded poses as they are.")]
+    return [table(head, rows), image(charts.corrections(data.result))]
+
+
+def from_above(data: ReportData) -> List[str]:
+    """The cloud from above, in colour and by configuration; how far the pixels are."""
+    above = side(figures.from_above(data.result, False), figures.from_above(data.result, True))
+    return [above, image(figures.histogram(data.result))]
+
+
+def confidence(data: ReportData) -> List[str]:
+    """Sigma as a picture, as histograms, by range."""
+    rows = [
+        (f"{b['from_m']:.0f} to {b['to_m']:.0f} m" if np.isfinite(b["to_m"]) else f"beyond {b['from_m']:.0f} m",
+         f"{b['pixels']:,}", f"{b['sigma_m']:.2f} m", f"{b['share']:.2%}")
+        for b in sigma_bands(data.result)
+    ]  # fmt: skip
+    return [
+        side(figures.depth(data.result.sigma, "standard deviation of depth")),
+        image(charts.sigma(data.result)),
+        table(("mapped depth", "pixels", "median sigma", "of the distance"), rows),
+    ]
+
+
+def seams(data: ReportData) -> List[str]:
+    """Whether neighbouring baselines agree where one takes over."""
+    if not data.seams:
+        return [note("No two baselines of one axis overlap in range.")]
+    rows = [
+        (f"{html.escape(s.shorter)} → {html.escape(s.longer)}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}")
+        for s in data.seams
+    ]
+    said = (
+        "Step: median of the longer baseline's depth over the shorter's, less one, of the pixels near it that both saw."
+    )
+    return [table(("from → to", "at", "pixels", "step"), rows), note(said)]
+
+
+def truth(data: ReportData) -> List[str]:
+    """Errors against truth by range; poses against truth."""
+    e = data.evaluation
+    if e is None or data.true_depth is None:
+        return []
+    rows = [
+        (
+            f"{b.range_m[0]:.0f} to {b.range_m[1]:.0f} m", f"{b.pixels:,}", f"{b.coverage:.1%}",
+            f"{b.within_10_percent:.1%}", f"{b.wrong_of_answered:.1%}", percent(b.median_relative_error, 2),
+        )
+        for b in e.bands
+    ]  # fmt: skip
+    turned = [(html.escape(n), f"{r:.3f}°", f"{p:.3f} m") for n, (r, p) in e.pose_errors.items()]
+    return [
+        table(("range", "pixels", "covered", "within 10 %", "wrong of answered", "median error"), rows),
+        side(figures.depth(data.true_depth, "true depth"), figures.depth_error(data.result.depth, data.true_depth)),
+        side(figures.errors_by_range(data.result, data.true_depth, e)),
+        f"<p>Errors within one predicted standard deviation: {e.within_1_sigma:.0%} (68 % is right), within two: "
+        f"{e.within_2_sigma:.0%} (95 %).</p>",
+        "<p>Poses relative to the reference picture:</p>",
+        table(("picture", "rotation error", "position error"), turned),
+    ]
+
+
+def points_of_interest(data: ReportData) -> List[str]:
+    """Boxes in the reference picture, and what every configuration found in them (thesis 6.7)."""
+    if not data.points:
+        return []
+    head = ("point", "true depth", "configuration", "matched", "median depth", "5 % to 95 %")
+    return [
+        side(poi.boxes(data.result, data.points)),
+        image(poi.distributions(data.points)),
+        table(head, [[html.escape(c) for c in row] for row in poi.rows(data.points)]),
+    ]
+
+
+def pairs(data: ReportData) -> List[str]:
+    """Rectified pictures and disparity of every pair."""
+    parts = []
+    for p in data.result.pairs:
+        tried = ", ".join(f"{html.escape(n)} {r:.1%}" for n, r in p.candidates)
+        parts += [f"<h3>{html.escape(p.configuration.name)}</h3>"]
+        parts += [f"<p>Match rates: {tried}</p>"] if tried else []
+        parts.append(image(figures.pair(p)))
+    return parts

@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The map in flight: every configuration adds to it as it comes in over the link; or monitoring while vehicles hold."""
+
+import threading
+import time
+import traceback
+from dataclasses import dataclass, replace
+from typing import List, Optional
+
+import rospy
+import tf2_ros
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+from fcsv_geometry import frames
+from fcsv_geometry.errors import FcsvError, GeometryError
+from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros.health import Health
+from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
+from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.live import Corrections, LivePicture, LiveSession
+from fcsv_stereo.pipeline import METHODS, OPTIONS, QUICK_OPTIONS
+from fcsv_stereo.result import MapResult
+from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
+from fcsv_stereo.ros.session_messages import odoms_in_home, window_of
+from fcsv_stereo.warm_up import warm_up
+
+_STATE_PERIOD_S = 1.0
+_REFINE_EVERY = 10  # depth images while monitoring
+
+
+@dataclass(frozen=True)
+class LiveParameters:
+    """Parameters of the node; ``vehicles`` with the reference first.
+
+    ``monitor``: instead of one map of a mission, depth of what the vehicles see now, at most ``monitor_rate_hz``
+    times a second, from pictures at most ``apart_s`` apart (vehicles hold, the scene may move).
+    """
+
+    vehicles: List[str]
+    method: str = "joint"
+    monitor: bool = False
+    monitor_rate_hz: float = 5.0
+    apart_s: float = 0.25
+
+    def __post_init__(self):
+        if len(self.vehicles) < 2:
+            raise ValueError(f"vehicles: {self.vehicles} are not two or more; name them, the reference first")
+        if self.method not in METHODS:
+            raise ValueError(f"method: '{self.method}' is not one of {', '.join(METHODS)}")
+        if not 0.1 <= self.monitor_rate_hz <= 30.0:
+            raise ValueError(f"monitor_rate_hz: {self.monitor_rate_hz} is not in 0.1..30")
+        if not 0.0 < self.apart_s <= 5.0:
+            raise ValueError(f"apart_s: {self.apart_s} is not in (0, 5]")
+
+
+class LiveNode:
+    """Callbacks file what comes in; one worker maps it."""
+
+    def __init__(self):
+        self._parameters = node.parameters(LiveParameters)
+        self._session = LiveSession()
+        self._home: Optional[Home] = None
+        self._calibration: Optional[Calibration] = None
+        self._changed = threading.Condition()
+        self._news = False
+        self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
+        self._mapped: set = set()  # indices of windows
+        self._state = MapState(state="waiting", detail="waiting for the first configuration")
+        self._health = Health("map", {"pictures": 0.0})
+        latched = {"queue_size": 1, "latch": True}
+        self._points = rospy.Publisher("/map/points", PointCloud2, **latched)
+        self._depth = rospy.Publisher("/map/depth", Image, **latched)
+        self._info = rospy.Publisher("/map/camera_info", CameraInfo, **latched)
+        self._reference = rospy.Publisher("/map/reference", Image, **latched)
+        self._states = rospy.Publisher("/map/state", MapState, **latched)
+        self._static = tf2_ros.StaticTransformBroadcaster()
+        self._timer = rospy.Timer(rospy.Duration(_STATE_PERIOD_S), lambda _event: self._say())
+        rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
+        rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
+        rospy.Subscriber("/mission/capture", Capture, self._on_capture, queue_size=50)
+        for name in self._parameters.vehicles:
+            topic = f"/{name}/capture/picture"
+            rospy.Subscriber(topic, CapturedPicture, self._on_picture, name, queue_size=20, buff_size=8 << 20)
+
+    # ---- what comes in -------------------------------------------------------------------------------------
+
+    def _on_calibration(self, message: Calibration) -> None:
+        self._calibration = message
+        self._recompose()
+
+    def _on_home(self, message: Home) -> None:
+        self._home = message
+        self._recompose()
+
+    def _recompose(self) -> None:
+        if self._home is None or self._calibration is None:
+            return
+        try:
+            T_home_odom = odoms_in_home(self._home, self._calibration)
+        except GeometryError as error:
+            self._health.drop("calibration or home", str(error))
+            return
+        with self._changed:
+            self._session.T_home_odom = T_home_odom
+            self._news = True
+            self._changed.notify()
+
+    def _on_capture(self, message: Capture) -> None:
+        with self._changed:
+            self._session.add_window(window_of(message))
+            self._mapped.discard(message.index)
+            self._news = True
+            self._changed.notify()
+
+    def _on_picture(self, message: CapturedPicture, name: str) -> None:
+        try:
+            if message.vehicle != name:
+                raise GeometryError(f"{name} sends pictures of '{message.vehicle}'")
+            picture = LivePicture(
+                name,
+                message.header.stamp.to_sec(),
+                message.data,
+                conversions.camera_from_info(message.camera),
+                conversions.pose_to_transform(message.camera_in_odom),
+            )
+        except FcsvError as error:
+            self._health.drop("picture", str(error))
+            return
+        self._health.tick("pictures")
+        with self._changed:
+            self._session.add_picture(picture)
+            self._news = True
+            self._changed.notify()
+
+    # ---- the worker ----------------------------------------------------------------------------------------
+
+    def spin(self) -> None:
+        """Maps what is new until ROS shuts the node down."""
+        p = self._parameters
+        method = METHODS[p.method]
+        options = QUICK_OPTIONS[p.method] if p.monitor else OPTIONS[p.method]()
+        warm_up(method, options)
+        next_s = 0.0
+        while not rospy.is_shutdown():
+            time.sleep(max(0.0, next_s - time.monotonic()))  # before looking: what is taken then is the newest
+            given = self._next_input()
+            if given is None:
+                continue
+            next_s = time.monotonic() + 1.0 / self._parameters.monitor_rate_hz
+            given, chosen = self._with_known_poses(given, options)
+            result = self._map(method, chosen, given)
+            if result is not None:
+                self._corrections.learn(result)
+
+    def _next_input(self) -> Optional[MapInput]:
+        with self._changed:
+            if not self._news:
+                self._changed.wait(0.2)
+            if not self._news:
+                return None
+            self._news = False
+            try:
+                if self._parameters.monitor:
+                    reference, *others = self._parameters.vehicles
+                    given = self._session.newest(reference, others, self._parameters.apart_s, self._watched_s)
+                    if given is not None:
+                        self._watched_s = given.configurations[0].references[0].stamp_s
+                    return given
+                complete = {i for i in self._session.windows if self._session.complete(i)}
+                if complete <= self._mapped:
+                    return None
+                given = self._session.inputs()
+                self._mapped = complete
+                return given
+            except FcsvError as error:
+                self._say("failed", str(error))
+                return None
+
+    def _with_known_poses(self, given: MapInput, options):
+        """While monitoring, poses are refined now and then, and corrected as found in between."""
+        if not self._parameters.monitor or not hasattr(options, "refine_poses"):
+            return given, options
+        self._watched += 1
+        if self._watched % _REFINE_EVERY == 1 or not self._corrections.know(given):
+            return given, options
+        return self._corrections.apply(given), replace(options, refine_poses=False)
+
+    def _map(self, method, options, given: MapInput) -> Optional[MapResult]:
+        names = ", ".join(c.configuration.name for c in given.configurations)
+        if not self._parameters.monitor:
+            self._say("mapping", names)
+        started = time.monotonic()
+        try:
+            result = method(given, options, lambda *_: None)
+        except FcsvError as error:
+            self._say("failed", str(error), given.warnings)
+            return None
+        except Exception as error:  # a defect must not take the map away from a flight: the next configuration may do
+            rospy.logerr("%s", traceback.format_exc())
+            self._say("failed", f"a defect of this program ({error}); see its log", given.warnings)
+            return None
+        self._publish(result)
+        newest_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
+        state = self._state
+        state.configurations, state.points, state.coverage = len(result.pairs), result.points, result.coverage
+        state.processing_s, state.latency_s = time.monotonic() - started, rospy.get_time() - newest_s
+        self._say("ready", names, result.warnings)
+        return result
+
+    def _publish(self, result: MapResult) -> None:
+        reference = result.reference
+        T = conversions.transform_stamped(reference.T_home_cam, reference.stamp_s, frames.HOME, REFERENCE_FRAME)
+        self._static.sendTransform([T])
+        self._points.publish(cloud_message(result.cloud, reference.stamp_s))
+        self._depth.publish(depth_message(result.depth, reference.stamp_s))
+        self._info.publish(conversions.info_from_camera(reference.camera, reference.stamp_s, REFERENCE_FRAME))
+        self._reference.publish(conversions.array_to_image(reference.image, "rgb8", reference.stamp_s, REFERENCE_FRAME))
+
+    def _say(self, state: str = "", detail: str = "", problems: Optional[List[str]] = None) -> None:
+        """Publish the state, changed or not; a failure is also an error of this node's health."""
+        s = self._state
+        if state and (state, detail) != (s.state, s.detail):
+            rospy.loginfo("map: %s: %s", state, detail)
+        if state:
+            s.state, s.detail, s.problems = state, detail, list(problems or [])
+            self._health.problem("map", detail if state == "failed" else "")
+        s.header = conversions.header(rospy.get_time(), frames.HOME)
+        self._states.publish(s)
+
+
+def main() -> int:
+    """Run the node."""
+    return node.run("live_map", LiveNode)

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a map in flight starts from, as it comes in over a link: late, twice, out of order, broken."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.inputs import ConfigurationInput, MapInput
+from fcsv_stereo.live import Corrections, LivePicture, LiveSession, Window
+from fcsv_stereo.result import Configuration, ImageEntry, MapResult
+
+CAMERA = PinholeCamera.from_fov(64, 48, np.radians(56.0), (0.04, -0.08, 0.0, 0.0, 0.0))
+R_OPTICAL = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+
+
+def picture(vehicle, stamp_s, y_m=0.0, z_m=0.0, size=(48, 64)):
+    image = np.full((*size, 3), 90, np.uint8)
+    _, jpeg = cv2.imencode(".jpg", image)
+    T_odom_cam = transforms.from_xyz_yaw([0.0, y_m, z_m], 0.0) @ R_OPTICAL
+    return LivePicture(vehicle, stamp_s, jpeg.tobytes(), CAMERA, T_odom_cam)
+
+
+def window(index, start_s, stop_s, name="horizontal 2 m"):
+    return Window(index, Configuration("horizontal", 2.0, 0.0, name), "uav1", "uav2", start_s, stop_s)
+
+
+@pytest.fixture
+def session():
+    s = LiveSession(most_pictures=20)
+    s.T_home_odom = {"uav1": np.eye(4), "uav2": transforms.from_xyz_yaw([1.0, 0.0, 0.0], 0.0)}
+    return s
+
+
+def test_pictures_before_and_after_the_end_of_a_window_is_said(session):
+    for t in np.arange(9.0, 12.0, 0.5):
+        session.add_picture(picture("uav1", t))
+    session.add_window(window(0, 10.0, 12.0))
+    assert not session.complete(0) and "uav2" in session.missing()[0]
+    with pytest.raises(InputError, match="no configuration has pictures of both"):
+        session.inputs()
+    session.add_picture(picture("uav2", 11.0))  # the radio was slow
+    session.add_picture(picture("uav2", 12.5))  # not of the window
+    assert session.complete(0) and session.missing() == []
+    given = session.inputs()
+    (c,) = given.configurations
+    assert [p.stamp_s for p in c.references] == [10.0, 10.5, 11.0] and [p.stamp_s for p in c.others] == [11.0]
+    assert c.others[0].image.shape == (48, 64, 3) and c.others[0].camera == CAMERA.undistorted()
+    assert np.allclose(c.others[0].T_home_cam[:3, 3], [1.0, 0.0, 0.0])  # T_home_odom @ T_odom_cam
+
+
+def test_what_comes_twice_counts_once_and_a_window_said_again_is_replaced(session):
+    for _ in range(2):
+        session.add_picture(picture("uav1", 10.0))
+        session.add_picture(picture("uav2", 10.0))
+    session.add_window(window(0, 9.0, 11.0))
+    session.add_window(window(0, 9.0, 11.0, "again"))
+    (c,) = session.inputs().configurations
+    assert c.configuration.name == "again" and len(c.references) == len(c.others) == 1
+
+
+def test_configurations_come_in_their_order_and_the_incomplete_one_is_named(session):
+    for t in (10.0, 20.0):
+        session.add_picture(picture("uav1", t))
+    session.add_picture(picture("uav2", 20.0))
+    session.add_window(window(1, 19.0, 21.0, "second"))
+    session.add_window(window(0, 9.0, 11.0, "first"))
+    given = session.inputs()
+    assert [c.configuration.name for c in given.configurations] == ["second"]
+    assert given.warnings == ["configuration 'first': no picture of uav2 yet"]
+
+
+def test_a_vehicle_whose_place_is_unknown_is_an_error_and_not_identity(session):
+    del session.T_home_odom["uav2"]
+    session.add_picture(picture("uav1", 10.0))
+    session.add_picture(picture("uav2", 10.0))
+    session.add_window(window(0, 9.0, 11.0))
+    with pytest.raises(InputError, match="where uav2 is in home is not known"):
+        session.inputs()
+
+
+@pytest.mark.parametrize("jpeg, said", [(b"", "not a JPEG"), (b"\xff\xd8garbage", "not a JPEG")])
+def test_a_broken_picture_is_named(session, jpeg, said):
+    broken = picture("uav1", 10.0)
+    with pytest.raises(InputError, match=said):
+        LivePicture("uav1", 10.0, jpeg, broken.camera, broken.T_odom_cam).picture(np.eye(4))
+    with pytest.raises(InputError, match="is 32x24, not 64x48"):
+        picture("uav1", 10.0, size=(24, 32)).picture(np.eye(4))
+
+
+def test_memory_is_bounded_but_windows_keep_theirs(session):
+    session.add_window(window(0, 0.0, 1.0))
+    for i in range(500):
+        session.add_picture(picture("uav1", i * 0.1))
+    assert len(session._newest["uav1"]) == 20
+    assert len(session._kept[0]["uav1"]) == 11
+
+
+def test_monitoring_takes_the_newest_that_belong_together(session):
+    session.T_home_odom["uav3"] = np.eye(4)
+    assert session.newest("uav1", ["uav2", "uav3"], 0.2) is None
+    for t in (10.0, 10.5, 11.0):
+        session.add_picture(picture("uav1", t))
+    session.add_picture(picture("uav2", 10.45, y_m=-2.0))
+    session.add_picture(picture("uav2", 11.05, y_m=-2.0))
+    assert session.newest("uav1", ["uav2", "uav3"], 0.2) is None
+    session.add_picture(picture("uav3", 10.6, z_m=4.0))
+    given = session.newest("uav1", ["uav2", "uav3"], 0.2)
+    assert [c.others[0].stamp_s for c in given.configurations] == [10.45, 10.6]  # at 11.0 uav3 has none
+    assert [c.references[0].stamp_s for c in given.configurations] == [10.5, 10.5]
+    assert session.newest("uav1", ["uav2", "uav3"], 0.2, after_s=10.5) is None  # not the same again
+    assert [c.configuration.axis for c in given.configurations] == ["horizontal", "vertical"]
+    assert given.configurations[1].configuration.baseline_m == pytest.approx(4.0)
+
+
+def test_corrections_carry_over_to_later_pictures_of_a_vehicle_that_holds(session):
+    """An odometry frame that lies wrong in home: what was found of one picture serves the next, which is tilted."""
+    wrong = transforms.from_xyz_rpy([0.05, -0.02, 0.01], np.radians([0.1, -0.2, 0.3]))
+    first, later = camera_poses()
+    prior = [transforms.invert(wrong) @ T for T in (first, later)]
+    images = [ImageEntry("a", "uav1", 0.0, np.eye(4), np.eye(4)), ImageEntry("b", "uav2", 0.0, first, prior[0], True)]
+    corrections = Corrections()
+    view = picture("uav2", 1.0).picture(np.eye(4))
+    given = MapInput("session", [ConfigurationInput(Configuration("horizontal", 2.0), [view],
+                                                    [replace(view, T_home_cam=prior[1])])])  # fmt: skip
+    assert not corrections.know(given)
+    corrections.learn(MapResult("joint", None, images, [], None, None, None))
+    assert corrections.know(given)
+    assert np.allclose(corrections.apply(given).configurations[0].others[0].T_home_cam, later)
+
+
+def camera_poses():
+    tilted = transforms.from_xyz_rpy([0.01, -2.03, 0.02], np.radians([0.4, 0.5, -0.3]))
+    return transforms.from_xyz_yaw([0.0, -2.0, 0.0], 0.0) @ R_OPTICAL, tilted @ R_OPTICAL

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live map on a real master: configurations come in one by one, or vehicles hold and are watched."""
+
+import time
+
+import cv2
+import numpy as np
+import pytest
+from scenes import CAMERA, DEPTH_M, camera_pose, photograph
+from waiting import within
+
+from fcsv_geometry import transforms
+
+pytestmark = pytest.mark.ros
+NAMES = ("l_one", "l_two", "l_three")  # not uav1, uav2: other tests may use those on the same master
+PLACES = {"l_one": (0.0, 0.0, 0.0), "l_two": (0.0, -1.0, 0.0), "l_three": (0.0, 0.0, 1.0)}
+T_HOME_ODOM = {"l_one": transforms.from_xyz_yaw([3.0, 1.0, 0.0], 0.4),
+               "l_two": transforms.from_xyz_yaw([-2.0, 0.0, 1.0], -1.0),
+               "l_three": np.eye(4)}  # fmt: skip
+until = within(40.0)
+
+
+class Fleet:
+    """What the radio brings: frames, pictures of the synthetic walls, ends of recordings; and what the map says."""
+
+    def __init__(self):
+        import rospy
+        from sensor_msgs.msg import Image, PointCloud2
+
+        from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
+
+        latched = {"queue_size": 5, "latch": True}
+        self.calibration = rospy.Publisher("/calibration", Calibration, **latched)
+        self.home = rospy.Publisher("/home", Home, **latched)
+        self.captures = rospy.Publisher("/mission/capture", Capture, **latched)
+        self.pictures = {n: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=5) for n in NAMES}
+        self.states, self.clouds, self.depths = [], [], []
+        self.heard = [
+            rospy.Subscriber("/map/state", MapState, self.states.append),
+            rospy.Subscriber("/map/points", PointCloud2, self.clouds.append),
+            rospy.Subscriber("/map/depth", Image, self.depths.append),
+        ]
+
+    def frames(self):
+        from fcsv_geometry.ros import conversions
+        from fcsv_msgs.msg import Calibration, CalibrationLink, Home
+
+        T = T_HOME_ODOM
+        links = []
+        for parent, child in zip(NAMES, NAMES[1:]):
+            link = CalibrationLink(parent=parent, child=child)
+            link.child_odom_in_parent_odom = conversions.transform_to_pose(transforms.invert(T[parent]) @ T[child])
+            links.append(link)
+        self.calibration.publish(Calibration(links=links))
+        home = conversions.transform_to_pose(transforms.invert(T["l_one"]))
+        self.home.publish(Home(reference="l_one", home_in_odom=home))
+
+    def picture(self, name, stamp_s, jpeg=None):
+        from fcsv_geometry.ros import conversions
+        from fcsv_msgs.msg import CapturedPicture
+
+        T_home_cam = camera_pose(PLACES[name])
+        if jpeg is None:
+            bgr = cv2.cvtColor(photograph(T_home_cam), cv2.COLOR_RGB2BGR)
+            jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+        message = CapturedPicture(vehicle=name, format="jpeg", data=jpeg)
+        message.header = conversions.header(stamp_s, f"{name}/camera_optical")
+        message.camera = conversions.info_from_camera(CAMERA, stamp_s, "")
+        message.camera_in_odom = conversions.transform_to_pose(transforms.invert(T_HOME_ODOM[name]) @ T_home_cam)
+        self.pictures[name].publish(message)
+
+    def capture(self, index, vehicle, start_s, stop_s):
+        import rospy
+
+        from fcsv_msgs.msg import Capture, Configuration
+
+        axis = Configuration.HORIZONTAL if vehicle == "l_two" else Configuration.VERTICAL
+        configuration = Configuration(f"configuration {index}", axis, 1.0, 0.0, 2.0)
+        self.captures.publish(
+            Capture(index=index, configuration=configuration, reference="l_one", vehicle=vehicle,
+                    start=rospy.Time.from_sec(start_s), stop=rospy.Time.from_sec(stop_s))
+        )  # fmt: skip
+
+    def last(self, state):
+        said = [s for s in self.states if s.state == state]
+        return said[-1] if said else None
+
+    def close(self):
+        publishers = [self.calibration, self.home, self.captures, *self.pictures.values()]
+        for each in (*self.heard, *publishers):
+            each.unregister()
+
+
+@pytest.fixture
+def fleet(start_node):
+    made = []
+
+    def start(names=NAMES, **params):
+        start_node("fcsv_stereo", "live_map", ns="l_map", params={"vehicles": list(names), **params})
+        made.append(Fleet())
+        until(lambda: all(made[-1].pictures[n].get_num_connections() for n in names), what="the node")
+        return made[-1]
+
+    yield start
+    for each in made:
+        each.close()
+
+
+def depth_of(message):
+    from fcsv_geometry.ros import conversions
+
+    assert message.encoding == "32FC1" and message.header.frame_id == "map/reference_optical"
+    return conversions.image_to_array(message)
+
+
+def test_each_configuration_adds_to_the_map(fleet):
+    f = fleet()
+    now = time.time()
+    f.picture("l_one", now)
+    f.picture("l_two", now + 0.1)
+    f.capture(0, "l_two", now - 1.0, now + 1.0)  # before anybody knows where the vehicles are
+    until(lambda: f.last("failed") is not None, what="a named error")
+    assert "calibrate" in f.last("failed").detail
+    f.frames()
+    f.capture(0, "l_two", now - 1.0, now + 1.0)
+    until(lambda: f.last("ready") is not None and f.clouds, what="a partial map")
+    first = f.last("ready")
+    assert first.configurations == 1 and first.points > 1000
+    relative = np.abs(depth_of(f.depths[-1]) / DEPTH_M - 1.0)
+    assert np.nanmedian(relative) < 0.05  # the wall; JPEG, one pair of 1 m at 20 m, 3 px of disparity for 10 %
+
+    f.capture(1, "l_three", now + 9.0, now + 11.0)
+    f.picture("l_one", now + 10.0)
+    time.sleep(0.5)
+    assert f.last("ready").configurations == 1  # nothing of the second vehicle yet
+    f.picture("l_three", now + 10.0)
+    until(lambda: f.last("ready").configurations == 2, what="the second configuration")
+    assert f.clouds[-1].header.frame_id == "home" and f.clouds[-1].width == f.last("ready").points
+
+
+def test_a_broken_picture_is_named_and_the_next_one_serves(fleet):
+    f = fleet()
+    f.frames()
+    now = time.time()
+    f.picture("l_one", now)
+    f.picture("l_two", now, jpeg=b"no jpeg at all")
+    f.capture(0, "l_two", now - 1.0, now + 1.0)
+    until(lambda: f.last("failed") is not None, what="an error")
+    assert "not a JPEG" in f.last("failed").detail
+    f.picture("l_one", now + 10.0)
+    f.picture("l_three", now + 10.0)
+    f.capture(1, "l_three", now + 9.0, now + 11.0)
+    until(lambda: f.last("ready") is not None, what="a map of the others")
+    assert any("l_two" in p for p in f.last("ready").problems)
+
+
+def test_monitoring_answers_again_and_again(fleet):
+    f = fleet(monitor=True)
+    f.frames()
+    stamps = []
+    for _ in range(20):
+        now = time.time()
+        for name in NAMES:
+            f.picture(name, now)
+        stamps.append(now)
+        time.sleep(0.3)
+        if len(f.depths) >= 3:
+            break
+    until(lambda: len(f.depths) >= 3, what="three depth images")
+    assert f.last("ready").configurations == 2
+    given = [round(d.header.stamp.to_sec(), 3) for d in f.depths]
+    assert len(set(given)) == len(given) and set(given) <= {round(s, 3) for s in stamps}
+
+
+def test_wrong_parameters_end_the_node_and_are_named(start_node):
+    node = start_node("fcsv_stereo", "live_map", ns="l_wrong", params={"vehicles": ["a", "b"], "method": "magic"})
+    until(lambda: node.returncode is not None, what="its end")
+    assert node.returncode == 2 and "'magic' is not one of joint, thesis" in node.tail(20)

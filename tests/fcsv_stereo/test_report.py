@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report: its figures are what they say, its warnings come when they should, and its page is whole."""
+
+import warnings as python_warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import CAMERA, given, true_depth
+
+from fcsv_geometry import transforms
+from fcsv_stereo.equations import ErrorThreshold
+from fcsv_stereo.evaluation import evaluate
+from fcsv_stereo.report import evidence, page, plain_words, write_report
+from fcsv_stereo.report.figures import _with_none
+from fcsv_stereo.thesis import ThesisOptions, map_thesis
+
+WIDE = ErrorThreshold(5.0, False)
+
+
+def mapped(scene):
+    return map_thesis(scene, ThesisOptions(threshold=WIDE), lambda *_: None)
+
+
+def turned(scene, rpy_deg):
+    """The scene with every other picture's pose wrong by a rotation (camera axes)."""
+    error = transforms.from_xyz_rpy([0, 0, 0], np.radians(rpy_deg))
+    configurations = [
+        replace(c, others=[replace(p, T_home_cam=p.T_home_cam @ error) for p in c.others]) for c in scene.configurations
+    ]
+    return replace(scene, configurations=configurations)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return given(((0, -0.6, 0), "horizontal"), ((0, -1.2, 0), "horizontal"), ((0, 0, 0.8), "vertical"))
+
+
+@pytest.fixture(scope="module")
+def result(scene):
+    return mapped(scene)
+
+
+def test_epipolar_offset_is_the_pose_error(scene, result):
+    """0.4 degrees about the camera's x move everything by f tan(0.4) across a horizontal baseline."""
+    assert all(evidence.pair_evidence(result, i).epipolar_rms_px < 0.3 for i in range(2))
+    wrong = mapped(turned(scene, [0.4, 0.0, 0.0]))
+    expected_px = CAMERA.fx * np.tan(np.radians(0.4))
+    for i in range(2):
+        found = evidence.pair_evidence(wrong, i)
+        assert found.corners >= 20 and found.epipolar_median_px == pytest.approx(expected_px, abs=0.35)
+    words = plain_words.warnings(wrong, [evidence.pair_evidence(wrong, i) for i in range(3)], [], None)
+    assert any("epipolar line" in w and "horizontal 0 (2." in w for w in words)
+
+
+def test_overlap_is_that_of_the_views(result):
+    """Baseline b at depth z leaves 1 - b f / (z w) of the view (h for a vertical one); rotations of 0.7 degrees in sum
+    move the view by some 4 px."""
+    for pair, size, found in zip(result.pairs, (CAMERA.width, CAMERA.width, CAMERA.height), range(3)):
+        z = np.where(np.isfinite(result.depth), result.depth, evidence._FAR_M)
+        expected = 1.0 - np.mean(pair.configuration.baseline_m * CAMERA.fx / z) / size
+        assert evidence.pair_evidence(result, found).overlap == pytest.approx(expected, abs=0.05)
+
+
+def test_points_and_depths_of_a_pair(result):
+    found = [evidence.pair_evidence(result, i) for i in range(3)]
+    assert sum(e.points for e in found) == result.points
+    many = [e for e in found if e.points > 1000]  # a handful are strays
+    assert many and all(11.0 < e.carried_m[0] <= e.carried_m[1] < 24.0 for e in many)
+
+
+def test_a_seam_is_the_step_between_two_baselines(result):
+    near, far = result.pairs[:2]
+    step = replace(
+        result,
+        pairs=[
+            replace(near, depth=np.full((10, 10), 20.0, np.float32), effective_range_m=(0.0, 20.0)),
+            replace(far, depth=np.full((10, 10), 22.0, np.float32), effective_range_m=(20.0, 40.0)),
+        ],
+    )
+    (seam,) = evidence.seams(step)
+    assert seam.step == pytest.approx(0.1, abs=1e-6) and seam.at_m == 20.0 and seam.pixels == 100
+    words = plain_words.warnings(step, [], [seam], None)
+    assert any("+10% at 20 m" in w for w in words)
+
+
+def test_warnings_in_plain_words(result):
+    found = [evidence.pair_evidence(result, i) for i in range(3)]
+    assert not plain_words.warnings(result, found, [], None)
+    moved = [replace(i, stamp_s=i.stamp_s + 3.0 * n, refined=n == 1) for n, i in enumerate(result.images)]
+    moved[1] = replace(
+        moved[1], T_home_cam=moved[1].T_home_cam @ transforms.from_xyz_rpy([0, 0, 0], np.radians([0, 2.0, 0]))
+    )
+    bad = replace(
+        result, images=moved, sigma=result.depth * 0.3, depth=np.where(result.depth > 15, np.nan, result.depth)
+    )
+    pairs = [replace(found[0], overlap=0.3), *found[1:]]
+    truth = evaluate(replace(result, sigma=result.sigma * 1e-3), None, true_depth(result.reference.T_home_cam))
+    words = "\n".join(plain_words.warnings(bad, pairs, [], truth))
+    for expected in (
+        "of the picture has a depth", "tilt it inwards: horizontal 0 (30%)", "not taken at one time", "(2.0°, 0.00 m)",
+        "could not be refined", "above 10% of the distance", "sigma is too small",
+    ):  # fmt: skip
+        assert expected in words, words
+
+
+def test_the_page_has_every_section_and_says_what_is_new(result, tmp_path, monkeypatch):
+    truth = true_depth(result.reference.T_home_cam)
+    monkeypatch.setattr(page, "SECTIONS", [*page.SECTIONS, ("Another page", lambda data: ["<p>something new</p>"])])
+    path = write_report(result, tmp_path, evaluate(result, None, truth), truth)
+    text = path.read_text()
+    for title, _ in (s for s in page.SECTIONS if s[0] != "Points of interest"):
+        assert f">{title}</h2>" in text
+    assert "something new" in text and text.count("<img src=") > 10 and "http" not in text
+    without = write_report(result, tmp_path).read_text()
+    assert "Against truth" not in without and "Points of interest" not in text
+
+
+def test_a_map_of_hardly_anything_has_a_page(result, tmp_path):
+    nan = np.full_like(result.depth, np.nan)
+    cloud = type(result.cloud)(*(getattr(result.cloud, n)[:0] for n in result.cloud.__dataclass_fields__))
+    empty = replace(result, depth=nan, sigma=nan, cloud=cloud, timing_s={})
+    pairs = [replace(p, disparity=nan, depth=nan, candidates=[]) for p in result.pairs]
+    text = write_report(replace(empty, pairs=pairs), tmp_path).read_text()
+    assert "Only 0% of the picture" in text and "not measured" in text
+
+
+def test_names_cannot_break_the_page(result, tmp_path):
+    evil = replace(result, warnings=["<script>alert(1)</script>"])
+    assert "<script>" not in write_report(evil, tmp_path).read_text()
+
+
+def test_colours_of_nothing_without_deprecated_ways():
+    with python_warnings.catch_warnings():
+        python_warnings.simplefilter("error")
+        colormap = _with_none("turbo", "#ff0000")
+        assert colormap(np.ma.masked_invalid([np.nan]))[0].tolist() == [1.0, 0.0, 0.0, 1.0]
