@@ -2,10 +2,12 @@
 # Thin on purpose: each target is a script's name. See README.md.
 MISSION ?= short
 SEED ?= 1
+WORLD ?= street
 RVIZ ?=
-export MISSION SEED RVIZ
+LIVE ?=
+export MISSION SEED WORLD RVIZ LIVE
 
-.PHONY: setup build demo test bench
+.PHONY: setup build demo test bench bench-tracking bench-link study
 setup build:
 	@tools/setup.sh
 demo: setup
@@ -14,3 +16,9 @@ test: setup
 	@tools/run test
 bench: setup
 	@tools/run bench
+bench-tracking: setup
+	@tools/run bench-tracking
+bench-link: setup
+	@. devel/setup.sh && .venv/bin/python tools/bench_link/bench.py $(or $(ARGS),--write)
+study: setup
+	@tools/run study

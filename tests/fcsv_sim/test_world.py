@@ -12,7 +12,7 @@ from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.world import materials
 from fcsv_sim.world.export import write_ply
-from fcsv_sim.world.town import Town
+from fcsv_sim.world.town import WORLDS, Town
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +29,40 @@ def test_a_seed_is_a_town(town):
     for name in ("vertices", "triangles", "uv", "material", "instance", "parameters"):
         assert np.array_equal(getattr(town, name), getattr(again, name)), name
     assert other.vertices.shape != town.vertices.shape or not np.array_equal(other.vertices, town.vertices)
+
+
+@pytest.mark.parametrize("world", sorted(set(WORLDS) - {"street"}))
+def test_other_worlds(world):
+    """Bounded, the same again, free where vehicles fly, depth at every range that equations are judged on."""
+    made, again = Town.generate(1, world), Town.generate(1, world)
+    assert np.array_equal(made.vertices, again.vertices) and np.array_equal(made.parameters, again.parameters)
+    assert 300_000 < len(made.triangles) < 1_500_000
+    assert np.isfinite(made.vertices).all() and made.triangles.max() == len(made.vertices) - 1
+    assert made.instance.max() < len(made.parameters)
+    v = made.vertices
+    inside = (v[:, 0] > -55) & (v[:, 0] < 10) & (np.abs(v[:, 1]) < 30)
+    assert np.abs(v[inside, 2]).max() < 1e-6
+    depth = Renderer(made).render(forward(1, 0, 8), CameraParameters().model, samples=1)[1]
+    seen = depth[np.isfinite(depth)]
+    assert 0.12 < 1 - seen.size / depth.size < 0.35 and 8.0 < seen.min() < 16.0
+    share = np.histogram(seen, [0, 20, 50, 100, 200, 400])[0] / seen.size
+    assert share.min() > 0.03 and share.sum() > 0.75, share
+
+
+def test_worlds_differ_in_texture():
+    """The plain world is the one with little: less than half of the street's contrast on the ground and walls."""
+    contrast = {}
+    for world in ("street", "plain"):
+        picture, depth = Renderer(Town.generate(1, world)).render(forward(1, 0, 8), CameraParameters().model)
+        grey = picture.mean(2)
+        steps = np.abs(np.diff(grey, axis=1))[np.isfinite(depth[:, 1:])]
+        contrast[world] = np.median(steps)
+    assert contrast["plain"] < 0.5 * contrast["street"], contrast
+
+
+def test_an_unknown_world_is_named():
+    with pytest.raises(SimulationError, match="'moon' is not one of street, village, field, plain"):
+        Town.generate(1, "moon")
 
 
 def test_the_mesh_is_whole_and_of_a_size_that_can_be_rendered(town):

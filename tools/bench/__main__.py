@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command behind ``make bench``."""
+
+import argparse
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+from typing import List, Optional
+
+import numpy as np
+
+from bench import colmap_poses, growth, tables
+from bench.measure import measure, prior_errors_deg, run
+from bench.scenes import LISTS, NOISES, SCENES, VERTICAL, SceneName, shoot, smaller
+from fcsv_stereo.pipeline import METHODS
+
+_PLOT = "pictures/growth.png"
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """Measure, print while it goes, write the page."""
+    args = _parse(argv)
+    scenes = args.scenes or (SCENES[::4] if args.quick else SCENES)
+    results, priors, colmap = {}, {}, []
+    why_not = colmap_poses.missing()
+    for name in scenes:
+        print(f"{name}:", flush=True)
+        scene = shoot(name, LISTS["and V 5, 7, 10 m"], clean=args.clean)
+        if name == scenes[0]:
+            _warm_up(scene, args.methods)
+        for title, baselines in LISTS.items():
+            for noise in NOISES[: 1 if baselines[-1] in VERTICAL else 2]:
+                given = scene.given(baselines, noise)
+                priors.setdefault(str(noise), []).extend(prior_errors_deg(given, scene))
+                for method in args.methods:
+                    f = measure(method, given, scene)
+                    results.setdefault((method, title, str(noise)), []).append(f)
+                    print(f"    {title}, {noise}, {method}: within 10 % {f.within_10:.1%}, wrong "
+                          f"{f.wrong_of_answered:.1%}, median {f.median:.2%}, rotation {f.rotation_median_deg:.3f}°, "
+                          f"{f.seconds:.1f} s", flush=True)  # fmt: skip
+        if why_not is None:
+            colmap.append((name, colmap_poses.colmap_on(scene)))
+            print(f"    COLMAP: {colmap[-1][1]}", flush=True)
+    samples = [] if args.no_growth else growth.measure_growth(args.methods, args.quick)
+    out = Path(args.out)
+    if samples:
+        growth.plot(samples, out.parent / _PLOT)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("\n".join(_page(args, scenes, results, priors, colmap, why_not, samples)) + "\n")
+    print(f"wrote {out}")
+    return 0
+
+
+def _warm_up(scene, methods: List[str]) -> None:
+    """Kernels are compiled once and cached: that is not a method's time."""
+    small = smaller(scene.given(scene.baselines[:1], NOISES[0]), 2)
+    for method in methods:
+        run(method, small)
+
+
+def _page(args, scenes, results, priors, colmap, why_not, samples) -> List[str]:
+    names, noises = list(map(str, scenes)), list(map(str, NOISES))
+    command = "make bench" + (f' ARGS="{" ".join(args.given)}"' if args.given else "")
+    lens = "without" if args.clean else "with"
+    lines = [
+        "# Benchmarks", "",
+        f"`{command}`, {time.strftime('%Y-%m-%d')}, {platform.machine()} with {os.cpu_count()} cores shared with other "
+        f"work, Python {platform.python_version()}.", "",
+        f"Every method on the same pictures in the same run: {', '.join(names)} (kinds of the simulator's world and",
+        f"seeds), {lens} the simulated camera's noise and blur, f = 602 px at 640x480; places scattered by 3 cm and",
+        "1°, noise on every pose but the reference's (rotation per axis, position as a share of the baseline).",
+        "Figures are of the pixels with truth up to 400 m; rotation errors are relative to the reference.", "",
+        *tables.requirement_table(results, list(LISTS), noises), "",
+        "Rotation errors of the priors: " + "; ".join(
+            f"noise {n}: median {np.median(e):.3f}°, worst {np.max(e):.3f}°" for n, e in priors.items()) + ".",
+        "", "## COLMAP on the same eight pictures", "", *_colmap(colmap, why_not),
+        "", "## Scene by scene", *tables.scene_tables(results, names), "",
+    ]  # fmt: skip
+    if samples:
+        lines += ["## Growth", "", f"![time and memory]({_PLOT})", "", *tables.growth_table(samples), ""]
+        lines.append("Dotted: linear growth from the first point. Memory: what the run added at its peak.")
+    return lines
+
+
+def _colmap(colmap, why_not) -> List[str]:
+    if why_not is not None:
+        return [f"Left out: {why_not}."]
+    lines = ["| scene | placed | rotation error, median | worst | seconds |", "|---|---|---|---|---|"]
+    for name, r in colmap:
+        if isinstance(r, str):
+            lines.append(f"| {name} | {r} | – | – | – |")
+        else:
+            median, worst = np.median(r.errors_deg), np.max(r.errors_deg)
+            lines.append(f"| {name} | {r.placed} of {r.pictures} | {median:.3f}° | {worst:.3f}° | {r.seconds:.1f} |")
+    return [*lines, "", "From the pictures and the focal length alone: no priors, and so no scale."]
+
+
+def _scene(text: str) -> SceneName:
+    world, _, seed = text.partition(":")
+    if not seed.isdigit():
+        raise argparse.ArgumentTypeError(f"'{text}' is not WORLD:SEED, as street:1")
+    return SceneName(world, int(seed))
+
+
+def _parse(argv):
+    parser = argparse.ArgumentParser(prog="bench", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="two scenes, and the small end of growth")
+    parser.add_argument("--scenes", type=_scene, nargs="+", metavar="WORLD:SEED", help="these scenes")
+    parser.add_argument("--methods", nargs="+", choices=sorted(METHODS), default=sorted(METHODS, reverse=True))
+    parser.add_argument("--clean", action="store_true", help="pictures without the camera's noise and blur")
+    parser.add_argument("--no-growth", action="store_true", help="leave time and memory against size out")
+    parser.add_argument("--out", default="docs/benchmarks.md")
+    args = parser.parse_args(argv)
+    args.given = sys.argv[1:] if argv is None else list(argv)
+    return args
+
+
+if __name__ == "__main__":
+    sys.exit(main())

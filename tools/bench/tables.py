@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/benchmarks.md out of figures."""
+
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from bench.growth import Sample, exponent
+from bench.measure import Figures, mean, ratio
+
+#: method, list, noise -> figures by scene, in the scenes' order
+Results = Dict[Tuple[str, str, str], List[Figures]]
+BASE = "thesis"
+_HEAD = ("", "within 10 %", "covered", "wrong of answered", "median error", "median 200–400 m", "within 1σ",
+         "within 2σ", "rotation error, median", "worst", "seconds", "of the processor")  # fmt: skip
+
+
+def requirement_table(results: Results, lists: Sequence[str], noises: Sequence[str]) -> List[str]:
+    """What issue 3 asks of ``joint``, and the means of every method beside it."""
+    methods = list(dict.fromkeys(key[0] for key in results))
+    rows = ["| figure (mean of the scenes) | `joint` must | " + " | ".join(f"`{m}`" for m in methods) + " |"]
+    rows.append("|---|---|" + "---|" * len(methods))
+    for title, must, key, value in _requirements(lists, noises):
+        cells = []
+        for method in methods:
+            mine = results.get((method, *key))
+            cells.append(value(mine, results.get((BASE, *key))) if mine else "–")
+        rows.append(f"| {title} | {must} | " + " | ".join(cells) + " |")
+    return rows
+
+
+def _requirements(lists, noises):
+    """title, bound, (list, noise), cell of a method's figures (and of the base's)."""
+    h, hv, low, high = (*lists[:2], *noises[:2])
+
+    def figure(name, text):
+        return lambda mine, base: text(getattr(mean(mine), name))
+
+    def times(mine, base):
+        found = [ratio(mine, base, name) for name in ("seconds", "cpu_seconds")]
+        return "–" if None in found else f"{found[0]:.2f} ({found[1]:.2f})"
+
+    return [
+        (f"within 10 %, {h}", "≥ 90 %", (h, low), figure("within_10", _percent)),
+        (f"within 10 %, {hv}", "≥ 93 %", (hv, low), figure("within_10", _percent)),
+        (f"median relative error, {h}", "≤ 0.8 %", (h, low), figure("median", _fine)),
+        (f"median relative error 200–400 m, {h}", "≤ 1.5 %", (h, low), figure("median_far", _fine)),
+        (f"wrong by more than 10 %, of the answered, {h}", "≤ 4 %", (h, low), figure("wrong_of_answered", _percent)),
+        (f"rotation error, median, {hv}", "≤ 0.01°", (hv, low), figure("rotation_median_deg", _degrees)),
+        (f"rotation error, worst, {hv}", "≤ 0.035°", (hv, low), figure("rotation_worst_deg", _degrees)),
+        (f"seconds after load over `{BASE}`'s (of the processor), {h}", "≤ 0.33", (h, low), times),
+        (f"seconds after load over `{BASE}`'s (of the processor), {hv}", "≤ 0.33", (hv, low), times),
+        (f"errors within 1 sigma, {h}", "60–75 %", (h, low), figure("within_1_sigma", _percent)),
+        (f"errors within 2 sigma, {h}", "90–97 %", (h, low), figure("within_2_sigma", _percent)),
+        (f"within 10 %, {h}, noise {high}", "≥ 85 %", (h, high), figure("within_10", _percent)),
+    ]
+
+
+def scene_tables(results: Results, scenes: Sequence[str]) -> List[str]:
+    """A table for each list and noise: methods by scene, and their mean."""
+    lines: List[str] = []
+    for key in dict.fromkeys(k[1:] for k in results):
+        lines += [
+            "",
+            f"### {key[0]}, pose noise {key[1]}",
+            "",
+            "| " + " | ".join(_HEAD) + " |",
+            "|---" * len(_HEAD) + "|",
+        ]
+        for method in dict.fromkeys(k[0] for k in results):
+            rows = results.get((method, *key), [])
+            lines += [f"| `{method}`, {scene} | {_cells(f)} |" for scene, f in zip(scenes, rows)]
+            if len(rows) > 1:
+                lines.append(f"| **`{method}`, mean** | {_cells(mean(rows))} |")
+    return lines
+
+
+def growth_table(samples: Sequence[Sample]) -> List[str]:
+    """Exponents of every series (1 is linear) and where each ends."""
+    lines = ["| method, against | processor time grows with exponent | memory | last measured |", "|---|---|---|---|"]
+    for method in dict.fromkeys(s.method for s in samples):
+        for series, unit in (("size", "megapixels"), ("pairs", "pairs"), ("steps", "depth steps")):
+            mine = [s for s in samples if s.series == series and s.method == method]
+            if mine:
+                last = f"{mine[-1].x:.3g} {unit}: {mine[-1].seconds:.1f} s ({mine[-1].cpu_seconds:.1f} of "
+                last += f"the processor), {mine[-1].memory_mib:.0f} MiB"
+                slopes = [_slope(exponent(mine, value)) for value in ("cpu_seconds", "memory_mib")]
+                lines.append(f"| `{method}`, {series} | {slopes[0]} | {slopes[1]} | {last} |")
+    return lines
+
+
+def _cells(f: Figures) -> str:
+    values = [
+        _percent(f.within_10), _percent(f.covered), _percent(f.wrong_of_answered), _fine(f.median), _fine(f.median_far),
+        _percent(f.within_1_sigma), _percent(f.within_2_sigma), _degrees(f.rotation_median_deg),
+        _degrees(f.rotation_worst_deg), _seconds(f.seconds), _seconds(f.cpu_seconds),
+    ]  # fmt: skip
+    return " | ".join(values)
+
+
+def _percent(x: float) -> str:
+    return "–" if np.isnan(x) else f"{x:.1%}"
+
+
+def _fine(x: float) -> str:
+    return "–" if np.isnan(x) else f"{x:.2%}"
+
+
+def _degrees(x: float) -> str:
+    return "–" if np.isnan(x) else f"{x:.3f}°"
+
+
+def _seconds(x: float) -> str:
+    return "–" if np.isnan(x) else f"{x:.1f}"
+
+
+def _slope(x: Optional[float]) -> str:
+    return "–" if x is None else f"{x:.2f}"

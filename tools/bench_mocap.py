@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of docs/mocap.md: the mocap tracker against simulated truth, and against every kind of bad input."""
+
+import argparse
+import dataclasses
+import platform
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import chi2
+
+from fcsv_sim import mocap_evaluation as evaluation
+from fcsv_sim.mocap_flight import FlightErrors
+from fcsv_sim.tello_sensors import TelloErrors
+from fcsv_sim.v120_duo import V120DuoErrors
+
+BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
+
+
+def scaled_to_two_percent(seed):
+    """The seed's flight with its drift scaled so that odometry alone is off by 2 % after 20 m out of view."""
+    plain = evaluation.evaluate(seed)
+    drift = 0.02 * evaluation.AWAY_M / evaluation.at_20_m(plain.records["b"]).raw_m
+    errors = FlightErrors(tello=TelloErrors(drift=drift))
+    return plain, evaluation.evaluate(seed, errors)
+
+
+def rows_of(seed):
+    plain, flight = scaled_to_two_percent(seed)
+    away = evaluation.at_20_m(flight.records["b"])
+    view = evaluation.in_view(flight)
+    figures = {
+        "seed": seed,
+        "odometry": away.raw_m,
+        "away": float(np.linalg.norm(away.error_m)),
+        "share": float(np.linalg.norm(away.error_m)) / away.away_m,
+        "jump": evaluation.largest_jump_m(flight.records["b"]),
+        **view,
+        "level": max(v for t, v in flight.level_deg if t > evaluation.START_S + evaluation.LEVEL_AFTER_S),
+        "nees_view": evaluation.normalised_in_view(plain),
+        "nees_away": evaluation.normalised(evaluation.at_20_m(plain.records["b"])),
+    }
+    print(figures, flush=True)
+    return figures
+
+
+def table(figures):
+    head = (
+        "| seed | odometry alone after 20 m | tracker after 20 m | of the distance | largest step at re-entry | "
+        "in view, rms (95 %) | in view, rms (95 %) | level, worst |"
+    )
+    lines = [head, "|---" * 8 + "|"]
+    for f in figures:
+        lines.append(
+            f"| {f['seed']} | {f['odometry']:.3f} m | {f['away']:.3f} m | {f['share']:.2%} | "
+            f"{f['jump'] * 1e3:.1f} mm | {f['rms_m'] * 1e3:.1f} ({f['p95_m'] * 1e3:.1f}) mm | "
+            f"{f['rms_deg']:.2f} ({f['p95_deg']:.2f}) deg | {f['level']:.2f} deg |"
+        )
+    worst = {k: max(f[k] for f in figures) for k in figures[0]}
+    lines.append(
+        f"| **worst** | {worst['odometry']:.3f} m | {worst['away']:.3f} m | **{worst['share']:.2%}** (2.5 %) | "
+        f"**{worst['jump'] * 1e3:.1f} mm** (20) | **{worst['rms_m'] * 1e3:.1f}** ({worst['p95_m'] * 1e3:.1f}) mm (5) | "
+        f"**{worst['rms_deg']:.2f}** ({worst['p95_deg']:.2f}) deg (0.3) | **{worst['level']:.2f} deg** (0.2) |"
+    )
+    return lines
+
+
+def consistency(figures):
+    """Average normalised squared error of all seeds against the 95 % band of as many independent ones."""
+    lines = ["| normalised squared error per degree of freedom | average | 95 % band |", "|---|---|---|"]
+    samples = [("after 20 m out of view, one pose a flight", [f["nees_away"] for f in figures])]
+    samples.insert(0, ("in view, one pose of either vehicle a flight", [n for f in figures for n in f["nees_view"]]))
+    for title, values in samples:
+        n = 6 * len(values)
+        low, high = chi2.ppf([0.025, 0.975], n) / n
+        lines.append(f"| {title} ({len(values)} poses) | {np.mean(values) / 6:.2f} | {low:.2f} to {high:.2f} |")
+    return lines
+
+
+def wrong_poses(seed):
+    """Markers swapped and bodies turned over in a flight; what the tracker makes of it."""
+    errors = FlightErrors(mocap=dataclasses.replace(V120DuoErrors(), swaps_per_s=1.0, flips_per_s=0.2))
+    flight = evaluation.evaluate(seed, errors)
+    view = evaluation.in_view(flight)
+    return (
+        f"| {seed} | {flight.wrong_poses} | {view['rms_m'] * 1e3:.1f} mm, {view['rms_deg']:.2f} deg "
+        f"| {view['worst_m'] * 1e3:.0f} mm, {view['worst_deg']:.1f} deg |"
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 11)))
+    parser.add_argument("--out", default="docs/mocap.md")
+    parser.add_argument("--jobs", type=int, default=2)
+    args = parser.parse_args()
+    with ProcessPoolExecutor(args.jobs) as pool:
+        wrong = pool.map(wrong_poses, args.seeds[:2])
+        figures = list(pool.map(rows_of, args.seeds))
+    heads = ["| seed | wrong poses streamed | in view, rms | worst |", "|---" * 4 + "|"]
+    lines = [*table(figures), "", *consistency(figures), "", *heads, *wrong, ""]
+    lines.append(f"{time.strftime('%Y-%m-%d')}, {platform.machine()}: `python tools/bench_mocap.py`")
+    path = Path(args.out)
+    text = path.read_text()
+    before, after = text.split(BEGIN)[0], text.split(END)[1]
+    path.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + after)
+
+
+if __name__ == "__main__":
+    main()
