@@ -5,8 +5,12 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 ROOT = Path(__file__).resolve().parents[1]
+
+settings.register_profile("fcsv", deadline=None)  # a busy machine is no failure
+settings.load_profile("fcsv")
 
 
 @pytest.fixture(scope="session")

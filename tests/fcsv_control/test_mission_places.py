@@ -88,7 +88,7 @@ def sampled_clearance(start, way, other):
     return float(np.min(np.linalg.norm(np.array(legs) - other, axis=1)))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(point, point, st.lists(point, min_size=1, max_size=3))
 def test_no_way_comes_too_near(start, goal, others):
     """Any start, any goal, up to three vehicles about: either no way, or one that keeps clear all along."""

@@ -223,5 +223,5 @@ class TestVehicles:
             vehicle.load_vehicles(tmp_path, ["uav1", "uav2"])
 
 
-settings.register_profile("fcsv", deadline=None)
+settings.register_profile("fcsv")
 settings.load_profile("fcsv")

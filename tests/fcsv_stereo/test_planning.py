@@ -58,7 +58,7 @@ def test_trim_points_by_hand():
     assert make_plan(request(300.0, baselines_m=[2], trim_m=[300])).notes  # beyond 3.1: said, not hidden
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @example(191.0, 0.25, 6, 0.75, False, True)  # 12 and 13 m both end at 190 m in two digits
 @example(500.0, 0.25, 8, 0.9, False, True)
 @given(st.floats(20, 500), st.floats(0.02, 0.3), st.integers(1, 8), st.floats(0, 0.9), st.booleans(), st.booleans())
@@ -74,7 +74,7 @@ def test_every_range_holds_the_error_and_has_no_gap(range_m, value, count, near,
     assert ends[-1] == pytest.approx(range_m)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.floats(1, 12), st.floats(0, 12), st.floats(5, 300))
 def test_overlap_is_what_rays_see(baseline_m, tilt_deg, z_m):
     """Points across the reference's view at one depth, projected into the other camera, counted."""
@@ -121,7 +121,7 @@ def test_what_the_mission_loader_refuses_is_refused_here(more, named, tmp_path):
         load_mission(tmp_path / "m.yaml")
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.floats(0.3, 20), min_size=1, max_size=5, unique=True), st.floats(0, 5), st.floats(0.1, 700),
        st.floats(0.5, 9), st.sampled_from(["horizontal", "vertical"]))  # fmt: skip
 def test_planner_and_loader_agree(tmp_path_factory, baselines, tilt_deg, record_s, separation, axis):

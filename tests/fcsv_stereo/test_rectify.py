@@ -44,7 +44,7 @@ angles = st.lists(st.floats(-6, 6), min_size=6, max_size=6)
 offsets = st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(sorted(SIDES)), st.floats(0.5, 8), angles, offsets)
 def test_bouguet_is_exact_wherever_the_cameras_stand(side, baseline_m, rpy, off):
     """2.6 to 2.11: an identity of the geometry; and no picture is turned over."""
@@ -57,7 +57,7 @@ def test_bouguet_is_exact_wherever_the_cameras_stand(side, baseline_m, rpy, off)
     assert turned < 12 + np.degrees(np.arctan2(0.3 * 3**0.5, max(baseline_m - 0.3, 1e-3))) + 12
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(sorted(SIDES)), st.floats(0.5, 8), angles, st.floats(0, 12))
 def test_parallel_views_are_exact_where_the_baseline_lies_along_the_axis(side, baseline_m, rpy, tilt_deg):
     """decoupled with the reference level (5.5 to 5.7), home whatever the cameras' attitudes (6.2); tilted or not."""
@@ -69,7 +69,7 @@ def test_parallel_views_are_exact_where_the_baseline_lies_along_the_axis(side, b
     assert misfit(home(blank("a", T_a), blank("b", T_b), AXIS[side], tilt_rad), T_a) < 1e-6
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(sorted(RECTIFIERS)), st.sampled_from(sorted(SIDES)), angles, offsets, st.floats(0, 8))
 def test_depth_from_a_perfect_disparity_is_the_depth(rectifier, side, rpy, off, tilt_deg):
     """2.5 with 5.7 and what they leave out; an identity, so the bound is that of float32."""

@@ -169,7 +169,11 @@ def test_frames_publish_covariance_that_grows_and_call_for_calibration(start_nod
     assert health.wait(says("calibrate again: uav3 is only known to")) is not None
     assert health.wait(says("dropped: odometry")) is not None
     expected = T @ T @ transforms.from_xyz_yaw([39.9, 0, 0], 0.0) @ transforms.from_xyz_yaw([0.11, 0, 0.03], 0.0)
-    drawn = markers.wait(lambda m: any(k.ns == "covariance of uav3" for k in m.markers))
+    for i in range(40):  # standing again, until the markers' node, which may start late, has heard of it
+        tracks["uav3"].publish(odometry("uav3", now_s + 42.0 + 0.1 * i, T_odom_body))
+        drawn = markers.wait(lambda m: any(k.ns == "covariance of uav3" for k in m.markers), seconds=0.5)
+        if drawn is not None:
+            break
     ball = next(k for k in drawn.markers if k.ns == "covariance of uav3")
     q = ball.pose.orientation
     R = transforms.from_xyz_quaternion(np.zeros(3), [q.x, q.y, q.z, q.w])[:3, :3]
