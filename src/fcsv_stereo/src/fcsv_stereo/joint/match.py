@@ -13,12 +13,12 @@ from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import confidence
 from fcsv_stereo.joint.coarse import Coarse, coarse, nearest_inverse_depth
 from fcsv_stereo.joint.direct import adjust
-from fcsv_stereo.joint.fill import filled, trusted
-from fcsv_stereo.joint.fine import Fine, choose_surface, refine
+from fcsv_stereo.joint.fine import Fine, refine
 from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
 from fcsv_stereo.joint.sky import sky
+from fcsv_stereo.joint.surfaces import choose_surfaces
 from fcsv_stereo.joint.sweep import Views, grey, inverse_depths, views
-from fcsv_stereo.joint.unique import consistent
+from fcsv_stereo.joint.trust import consistent, trusted
 
 _LEAST_BASELINE_M = 1e-6
 _LEAST_PIXELS = 16
@@ -94,13 +94,13 @@ def match_jointly(
     with ThreadPoolExecutor(options.threads) as pool:
         chosen, poses, w, levels, known, found = _coarse(reference, chosen, poses, greys, scales[0], options, pool)
         for scale in scales[1:]:
-            found = views(reference, chosen, scale, greys)
-            w = choose_surface(found, found.reference, w, pool)
+            coarser, found = found, views(reference, chosen, scale, greys)
+            w, _ = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
             fine = refine(detail(found), w, step, options.iterations if scale == 1.0 else 1, pool)
             w = fine.w
+            known = cv2.resize(known.astype(np.uint8), w.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     geometry = confidence.geometry_sigma(reference, chosen, poses, fine)
-    known = cv2.resize(known.astype(np.uint8), fine.w.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     sigma_w = np.hypot(confidence.matching_sigma(fine, known), geometry)
     return _answer(fine, known, sigma_w, used, left_out, chosen, options)
 
@@ -146,10 +146,8 @@ def _coarse(reference: Picture, chosen, poses, greys, scale: float, options: Mat
         chosen, poses, w = adjust(reference, chosen, prior, detail(found), result.w, known, _ADJUSTMENTS)
         found = views(reference, chosen, scale, greys)
         result = replace(result, w=w)
-    colour = _colour(reference, found.shape)
-    filling = filled(result, known, r.seen.max(axis=0) > 0, found, colour)
-    filling[sky(filling, r, colour)] = 0.0
-    return chosen, poses, filling, result.levels, known, found
+    w = np.where(sky(result.w, r, _colour(reference, found.shape)), np.float32(0.0), result.w)
+    return chosen, poses, w, result.levels, known, found
 
 
 def _colour(picture: Picture, shape) -> np.ndarray:

@@ -1,13 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Uniqueness: two places of the reference picture cannot both be what one place of another picture shows."""
+"""Where the coarse match can be relied on: good, unambiguous, unique and part of a surface.
 
+Uniqueness: two places of the reference picture cannot both be what one place of another picture shows.
+"""
+
+import cv2
 import numpy as np
 from numba import njit
 
+from fcsv_stereo.joint.coarse import Coarse
 from fcsv_stereo.joint.photometric import Residuals
 from fcsv_stereo.joint.sweep import Views
 
+_MOST_COST = 90  # volume units: nine bits of 32 differ
+_LEAST_MARGIN = 0.03
+_SPECKLE_PX, _SPECKLE_LEVELS = 60, 3
 _TOLERANCE = 0.06  # of inverse depth: the same surface
+
+
+def trusted(found: Coarse, unique: np.ndarray) -> np.ndarray:
+    """HxW bool: where the match is good, beats the next, is ``unique`` (HxW bool) and part of a surface."""
+    good = (found.cost < _MOST_COST) & (found.margin > _LEAST_MARGIN) & unique
+    level = (np.searchsorted(found.levels, found.w) * 16).astype(np.int16)
+    level[~good] = -16
+    cv2.filterSpeckles(level, -16, _SPECKLE_PX, 16 * _SPECKLE_LEVELS)
+    return level >= 0
 
 
 def consistent(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The surfaces that a pixel may belong to: planes of inverse depth about places of a coarser map near it.
+
+The volume's windows carry a surface over its edges, and where nothing is seen or nothing has texture they know nothing
+at all. So each pixel is offered its own place's plane and those around it; where its own place is not known, also those
+of the nearest known places along sixteen directions.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Tuple
+
+import numpy as np
+from numba import njit
+
+MOST = 14  # per pixel
+_RINGS = (2, 4, 6, 9)  # px of the coarser map
+_DIRECTIONS = np.array(
+    [(y, x) for y in range(-2, 3) for x in range(-2, 3) if max(abs(y), abs(x)) == 1 or abs(x * y) == 2], np.int64
+)
+_MOST_DISTANT = 10
+_INWARD = 3  # px from the edge of what is known: the first place may be a mixed one
+_ALIKE, _ALIKE_PX = 0.02, 0.6  # candidates nearer to each other than this (share, px of movement) are one
+_STRETCH = 1.33  # by which a plane may change over a ring
+_FAR_STRETCH = 3.0  # and over the way to what is not known
+#: A plane's surroundings (px about it), what share of inverse depth is still the same surface, and its stiffness.
+_NEAR_FIT, _FAR_FIT = (3, 0.05, 0.3), (8, 0.15, 0.03)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Of pixel (y, x): those from ``start[y, x]`` on, ``count[y, x]`` of them.
+
+    ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (2xN, 1/m per px, along u and v) its plane's;
+    ``source`` the coarser pixel (row times width plus column) that the plane is from, -1 where it is the own place and
+    not known. ``step`` (1/m) is the inverse depth that moves a pixel by little in the fastest pair.
+    """
+
+    start: np.ndarray
+    count: np.ndarray
+    w: np.ndarray
+    slope: np.ndarray
+    source: np.ndarray
+    step: np.float32
+
+
+def candidates(
+    w: np.ndarray, known: np.ndarray, shape: Tuple[int, int], px_per_w: float, pool: ThreadPoolExecutor
+) -> Candidates:
+    """For a picture of ``shape`` from a coarser map ``w`` (hxw, 1/m) that is ``known`` (hxw bool) at places.
+
+    ``px_per_w`` is how fast a pixel of the finer picture moves at most with inverse depth (px times metres).
+    """
+    step = np.float32(_ALIKE_PX / px_per_w)
+    planes = _planes(w, known, *_NEAR_FIT, pool)
+    distant = np.zeros((*w.shape, 4, _MOST_DISTANT), np.float32)
+    if not known.all():
+        wide = _planes(w, known, *_FAR_FIT, pool)
+        for_rows(pool, w.shape[0], lambda y0, y1: _distant(*wide, known, _DIRECTIONS, step, y0, y1, distant))
+    count = np.zeros(shape, np.int32)
+    rings = _ring_offsets()
+
+    def collect(y0, y1):
+        found = np.empty((4, (y1 - y0) * shape[1] * MOST), np.float32)
+        n = _collect(*planes, known, rings, distant, step, y0, y1, count, found)
+        return found[:, :n].copy()
+
+    parts = np.concatenate(for_rows(pool, shape[0], collect), axis=1)
+    start = (np.cumsum(count, dtype=np.int64) - count.ravel()).reshape(shape)
+    return Candidates(start, count, parts[0], parts[1:3], parts[3].astype(np.int32), step)
+
+
+def for_rows(pool: ThreadPoolExecutor, height: int, work, band: int = 32):
+    """What ``work(y0, y1)`` returns for each band of rows."""
+    bands = [(y, min(y + band, height)) for y in range(0, height, band)]
+    return list(pool.map(lambda b: work(*b), bands))
+
+
+def _ring_offsets() -> np.ndarray:
+    """(N,2) dy, dx; none first."""
+    out = [(0, 0)]
+    for r in _RINGS:
+        d = int(round(r * np.sqrt(0.5)))
+        out += [(-r, 0), (r, 0), (0, -r), (0, r), (-d, -d), (-d, d), (d, -d), (d, d)]
+    return np.array(out, np.int64)
+
+
+def _planes(w: np.ndarray, known: np.ndarray, radius: int, same: float, stiffness: float, pool: ThreadPoolExecutor):
+    """Value and slopes (along u, v) of the plane about every pixel: three arrays of w's shape."""
+    out = np.empty((3, *w.shape), np.float32)
+    stiff = np.float32(stiffness * (2 * radius + 1) ** 2)
+    w = np.ascontiguousarray(w, np.float32)
+    for_rows(pool, w.shape[0], lambda y0, y1: _fit(w, known, radius, np.float32(same), stiff, y0, y1, out))
+    return tuple(out)
+
+
+@njit(cache=True, nogil=True)
+def _fit(w, known, radius, same, stiff, y0, y1, out):
+    """Least squares over what is known and of the same surface; ``stiff``: few pixels have no slope of their own."""
+    height, width = w.shape
+    for y in range(y0, y1):
+        for x in range(width):
+            at = w[y, x]
+            n = sx = sy = sw = xx = xy = yy = xw = yw = np.float32(0.0)
+            for v in range(max(y - radius, 0), min(y + radius + 1, height)):
+                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
+                    d = w[v, u] - at
+                    if not known[v, u] or abs(d) >= same * at + np.float32(1e-5):
+                        continue
+                    a, b = np.float32(u - x), np.float32(v - y)
+                    n, sx, sy, sw = n + np.float32(1.0), sx + a, sy + b, sw + d
+                    xx, xy, yy, xw, yw = xx + a * a, xy + a * b, yy + b * b, xw + a * d, yw + b * d
+            out[0, y, x], out[1, y, x], out[2, y, x] = at, np.float32(0.0), np.float32(0.0)
+            if n < 4:
+                continue
+            mx, my, mw = sx / n, sy / n, sw / n
+            xx, yy, xy = xx + stiff - n * mx * mx, yy + stiff - n * my * my, xy - n * mx * my
+            xw, yw = xw - n * mx * mw, yw - n * my * mw
+            det = xx * yy - xy * xy
+            a, b = (yy * xw - xy * yw) / det, (xx * yw - xy * xw) / det
+            out[0, y, x], out[1, y, x], out[2, y, x] = at + mw - a * mx - b * my, a, b
+
+
+@njit(cache=True, nogil=True)
+def _is_new(value, values, n, step):
+    for j in range(n):
+        if abs(values[j] - value) <= np.float32(_ALIKE) * max(value, values[j]) + step:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _distant(w, slope_x, slope_y, known, directions, step, y0, y1, out):
+    """Into ``out`` (h,w,4,N): value, slopes and source of the planes that meet a pixel which is not known."""
+    height, width = w.shape
+    for y in range(y0, y1):
+        for x in range(width):
+            n = 0
+            if known[y, x]:
+                continue
+            for k in range(directions.shape[0]):
+                dy, dx = directions[k]
+                r, c = y + dy, x + dx
+                while 0 <= r < height and 0 <= c < width and not known[r, c]:
+                    r, c = r + dy, c + dx
+                for _ in range(2):
+                    if n < out.shape[3] and 0 <= r < height and 0 <= c < width and known[r, c]:
+                        at = w[r, c]
+                        value = at + slope_x[r, c] * (x - c) + slope_y[r, c] * (y - r)
+                        limit = np.float32(_FAR_STRETCH)
+                        if at / limit < value < at * limit and _is_new(value, out[y, x, 0], n, step):
+                            out[y, x, 0, n], out[y, x, 3, n] = value, r * width + c
+                            out[y, x, 1, n], out[y, x, 2, n] = slope_x[r, c], slope_y[r, c]
+                            n += 1
+                    r, c = r + _INWARD * dy, c + _INWARD * dx
+
+
+@njit(cache=True, nogil=True)
+def _collect(w, slope_x, slope_y, known, rings, distant, step, y0, y1, count, found):
+    """All candidates of rows y0 to y1 into ``found`` (w, slopes, source; 4xN), their number into ``count``."""
+    h, width_coarse = w.shape
+    height, width = count.shape
+    sy, sx = np.float32(h / height), np.float32(width_coarse / width)
+    half, stretch = np.float32(0.5), np.float32(_STRETCH)
+    total = 0
+    for y in range(y0, y1):
+        fy = (y + half) * sy - half
+        r0 = min(max(int(fy + half), 0), h - 1)
+        for x in range(width):
+            fx = (x + half) * sx - half
+            c0 = min(max(int(fx + half), 0), width_coarse - 1)
+            values, n = found[0, total : total + MOST], 0
+            for k in range(rings.shape[0]):
+                r, c = r0 + rings[k, 0], c0 + rings[k, 1]
+                if n == MOST or r < 0 or c < 0 or r >= h or c >= width_coarse or (k > 0 and not known[r, c]):
+                    continue
+                at = w[r, c]
+                value = at + slope_x[r, c] * (fx - c) + slope_y[r, c] * (fy - r)
+                value = min(max(value, at / stretch), at * stretch)
+                if _is_new(value, values, n, step):
+                    found[0, total + n], found[3, total + n] = value, r * width_coarse + c if known[r, c] else -1
+                    found[1, total + n], found[2, total + n] = slope_x[r, c] * sx, slope_y[r, c] * sy
+                    n += 1
+            for k in range(distant.shape[3]):
+                value = distant[r0, c0, 0, k]
+                if n == MOST or value <= 0:
+                    break
+                value += distant[r0, c0, 1, k] * (fx - c0) + distant[r0, c0, 2, k] * (fy - r0)
+                if value > 0 and _is_new(value, values, n, step):
+                    found[0, total + n], found[3, total + n] = value, distant[r0, c0, 3, k]
+                    found[1, total + n], found[2, total + n] = distant[r0, c0, 1, k] * sx, distant[r0, c0, 2, k] * sy
+                    n += 1
+            count[y, x] = n
+            total += n
+    return total

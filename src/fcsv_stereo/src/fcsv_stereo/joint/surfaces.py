@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""At a finer size: which of the surfaces about a pixel it belongs to, decided for all pixels together.
+
+Each candidate (``candidates``) is judged by small windows, pair by pair where the pair can see it: nothing known is in
+front of it there. A place that is hidden from all counts the same for all candidates; then its surroundings and its
+colour decide. The candidates' costs are aggregated along eight paths as in semi-global matching (Hirschmüller 2008),
+from plane to plane: a slanted surface goes on without a price.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Tuple
+
+import cv2
+import numpy as np
+from numba import njit
+
+from fcsv_stereo.joint.bits import differing_bits
+from fcsv_stereo.joint.candidates import MOST, Candidates, candidates, for_rows
+from fcsv_stereo.joint.photometric import sample
+from fcsv_stereo.joint.sweep import Views
+from fcsv_stereo.joint.volume import census, pair_weights
+
+_BITS, _BRIGHTNESS = 0.75, 8.0 / 30.0  # what a bit of 32 and a grey level count
+_MOST_GREY = 30.0
+_CUT = 18.0  # the most that one pair objects
+_UNSEEN = 8.0  # what a pair counts that cannot see the place
+_COLOUR, _MOST_COLOUR, _NO_COLOUR = 0.1, 40.0, 10.0  # per grey level from the plane's place; at most; where it has none
+_P1, _P2, _EDGE = 2.0, 40.0, 10.0  # price of planes that do not meet, at most; grey levels that halve the latter
+_MEET = 0.02  # share of inverse depth that counts as P1
+_FRONT = 1.08  # by which something must be nearer to hide
+
+
+def choose_surfaces(
+    found: Views, coarser: Views, w: np.ndarray, known: np.ndarray, image: np.ndarray, pool: ThreadPoolExecutor
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Inverse depth (HxW, 1/m) and by how much the plane chosen beats the next (HxW, inf where there is none).
+
+    ``w`` and ``known`` are the ``coarser`` pictures' map; ``image`` is the finer reference in colour (HxWx3).
+    """
+    fastest = float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max())
+    given = candidates(w, known, found.shape, fastest, pool)
+    cost = _evidence(found, fronts(coarser, w, known), given, pool)
+    near = cv2.medianBlur(cv2.resize(image, w.shape[::-1], interpolation=cv2.INTER_AREA), 3).reshape(-1, 3)
+    for_rows(pool, found.shape[0], lambda y0, y1: _add_colour(image, near, *_of(given), given.source, y0, y1, cost))
+    total = _aggregate(found.reference, given, cost, pool)
+    best, margin = np.empty(found.shape, np.float32), np.empty(found.shape, np.float32)
+    _pick(*_of(given), given.w, total, best, margin)
+    return best, margin
+
+
+def fronts(found: Views, w: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(N,Ho,Wo) the nearest known inverse depth (1/m) that each pixel of the other pictures shows, 0 where none."""
+    out = np.zeros(found.others.shape, np.float32)
+    for front, p, size in zip(out, found.projections, found.sizes):
+        _draw(w, known, p, size, front)
+    return out
+
+
+def _of(given: Candidates):
+    return given.start, given.count
+
+
+def _evidence(found: Views, in_front: np.ndarray, given: Candidates, pool: ThreadPoolExecutor) -> np.ndarray:
+    """(N,) cost of each candidate by the pictures; the pairs' costs sorted, the better ones weigh more."""
+    codes = np.zeros(found.others.shape, np.uint32)
+    for c, other, (h, w) in zip(codes, found.others, found.sizes):
+        c[:h, :w] = census(np.ascontiguousarray(other[:h, :w]))
+    views = found.reference, census(found.reference), found.others, codes, found.sizes, found.projections
+    weights, cost = pair_weights(len(found)), np.zeros(len(given.w), np.float32)
+
+    def run(y0, y1):
+        _judge(*views, in_front, *_of(given), given.w, weights, y0, y1, cost)
+
+    for_rows(pool, found.shape[0], run)
+    return cost
+
+
+def _aggregate(grey: np.ndarray, given: Candidates, cost: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
+    """(N,) sums of the costs along eight paths."""
+    down, up = np.zeros_like(cost), np.zeros_like(cost)
+    planes = grey, *_of(given), given.w, *given.slope, cost, given.step
+    jobs = [pool.submit(_vertical, *planes, total, upward) for total, upward in ((down, False), (up, True))]
+    for job in jobs:
+        job.result()
+    for_rows(pool, grey.shape[0], lambda y0, y1: _horizontal(*planes, y0, y1, down))
+    return down + up
+
+
+@njit(cache=True, nogil=True)
+def _draw(w, known, p, size, front):
+    for v in range(w.shape[0]):
+        for u in range(w.shape[1]):
+            z = p[6] * u + p[7] * v + p[8] + w[v, u] * p[11]
+            if not known[v, u] or z <= 0:
+                continue
+            x = int(np.floor((p[0] * u + p[1] * v + p[2] + w[v, u] * p[9]) / z))
+            y = int(np.floor((p[3] * u + p[4] * v + p[5] + w[v, u] * p[10]) / z))
+            for b in range(max(y, 0), min(y + 2, size[0])):
+                for a in range(max(x, 0), min(x + 2, size[1])):
+                    front[b, a] = max(front[b, a], w[v, u])
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _judge(
+    reference, code, others, codes, sizes, projections, in_front, start, count, values, weights, y0, y1, cost
+):
+    pairs = others.shape[0]
+    ranked = np.empty(pairs, np.float32)
+    for y in range(y0, y1):
+        for x in range(reference.shape[1]):
+            if count[y, x] < 2:
+                continue
+            for k in range(start[y, x], start[y, x] + count[y, x]):
+                for i in range(pairs):
+                    ranked[i] = _unlike(
+                        reference, code, others[i], codes[i], sizes[i], projections[i], in_front[i], y, x, values[k]
+                    )
+                    for j in range(i, 0, -1):
+                        if ranked[j] < ranked[j - 1]:
+                            ranked[j], ranked[j - 1] = ranked[j - 1], ranked[j]
+                total = np.float32(0.0)
+                for i in range(pairs):
+                    total += weights[i] * ranked[i]
+                cost[k] = total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _unlike(reference, code, image, codes, size, p, front, y, x, w):
+    """How unlike one pair is at inverse depth w, or what counts where it cannot see the place."""
+    half = np.float32(0.5)
+    z = p[6] * x + p[7] * y + p[8] + w * p[11]
+    if z <= 0:
+        return np.float32(_UNSEEN)
+    a = (p[0] * x + p[1] * y + p[2] + w * p[9]) / z
+    b = (p[3] * x + p[4] * y + p[5] + w * p[10]) / z
+    if a < 0 or b < 0 or a > size[1] - 1 or b > size[0] - 1:
+        return np.float32(_UNSEEN)
+    r = min(int((b + half) * front.shape[0] / image.shape[0]), front.shape[0] - 1)
+    c = min(int((a + half) * front.shape[1] / image.shape[1]), front.shape[1] - 1)
+    if front[r, c] > w * np.float32(_FRONT) + np.float32(1e-4):
+        return np.float32(_UNSEEN)
+    bits = differing_bits(code[y, x], codes[int(b + half), int(a + half)])
+    step = abs(reference[y, x] - sample(image, size[0], size[1], np.float32(a), np.float32(b)))
+    value = np.float32(_BITS) * bits + np.float32(_BRIGHTNESS) * min(step, np.float32(_MOST_GREY))
+    return min(value, np.float32(_CUT))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _add_colour(image, near, start, count, source, y0, y1, cost):
+    """A plane is likely whose place looks like the pixel."""
+    for y in range(y0, y1):
+        for x in range(image.shape[1]):
+            if count[y, x] < 2:
+                continue
+            for k in range(start[y, x], start[y, x] + count[y, x]):
+                step = np.float32(_NO_COLOUR)
+                if source[k] >= 0:
+                    step = np.float32(0.0)
+                    for c in range(3):
+                        step += abs(np.float32(image[y, x, c]) - np.float32(near[source[k], c]))
+                    step /= np.float32(3.0)
+                cost[k] += np.float32(_COLOUR) * min(step, np.float32(_MOST_COLOUR))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _begin(first, n, cost, now, total):
+    least = np.float32(1e9)
+    for k in range(n):
+        now[k] = cost[first + k]
+        total[first + k] += now[k]
+        least = min(least, now[k])
+    return least
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _step(
+    first, n, first_before, n_before, dx, dy, values, slope_x, slope_y, cost, step, before, least, price, now, total
+):
+    """One pixel of one path: ``now`` from ``before``; the new least."""
+    smallest, half = np.float32(1e9), np.float32(0.5)
+    for k in range(n):
+        i = first + k
+        best = least + price
+        for m in range(n_before):
+            if before[m] >= best:
+                continue
+            j = first_before + m
+            ahead = values[j] + slope_x[j] * dx + slope_y[j] * dy - values[i]
+            back = values[i] - slope_x[i] * dx - slope_y[i] * dy - values[j]
+            gap = half * (abs(ahead) + abs(back)) / (np.float32(_MEET) * max(values[i], values[j]) + step)
+            best = min(best, before[m] + np.float32(_P1) * gap)
+        now[k] = cost[i] + best - least
+        smallest = min(smallest, now[k])
+        total[i] += now[k]
+    return smallest
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _price(step):
+    """The most that a jump costs; less on a step of grey."""
+    return max(np.float32(_P2) / (np.float32(1.0) + abs(step) / np.float32(_EDGE)), np.float32(_P1))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _vertical(grey, start, count, values, slope_x, slope_y, cost, step, total, upward):
+    """The three paths that come from the row above (or below)."""
+    height, width = grey.shape
+    rows = np.zeros((2, 3, width, MOST), np.float32)
+    least = np.zeros((2, 3, width), np.float32)
+    dy = np.float32(-1.0) if upward else np.float32(1.0)
+    for t in range(height):
+        y = height - 1 - t if upward else t
+        y_before = y + 1 if upward else y - 1
+        a, b = t % 2, (t + 1) % 2
+        for x in range(width):
+            for path in range(3):
+                x_before = x + path - 1
+                now = rows[a, path, x]
+                if t == 0 or x_before < 0 or x_before >= width:
+                    least[a, path, x] = _begin(start[y, x], count[y, x], cost, now, total)
+                    continue
+                least[a, path, x] = _step(
+                    start[y, x], count[y, x], start[y_before, x_before], count[y_before, x_before],
+                    np.float32(1 - path), dy, values, slope_x, slope_y, cost, step, rows[b, path, x_before],
+                    least[b, path, x_before], _price(grey[y, x] - grey[y_before, x_before]), now, total,
+                )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _horizontal(grey, start, count, values, slope_x, slope_y, cost, step, y0, y1, total):
+    """The two paths along the rows."""
+    width = grey.shape[1]
+    row = np.zeros((2, MOST), np.float32)
+    for y in range(y0, y1):
+        for backward in range(2):
+            least = np.float32(0.0)
+            dx = np.float32(-1.0) if backward else np.float32(1.0)
+            for t in range(width):
+                x = width - 1 - t if backward else t
+                x_before = x + 1 if backward else x - 1
+                a, b = t % 2, (t + 1) % 2
+                if t == 0:
+                    least = _begin(start[y, x], count[y, x], cost, row[a], total)
+                    continue
+                least = _step(
+                    start[y, x], count[y, x], start[y, x_before], count[y, x_before], dx, np.float32(0.0), values,
+                    slope_x, slope_y, cost, step, row[b], least, _price(grey[y, x] - grey[y, x_before]), row[a], total,
+                )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _pick(start, count, values, total, best, margin):
+    for y in range(best.shape[0]):
+        for x in range(best.shape[1]):
+            first = start[y, x]
+            k, second = first, np.float32(np.inf)
+            for j in range(first + 1, first + count[y, x]):
+                if total[j] < total[k]:
+                    second, k = total[k], j
+                else:
+                    second = min(second, total[j])
+            best[y, x], margin[y, x] = values[k], second - total[k]
