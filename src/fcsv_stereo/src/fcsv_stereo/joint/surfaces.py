@@ -101,9 +101,7 @@ def _draw(w, known, p, size, front):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _judge(
-    reference, code, others, codes, sizes, projections, in_front, start, count, values, weights, y0, y1, cost
-):
+def _judge(reference, code, others, codes, sizes, projections, in_front, start, count, values, weights, y0, y1, cost):
     pairs = others.shape[0]
     ranked = np.empty(pairs, np.float32)
     for y in range(y0, y1):
