@@ -17,6 +17,8 @@ STEP_PX = 1.0
 _CONFIDENT = 60  # volume units: a match whose better pairs differ in no more than six of 32 bits
 _TEXTURE = 9.0  # variance of grey levels in 5x5
 _LEAST_LEVELS = 8
+_LEAST_GOOD = 50  # px
+_REACH = 0.08  # of the picture's height
 _LEAST_BITS = 5  # set in a census code that tells something
 
 
@@ -30,10 +32,10 @@ class Coarse:
     levels: np.ndarray
 
 
-def coarse(found: Views, nearest: float, most_levels: int, pool: ThreadPoolExecutor) -> Coarse:
-    """By semi-global matching in the cost volume of all pairs; no inverse depth above ``nearest`` (1/m)."""
-    levels = inverse_depths(found, STEP_PX, most_levels, nearest)
-    volume = cost_volume(found, levels, pool)
+def coarse(found: Views, nearest: np.ndarray, most_levels: int, pool: ThreadPoolExecutor) -> Coarse:
+    """By semi-global matching in the cost volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m)."""
+    levels = inverse_depths(found, STEP_PX, most_levels, float(nearest.max()))
+    volume = cost_volume(found, levels, nearest, pool)
     total = aggregate(volume, found.reference, P1, P2, pool)
     w = np.empty(found.shape, np.float32)
     cost = np.empty(found.shape, np.uint8)
@@ -42,16 +44,21 @@ def coarse(found: Views, nearest: float, most_levels: int, pool: ThreadPoolExecu
     return Coarse(w, cost, margin, levels)
 
 
-def nearest_inverse_depth(found: Coarse, grey: np.ndarray) -> float:
-    """An upper bound of the inverse depth in the picture, from what has texture and was matched well."""
+def nearest_inverse_depth(found: Coarse, grey: np.ndarray, height: int) -> np.ndarray:
+    """(height,) upper bounds of the inverse depth in the rows of the picture, from what has texture and was matched
+    well in a smaller one."""
     steady = np.abs(found.w - cv2.medianBlur(found.w, 5)) <= 0.05 * found.w
     variance = cv2.blur(np.square(grey), (5, 5)) - np.square(cv2.blur(grey, (5, 5)))
     brighter = np.unpackbits(census(grey).view(np.uint8).reshape(*grey.shape, 4), axis=2).sum(axis=2)
     good = steady & (found.cost <= _CONFIDENT) & (variance > _TEXTURE) & (brighter >= _LEAST_BITS)
-    if good.sum() < 50:
-        return float(found.levels[-1])
+    if good.sum() < _LEAST_GOOD:
+        return np.full(height, found.levels[-1])
     least = found.levels[min(_LEAST_LEVELS, len(found.levels) - 1)]
-    return float(np.clip(1.3 * np.percentile(found.w[good], 99.8), least, found.levels[-1]))
+    whole = float(np.clip(1.3 * np.percentile(found.w[good], 99.8), least, found.levels[-1]))
+    rows = np.clip(1.5 * np.where(good, found.w, 0.0).max(axis=1), least, whole).astype(np.float32)
+    reach = int(_REACH * len(rows))  # things stand higher than where they are matched well
+    rows = cv2.dilate(rows[:, None], np.ones((2 * reach + 1, 1), np.uint8))[:, 0]
+    return np.interp(np.linspace(0.0, len(rows) - 1.0, height), np.arange(len(rows)), rows)
 
 
 @njit(cache=True, nogil=True)

@@ -133,12 +133,13 @@ def _coarse(reference: Picture, chosen, poses, greys, scale: float, options: Mat
     adjusted = options.adjust_poses and all(p is not None for p in poses)
     prior = poses
     small = views(reference, chosen, scale / 2.0, greys)
-    rough = coarse(small, np.inf, options.most_levels, pool)
+    rough = coarse(small, np.full(small.shape[0], np.inf), options.most_levels, pool)
     if adjusted:
         known, r = _trusted(rough, small, pool)
         chosen, poses, _ = adjust(reference, chosen, prior, detail(small), rough.w, known, _ADJUSTMENTS)
     found = views(reference, chosen, scale, greys)
-    result: Coarse = coarse(found, nearest_inverse_depth(rough, small.reference), options.most_levels, pool)
+    nearest = nearest_inverse_depth(rough, small.reference, found.shape[0])
+    result: Coarse = coarse(found, nearest, options.most_levels, pool)
     known, r = _trusted(result, found, pool)
     _equalise(greys, r, found, result.w, pool)
     if adjusted:

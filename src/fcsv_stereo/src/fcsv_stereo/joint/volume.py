@@ -30,11 +30,11 @@ _BAND = 40
 _BLOCK = 32
 
 
-def cost_volume(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
+def cost_volume(found: Views, w: np.ndarray, nearest: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
     """HxWxD uint8, tenths of bits: the cost of every inverse depth ``w`` (1/m) at every pixel.
 
     The pairs' costs are sorted and the better ones weigh more (4, 3, 2, 1 of four): where some are occluded, the rest
-    decides.
+    decides. Above a row's ``nearest`` (H, 1/m) the cost is the largest: there is more to see far away than near.
     """
     height, width = found.shape
     volume = np.empty((height, width, len(w)), np.uint8)
@@ -43,9 +43,12 @@ def cost_volume(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> np.nda
     bands = [(y, min(y + _BAND, height)) for y in range(0, height, _BAND)]
 
     def run(band):
+        count = int(np.searchsorted(w, nearest[slice(*band)].max(), side="right"))
         _sweep_band(
-            codes, found.others, found.sizes, found.projections, w, OFFSETS, weights, np.float32(UNSEEN), *band, volume
-        )
+            codes, found.others, found.sizes, found.projections, w[:count], OFFSETS, weights, np.float32(UNSEEN), *band,
+            volume,
+        )  # fmt: skip
+        volume[slice(*band), :, count:] = int(CUT * _SCALE)
 
     list(pool.map(run, bands))
     return volume

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Candidates for a finer map, and the choice among them: planes that go on, edges that move back, hidden places."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import scenes
+
+from fcsv_stereo.joint.candidates import MOST, candidates
+from fcsv_stereo.joint.surfaces import choose_surfaces, fronts
+from fcsv_stereo.joint.sweep import grey, views
+
+PX_PER_W = 1000.0
+
+
+@pytest.fixture(scope="module")
+def pool():
+    with ThreadPoolExecutor(2) as threads:
+        yield threads
+
+
+def of(given, y, x):
+    first = given.start[y, x]
+    return given.w[first : first + given.count[y, x]], given.source[first : first + given.count[y, x]]
+
+
+def test_a_slanted_plane_is_one_candidate_and_goes_on(pool):
+    v, u = np.mgrid[0:40, 0:60]
+    w = (0.05 + 0.0002 * u + 0.0004 * v).astype(np.float32)
+    known = np.ones(w.shape, bool)
+    known[10:30, 20:40] = False
+    true = cv2.resize(w, (120, 80), interpolation=cv2.INTER_LINEAR)
+    w[~known] = 0.11
+    given = candidates(w, known, true.shape, PX_PER_W, pool)
+    assert given.count[5, 5] == 1 and of(given, 5, 5)[0][0] == pytest.approx(true[5, 5], rel=0.01)
+    values, sources = of(given, 40, 60)  # its own place, which is not known, and what surrounds it
+    assert values[0] == pytest.approx(0.11) and sources[0] == -1
+    assert np.abs(values[1:] / true[40, 60] - 1.0).min() < 0.01 and (sources[1:] >= 0).all()
+    assert known.ravel()[sources[1:]].all()
+    assert given.count.max() <= MOST and given.count.sum() == len(given.w)
+
+
+def test_nothing_known_leaves_each_pixel_its_own(pool):
+    w = np.random.default_rng(1).uniform(0.01, 0.1, (20, 30)).astype(np.float32)
+    given = candidates(w, np.zeros(w.shape, bool), (40, 60), PX_PER_W, pool)
+    assert (given.count == 1).all() and (given.source == -1).all()
+
+
+def walls():
+    """Reference and another 1 m beside it, as sharp as lenses are, and the true inverse depth at full and half size."""
+    reference = scenes.picture("reference", "uav1", 0.0, scenes.camera_pose([0, 0, 0], (0.3, -0.2, 0.4)))
+    other = scenes.picture("other", "uav2", 0.0, scenes.camera_pose((0, -1.0, 0), (-0.4, 0.3, -0.3)))
+    reference, other = (replace(p, image=cv2.GaussianBlur(p.image, (0, 0), 0.8)) for p in (reference, other))
+    true = (1.0 / scenes.true_depth(reference.T_home_cam)).astype(np.float32)
+    half = true[::2, ::2].copy()
+    greys = [grey(reference), grey(other)]
+    return reference, true, half, views(reference, [other], 1.0, greys), views(reference, [other], 0.5, greys)
+
+
+def choose(found, coarser, w, known, reference, pool):
+    image = np.repeat(reference.image[..., None], 3, 2) if reference.image.ndim == 2 else reference.image
+    return choose_surfaces(found, coarser, w, known, image, pool)
+
+
+def test_a_near_surface_that_was_carried_over_its_edge_moves_back(pool):
+    """The coarse map's windows carry it by some pixels; at full size the pictures tell where it ends."""
+    reference, true, half, found, coarser = walls()
+    fat = cv2.dilate(half, np.ones((7, 7), np.uint8))
+    known = np.ones(fat.shape, bool)
+    chosen, margin = choose(found, coarser, fat, known, reference, pool)
+    before = np.abs(cv2.resize(fat, true.shape[::-1], interpolation=cv2.INTER_NEAREST) / true - 1.0) > 0.1
+    after = np.abs(chosen / true - 1.0) > 0.1
+    assert before.mean() > 0.01 and after.mean() < 0.4 * before.mean()
+    assert (margin >= 0).all()
+
+
+def test_what_is_not_known_follows_its_surroundings(pool):
+    reference, true, half, found, coarser = walls()
+    known = np.ones(half.shape, bool)
+    rows, columns = slice(half.shape[0] // 2 - 8, half.shape[0] // 2 + 8), slice(70, 102)
+    known[rows, columns] = False
+    broken = half.copy()
+    broken[rows, columns] = 2.0 * half.max()
+    chosen, _ = choose(found, coarser, broken, known, reference, pool)
+    here = (slice(2 * rows.start, 2 * rows.stop), slice(2 * columns.start, 2 * columns.stop))
+    assert (np.abs(chosen[here] / true[here] - 1.0) < 0.1).mean() > 0.9
+
+
+def test_fronts_show_the_nearest_known(pool):
+    _, _, half, _, coarser = walls()
+    known = np.ones(half.shape, bool)
+    shown = fronts(coarser, half, known)[0]
+    assert shown.max() <= half.max() and (shown > 0).mean() > 0.5
+    assert not fronts(coarser, half, ~known).any()
