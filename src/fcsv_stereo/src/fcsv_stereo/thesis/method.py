@@ -12,12 +12,12 @@ from fcsv_geometry import transforms
 from fcsv_stereo.depth import depth_from_disparity, points_from_depth, resample
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError, MatchingError
-from fcsv_stereo.fuse import Layer, effective_ranges, fuse_layers
 from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
-from fcsv_stereo.matchers import DisparityWindow, match, match_rate
 from fcsv_stereo.rectify import RECTIFIERS, RectifiedPair
 from fcsv_stereo.result import AXES, Cloud, ImageEntry, MapResult, PairResult, Reference
-from fcsv_stereo.selection import SelectionOptions, select
+from fcsv_stereo.thesis.fuse import Layer, effective_ranges, fuse_layers
+from fcsv_stereo.thesis.matchers import DisparityWindow, match, match_rate
+from fcsv_stereo.thesis.selection import SelectionOptions, select
 
 Progress = Callable[[str, int, int], None]
 
