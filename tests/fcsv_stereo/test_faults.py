@@ -195,8 +195,8 @@ def test_twelve_megapixels(large):
 @pytest.mark.slow
 @pytest.mark.xfail(
     strict=True,
-    reason="5.7 % of the claims are wrong: half of them in the even sky, half up to 32 px beside edges, where "
-    "joint/confidence.py takes what is filled from the surroundings as known better than it is at this size",
+    reason="5.7 % of the claims are wrong: 47 % of these in the even sky, 43 % within 32 px of an edge; "
+    "sigma and what is filled are joint/'s",
 )
 def test_claims_of_twelve_megapixels(large):
     result, truth = large
