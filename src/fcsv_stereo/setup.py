@@ -3,6 +3,7 @@ from distutils.core import setup
 
 from catkin_pkg.python_setup import generate_distutils_setup
 
-PACKAGES = ["fcsv_stereo", "fcsv_stereo.report", "fcsv_stereo.ros"]
+PARTS = ("joint", "planning", "products", "refinement", "report", "ros", "thesis")
+PACKAGES = ["fcsv_stereo", *(f"fcsv_stereo.{part}" for part in PARTS)]
 
 setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))

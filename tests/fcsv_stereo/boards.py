@@ -89,3 +89,16 @@ def _texture(board: Board) -> np.ndarray:
         layers.append((layer - layer.mean()) / max(float(layer.std()), 1e-6))
     base = random.uniform(70, 170)
     return np.clip(base + 22 * sum(layers), 0, 255).astype(np.uint8)
+
+
+def depth(T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera = CAMERA) -> np.ndarray:
+    """True depth (HxW, m along the optical axis) of what draw() shows; NaN in the sky."""
+    rays_home = camera.rays() @ T_home_cam[:3, :3].T
+    p = T_home_cam[:3, 3]
+    out = np.full(rays_home.shape[:2], np.nan)
+    for b in boards:
+        z = (b.xyz[0] - p[0]) / rays_home[..., 0]  # rays have z = 1 in the camera: their length is the depth
+        y, up = p[1] + z * rays_home[..., 1] - b.xyz[1], p[2] + z * rays_home[..., 2] - b.xyz[2]
+        on = (np.abs(y) < b.half_m[0]) & (np.abs(up) < b.half_m[1]) & (z > 0)
+        out[on] = z[on]
+    return out

@@ -12,8 +12,8 @@ from fcsv_geometry import transforms
 from fcsv_stereo.depth import depth_from_disparity, points_from_depth, resample
 from fcsv_stereo.errors import MatchingError
 from fcsv_stereo.inputs import Picture
-from fcsv_stereo.matchers import MATCHERS, DisparityWindow, match, match_rate
 from fcsv_stereo.rectify import RECTIFIERS, bouguet, decoupled, home
+from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow, match, match_rate
 
 BLANK = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
 SIDES = {"right": (0, -1, 0), "left": (0, 1, 0), "above": (0, 0, 1), "below": (0, 0, -1)}

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pose refinement on drawn scenes with known truth, on faulty pictures, and on real photographs."""
 
+import doctest
 from dataclasses import replace
 
 import boards
@@ -13,7 +14,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.refinement import PosePrior, RefineOptions, geometry, refine, structure
+from fcsv_stereo.refinement import PosePrior, RefineOptions, geometry, refine, structure, symptoms
 
 TRUE_POSE = boards.pose([0, -4.0, 0.3], (1.0, 0.0, -1.0))
 
@@ -156,6 +157,18 @@ def test_a_useless_picture_keeps_its_prior_and_harms_no_other(reference, bad, go
     if not alone:
         assert result.others[0].refined
         assert angle_deg(result.others[0].picture.T_home_cam, truths[1].T_home_cam) <= 0.035
+
+
+def test_what_a_person_sees_at_once():
+    result = doctest.testmod(symptoms)
+    assert result.attempted > 0 and result.failed == 0
+
+
+def test_the_reference_again_does_not_outvote_two_good_pictures(reference, truths, bad):
+    """A camera that delivers another's picture, or stands still: it agrees with itself to a hundredth of a pixel."""
+    copy = replace(bad, image=reference.image.copy(), T_home_cam=truths[3].T_home_cam)
+    result = refine(reference, [truths[0], truths[1], copy])
+    assert [r.refined for r in result.others] == [True, True, False] and "no parallax" in result.others[2].reason
 
 
 def test_nothing_but_sky(reference, bad):

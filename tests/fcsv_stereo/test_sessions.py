@@ -34,14 +34,19 @@ def odom_cam(vehicle):
     return T_odom_home @ T_HOME_CAM[vehicle]
 
 
-def write_session(folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0):
-    """A session of one configuration; ``drop`` leaves topics out (by their end)."""
+def write_session(
+    folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None
+):
+    """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by their end).
+
+    ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for vehicle in T_HOME_CAM:
         with rosbag.Bag(str(folder / f"{vehicle}.bag"), "w") as bag:
-            write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s)
+            write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode)
     with rosbag.Bag(str(folder / "control.bag"), "w") as bag:
-        write_control(bag, drop, window)
+        write_control(bag, drop, windows or [window])
     (folder / "session.yaml").write_text("version: 1\nbags: {uav1: uav1.bag, uav2: uav2.bag, control: control.bag}\n")
     return folder
 
@@ -51,7 +56,7 @@ def put(bag, topic, message, stamp_s, drop):
         bag.write(topic, message, rospy.Time.from_sec(stamp_s))
 
 
-def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s):
+def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode):
     fixed = conversions.transform_stamped(T_BODY_CAM, T0, frames.base_link(vehicle), frames.camera_optical(vehicle))
     put(bag, "/tf_static", TFMessage([fixed]), T0, drop)
     T_odom_body = odom_cam(vehicle) @ transforms.invert(T_BODY_CAM)
@@ -63,24 +68,30 @@ def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s):
     picture = photograph(T_HOME_CAM[vehicle])
     for i in range(4):
         t = T0 + 0.1 + 0.25 * i + stamp_offset_s
-        image = conversions.array_to_image(picture, "rgb8", t, f"{vehicle}/camera_color_optical_frame")
-        image.encoding = encoding
+        frame_id = f"{vehicle}/camera_color_optical_frame"
+        if encode is None:
+            image = conversions.array_to_image(picture, "rgb8", t, frame_id)
+            image.encoding = encoding
+        else:
+            image = conversions.array_to_image(encode(picture), encoding, t, frame_id)
         put(bag, f"/{vehicle}/camera/color/image_raw", image, t, drop)
         info = conversions.info_from_camera(CAMERA, t, image.header.frame_id)
         put(bag, f"/{vehicle}/camera/color/camera_info", info, t, drop)
 
 
-def write_control(bag, drop, window):
+def write_control(bag, drop, windows):
     link = CalibrationLink(
         parent="uav1", child="uav2", child_odom_in_parent_odom=conversions.transform_to_pose(T_O1_O2)
     )
     put(bag, "/calibration", Calibration(conversions.header(T0, "uav1/odom"), [link]), T0, drop)
     home = Home(conversions.header(T0, "uav1/odom"), "uav1", conversions.transform_to_pose(T_O1_HOME))
     put(bag, "/home", home, T0, drop)
-    capture = Capture(header=conversions.header(T0, ""), index=0, reference="uav1", vehicle="uav2")
-    capture.configuration = Configuration("horizontal 0.8 m", Configuration.HORIZONTAL, 0.8, 0.0, 1.0)
-    capture.start, capture.stop = (rospy.Time.from_sec(t) for t in window)
-    put(bag, "/mission/capture", capture, T0, drop)
+    for index, window in enumerate(windows):
+        capture = Capture(header=conversions.header(T0, ""), index=index, reference="uav1", vehicle="uav2")
+        name = f"horizontal 0.8 m{f' ({index})' if index else ''}"
+        capture.configuration = Configuration(name, Configuration.HORIZONTAL, 0.8, 0.0, 1.0)
+        capture.start, capture.stop = (rospy.Time.from_sec(t) for t in window)
+        put(bag, "/mission/capture", capture, T0, drop)
 
 
 OPTIONS = ThesisOptions(threshold=ErrorThreshold(5.0, False))

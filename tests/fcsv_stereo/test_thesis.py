@@ -9,15 +9,15 @@ import pytest
 from scenes import CAMERA, camera_pose, given, picture, true_depth
 
 from fcsv_stereo import depth as depth_module
-from fcsv_stereo import equations, fuse
+from fcsv_stereo import equations
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest, parse_threshold
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.inputs import ConfigurationInput, MapInput
-from fcsv_stereo.matchers import MATCHERS, DisparityWindow, match
 from fcsv_stereo.rectify import RECTIFIERS
 from fcsv_stereo.result import Configuration
-from fcsv_stereo.selection import SelectionOptions, select
-from fcsv_stereo.thesis import ThesisOptions, map_thesis
+from fcsv_stereo.thesis import ThesisOptions, fuse, map_thesis
+from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow, match
+from fcsv_stereo.thesis.selection import SelectionOptions, select
 
 WIDE = ErrorThreshold(5.0, False)  # everything in the scene is in range
 

@@ -10,8 +10,8 @@ from scenes import CAMERA, Scene, Shot, city
 from fcsv_geometry import transforms
 from fcsv_stereo.equations import depth_error
 from fcsv_stereo.evaluation import band
-from fcsv_stereo.matchers import DisparityWindow
 from fcsv_stereo.thesis import ThesisOptions
+from fcsv_stereo.thesis.matchers import DisparityWindow
 
 _WINDOW = DisparityWindow(11, 256)  # 3.1
 _SPACING_AT_M = 100.0

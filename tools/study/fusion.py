@@ -9,8 +9,8 @@ from scenes import CAMERA, FLIGHT, Shot, city
 
 from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import band
-from fcsv_stereo.matchers import DisparityWindow
 from fcsv_stereo.thesis import ThesisOptions
+from fcsv_stereo.thesis.matchers import DisparityWindow
 
 _WINDOW = DisparityWindow(11, 256)
 _MOST_M = 400.0

@@ -5,10 +5,10 @@ import methods
 from page import Page, metres, percent
 from scenes import Shot, city
 
-from fcsv_stereo.matchers import DisparityWindow
 from fcsv_stereo.poi import PointOfInterest, sample
 from fcsv_stereo.report import poi
 from fcsv_stereo.thesis import ThesisOptions
+from fcsv_stereo.thesis.matchers import DisparityWindow
 
 #: In the town of seed 1: a gable end, trees of the gardens, and a wall with little texture.
 _POINTS = (

@@ -8,9 +8,9 @@ from scenes import CAMERA, Scatter, Shot, city
 
 from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import band
-from fcsv_stereo.matchers import DisparityWindow, match, match_rate
 from fcsv_stereo.rectify import RECTIFIERS
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
+from fcsv_stereo.thesis.matchers import DisparityWindow, match, match_rate
 
 _WAYS = ("bouguet", "decoupled", "home")
 #: What the vehicles do: how they stand off their place and vibrate, and how well that is known.

@@ -9,10 +9,10 @@ from page import Page, metres, panels, percent
 from scenes import CAMERA, Shot, city
 
 from fcsv_stereo.evaluation import band
-from fcsv_stereo.matchers import DisparityWindow, match
 from fcsv_stereo.planning.overlap import overlap_starts_m
 from fcsv_stereo.rectify import home
 from fcsv_stereo.thesis import ThesisOptions
+from fcsv_stereo.thesis.matchers import DisparityWindow, match
 
 _WINDOW = DisparityWindow(32, 256)  # 3.5
 _NEAR_M = 40.0

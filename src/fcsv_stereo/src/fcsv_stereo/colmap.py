@@ -12,6 +12,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.exposure import Exposure
 from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
 from fcsv_stereo.result import Configuration
 
@@ -50,7 +51,7 @@ def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
         raise InputError(f"{folder / 'images.txt'}: holds {len(posed)} picture; a pair needs two")
     _require_poses(folder, by_name)
     first = by_name[reference] if reference else posed[0]
-    pictures = {p.name: _load(folder, p, cameras[p.camera_id]) for p in posed}
+    pictures = _load(folder, posed, cameras)
     view = pictures[first.name]
     configurations = [
         ConfigurationInput(_configuration(view, pictures[p.name]), [view], [pictures[p.name]])
@@ -134,18 +135,32 @@ def _require_poses(folder: Path, by_name: Dict[str, PosedImage]) -> None:
             raise InputError(f"{path}: has no pose in images.txt; add it or take the file away")
 
 
-def _load(folder: Path, posed: PosedImage, camera: PinholeCamera) -> Picture:
-    path = folder / "images" / posed.name
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+def _load(folder: Path, posed: List[PosedImage], cameras: Dict[int, PinholeCamera]) -> Dict[str, Picture]:
+    """By name, undistorted; those of 16 bits share one scale per camera."""
+    images = {p.name: _read(folder / "images" / p.name, cameras[p.camera_id], p.camera_id) for p in posed}
+    exposures = {
+        c: Exposure.common(images[p.name] for p in posed if p.camera_id == c and images[p.name].dtype == np.uint16)
+        for c in {p.camera_id for p in posed}
+    }
+    pictures = {}
+    for p in posed:
+        camera = cameras[p.camera_id]
+        rgb = cv2.cvtColor(exposures[p.camera_id].to_8_bit(images.pop(p.name)), cv2.COLOR_BGR2RGB)
+        pictures[p.name] = Picture(p.name, "camera", 0.0, camera.undistort(rgb), camera.undistorted(), p.T_home_cam)
+    return pictures
+
+
+def _read(path: Path, camera: PinholeCamera, camera_id: int) -> np.ndarray:
+    """HxWx3 BGR, uint8 or uint16. Raises InputError."""
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is None:
         raise InputError(f"{path}: cannot be read as a picture")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: holds {image.dtype} values; save it with 8 or 16 bits per channel")
     if image.shape[:2] != (camera.height, camera.width):
         size = f"{image.shape[1]}x{image.shape[0]}"
-        raise InputError(
-            f"{path}: is {size}, cameras.txt says {camera.width}x{camera.height} for camera {posed.camera_id}"
-        )
-    rgb = cv2.cvtColor(camera.undistort(image), cv2.COLOR_BGR2RGB)
-    return Picture(posed.name, "camera", 0.0, rgb, camera.undistorted(), posed.T_home_cam)
+        raise InputError(f"{path}: is {size}, cameras.txt says {camera.width}x{camera.height} for camera {camera_id}")
+    return image
 
 
 def _configuration(reference: Picture, other: Picture) -> Configuration:

@@ -18,10 +18,17 @@ from fcsv_stereo.report import write_report
 from fcsv_stereo.result import MapResult
 from fcsv_stereo.thesis import Progress, ThesisOptions, map_thesis
 from fcsv_stereo.truth import load_truth
+from fcsv_stereo.verdict import require_evidence
 
 Options = Union[ThesisOptions, JointOptions]
+
+
+def _joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
+    return require_evidence(map_joint(given, options, progress))
+
+
 #: by name; each takes its own options
-METHODS: Dict[str, Callable[[MapInput, Options, Progress], MapResult]] = {"joint": map_joint, "thesis": map_thesis}
+METHODS: Dict[str, Callable[[MapInput, Options, Progress], MapResult]] = {"joint": _joint, "thesis": map_thesis}
 OPTIONS = {"joint": JointOptions, "thesis": ThesisOptions}
 #: for depth again and again, where its rate counts more than its finish
 QUICK_OPTIONS = {

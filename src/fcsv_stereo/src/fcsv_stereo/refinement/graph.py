@@ -30,7 +30,8 @@ def link_all(views: List[View], options: RefineOptions, pool: Executor) -> Tuple
     """Links of each picture with the reference (number 0), trusted or not; and trusted ones between others."""
     numbers = range(1, len(views))
     direct = dict(zip(numbers, _links(views, [(0, k) for k in numbers], options, pool)))
-    lonely = [k for k in numbers if len(direct[k].seed_rho) < _WELL_SEEN and not _at_reference(views, k, options.prior)]
+    here = [k for k in numbers if direct[k].same_place or _at_reference(views, k, options.prior)]
+    lonely = [k for k in numbers if len(direct[k].seed_rho) < _WELL_SEEN and k not in here]
     if not lonely or not options.pair_others:
         return direct, []
     pairs = sorted({tuple(sorted((k, j))) for k in lonely for j in _neighbours(views, k)})

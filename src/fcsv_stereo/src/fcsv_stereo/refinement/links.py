@@ -14,6 +14,7 @@ from fcsv_stereo.refinement.matching import Matches, band_px, match_anywhere, ma
 _LEAST_SHARE = 0.35  # of the matches must agree: wrong ones agree with any pose by chance
 _LEAST_OVER_CHANCE = 2.5  # times as many as would by chance
 _LEAST_CELLS = 6  # of a grid of 8 by 6 must hold inliers: one object is not the scene
+_LEAST_PARALLAX_PX = 1.0  # nine tenths of the features with less: the same place again, whatever the prior says
 _SURPRISE = 3.5  # a correction of so many standard deviations puts the prior in doubt
 _MORE_WITHOUT_PRIOR = 2  # times as many inliers are asked of a pose that its prior speaks against
 _WIDE_RAD = float(np.radians(1.0))  # standard deviation of a rotation found without the prior
@@ -34,6 +35,7 @@ class Link:
     T_a_b: np.ndarray
     reason: str = ""
     loosened: bool = False
+    same_place: bool = False  # their features agree, and do not move
     seed_uv: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     seed_rho: np.ndarray = field(default_factory=lambda: np.empty(0))
 
@@ -82,8 +84,11 @@ def link(numbers: Tuple[int, int], a: View, b: View, prior: PairPrior, least: in
     if fit.reason:
         return Link(*numbers, prior, prior.T_a_b, fit.reason)
     i, j = fit.matches.a[fit.inlier], fit.matches.b[fit.inlier]
-    rho, _ = inverse_depth(fit.T_a_b, a.rays[i], b.rays[j])
-    return Link(*numbers, fit.prior, fit.T_a_b, "", fit.prior is not prior, a.uv[i], rho)
+    rho, parallax = inverse_depth(fit.T_a_b, a.rays[i], b.rays[j])
+    if np.percentile(np.abs(rho) * parallax * b.camera.fx, 90) < _LEAST_PARALLAX_PX:
+        reason = f"it shows no parallax against {a.picture.name}: the same picture or place again, or only sky"
+        return Link(*numbers, prior, prior.T_a_b, reason, same_place=True)
+    return Link(*numbers, fit.prior, fit.T_a_b, "", fit.prior is not prior, seed_uv=a.uv[i], seed_rho=rho)
 
 
 def _fit(a: View, b: View, prior: PairPrior, least: int) -> _Fit:

@@ -14,6 +14,7 @@ from fcsv_stereo.refinement.consensus import adjust_robustly
 from fcsv_stereo.refinement.features import View, prepare
 from fcsv_stereo.refinement.graph import link_all, start_poses
 from fcsv_stereo.refinement.judge import judge, scaled, surprise
+from fcsv_stereo.refinement.symptoms import symptom
 from fcsv_stereo.refinement.time_offset import motions
 from fcsv_stereo.refinement.tracks import observe
 from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptions
@@ -43,7 +44,7 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
         clock.lap("track")
     moving, unmoving = motions(reference, others, options)
     consensus = adjust_robustly(views, found, trusted, starts, moving, options)
-    refined = [judge(views, k, direct[k], consensus, options) for k in range(1, len(views))]
+    refined = [_explained(judge(views, k, direct[k], consensus, options), views, k) for k in range(1, len(views))]
     clock.lap("adjust")
     warnings = [*unmoving, *_warnings(refined, views, options)]
     scale, offsets_s = 1.0, {}
@@ -76,6 +77,12 @@ def _check(reference: Picture, others: Sequence[Picture]) -> None:
         R = p.T_home_cam[:3, :3]
         if not np.isfinite(p.T_home_cam).all() or np.abs(R @ R.T - np.eye(3)).max() > 1e-3:
             raise InputError(f"{p.name}: its prior pose is no rigid transform")
+
+
+def _explained(refined: RefinedPicture, views: List[View], k: int) -> RefinedPicture:
+    """With what is wrong with the picture itself, where that can be seen."""
+    seen = "" if refined.refined else symptom(views[k].gray, views[0].gray)
+    return replace(refined, reason=f"{refined.reason}; {seen}") if seen else refined
 
 
 def _warnings(refined: List[RefinedPicture], views: List[View], options: RefineOptions) -> List[str]:

@@ -12,14 +12,13 @@ from rosbag.bag import ROSBagException, ROSBagUnindexedException
 
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.errors import FcsvError, GeometryError, PoseUnavailable
+from fcsv_geometry.errors import GeometryError, PoseUnavailable
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.inputs import FLOWN, ConfigurationInput, MapInput, Picture
 from fcsv_stereo.ros.session_messages import odoms_in_home, window_of
-
-_ENCODINGS = ("rgb8", "bgr8", "mono8", "rgba8", "bgra8")
+from fcsv_stereo.ros.session_pictures import read_pictures
 
 
 @dataclass
@@ -175,43 +174,18 @@ def _vehicle_pictures(vehicle: str, recorded: _Recorded, T_home_odom, warnings: 
     """Undistorted pictures of one vehicle inside any window, with their poses; without a pose they are left out."""
     if vehicle not in T_home_odom:
         return []
-    topic = f"/{vehicle}/camera/color/image_raw"
     windows = [window_of(c) for c in recorded.captures]
     camera, pictures, lost = recorded.cameras[vehicle], [], 0
-    for bag_path in recorded.bags:
+    topic = f"/{vehicle}/camera/color/image_raw"
+    for stamp_s, image in read_pictures(recorded.bags, topic, camera, lambda t: any(w.holds(t) for w in windows)):
         try:
-            with rosbag.Bag(str(bag_path)) as bag:
-                for _, message, _ in bag.read_messages(topics=[topic]):
-                    stamp_s = message.header.stamp.to_sec()
-                    if not any(w.holds(stamp_s) for w in windows):
-                        continue
-                    image = _image(bag_path, topic, message, camera)
-                    try:
-                        T_odom_body = recorded.tracks[vehicle].at(stamp_s)
-                    except PoseUnavailable:
-                        lost += 1
-                        continue
-                    T_home_cam = T_home_odom[vehicle] @ T_odom_body @ recorded.T_body_cam[vehicle]
-                    name = f"{vehicle}/{stamp_s:.3f}"
-                    image = camera.undistort(image)
-                    pictures.append(Picture(name, vehicle, stamp_s, image, camera.undistorted(), T_home_cam))
-        except FcsvError:
-            raise
-        except (ROSBagException, EOFError, OSError) as error:
-            raise InputError(f"{bag_path}: a chunk cannot be read ({error}): run 'rosbag reindex'") from error
+            T_odom_body = recorded.tracks[vehicle].at(stamp_s)
+        except PoseUnavailable:
+            lost += 1
+            continue
+        T_home_cam = T_home_odom[vehicle] @ T_odom_body @ recorded.T_body_cam[vehicle]
+        name = f"{vehicle}/{stamp_s:.3f}"
+        pictures.append(Picture(name, vehicle, stamp_s, camera.undistort(image), camera.undistorted(), T_home_cam))
     if lost:
         warnings.append(f"{lost} pictures of {vehicle} have no odometry at their stamp and are left out")
     return sorted(pictures, key=lambda p: p.stamp_s)
-
-
-def _image(path: Path, topic: str, message, camera: PinholeCamera) -> np.ndarray:
-    if message.encoding not in _ENCODINGS:
-        known = ", ".join(_ENCODINGS)
-        raise InputError(f"{path}, topic {topic}: encoding '{message.encoding}' is not one of {known}")
-    if (message.width, message.height) != (camera.width, camera.height):
-        sizes = f"{message.width}x{message.height}, camera_info says {camera.width}x{camera.height}"
-        raise InputError(f"{path}, topic {topic}: picture is {sizes}")
-    try:
-        return conversions.image_to_array(message, "rgb8")
-    except GeometryError as error:
-        raise InputError(f"{path}, topic {topic}: {error}") from error

@@ -11,6 +11,7 @@ from fcsv_stereo.rectify import RectifiedPair
 
 #: OpenCV's Quasi-Dense leaves 15 px unmatched on every side, and reads beyond its pictures when told to leave fewer.
 _PAD = 9
+_LARGEST_BLOCK_PX = 15  # OpenCV refuses pictures that do not hold a block
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,10 @@ def quasi_dense(left: np.ndarray, right: np.ndarray, search: Search) -> np.ndarr
     settings.lkPyrLvl, settings.lkTemplateSize = 5, 7  # and across large disparities: near ground needs both
     settings.correlationThreshold = 0.4
     matcher.Param = settings
-    matcher.process(left, right)
+    try:
+        matcher.process(left, right)
+    except cv2.error:  # what it says where it finds no corner to start from: no texture, or a few pixels
+        return np.full((left.shape[0] - 2 * _PAD, left.shape[1] - 2 * _PAD), np.nan, np.float32)
     disparity = matcher.getDisparity() if search.sky_px >= 0 else _signed(matcher.getDenseMatches(), left.shape)
     return disparity[_PAD:-_PAD, _PAD:-_PAD]
 
@@ -68,7 +72,7 @@ def sgbm(left: np.ndarray, right: np.ndarray, search: Search) -> np.ndarray:
 def bm(left: np.ndarray, right: np.ndarray, search: Search) -> np.ndarray:
     """Block matching."""
     least, levels = _levels(search)
-    matcher = cv2.StereoBM_create(levels, 15)
+    matcher = cv2.StereoBM_create(levels, _LARGEST_BLOCK_PX)
     matcher.setMinDisparity(least)
     return _computed(matcher, left, right, least, levels)
 
@@ -90,6 +94,8 @@ def match(pair: RectifiedPair, matcher: str, window: DisparityWindow, offset_px:
     sign = 1.0 if pair.baseline_m > 0 else -1.0
     turn, back = _turns(pair.axis, sign)
     left, right = (turn(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY)) for i in (pair.reference, pair.other))
+    if min(*left.shape, *right.shape) <= _LARGEST_BLOCK_PX:
+        return np.full(pair.reference.shape[:2], np.nan, np.float32)
     seen, seen_other = turn(pair.mask_reference), turn(pair.mask_other)
     given = offset_px is not None
     if not given:

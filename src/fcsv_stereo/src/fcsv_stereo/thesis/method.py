@@ -12,14 +12,15 @@ from fcsv_geometry import transforms
 from fcsv_stereo.depth import depth_from_disparity, points_from_depth, resample
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError, MatchingError
-from fcsv_stereo.fuse import Layer, effective_ranges, fuse_layers
 from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
-from fcsv_stereo.matchers import DisparityWindow, match, match_rate
 from fcsv_stereo.rectify import RECTIFIERS, RectifiedPair
 from fcsv_stereo.result import AXES, Cloud, ImageEntry, MapResult, PairResult, Reference
-from fcsv_stereo.selection import SelectionOptions, select
+from fcsv_stereo.thesis.fuse import Layer, effective_ranges, fuse_layers
+from fcsv_stereo.thesis.matchers import DisparityWindow, match, match_rate
+from fcsv_stereo.thesis.selection import SelectionOptions, select
 
 Progress = Callable[[str, int, int], None]
+_LEAST_SHARE = 0.002  # of the picture: SGBM and Quasi-Dense match as much in pictures of nothing
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,11 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
     depth, sigma, source = fuse_layers(layers, ranges_m, options.across_axes)
     cloud = _cloud(reference, depth, sigma, source)
     timing_s["fuse"] = time.perf_counter() - started
-    if not len(cloud):
-        raise MatchingError("no pixel of any pair lies in its effective range; see --disparity and --error")
+    if len(cloud) < _LEAST_SHARE * depth.size:
+        raise MatchingError(
+            f"{len(cloud)} of {depth.size} pixels have a match in the effective range of their pair, and so few may be "
+            "chance: too little texture, only sky, or see --disparity and --error"
+        )
     pairs = [_pair_result(m, d, r) for m, d, r in zip(matched, depths, ranges_m)]
     view = Reference(
         reference.name, reference.stamp_s, reference.vehicle, reference.image, reference.camera, reference.T_home_cam

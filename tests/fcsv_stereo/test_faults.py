@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bad input: a map without the bad part, which is named, or an error in one line; never a confident wrong map.
+
+A claim is a pixel whose sigma is below 3 % of its depth, and it is refuted by an error of more than 10 %; of the claims
+at most 5 % may be (the issue's "sigma must know"). The flight without a fault makes claims on 28 % of its pixels, of
+which 1.7 % are wrong (a third of the picture is sky, and 320x240 pixels know 250 m only to 10 %).
+Faults of refinement alone are in test_refinement.py, of joint matching alone in test_joint.py.
+"""
+
+from dataclasses import replace
+
+import boards
+import cv2
+import faulty
+import numpy as np
+import pytest
+from test_photographs import model
+from test_sessions import T0, write_session
+
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo import pipeline
+from fcsv_stereo.errors import InputError, MatchingError, OutputError, StereoError
+from fcsv_stereo.inputs import Picture
+from fcsv_stereo.joint import JointOptions
+from fcsv_stereo.ros.session_bags import read_session
+from fcsv_stereo.thesis import ThesisOptions
+from fcsv_stereo.thesis.matchers import MATCHERS
+
+MAP = pipeline.METHODS
+
+
+def quiet(*_):
+    pass
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return faulty.flight()
+
+
+@pytest.fixture(scope="module")
+def truth(flown):
+    return boards.depth(flown[0].T_home_cam, faulty.TOWN, faulty.CAMERA)
+
+
+def joint(reference, others):
+    return MAP["joint"](faulty.given(reference, others), JointOptions(), quiet)
+
+
+def of_the_reference(flown):
+    return lambda p: replace(p, image=flown[0].image.copy())
+
+
+def at_the_reference(flown):
+    return lambda p: replace(p, T_home_cam=flown[0].T_home_cam)
+
+
+def looking_back(_):
+    return lambda p: boards.with_prior(p, rpy_deg=(0.0, 180.0, 0.0))
+
+
+FAULTS = {
+    "does not overlap": looking_back,
+    "another scene": lambda _: faulty.elsewhere,
+    "blurred": lambda _: faulty.blurred,
+    "over-exposed": lambda _: faulty.over_exposed,
+    "under-exposed": lambda _: faulty.under_exposed,
+    "no texture": lambda _: faulty.flat,
+    "sky": lambda _: faulty.of_sky,
+    "no baseline": at_the_reference,
+    "the reference's own picture": of_the_reference,
+}
+
+#: what a person sees in the picture is said, too
+WORDS = {"over-exposed": "over-exposed", "under-exposed": "under-exposed", "blurred": "blurred",
+         "the reference's own picture": "no parallax", "no baseline": "baseline of 0.00 m"}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_one_bad_picture_of_three_is_left_out_and_named(flown, truth, fault):
+    reference, _, priors = flown
+    bad = FAULTS[fault](flown)
+    result = joint(reference, faulty.replaced(priors, 2, bad))
+    sure, wrong = faulty.claims(result, truth)
+    assert sure > 0.2 and wrong <= faulty.MOST_WRONG
+    assert [p.other_name for p in result.pairs] == [p.name for p in priors[:2]]
+    said = [w for w in result.warnings if priors[2].name in w and "left out" in w]
+    assert said and WORDS.get(fault, "") in said[0], result.warnings
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_with_nothing_but_a_bad_picture_there_is_no_map(flown, truth, fault):
+    """An error in one line that names it; or, where a little can be made out, hardly a claim."""
+    reference, _, priors = flown
+    bad = FAULTS[fault](flown)(priors[1])
+    try:
+        result = joint(reference, [bad])
+    except StereoError as error:
+        assert "\n" not in str(error) and (bad.name in str(error) or "texture" in str(error)), str(error)
+    else:
+        assert faulty.claims(result, truth)[0] < 0.01
+        assert any(bad.name in w for w in result.warnings)
+
+
+@pytest.mark.parametrize("method, options", [("joint", JointOptions()), ("thesis", ThesisOptions())])
+@pytest.mark.parametrize("spoil", [faulty.flat, faulty.of_sky], ids=["no texture", "sky"])
+def test_no_texture_and_only_sky(flown, method, options, spoil):
+    reference, _, priors = flown
+    with pytest.raises(MatchingError) as error:
+        MAP[method](faulty.given(spoil(reference), [spoil(p) for p in priors[:2]]), options, quiet)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("rpy_deg", [(0.0, 5.0, 0.0), (5.0, 0.0, 0.0)])
+def test_a_prior_wrong_by_five_degrees(flown, truth, rpy_deg):
+    """The pictures' own pose is taken, and the map is as good as without the fault."""
+    reference, _, priors = flown
+    result = joint(reference, faulty.replaced(priors, 2, lambda p: boards.with_prior(p, rpy_deg=rpy_deg)))
+    sure, wrong = faulty.claims(result, truth)
+    assert sure > 0.2 and wrong <= faulty.MOST_WRONG and len(result.pairs) == 3
+    assert any(priors[2].name in w and "prior was wrong in rotation" in w for w in result.warnings)
+
+
+@pytest.mark.parametrize("skew_s", [0.01, 0.05, 0.2])
+@pytest.mark.parametrize("velocity", [(1.5, 0, 0), (0, 1.5, 0), (0, 0, 1.5)])
+def test_a_skewed_pair_of_three(flown, truth, skew_s, velocity):
+    """A vehicle at 1.5 m/s, its picture stamped up to 200 ms late: 0.3 m, also along the baseline (scale)."""
+    reference, _, priors = flown
+    late = faulty.replaced(priors, 2, lambda p: boards.with_prior(p, np.multiply(velocity, skew_s)))
+    result = joint(reference, late)
+    sure, wrong = faulty.claims(result, truth)
+    assert sure > 0.2 and wrong <= faulty.MOST_WRONG
+
+
+def test_an_object_that_moved(truth):
+    """A board at 14 m is 1 m further on in one of three pictures: the other two tell its depth, or sigma does not."""
+    board = boards.Board((14.0, -2.0, -1.0), (1.5, 1.2), 55)
+    scene, after = [*faulty.TOWN, board], [*faulty.TOWN, replace(board, xyz=(14.0, -1.0, -1.0))]
+    reference, _, priors = faulty.flight(scene=scene, of_other={2: after})
+    true = boards.depth(reference.T_home_cam, scene, faulty.CAMERA)
+    on_it = np.isfinite(boards.depth(reference.T_home_cam, [board], faulty.CAMERA))
+    result = joint(reference, priors)
+    assert faulty.claims(result, true)[1] <= faulty.MOST_WRONG
+    assert faulty.claims(result, true, on_it)[1] <= faulty.MOST_WRONG
+
+
+def test_a_configuration_without_pictures_is_left_out_and_named(tmp_path):
+    session = write_session(tmp_path / "session", windows=[(T0, T0 + 1.0), (T0 + 50.0, T0 + 51.0)])
+    given = read_session(session)
+    assert len(given.configurations) == 1
+    assert any("horizontal 0.8 m (1)" in w and "uav1, uav2" in w for w in given.warnings), given.warnings
+
+
+@pytest.mark.parametrize("matcher", MATCHERS)
+def test_every_matcher_on_pictures_without_texture(flown, matcher):
+    reference, _, priors = flown
+    with pytest.raises(MatchingError, match="too little texture"):
+        given = faulty.given(faulty.flat(reference), [faulty.flat(priors[0])])
+        MAP["thesis"](given, ThesisOptions(matcher=matcher), quiet)
+
+
+@pytest.mark.parametrize(
+    "method, options",
+    [("joint", JointOptions()), *(("thesis", ThesisOptions(matcher=m)) for m in MATCHERS)],
+    ids=["joint", *MATCHERS],
+)
+@pytest.mark.parametrize("size", [(1, 1), (7, 5)])
+def test_hardly_a_pixel(method, options, size):
+    camera = PinholeCamera(*size, 50.0, 50.0, (size[0] - 1) / 2, (size[1] - 1) / 2)
+    image = np.full((size[1], size[0], 3), 90, np.uint8)
+    a, b = (Picture(n, "uav", 0.0, image, camera, boards.pose((0, y, 0))) for n, y in (("a", 0.0), ("b", -1.0)))
+    with pytest.raises(StereoError) as error:
+        MAP[method](faulty.given(a, [b]), options, quiet)
+    assert "\n" not in str(error.value)
+
+
+@pytest.fixture(scope="module")
+def large():
+    """A pair of 12 megapixels, 4 m apart: the map, and the true depth."""
+    camera = PinholeCamera.from_fov(4000, 3000, np.radians(56.0))
+    poses = [boards.pose([0, -b, 0]) for b in (0.0, 4.0)]
+    pictures = [Picture(f"{i}", "uav", 0.0, boards.draw(T, faulty.TOWN, camera), camera, T)
+                for i, T in enumerate(poses)]  # fmt: skip
+    return joint(pictures[0], pictures[1:]), boards.depth(poses[0], faulty.TOWN, camera)
+
+
+@pytest.mark.slow
+def test_twelve_megapixels(large):
+    """The boards are 70 % of the picture, and a pair does not see all of them."""
+    result, truth = large
+    assert result.depth.shape == truth.shape == (3000, 4000)
+    assert result.coverage > 0.5 and any(i.refined for i in result.images)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True,
+    reason="5.7 % of the claims are wrong: 47 % of these in the even sky, 43 % within 32 px of an edge; "
+    "sigma and what is filled are joint/'s",
+)
+def test_claims_of_twelve_megapixels(large):
+    result, truth = large
+    assert faulty.claims(result, truth)[1] <= faulty.MOST_WRONG
+
+
+@pytest.mark.parametrize("method, options", [("joint", JointOptions()), ("thesis", ThesisOptions())])
+def test_an_error_leaves_nothing_in_out(tmp_path, method, options):
+    """Two grey pictures; the folder above OUT is as it was, and an earlier map stays."""
+    folder, out = model(tmp_path / "model"), tmp_path / "out"
+    with pytest.raises(StereoError):
+        pipeline.run(folder, out, method, options, None, quiet)
+    assert [p.name for p in tmp_path.iterdir()] == ["model"]
+    out.mkdir()
+    (out / "map.ply").write_text("an earlier map")
+    with pytest.raises(StereoError):
+        pipeline.run(folder, out, method, options, None, quiet)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["model", "out"] and (out / "map.ply").exists()
+
+
+def test_a_picture_that_ends_early_is_named(tmp_path):
+    """Half a PNG, and a JPEG of no bytes."""
+    folder = model(tmp_path / "model")
+    whole = cv2.imencode(".png", np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8))[1].tobytes()
+    for content in (whole[: len(whole) // 40], b""):
+        (folder / "images" / "b.png").write_bytes(content)
+        with pytest.raises(InputError, match=r"b\.png: cannot be read as a picture"):
+            pipeline.run(folder, tmp_path / "out", "joint", JointOptions(), None, quiet)
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(OutputError, match="is a file"):
+        pipeline.run(folder, tmp_path / "out", "joint", JointOptions(), None, quiet)

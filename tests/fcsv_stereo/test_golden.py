@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Golden scenes: two small seeded ones through the whole of each method; a change of the map shows here first.
+
+Where a bound comes from is said beside it. They are those of equation 2.12 for a stated matching error, so that they
+hold on any machine, and not the figures of a run with a margin.
+"""
+
+import boards
+import faulty
+import numpy as np
+import pytest
+import scenes
+
+from fcsv_stereo.equations import ErrorThreshold, depth_error
+from fcsv_stereo.joint import JointOptions
+from fcsv_stereo.pipeline import METHODS
+from fcsv_stereo.thesis import ThesisOptions
+
+WALLS = (((0, -0.5, 0), "horizontal"), ((0, -1.0, 0), "horizontal"), ((0, 0, 1.0), "vertical"))
+
+
+def quiet(*_):
+    pass
+
+
+def errors_px(depth, truth, baseline_m, focal_px):
+    """Of the answered pixels that have truth, with the sign taken off, as disparity of a baseline (2.12)."""
+    known = np.isfinite(depth) & np.isfinite(truth)
+    return (np.abs(depth - truth) / depth_error(truth, baseline_m, focal_px))[known]
+
+
+@pytest.mark.parametrize("method, options, most_px, least_share", [
+    # sub-pixel, all pairs at once, poses refined: a tenth, of which bilinear sampling leaves some hundredths; the
+    # occluded strips beside the near wall (5 % of the picture for the longest baseline) are filled or not answered
+    ("joint", JointOptions(), 0.1, 0.95),
+    # whole pixels (Quasi-Dense), poses exact: half a pixel of the baseline that answers; unanswered are those strips
+    # and 15 px of border where nothing comes, a tenth of the picture
+    ("thesis", ThesisOptions(threshold=ErrorThreshold(5.0, False)), 0.5, 0.85),
+])  # fmt: skip
+def test_walls(method, options, most_px, least_share):
+    """A wall at 20 m, one of 5 x 5 m before it at 12 m; 320x240, baselines of 0.5 and 1 m, and 1 m up."""
+    result = METHODS[method](scenes.given(*WALLS), options, quiet)
+    truth = scenes.true_depth(result.reference.T_home_cam)
+    assert np.median(errors_px(result.depth, truth, 1.0, scenes.CAMERA.fx)) <= most_px
+    assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() >= least_share
+    # every point of the cloud is a pixel of the depth image, on one of the walls
+    assert result.points == np.isfinite(result.depth).sum()
+
+
+def test_boards():
+    """Forty boards from 10 to 160 m before a background at 250 m; 320x240, 2, 4 and 8 m, noisy poses (issue 3).
+
+    One pixel of 8 m is what 2.12 and 3.1 allow (10 % at 241 m). Of the errors 60 % are to lie within one sigma (the
+    issue's least); within two the issue wants 90 % on its scenes, and this smaller one reached 87 % in November 2026:
+    edges of forty boards in 320x240 pixels. Below 85 % something has broken.
+    """
+    reference, _, priors = faulty.flight(seed=1)
+    result = METHODS["joint"](faulty.given(reference, priors), JointOptions(), quiet)
+    truth = boards.depth(reference.T_home_cam, faulty.TOWN, faulty.CAMERA)
+    assert np.median(errors_px(result.depth, truth, 8.0, faulty.CAMERA.fx)) <= 1.0
+    known = np.isfinite(result.depth) & np.isfinite(truth)
+    relative = np.abs(result.depth - truth)[known] / result.sigma[known]
+    assert (relative < 1.0).mean() >= 0.60 and (relative < 2.0).mean() >= 0.85
+    assert faulty.claims(result, truth)[1] <= faulty.MOST_WRONG
+    assert all(i.refined for i in result.images if i.name != reference.name)
+    assert [round(p.configuration.baseline_m) for p in result.pairs] == [2, 4, 8]
