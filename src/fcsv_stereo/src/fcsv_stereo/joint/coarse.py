@@ -33,7 +33,7 @@ class Coarse:
 
 
 def coarse(found: Views, nearest: np.ndarray, most_levels: int, pool: ThreadPoolExecutor) -> Coarse:
-    """By semi-global matching in the cost volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m)."""
+    """By semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m)."""
     levels = inverse_depths(found, STEP_PX, most_levels, float(nearest.max()))
     volume = cost_volume(found, levels, nearest, pool)
     total = aggregate(volume, found.reference, P1, P2, pool)
