@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A gimbal that follows a vehicle at a constant speed, two to four metres away: pictures, detector, tracker and servos
+closed to a loop in simulated time, and every pose that comes out against the truth."""
+
+import heapq
+from dataclasses import dataclass, field
+from typing import List, Optional, Tuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from fcsv_geometry import transforms
+from fcsv_sim.gimbal import MountErrors, ServoErrors, SimulatedGimbal
+from fcsv_sim.gimbal_camera import GimbalCamera, GimbalCameraParameters
+from fcsv_sim.mocap_flight import STEP_HZ, Truth, attitudes, vibration
+from fcsv_tracking.errors import SampleRejected
+from fcsv_tracking.gimbal.config import Gimbal
+from fcsv_tracking.gimbal.looking import look
+from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker
+from fcsv_tracking.tags import TagDetector
+
+START_S = 1000.0
+READ_HZ = 100.0
+DETECTION_S = 0.03  # what the detector takes; the tracker hears of a picture so much after it arrived
+SETTLE_S = 2.0  # until the first search is over; not judged
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """How it flies: constant speed through random places in a shell about the gimbal."""
+
+    speed_mps: float = 1.0
+    distance_m: Tuple[float, float] = (2.0, 4.0)
+    bearing_deg: float = 60.0  # to either side
+    elevation_deg: Tuple[float, float] = (-5.0, 35.0)
+    duration_s: float = 20.0
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What follows it: rules, camera, servos and how they were measured in."""
+
+    rules: GimbalRules = field(default_factory=GimbalRules)
+    camera: GimbalCameraParameters = field(default_factory=GimbalCameraParameters)
+    servo: ServoErrors = field(default_factory=ServoErrors)
+    mount: MountErrors = field(default_factory=MountErrors)
+    decimate: float = 2.0
+
+
+@dataclass(frozen=True)
+class PoseRecord:
+    """One pose given out, against the truth at its stamp: errors along and across the line of sight, covariance."""
+
+    stamp_s: float
+    along_m: float
+    across_m: float
+    angle_deg: float
+    error: np.ndarray
+    covariance: np.ndarray
+    distance_m: float
+
+    @property
+    def normalised(self) -> float:
+        """Squared error over covariance, six degrees of freedom."""
+        return float(self.error @ np.linalg.solve(self.covariance, self.error))
+
+
+@dataclass
+class Run:
+    """All that one run gave: poses, and looked at once per period of the camera, whether a tag was in the picture and
+    the gimbal still."""
+
+    poses: List[PoseRecord] = field(default_factory=list)
+    in_picture: List[bool] = field(default_factory=list)
+    still: List[bool] = field(default_factory=list)
+    pictures: int = 0
+    tracker: Optional[GimbalTracker] = None
+
+
+def fly(gimbal: Gimbal, scenario: Scenario, seed: int) -> Truth:
+    """The vehicle's motion in the ground robot's frame."""
+    random = np.random.default_rng([seed, 23])
+    p = _places(gimbal, scenario, random)
+    way = CubicSpline(np.arange(len(p)), p)
+    fine = np.linspace(0.0, len(p) - 1, 4000)
+    length_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way(fine), axis=0), axis=1))])
+    t = np.arange(0.0, scenario.duration_s + 1.0, 1.0 / STEP_HZ)
+    along = way(np.interp(scenario.speed_mps * t, length_m, fine))
+    keep = int(STEP_HZ * 0.1)  # corners that an airframe can fly
+    smooth = np.apply_along_axis(lambda c: np.convolve(np.pad(c, keep, "edge"), np.ones(2 * keep + 1) / (2 * keep + 1),
+                                                       "valid"), 0, along)  # fmt: skip
+    v = np.gradient(smooth, t, axis=0)
+    a = np.gradient(v, t, axis=0)
+    yaw = random.uniform(-np.pi, np.pi) + 0.6 * np.sin(2 * np.pi * 0.05 * t + random.uniform(0.0, 2 * np.pi))
+    R = attitudes(np.clip(a + 0.25 * v, -4.0, 4.0), yaw) @ vibration(t, random)
+    return Truth(START_S + t, smooth, v, R)
+
+
+def _places(gimbal: Gimbal, scenario: Scenario, random) -> np.ndarray:
+    """Places (N,3) on the way, neighbours at least a metre apart."""
+    centre = np.array(gimbal.geometry.base.xyz_m)
+    found: List[np.ndarray] = []
+    while len(found) < 8 + scenario.speed_mps * scenario.duration_s:
+        distance = random.uniform(scenario.distance_m[0] + 0.2, scenario.distance_m[1] - 0.2)
+        bearing = np.radians(random.uniform(-scenario.bearing_deg, scenario.bearing_deg))
+        up = np.radians(random.uniform(*scenario.elevation_deg))
+        p = centre + distance * np.array([np.cos(up) * np.cos(bearing), np.cos(up) * np.sin(bearing), np.sin(up)])
+        if not found or 1.0 < np.linalg.norm(p - found[-1]) < 2.0:
+            found.append(p)
+    return np.array(found)
+
+
+def run(gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: Optional[Setup] = None) -> Run:
+    """Follow one flight in simulated time."""
+    scenario, setup = scenario or Scenario(), setup or Setup()
+    camera = setup.camera
+    truth = fly(gimbal, scenario, seed)
+    now = [START_S]
+    start = gimbal.geometry.aim(truth.at(START_S)[:3, 3])  # an operator shows it where to begin
+    servos = SimulatedGimbal(gimbal.geometry, seed, lambda: now[0], setup.servo, setup.mount)
+    eye = GimbalCamera(gimbal.tags, camera, seed)
+    model = camera.model
+    detector = TagDetector({t.id: t.size_m for t in gimbal.tags}, setup.decimate)
+    tracker = GimbalTracker(gimbal.geometry, gimbal.tags, model, setup.rules, start)
+    servos.turn(start)
+    result = Run(tracker=tracker)
+    waiting: List[tuple] = []
+    ticks_per_picture = int(round(READ_HZ / camera.rate_hz)) or 1
+    for tick in range(int(scenario.duration_s * READ_HZ)):
+        now[0] = START_S + tick / READ_HZ
+        _read(tracker, servos)
+        if tick % ticks_per_picture == 0 and tick > 10:
+            true_s = now[0] - 0.5 * camera.exposure_s - 0.005
+            picture = eye.shoot(true_s, servos.T_ground_cam, truth.at)
+            heapq.heappush(waiting, (picture.arrival_s + DETECTION_S, picture.true_s, picture))
+            _look(result, eye, servos, truth, true_s)
+        while waiting and waiting[0][0] <= now[0]:
+            picture = heapq.heappop(waiting)[2]
+            result.pictures += 1
+            observations, _ = look(detector, picture.gray, model, tracker.window(picture.stamp_s))
+            try:
+                pose = tracker.feed_tags(now[0], picture.stamp_s, observations)
+            except SampleRejected:
+                continue  # counted in the tracker
+            if picture.true_s > START_S + SETTLE_S:
+                result.poses.append(_record(pose, truth, servos))
+        goal = tracker.command(now[0])
+        if goal is not None:
+            servos.turn(goal)
+    return result
+
+
+def _read(tracker: GimbalTracker, servos: SimulatedGimbal) -> None:
+    reading = servos.read()
+    try:
+        tracker.feed_angles(reading.stamp_s, reading.angles)
+    except SampleRejected:
+        pass  # counted
+
+
+def _look(result: Run, eye: GimbalCamera, servos: SimulatedGimbal, truth: Truth, true_s: float) -> None:
+    if true_s > START_S + SETTLE_S:
+        T_cam_body = transforms.invert(servos.T_ground_cam(true_s)) @ truth.at(true_s)
+        result.in_picture.append(bool(eye.visible_tags(T_cam_body)))
+        result.still.append(servos.still)
+
+
+def _record(pose, truth: Truth, servos: SimulatedGimbal) -> PoseRecord:
+    """Errors at the stamp that the pose bears: a stamp that is wrong is an error of the pose."""
+    T = truth.at(pose.stamp_s)
+    off = pose.T_G_D[:3, 3] - T[:3, 3]
+    sight = T[:3, 3] - servos.T_ground_cam(pose.stamp_s)[:3, 3]
+    distance_m = float(np.linalg.norm(sight))
+    along = float(off @ sight / distance_m)
+    turn = Rotation.from_matrix(pose.T_G_D[:3, :3] @ T[:3, :3].T).as_rotvec()
+    across = float(np.sqrt(max(0.0, off @ off - along**2)))
+    error = np.concatenate([off, turn])
+    return PoseRecord(
+        pose.stamp_s, along, across, float(np.degrees(np.linalg.norm(turn))), error, pose.covariance, distance_m
+    )
