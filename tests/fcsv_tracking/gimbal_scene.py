@@ -14,7 +14,7 @@ CAMERA = PinholeCamera.from_fov(1920, 1080, np.radians(21.5))
 GIMBAL = GimbalGeometry(Mount((0.1, 0.2, 0.4), (1.0, -2.0, 5.0)), (0.0, 0.0, 0.05), Mount((0.03, 0.01, 0.0)))
 
 
-def sides(lean_deg=20.0, size_m=0.08, first=20):
+def sides(lean_deg=10.0, size_m=0.08, first=20):
     """Four tags about a body, leaning inwards."""
     return [
         BodyTag(first + k, size_m, Mount((0.065 * c, 0.065 * s, 0.06), (0.0, -lean_deg, 90.0 * k)))

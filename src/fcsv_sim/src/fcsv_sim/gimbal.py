@@ -46,10 +46,15 @@ class SimulatedServo:
 
     def __init__(self, errors: ServoErrors, random: np.random.Generator, angle_rad: float = 0.0):
         self._errors, self._random = errors, random
+        self.limit(errors.speed_degps, errors.acceleration_degps2)
         self.angle_rad, self.rate_radps, self._goal_rad = angle_rad, 0.0, angle_rad
         self._coming: Deque[Tuple[float, float]] = deque()
         self._phase = random.uniform(0.0, 2.0 * np.pi)
         self.torque = True
+
+    def limit(self, speed_degps: float, acceleration_degps2: float) -> None:
+        """What a profile allows."""
+        self._speed, self._ramp = np.radians(speed_degps), np.radians(acceleration_degps2)
 
     def command(self, now_s: float, goal_rad: float) -> None:
         ticks = np.round(goal_rad / RESOLUTION_RAD)
@@ -63,12 +68,12 @@ class SimulatedServo:
         if not self.torque:
             self.rate_radps = 0.0
             return
-        ramp = np.radians(self._errors.acceleration_degps2)
+        ramp = self._ramp
         left = self._goal_rad - self.angle_rad
         if abs(left) < 1e-9 and self.rate_radps == 0.0:
             return
         # the speed from which it still comes to rest at the goal
-        wished = np.sign(left) * min(np.radians(self._errors.speed_degps), np.sqrt(2.0 * ramp * abs(left)))
+        wished = np.sign(left) * min(self._speed, np.sqrt(2.0 * ramp * abs(left)))
         self.rate_radps += float(np.clip(wished - self.rate_radps, -ramp * STEP_S, ramp * STEP_S))
         self.angle_rad += self.rate_radps * STEP_S
         if abs(self._goal_rad - self.angle_rad) < ramp * STEP_S**2 and abs(self.rate_radps) < 2 * ramp * STEP_S:

@@ -32,7 +32,7 @@ class GimbalCameraParameters:
     height: int = 1080
     horizontal_fov_deg: float = 21.5
     rate_hz: float = 30.0
-    exposure_s: float = 0.004
+    exposure_s: float = 0.002
     latency_s: float = 0.05  # mid-exposure to the picture's arrival
     latency_jitter_s: float = 0.005
     stamp_s: float = 0.001  # standard deviation of a constant error of all stamps
@@ -45,16 +45,6 @@ class GimbalCameraParameters:
     @property
     def model(self) -> PinholeCamera:
         return PinholeCamera.from_fov(self.width, self.height, np.radians(self.horizontal_fov_deg))
-
-
-@dataclass(frozen=True)
-class GimbalPicture:
-    """``stamp_s`` is what the driver says, ``true_s`` the middle of the exposure, which nobody is told."""
-
-    arrival_s: float
-    stamp_s: float
-    true_s: float
-    gray: np.ndarray
 
 
 class _Face:
@@ -91,27 +81,33 @@ class GimbalCamera:
         pool = [parameters.noise * random.standard_normal(size, dtype=np.float32) for _ in range(_NOISES)]
         self._noises = [np.clip(np.round(n), -127, 127).astype(np.int8) for n in pool]
 
-    def shoot(self, true_s: float, T_ground_cam: Pose, T_ground_body: Pose) -> GimbalPicture:
-        """A picture at mid-exposure ``true_s``."""
-        p, random = self._p, self._random
+    def arrival_s(self, true_s: float) -> float:
+        """When a picture of mid-exposure ``true_s`` arrives."""
+        return true_s + self._p.latency_s + abs(self._random.normal(0.0, self._p.latency_jitter_s))
+
+    def stamp_s(self, true_s: float) -> float:
+        """What the driver says of it."""
+        return true_s + self._late_s + self._random.normal(0.0, self._p.stamp_jitter_s)
+
+    def shoot(self, true_s: float, T_ground_cam: Pose, T_ground_body: Pose) -> np.ndarray:
+        """The picture (HxW uint8) of mid-exposure ``true_s``, which nobody is told."""
         gray = self._background(true_s, T_ground_cam)
-        moments = true_s + p.exposure_s * np.array([-0.5, 0.0, 0.5])
+        moments = true_s + self._p.exposure_s * np.array([-0.5, 0.0, 0.5])
         ends = [transforms.invert(T_ground_cam(t)) @ T_ground_body(t) for t in moments]
         if all(T[2, 3] > 0.3 for T in ends):
             self._draw(gray, true_s, T_ground_cam, T_ground_body, ends)
-        gray = cv2.add(gray, self._noises[int(random.integers(_NOISES))], dtype=cv2.CV_8U)
-        arrival_s = true_s + p.latency_s + abs(random.normal(0.0, p.latency_jitter_s))
-        return GimbalPicture(arrival_s, true_s + self._late_s + random.normal(0.0, p.stamp_jitter_s), true_s, gray)
+        gray = cv2.add(gray, self._noises[int(self._random.integers(_NOISES))], dtype=cv2.CV_8U)
+        return gray
 
     def visible_tags(self, T_cam_body: np.ndarray) -> List[int]:
-        """Numbers of the tags that face the camera (within 70 degrees) and lie in the picture whole."""
+        """Numbers of the tags that face the camera (within 72 degrees) and lie in the picture whole."""
         found = []
         for number, face in enumerate(self._faces):
             uv = self.model.project(transforms.apply(T_cam_body, face.corners))
             T = T_cam_body @ face.T_body_tag
             facing = T[:3, 2] @ T[:3, 3] / np.linalg.norm(T[:3, 3])
             inside = (uv > 0).all() and (uv < [self.model.width - 1, self.model.height - 1]).all()
-            if facing > np.cos(np.radians(70.0)) and inside:
+            if facing > np.cos(np.radians(72.0)) and inside:
                 found.append(number)
         return found
 

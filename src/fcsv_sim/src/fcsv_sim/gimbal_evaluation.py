@@ -17,7 +17,7 @@ from fcsv_sim.mocap_flight import STEP_HZ, Truth, attitudes, vibration
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import Gimbal
 from fcsv_tracking.gimbal.looking import look
-from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker
+from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
 from fcsv_tracking.tags import TagDetector
 
 START_S = 1000.0
@@ -132,23 +132,31 @@ def run(gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: O
         _read(tracker, servos)
         if tick % ticks_per_picture == 0 and tick > 10:
             true_s = now[0] - 0.5 * camera.exposure_s - 0.005
-            picture = eye.shoot(true_s, servos.T_ground_cam, truth.at)
-            heapq.heappush(waiting, (picture.arrival_s + DETECTION_S, picture.true_s, picture))
+            heapq.heappush(waiting, (eye.arrival_s(true_s) + DETECTION_S, true_s))
             _look(result, eye, servos, truth, true_s)
         while waiting and waiting[0][0] <= now[0]:
-            picture = heapq.heappop(waiting)[2]
+            true_s = heapq.heappop(waiting)[1]
+            pose = _hear(tracker, detector, eye, servos, truth, true_s, now[0])
             result.pictures += 1
-            observations, _ = look(detector, picture.gray, model, tracker.window(picture.stamp_s))
-            try:
-                pose = tracker.feed_tags(now[0], picture.stamp_s, observations)
-            except SampleRejected:
-                continue  # counted in the tracker
-            if picture.true_s > START_S + SETTLE_S:
+            if pose is not None and true_s > START_S + SETTLE_S:
                 result.poses.append(_record(pose, truth, servos))
         goal = tracker.command(now[0])
         if goal is not None:
             servos.turn(goal)
     return result
+
+
+def _hear(tracker, detector, eye, servos, truth, true_s: float, now_s: float) -> Optional[GroundPose]:
+    """A picture arrives; it is drawn only now, and only where it is looked at."""
+    stamp_s = eye.stamp_s(true_s)
+    if tracker.turning(stamp_s):
+        return None
+    gray = eye.shoot(true_s, servos.T_ground_cam, truth.at)
+    observations, _ = look(detector, gray, eye.model, tracker.window(stamp_s))
+    try:
+        return tracker.feed_tags(now_s, stamp_s, observations)
+    except SampleRejected:
+        return None  # counted in the tracker
 
 
 def _read(tracker: GimbalTracker, servos: SimulatedGimbal) -> None:

@@ -2,8 +2,8 @@
 """The pose of a body from the tags on its sides: all corners of all tags in one adjustment, and what it leaves open.
 
 A tag's corners say how well it is seen, so one adjustment over all corners is the fusion with covariances that poses of
-single tags would need: a tag seen obliquely gives the rotation, a near one the distance. Each tag has two planar poses that
-nearly mirror each other (IPPE); every one of them is a start, and where two ends fit alike it is said.
+single tags would need: a tag seen obliquely gives the rotation, a near one the distance. Each tag has two planar poses
+that nearly mirror each other (IPPE): every one of them is a start, and where two ends fit alike it is said.
 """
 
 from dataclasses import dataclass, fields
@@ -28,6 +28,7 @@ class PoseRules:
     corner_px: float = 0.12
     tag_m: float = 0.0005
     tag_deg: float = 0.3
+    blur_share: float = 0.06  # of the way that it moved in the picture while the shutter was open, likewise
     ambiguous: float = 12.0  # a second pose that fits worse by less than this (squared sigmas) may be the true one
     prior_deg: float = 20.0  # the true one is so near to the last known attitude, the other is not
     most_rms_px: float = 1.5  # of all corners: tags that contradict each other, or another body's
@@ -54,8 +55,10 @@ def see_body(
     focal_px: float,
     rules: PoseRules,
     R_cam_body_prior: Optional[np.ndarray] = None,
+    blur_px: float = 0.0,
 ) -> BodySight:
     """The body's pose from its tags in one picture. Raises SampleRejected where there is none to be trusted."""
+    corner_px = float(np.hypot(rules.corner_px, rules.blur_share * blur_px))
     own = [o for o in observations if o.id in tags]
     if not own:
         raise SampleRejected("no tag", "no tag of the body in the picture")
@@ -68,8 +71,10 @@ def see_body(
             f"tags {[o.id for o in own]} fit no pose: off by {solutions[0][1] * focal_px:.1f} px; "
             "are they where the file says?",
         )
-    T, rms = _chosen(solutions, focal_px, len(points), rules, R_cam_body_prior)
-    return BodySight(T, _covariance(T, points, focal_px, len(own), rules), rms * focal_px, tuple(o.id for o in own))
+    T, rms = _chosen(solutions, focal_px, len(points), corner_px, rules, R_cam_body_prior)
+    return BodySight(
+        T, _covariance(T, points, focal_px / corner_px, len(own), rules), rms * focal_px, tuple(o.id for o in own)
+    )
 
 
 def _solutions(own, tags, points: np.ndarray, image: np.ndarray) -> List[Tuple[np.ndarray, float]]:
@@ -98,11 +103,13 @@ def _refined(T: np.ndarray, points: np.ndarray, image: np.ndarray) -> Tuple[np.n
     return T, float(np.sqrt(np.mean(np.sum((p[:, :2] / p[:, 2:] - image) ** 2, axis=1))))
 
 
-def _chosen(solutions, focal_px: float, corners: int, rules: PoseRules, prior) -> Tuple[np.ndarray, float]:
+def _chosen(
+    solutions, focal_px: float, corners: int, corner_px: float, rules: PoseRules, prior
+) -> Tuple[np.ndarray, float]:
     """The best one; where another fits as well, the one near the last known attitude, or none."""
     # squared residuals in sigmas; a picture that fits worse than its corners' noise says less of either
     best_px = solutions[0][1] * focal_px
-    scale = corners / max(rules.corner_px**2, 0.5 * best_px**2)
+    scale = corners / max(corner_px**2, 0.5 * best_px**2)
     alike = [s for s in solutions if ((s[1] * focal_px) ** 2 - best_px**2) * scale < rules.ambiguous]
     if len(alike) == 1:
         return solutions[0]
@@ -133,8 +140,8 @@ def projection_jacobian(T: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.concatenate([by_point, by_point @ minus_cross], axis=2).reshape(-1, 6)
 
 
-def _covariance(T: np.ndarray, points: np.ndarray, focal_px: float, tags: int, rules: PoseRules) -> np.ndarray:
-    J = projection_jacobian(T, points) * (focal_px / rules.corner_px)
+def _covariance(T: np.ndarray, points: np.ndarray, sigmas: float, tags: int, rules: PoseRules) -> np.ndarray:
+    J = sigmas * projection_jacobian(T, points)
     covariance = np.linalg.inv(J.T @ J)
     covariance[:3, :3] += rules.tag_m**2 / tags * np.eye(3)
     covariance[3:, 3:] += np.radians(rules.tag_deg) ** 2 / tags * np.eye(3)

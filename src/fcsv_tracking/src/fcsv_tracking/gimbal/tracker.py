@@ -23,6 +23,7 @@ from fcsv_tracking.gimbal.pose import BodySight, PoseRules, see_body
 from fcsv_tracking.mocap.equations import moved_covariance
 from fcsv_tracking.tags import TagObservation
 
+_BLIND_DEGPS = 30.0  # smears a tag over several of its modules
 _POSITION_M = 0.005  # of a sight, for weighing sights against each other
 
 
@@ -35,6 +36,7 @@ class GimbalRules:
     mount_deg: float = 0.03
     mount_m: float = 0.001
     stamp_s: float = 0.002
+    exposure_s: float = 0.002  # of the gimbal's camera, set by hand: what moves is smeared for so long
     still_degps: float = 4.0  # a gimbal that turns faster blurs and misplaces: no pose from such pictures
     most_speed_mps: float = 6.0  # no vehicle here is faster
     velocity_over_s: float = 0.3
@@ -122,9 +124,10 @@ class GimbalTracker:
                 raise SampleRejected("tag size", f"tag {o.id} was measured as {o.size_m} m, the file says otherwise")
         angles, rates = self._angles.at(stamp_s)
         T_G_C, turning = self._geometry.T_ground_cam(angles), float(np.max(np.abs(rates)))
+        focal_px = 0.5 * (self._camera.fx + self._camera.fy)
         prior = None if self._lost(stamp_s) or self.latest is None else T_G_C[:3, :3].T @ self.latest.T_G_D[:3, :3]
         try:
-            sight = see_body(own, self._tags, 0.5 * (self._camera.fx + self._camera.fy), self._rules.pose, prior)
+            sight = see_body(own, self._tags, focal_px, self._rules.pose, prior, self._blur_px(own, T_G_C, turning))
         except SampleRejected as error:
             if error.reason == "ambiguous":  # the attitude is; the place is good enough to follow
                 self._remember(stamp_s, transforms.apply(T_G_C, _rough(own, self._tags)), turning)
@@ -136,6 +139,14 @@ class GimbalTracker:
         covariance = self._covariance(angles, rates, T_G_C, T_G_D, sight)
         self.latest = GroundPose(stamp_s, T_G_D, covariance, sight)
         return self.latest
+
+    def _blur_px(self, own: Sequence[TagObservation], T_G_C: np.ndarray, turning_radps: float) -> float:
+        """How far the body moved in the picture while the shutter was open, by its last velocity."""
+        target = self.target()
+        if not own or target is None:
+            return 0.0
+        across = T_G_C[:3, :2].T @ target.v_ground_mps / max(float(own[0].T_cam_tag[2, 3]), 0.1)
+        return self._rules.exposure_s * self._camera.fx * (float(np.linalg.norm(across)) + turning_radps)
 
     def _covariance(self, angles: Angles, rates, T_G_C, T_G_D, sight: BodySight) -> np.ndarray:
         """What tags, readings, mounting and stamps leave open, about G's axes."""
@@ -182,6 +193,17 @@ class GimbalTracker:
         A = np.stack([np.ones_like(t), t - end_s], axis=1) / sigma[:, None]
         line = np.linalg.lstsq(A, p / sigma[:, None], rcond=None)[0]
         return Target(end_s, line[0], line[1])
+
+    def turning(self, stamp_s: float) -> bool:
+        """Whether the gimbal turned so fast then that looking at the picture is of no use (counted)."""
+        try:
+            rates = self._angles.at(stamp_s)[1]
+        except PoseUnavailable:
+            return False
+        if np.degrees(np.max(np.abs(rates))) < _BLIND_DEGPS:
+            return False
+        self.counts["gimbal turning"] += 1
+        return True
 
     def window(self, stamp_s: float) -> Optional[Window]:
         """Where in the picture of ``stamp_s`` the vehicle should be; None where that is not known."""
