@@ -150,8 +150,14 @@ class TestBus:
         finally:
             os.close(fd)
 
-    @pytest.mark.parametrize("packet, error", [(b"\xff\xff\x01\x04\x02\x24\x02\x00", 0x10), (b"\xff\xff\x01\x02\x05\xf7", 0x40),
-                                               (b"\xff\xff\x01\x05\x03\x1e\xff\xff\xda", 0x02)])  # fmt: skip
+    @pytest.mark.parametrize(
+        "packet, error",
+        [
+            (b"\xff\xff\x01\x04\x02\x24\x02\x00", 0x10),
+            (b"\xff\xff\x01\x02\x05\xf7", 0x40),
+            (b"\xff\xff\x01\x05\x03\x1e\xff\xff\xda", 0x02),
+        ],
+    )
     def test_error_bits(self, packet, error):
         with SimulatedBus([1]) as bus:
             answer = self.ask(bus, b"noise" + packet)

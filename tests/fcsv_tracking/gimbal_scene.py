@@ -8,7 +8,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.vehicle import Mount
 from fcsv_tracking.gimbal.config import BodyTag
 from fcsv_tracking.gimbal.geometry import GimbalGeometry
-from fcsv_tracking.tags import TagObservation, corner_points, planar_poses
+from fcsv_tracking.tags import corner_points, observation
 
 CAMERA = PinholeCamera.from_fov(1920, 1080, np.radians(21.5))
 GIMBAL = GimbalGeometry(Mount((0.1, 0.2, 0.4), (1.0, -2.0, 5.0)), (0.0, 0.0, 0.05), Mount((0.03, 0.01, 0.0)))
@@ -35,11 +35,7 @@ def seen(tags, T_cam_body, random=None, noise_px=0.0, only=None):
             continue
         if random is not None:
             uv = uv + random.normal(0.0, noise_px, uv.shape)
-        normalized = CAMERA.normalize(uv)
-        solutions = planar_poses(normalized, tag.size_m)
-        other = solutions[1][0] if len(solutions) > 1 else None
-        found.append(TagObservation(tag.id, tag.size_m, uv, normalized, solutions[0][0], other,
-                                    solutions[0][1] * CAMERA.fx, 90.0, 0))  # fmt: skip
+        found.append(observation(tag.id, tag.size_m, uv, CAMERA))
     return found
 
 

@@ -2,7 +2,7 @@
 """The narrow camera on a gimbal: a vehicle's tags drawn as they move while the shutter is open; noise, delay."""
 
 from dataclasses import dataclass
-from typing import Callable, List, Sequence
+from typing import Callable, List, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -51,7 +51,7 @@ class _Face:
     """A tag with its white border, as a texture in its own plane."""
 
     def __init__(self, tag: BodyTag, T_body_tag: np.ndarray):
-        self.T_body_tag, self.size_m = T_body_tag, tag.size_m
+        self.tag, self.T_body_tag = tag, T_body_tag
         white = np.kron(tag_bitmap(tag.id), np.ones((_MODULE_PX, _MODULE_PX), np.float32))
         self.texture = np.stack([np.ones_like(white), white], axis=-1)  # that it is there, and how white
         module_m = tag.size_m / 8.0
@@ -99,16 +99,16 @@ class GimbalCamera:
         gray = cv2.add(gray, self._noises[int(self._random.integers(_NOISES))], dtype=cv2.CV_8U)
         return gray
 
-    def visible_tags(self, T_cam_body: np.ndarray) -> List[int]:
-        """Numbers of the tags that face the camera (within 72 degrees) and lie in the picture whole."""
+    def tags_in(self, T_cam_body: np.ndarray) -> List[Tuple[BodyTag, np.ndarray]]:
+        """Tags that face the camera (within 72 degrees) and lie in the picture whole, and their true T_cam_tag."""
         found = []
-        for number, face in enumerate(self._faces):
+        for face in self._faces:
             uv = self.model.project(transforms.apply(T_cam_body, face.corners))
             T = T_cam_body @ face.T_body_tag
             facing = T[:3, 2] @ T[:3, 3] / np.linalg.norm(T[:3, 3])
             inside = (uv > 0).all() and (uv < [self.model.width - 1, self.model.height - 1]).all()
             if facing > np.cos(np.radians(72.0)) and inside:
-                found.append(number)
+                found.append((face.tag, T))
         return found
 
     def _background(self, true_s: float, T_ground_cam: Pose) -> np.ndarray:

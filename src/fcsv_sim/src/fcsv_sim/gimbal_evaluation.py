@@ -18,7 +18,7 @@ from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import Gimbal
 from fcsv_tracking.gimbal.looking import look
 from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
-from fcsv_tracking.tags import TagDetector
+from fcsv_tracking.tags import TagDetector, TagObservation, corner_points, observation
 
 START_S = 1000.0
 READ_HZ = 100.0
@@ -46,6 +46,7 @@ class Setup:
     servo: ServoErrors = field(default_factory=ServoErrors)
     mount: MountErrors = field(default_factory=MountErrors)
     decimate: float = 2.0
+    corners_px: float = 0.0  # above nought: no pictures are drawn, corners have this noise (for long runs)
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,7 @@ def run(gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: O
     detector = TagDetector({t.id: t.size_m for t in gimbal.tags}, setup.decimate)
     tracker = GimbalTracker(gimbal.geometry, gimbal.tags, model, setup.rules, start)
     servos.turn(start)
+    hear = _Ear(tracker, detector, eye, servos, truth, setup, seed)
     result = Run(tracker=tracker)
     waiting: List[tuple] = []
     ticks_per_picture = int(round(READ_HZ / camera.rate_hz)) or 1
@@ -136,7 +138,7 @@ def run(gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: O
             _look(result, eye, servos, truth, true_s)
         while waiting and waiting[0][0] <= now[0]:
             true_s = heapq.heappop(waiting)[1]
-            pose = _hear(tracker, detector, eye, servos, truth, true_s, now[0])
+            pose = hear(true_s, now[0])
             result.pictures += 1
             if pose is not None and true_s > START_S + SETTLE_S:
                 result.poses.append(_record(pose, truth, servos))
@@ -146,17 +148,35 @@ def run(gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: O
     return result
 
 
-def _hear(tracker, detector, eye, servos, truth, true_s: float, now_s: float) -> Optional[GroundPose]:
-    """A picture arrives; it is drawn only now, and only where it is looked at."""
-    stamp_s = eye.stamp_s(true_s)
-    if tracker.turning(stamp_s):
-        return None
-    gray = eye.shoot(true_s, servos.T_ground_cam, truth.at)
-    observations, _ = look(detector, gray, eye.model, tracker.window(stamp_s))
-    try:
-        return tracker.feed_tags(now_s, stamp_s, observations)
-    except SampleRejected:
-        return None  # counted in the tracker
+class _Ear:
+    """Pictures as they arrive; drawn only then, and only where they are looked at."""
+
+    def __init__(self, tracker, detector, eye, servos, truth, setup: Setup, seed: int):
+        self._tracker, self._detector, self._eye, self._servos, self._truth = tracker, detector, eye, servos, truth
+        self._corners_px, self._random = setup.corners_px, np.random.default_rng([seed, 25])
+
+    def __call__(self, true_s: float, now_s: float) -> Optional[GroundPose]:
+        stamp_s = self._eye.stamp_s(true_s)
+        if self._tracker.turning(stamp_s):
+            return None
+        try:
+            return self._tracker.feed_tags(now_s, stamp_s, self._observations(true_s, stamp_s))
+        except SampleRejected:
+            return None  # counted in the tracker
+
+    def _observations(self, true_s: float, stamp_s: float) -> List[TagObservation]:
+        if self._corners_px > 0:
+            return self._noisy(transforms.invert(self._servos.T_ground_cam(true_s)) @ self._truth.at(true_s))
+        gray = self._eye.shoot(true_s, self._servos.T_ground_cam, self._truth.at)
+        return look(self._detector, gray, self._eye.model, self._tracker.window(stamp_s))[0]
+
+    def _noisy(self, T_cam_body: np.ndarray) -> List[TagObservation]:
+        found, model = [], self._eye.model
+        for tag, T_cam_tag in self._eye.tags_in(T_cam_body):
+            uv = model.project(transforms.apply(T_cam_tag, corner_points(tag.size_m)))
+            uv += self._random.normal(0.0, self._corners_px, uv.shape)
+            found.append(observation(tag.id, tag.size_m, uv, model))
+        return found
 
 
 def _read(tracker: GimbalTracker, servos: SimulatedGimbal) -> None:
@@ -170,7 +190,7 @@ def _read(tracker: GimbalTracker, servos: SimulatedGimbal) -> None:
 def _look(result: Run, eye: GimbalCamera, servos: SimulatedGimbal, truth: Truth, true_s: float) -> None:
     if true_s > START_S + SETTLE_S:
         T_cam_body = transforms.invert(servos.T_ground_cam(true_s)) @ truth.at(true_s)
-        result.in_picture.append(bool(eye.visible_tags(T_cam_body)))
+        result.in_picture.append(bool(eye.tags_in(T_cam_body)))
         result.still.append(servos.still)
 
 

@@ -29,12 +29,15 @@ class CameraInHome:
 
 
 class GimbalSystem:
-    """A tracker per vehicle, and what only all of them together can say. ``T_body_cam``: each vehicle's own camera."""
+    """A tracker per vehicle, and what only all of them together can say. ``T_body_cam``: each vehicle's own camera.
+
+    ``trackers`` may grow later: one needs its camera's intrinsics to begin.
+    """
 
     def __init__(self, trackers: Mapping[str, GimbalTracker], T_body_cam: Mapping[str, np.ndarray]):
         self.trackers: Dict[str, GimbalTracker] = dict(trackers)
         self._T_body_cam = dict(T_body_cam)
-        self._tracks = {n: Trajectory(gap_s=0.15, keep_s=3.0) for n in self.trackers}
+        self._tracks = {n: Trajectory(gap_s=0.15, keep_s=3.0) for n in self._T_body_cam}
         self.T_home_ground: Optional[np.ndarray] = None
 
     def add(self, name: str, pose: GroundPose) -> Optional[CameraInHome]:
@@ -59,7 +62,7 @@ class GimbalSystem:
 
     def set_home(self, reference: str, now_s: float) -> np.ndarray:
         """T_ground_home: the reference's camera's place, level, its heading. Raises HomeRefused with the reason."""
-        pose = self.trackers[reference].latest
+        pose = self.trackers[reference].latest if reference in self.trackers else None
         if pose is None or now_s - pose.stamp_s > _FRESH_S:
             raise HomeRefused(f"{reference} is not seen: fly it in front of its gimbal, its tags towards the camera")
         sigma = np.sqrt(np.diag(pose.covariance))
