@@ -19,7 +19,14 @@ from fcsv_tracking.gimbal.servos import ServoError
 
 GEOMETRY = GimbalGeometry(Mount((0.0, 0.0, 0.4)))
 SERVO = GimbalServo(pan_id=1, tilt_id=2, pan_zero=2048, tilt_zero=1024, tilt_sign=-1)
-EXACT = ServoErrors(stop_deg=0.0, nonlinearity_deg=0.0, reading_jitter_s=0.0, delay_jitter_s=0.0)
+EXACT = ServoErrors(
+    speed_degps=300.0,
+    acceleration_degps2=1500.0,
+    stop_deg=0.0,
+    nonlinearity_deg=0.0,
+    reading_jitter_s=0.0,
+    delay_jitter_s=0.0,
+)
 until = within(10.0)
 
 

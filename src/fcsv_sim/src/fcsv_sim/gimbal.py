@@ -26,8 +26,8 @@ class ServoErrors:
 
     delay_s: float = 0.02
     delay_jitter_s: float = 0.005  # one-sided
-    speed_degps: float = 300.0
-    acceleration_degps2: float = 1500.0
+    speed_degps: float = 400.0
+    acceleration_degps2: float = 2000.0
     stop_deg: float = 0.05  # stops this far (at most) from the tick it was told
     reading_jitter_s: float = 0.001  # of a reading's stamp
     nonlinearity_deg: float = 0.02

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import List, Optional, Tuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
@@ -23,12 +22,13 @@ from fcsv_tracking.tags import TagDetector, TagObservation, corner_points, obser
 START_S = 1000.0
 READ_HZ = 100.0
 DETECTION_S = 0.03  # what the detector takes; the tracker hears of a picture so much after it arrived
+_LAPS = 2.0  # more of the way than the slowest part of it takes
 SETTLE_S = 2.0  # until the first search is over; not judged
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """How it flies: constant speed through random places in a shell about the gimbal."""
+    """How it flies: at a constant speed to and fro in a part of a shell about the gimbal."""
 
     speed_mps: float = 1.0
     distance_m: Tuple[float, float] = (2.0, 4.0)
@@ -82,12 +82,11 @@ class Run:
 def fly(gimbal: Gimbal, scenario: Scenario, seed: int) -> Truth:
     """The vehicle's motion in the ground robot's frame."""
     random = np.random.default_rng([seed, 23])
-    p = _places(gimbal, scenario, random)
-    way = CubicSpline(np.arange(len(p)), p)
-    fine = np.linspace(0.0, len(p) - 1, 4000)
-    length_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way(fine), axis=0), axis=1))])
+    fine = np.linspace(0.0, _LAPS * scenario.duration_s, 20000)
+    p = _way(gimbal, scenario, fine, random)
+    length_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     t = np.arange(0.0, scenario.duration_s + 1.0, 1.0 / STEP_HZ)
-    along = way(np.interp(scenario.speed_mps * t, length_m, fine))
+    along = np.stack([np.interp(scenario.speed_mps * t, length_m, p[:, k]) for k in range(3)], axis=1)
     keep = int(STEP_HZ * 0.1)  # corners that an airframe can fly
     smooth = np.apply_along_axis(lambda c: np.convolve(np.pad(c, keep, "edge"), np.ones(2 * keep + 1) / (2 * keep + 1),
                                                        "valid"), 0, along)  # fmt: skip
@@ -98,18 +97,16 @@ def fly(gimbal: Gimbal, scenario: Scenario, seed: int) -> Truth:
     return Truth(START_S + t, smooth, v, R)
 
 
-def _places(gimbal: Gimbal, scenario: Scenario, random) -> np.ndarray:
-    """Places (N,3) on the way, neighbours at least a metre apart."""
-    centre = np.array(gimbal.geometry.base.xyz_m)
-    found: List[np.ndarray] = []
-    while len(found) < 8 + scenario.speed_mps * scenario.duration_s:
-        distance = random.uniform(scenario.distance_m[0] + 0.2, scenario.distance_m[1] - 0.2)
-        bearing = np.radians(random.uniform(-scenario.bearing_deg, scenario.bearing_deg))
-        up = np.radians(random.uniform(*scenario.elevation_deg))
-        p = centre + distance * np.array([np.cos(up) * np.cos(bearing), np.cos(up) * np.sin(bearing), np.sin(up)])
-        if not found or 1.0 < np.linalg.norm(p - found[-1]) < 2.0:
-            found.append(p)
-    return np.array(found)
+def _way(gimbal: Gimbal, scenario: Scenario, s: np.ndarray, random) -> np.ndarray:
+    """Places (N,3) in order: distance, bearing and elevation swing within their bounds, none in step with another."""
+    lows = np.array([scenario.distance_m[0], -scenario.bearing_deg, scenario.elevation_deg[0]])
+    highs = np.array([scenario.distance_m[1], scenario.bearing_deg, scenario.elevation_deg[1]])
+    rates = np.array([1.9, 1.0, 1.4]) * random.uniform(0.85, 1.15, 3)
+    swing = np.sin(np.outer(s, rates) + random.uniform(0.0, 2 * np.pi, 3))
+    distance, bearing, up = (0.5 * (lows + highs) + 0.5 * (highs - lows) * swing).T
+    bearing, up = np.radians(bearing), np.radians(up)
+    ahead = np.stack([np.cos(up) * np.cos(bearing), np.cos(up) * np.sin(bearing), np.sin(up)], axis=1)
+    return np.array(gimbal.geometry.base.xyz_m) + distance[:, None] * ahead
 
 
 def run(gimbal: Gimbal, seed: int, scenario: Optional[Scenario] = None, setup: Optional[Setup] = None) -> Run:

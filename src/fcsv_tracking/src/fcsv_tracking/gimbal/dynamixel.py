@@ -96,7 +96,7 @@ class DynamixelGimbal(GimbalServos):
     """Raises ServoError at once where a servo is missing, of another model, or in wheel or multi-turn mode."""
 
     def __init__(self, bus: DynamixelBus, servo: GimbalServo, clock: Callable[[], float],
-                 speed_degps: float = 300.0, acceleration_degps2: float = 1500.0):  # fmt: skip
+                 speed_degps: float = 400.0, acceleration_degps2: float = 2000.0):  # fmt: skip
         self._bus, self._clock = bus, clock
         self._axes = ((servo.pan_id, servo.pan_zero, servo.pan_sign), (servo.tilt_id, servo.tilt_zero, servo.tilt_sign))
         self._limits = [self._check(number) for number, _, _ in self._axes]

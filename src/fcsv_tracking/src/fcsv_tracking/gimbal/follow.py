@@ -22,16 +22,16 @@ class FollowRules:
     """``zone`` is the share of the half picture, less the target's own radius, that the dead zone takes (wide, high).
 
     ``lead`` brings a moving target not to the middle but so far (share of the zone) to the side that it comes from:
-    it stays inside for longer.
+    it stays inside for longer. ``target_radius_m``: of what is to stay in the picture, about the middle of the tags.
     """
 
-    zone: Tuple[float, float] = (0.75, 0.65)
+    zone: Tuple[float, float] = (0.7, 0.6)
     lead: float = 0.5
     predict: bool = True
     target_radius_m: float = 0.09
     servo_delay_s: float = 0.03  # command to the first movement
-    speed_degps: float = 300.0  # of the servos, for the time that a turn takes
-    acceleration_degps2: float = 1500.0
+    speed_degps: float = 400.0  # of the servos, for the time that a turn takes
+    acceleration_degps2: float = 2000.0
     lost_s: float = 0.5
     search_dwell_s: float = 0.35  # at every place of a search: turning, exposure, delay, detection
     search_step: float = 0.75  # of the field of view between two places

@@ -69,6 +69,8 @@ class GimbalTracker:
                  start: Optional[Angles] = None):  # fmt: skip
         self._geometry, self._rules, self._camera = geometry, rules, camera
         self._tags: Mapping[int, BodyTag] = {t.id: t for t in tags}
+        #: What is kept in the picture: the middle of the tags, in the body.
+        self._centre_D = np.mean([t.T_body_tag[:3, 3] for t in tags], axis=0)
         self._angles = AngleTrack()
         self.follower = Follower(geometry, camera, rules.follow, start or Angles(0.0, 0.35))
         self.counts: Counter = Counter()
@@ -130,10 +132,10 @@ class GimbalTracker:
             sight = see_body(own, self._tags, focal_px, self._rules.pose, prior, self._blur_px(own, T_G_C, turning))
         except SampleRejected as error:
             if error.reason == "ambiguous":  # the attitude is; the place is good enough to follow
-                self._remember(stamp_s, transforms.apply(T_G_C, _rough(own, self._tags)), turning)
+                self._remember(stamp_s, transforms.apply(T_G_C @ _rough(own, self._tags), self._centre_D), turning)
             raise
         T_G_D = T_G_C @ sight.T_cam_body
-        self._remember(stamp_s, T_G_D[:3, 3], turning)
+        self._remember(stamp_s, transforms.apply(T_G_D, self._centre_D), turning)
         if np.degrees(turning) > self._rules.still_degps:
             raise SampleRejected("gimbal turning", "the gimbal turned while the picture was taken")
         covariance = self._covariance(angles, rates, T_G_C, T_G_D, sight)
@@ -183,7 +185,7 @@ class GimbalTracker:
             self._seen.popleft()
 
     def target(self) -> Optional[Target]:
-        """Place and velocity by a straight line through the last sights; None before the first."""
+        """Place and velocity of the tags' middle by a straight line through the last sights; None before the first."""
         if not self._seen:
             return None
         t, p, sigma = (np.array(column) for column in zip(*self._seen))
@@ -227,6 +229,6 @@ class GimbalTracker:
 
 
 def _rough(own: Sequence[TagObservation], tags: Mapping[int, BodyTag]) -> np.ndarray:
-    """Where the body is (3,) in the camera by its largest tag alone, whichever of its two poses holds."""
+    """T_cam_body by the largest tag alone, whichever of its two poses holds."""
     largest = max(own, key=lambda o: o.edge_px)
-    return (largest.T_cam_tag @ transforms.invert(tags[largest.id].T_body_tag))[:3, 3]
+    return largest.T_cam_tag @ transforms.invert(tags[largest.id].T_body_tag)

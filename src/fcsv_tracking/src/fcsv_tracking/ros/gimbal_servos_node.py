@@ -29,8 +29,8 @@ class GimbalServosParameters:
     port: str = "/dev/ttyUSB0"
     baud: int = 1000000
     rate_hz: float = 100.0
-    speed_degps: float = 300.0
-    acceleration_degps2: float = 1500.0
+    speed_degps: float = 400.0
+    acceleration_degps2: float = 2000.0
 
     def __post_init__(self):
         if not 10.0 <= self.rate_hz <= 200.0:
