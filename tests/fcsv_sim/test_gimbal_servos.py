@@ -33,7 +33,7 @@ until = within(10.0)
 @pytest.fixture
 def line():
     with SimulatedBus([1, 2], errors=EXACT) as bus:
-        driver = DynamixelBus(bus.port)
+        driver = DynamixelBus(bus.port, answer_s=0.3)  # the machine may be busy
         yield bus, driver
         driver.close()
 

@@ -20,14 +20,25 @@ _ATTEMPTS = 3
 _LINE = (serial.SerialException, OSError, termios.error)  # what a line that is gone raises
 
 
+class _Port(sdk.PortHandler):
+    """The driver's own patience, 34 ms, is short where other processes hold the processor."""
+
+    def __init__(self, port: str, answer_s: float):
+        super().__init__(port)
+        self._answer_s = answer_s
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1e3 * self._answer_s)
+
+
 class DynamixelBus:
     """One serial port with any number of servos; usable by several threads. Lost or damaged answers are asked for again
-    (``failures`` counts them); an error byte is an error at once."""
+    (``failures`` counts them); an error byte is an error at once. ``answer_s``: how long an answer may take."""
 
-    def __init__(self, port: str, baud: int = 1000000):
+    def __init__(self, port: str, baud: int = 1000000, answer_s: float = 0.05):
         self.failures: Counter = Counter()
         self._name, self._lock = port, threading.Lock()
-        self._port, self._packets = sdk.PortHandler(port), sdk.PacketHandler(1.0)
+        self._port, self._packets = _Port(port, answer_s), sdk.PacketHandler(1.0)
         self._port.baudrate = baud
         try:
             opened = self._port.openPort()
