@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gimbal geometry, its angles over time, equation 4.1, and the ground robot's file."""
 
+import doctest
+
 import numpy as np
 import pytest
 from gimbal_scene import GIMBAL
@@ -10,10 +12,17 @@ from fcsv_geometry import transforms as tf
 from fcsv_geometry.errors import ConfigError, PoseUnavailable
 from fcsv_geometry.vehicle import Mount
 from fcsv_tracking.errors import SampleRejected
+from fcsv_tracking.gimbal import equations, follow, geometry, mx12w
 from fcsv_tracking.gimbal.angles import AngleTrack
 from fcsv_tracking.gimbal.config import GroundRobot, load_ground_robot
 from fcsv_tracking.gimbal.equations import relative_pose
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
+
+
+@pytest.mark.parametrize("module", [equations, follow, geometry, mx12w])
+def test_identities_in_the_docstrings(module):
+    result = doctest.testmod(module)
+    assert result.attempted > 0 and result.failed == 0
 
 
 def test_aim_puts_every_reachable_point_on_the_axis():

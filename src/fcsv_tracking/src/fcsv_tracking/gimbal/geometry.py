@@ -71,8 +71,8 @@ class GimbalGeometry:
 
         >>> gimbal = GimbalGeometry(Mount((0.2, 0.1, 0.4), (0.0, 5.0, 30.0)))
         >>> T = gimbal.T_ground_cam(gimbal.aim(np.array([2.0, 2.5, 1.5])))
-        >>> np.round(transforms.apply(transforms.invert(T), np.array([2.0, 2.5, 1.5]))[:2], 9).tolist()
-        [0.0, 0.0]
+        >>> bool(np.abs(transforms.apply(transforms.invert(T), np.array([2.0, 2.5, 1.5]))[:2]).max() < 1e-9)
+        True
         """
         p_B = transforms.apply(transforms.invert(self.base.T_body_part), np.asarray(p_ground_m, float))
         angles = Angles(float(np.arctan2(p_B[1], p_B[0])), float(np.arctan2(p_B[2], np.hypot(p_B[0], p_B[1]))))
