@@ -115,6 +115,11 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
     )
     assert np.allclose(found, conversions.pose_to_transform(message.pose.pose), atol=1e-3)
     assert buffer.can_transform("home", "ground", rospy.Time(0))
+    looks = buffer.lookup_transform("ground", "tello2/gimbal_optical", rospy.Time(0)).transform
+    ahead = conversions.transform_from_msg(looks)[
+        :3, 2
+    ]  # the vehicle is at 2.6, -0.5, 1.35, the gimbal at 0.1, -0.2, 0.45
+    assert ahead @ [0.93, -0.11, 0.33] > np.cos(np.radians(15.0))
     assert tracker.returncode is None
     for s in subscribers:
         s.unregister()

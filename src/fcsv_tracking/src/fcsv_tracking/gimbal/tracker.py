@@ -94,6 +94,10 @@ class GimbalTracker:
         """Up to which stamp readings have come: a picture newer than this waits."""
         return self._angles.newest_s
 
+    def camera_now(self) -> np.ndarray:
+        """T_G_C of the newest reading. Raises PoseUnavailable before the first."""
+        return self._geometry.T_ground_cam(self._angles.latest())
+
     def feed_tags(self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]) -> GroundPose:
         """What the detector found in the picture of ``stamp_s``. Raises SampleRejected where it gives no pose."""
         try:

@@ -12,7 +12,7 @@ import tf2_ros
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from fcsv_geometry import frames
-from fcsv_geometry.errors import ConfigError, FcsvError
+from fcsv_geometry.errors import ConfigError, FcsvError, PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Home
@@ -70,6 +70,7 @@ class GimbalTrackerNode:
             GimbalChannel(gimbals[n], p.rules, p.decimate, self._health, self._on_tracker, self._on_pose)
             for n in p.vehicles
         ]
+        self._view_timer = rospy.Timer(rospy.Duration(0.1), self._publish_gimbals)
         self._slow_timer = rospy.Timer(rospy.Duration(1.0), self._report)
 
     def _on_tracker(self, name: str, tracker: GimbalTracker) -> None:
@@ -118,17 +119,19 @@ class GimbalTrackerNode:
     def _report(self, _event) -> None:
         for channel in self._channels:
             channel.report()
-        for name, channel in zip(self._names, self._channels):
-            self._publish_gimbal(name, channel)
 
-    def _publish_gimbal(self, name: str, channel: GimbalChannel) -> None:
-        """Where the gimbal looks, for rviz."""
-        if channel.tracker is not None:
-            T_G_C = channel.gimbal.geometry.T_ground_cam(channel.tracker.follower.goal)
-            stamp_s = rospy.get_time()
-            self._tf.sendTransform(
-                conversions.transform_stamped(T_G_C, stamp_s, frames.GROUND, frames.gimbal_optical(name))
-            )
+    def _publish_gimbals(self, _event) -> None:
+        """Where the gimbals look, for rviz."""
+        for name, channel in zip(self._names, self._channels):
+            if channel.tracker is None:
+                continue
+            try:
+                with channel.lock:
+                    T_G_C, stamp_s = channel.tracker.camera_now(), channel.tracker.angles_until_s
+            except PoseUnavailable:
+                continue  # no reading yet
+            optical = frames.gimbal_optical(name)
+            self._tf.sendTransform(conversions.transform_stamped(T_G_C, stamp_s, frames.GROUND, optical))
 
 
 def main() -> int:
