@@ -62,7 +62,7 @@ def rms(values):
 
 def table(figures):
     head = (
-        "| seed | poses of pictures | tag in the picture | gimbal still | along, rms (95 %, worst) | "
+        "| seed | poses after 2 s, of all pictures | tag in the picture | gimbal still | along, rms (95 %, worst) | "
         "across, rms (95 %, worst) | rotation, rms (95 %) |"
     )
     lines = [head, "|---" * 7 + "|"]
