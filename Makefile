@@ -7,7 +7,7 @@ RVIZ ?=
 LIVE ?=
 export MISSION SEED WORLD RVIZ LIVE
 
-.PHONY: setup build demo test bench bench-tracking bench-link study
+.PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link study
 setup build:
 	@tools/setup.sh
 demo: setup
@@ -18,6 +18,8 @@ bench: setup
 	@tools/run bench
 bench-tracking: setup
 	@tools/run bench-tracking
+bench-gimbal: setup
+	@tools/run bench-gimbal
 bench-link: setup
 	@. devel/setup.sh && .venv/bin/python tools/bench_link/bench.py $(or $(ARGS),--write)
 study: setup

@@ -43,10 +43,9 @@ def test_a_tag_that_is_bent_is_rejected_and_counted():
     (seen,) = detector.detect(render(pose(1.5)), CAMERA)
     corners = seen.corners_px.copy()
     corners[0] += [seen.edge_px / 6, seen.edge_px / 12]
-    from fcsv_tracking.tags import _observation
+    from fcsv_tracking.tags import observation
 
-    raw = {"id": 1, "margin": 60.0, "hamming": 0}
-    bent = _observation(raw, 0.16, corners, CAMERA)
+    bent = observation(1, 0.16, corners, CAMERA)
     assert detector._good([bent, seen], 2) == [seen] and detector.rejected == {"not square": 1}
 
 

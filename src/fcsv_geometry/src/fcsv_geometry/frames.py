@@ -2,6 +2,8 @@
 """Names of the frames (docs/conventions.md); rviz's fixed frame is HOME."""
 
 HOME = "home"
+#: The ground robot that carries gimbals (thesis chapter 4).
+GROUND = "ground"
 
 
 def odom(vehicle: str) -> str:
@@ -22,3 +24,13 @@ def camera_optical(vehicle: str) -> str:
 def tag(vehicle: str) -> str:
     """A_n: the AprilTag on the back."""
     return f"{vehicle}/tag"
+
+
+def gimbal_base(vehicle: str) -> str:
+    """B: the base of the gimbal that follows the vehicle; its z is the pan axis."""
+    return f"{vehicle}/gimbal_base"
+
+
+def gimbal_optical(vehicle: str) -> str:
+    """C: the camera on that gimbal."""
+    return f"{vehicle}/gimbal_optical"

@@ -23,6 +23,13 @@ class Mount:
     def T_body_part(self) -> np.ndarray:
         return transforms.from_xyz_rpy(self.xyz_m, np.radians(self.rpy_deg))
 
+    @property
+    def T_body_tag(self) -> np.ndarray:
+        """The same of a tag whose printed face looks along x, as the AprilRobotics detector has its frame: seen from
+        its front x right, y down, z into the tag."""
+        R_flu_tag = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        return self.T_body_part @ transforms.transform(R_flu_tag, np.zeros(3))
+
 
 @dataclass(frozen=True)
 class VehicleGeometry:
@@ -63,9 +70,8 @@ class VehicleGeometry:
 
     @property
     def T_body_tag(self) -> np.ndarray:
-        """Tag frame of the AprilRobotics detector: seen from its front x right, y down, z into the tag."""
-        R_flu_tag = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-        return self.tag.T_body_part @ transforms.transform(R_flu_tag, np.zeros(3))
+        """Its tag's frame."""
+        return self.tag.T_body_tag
 
 
 def load_vehicles(folder, names: Iterable[str]) -> Dict[str, VehicleGeometry]:

@@ -76,7 +76,7 @@ def fly(waypoints: Sequence[Tuple[float, float, float, float]], yaw_rad: float, 
     v = np.gradient(p, t, axis=0)
     a = np.gradient(v, t, axis=0)
     yaw = yaw_rad + np.radians(4.0) * np.sin(2 * np.pi * 0.05 * t + random.uniform(0.0, 2 * np.pi))
-    R = _attitudes(a + 0.25 * v, yaw) @ _vibration(t, random)
+    R = attitudes(a + 0.25 * v, yaw) @ vibration(t, random)
     return Truth(start_s + t, p, v, R)
 
 
@@ -127,7 +127,8 @@ def _minimum_jerk(s: np.ndarray) -> np.ndarray:
     return 10 * s**3 - 15 * s**4 + 6 * s**5
 
 
-def _attitudes(a_world: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+def attitudes(a_world: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """R_world_body (N,3,3) of a body that tilts as its acceleration (N,3) asks and has a heading (N,)."""
     up = a_world + [0.0, 0.0, 9.81]
     z = up / np.linalg.norm(up, axis=1, keepdims=True)
     y = np.cross(z, np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=1))
@@ -135,7 +136,8 @@ def _attitudes(a_world: np.ndarray, yaw: np.ndarray) -> np.ndarray:
     return np.stack([np.cross(y, z), y, z], axis=2)
 
 
-def _vibration(t: np.ndarray, random) -> np.ndarray:
+def vibration(t: np.ndarray, random) -> np.ndarray:
+    """Small rotations (N,3,3) of the airframe, 0.1 degrees rms."""
     r = np.zeros((len(t), 3))
     for hz in (23.0, 31.0, 47.0):
         r += (

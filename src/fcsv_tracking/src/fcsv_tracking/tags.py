@@ -78,7 +78,8 @@ class TagDetector:
                 self._reject("unsure")
             else:
                 corners_px = np.array(raw["lb-rb-rt-lt"], float) - _PIXEL_CENTRE_PX
-                found.append(_observation(raw, size_m, corners_px, camera))
+                sure = float(raw["margin"]), int(raw["hamming"])
+                found.append(observation(int(raw["id"]), size_m, corners_px, camera, *sure))
         return self._good([o for o in found if [p.id for p in found].count(o.id) == 1], len(found))
 
     def _good(self, single: List[TagObservation], found: int) -> List[TagObservation]:
@@ -93,14 +94,17 @@ class TagDetector:
             self.rejected[reason] = self.rejected.get(reason, 0) + count
 
 
-def _observation(raw, size_m, corners_px, camera) -> TagObservation:
+def observation(
+    tag_id: int, size_m: float, corners_px: np.ndarray, camera: PinholeCamera, margin: float = 100.0, hamming: int = 0
+) -> TagObservation:
+    """Both planar poses to corners (4,2) in a picture of ``camera``."""
     normalized = camera.normalize(corners_px)
     solutions = planar_poses(normalized, size_m)
     best, rms = solutions[0]
     other = solutions[1][0] if len(solutions) > 1 else None
     f = (camera.fx + camera.fy) / 2.0
     return TagObservation(
-        int(raw["id"]), size_m, corners_px, normalized, best, other, rms * f, float(raw["margin"]), int(raw["hamming"])
+        tag_id, size_m, corners_px, normalized, best, other, rms * f, margin, hamming
     )
 
 

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When and where a gimbal turns: the dead zone of thesis 4.2 (figure 4.4), and the search for a target that was lost.
+
+The gimbal stands still while the target is inside the zone. When it leaves, the gimbal turns once, by the angle that
+its last distance and bearing ask for, to have it in the middle again. Delays: what a picture shows is old, and a servo
+needs time to begin and to get there. With ``predict`` the target is judged where it is by now and met where it will be
+when the gimbal has arrived, so that a delay does not narrow the zone; without it the rule is the thesis's own.
+"""
+
+from dataclasses import dataclass
+from typing import Iterator, Optional, Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
+
+
+@dataclass(frozen=True)
+class FollowRules:
+    """``zone`` is the share of the half picture, less the target's own radius, that the dead zone takes (wide, high).
+
+    ``lead`` brings a moving target not to the middle but so far (share of the zone) to the side that it comes from:
+    it stays inside for longer. ``target_radius_m``: of what is to stay in the picture, about the middle of the tags.
+    """
+
+    zone: Tuple[float, float] = (0.7, 0.6)
+    lead: float = 0.5
+    predict: bool = True
+    target_radius_m: float = 0.09
+    servo_delay_s: float = 0.03  # command to the first movement
+    speed_degps: float = 400.0  # of the servos, for the time that a turn takes
+    acceleration_degps2: float = 2000.0
+    lost_s: float = 0.5
+    search_dwell_s: float = 0.35  # at every place of a search: turning, exposure, delay, detection
+    search_step: float = 0.75  # of the field of view between two places
+
+    def __post_init__(self):
+        for name in ("speed_degps", "acceleration_degps2", "lost_s", "search_dwell_s", "target_radius_m"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name}: {getattr(self, name)} must be positive")
+        if not all(0.0 < share < 1.0 for share in self.zone):
+            raise ValueError(f"zone: {self.zone} must be two shares between 0 and 1")
+        if not 0.0 <= self.lead < 1.0:
+            raise ValueError(f"lead: {self.lead} is not in 0..1")
+        if not 0.0 <= self.servo_delay_s <= 1.0:
+            raise ValueError(f"servo_delay_s: {self.servo_delay_s} is not in 0..1")
+        if not 0.1 <= self.search_step <= 1.0:
+            raise ValueError(f"search_step: {self.search_step} is not in 0.1..1")
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where the target was at a stamp, and how it moves; ground robot's frame."""
+
+    stamp_s: float
+    p_ground_m: np.ndarray
+    v_ground_mps: np.ndarray
+
+    def at(self, stamp_s: float) -> np.ndarray:
+        return self.p_ground_m + self.v_ground_mps * (stamp_s - self.stamp_s)
+
+
+class Follower:
+    """command() says where to turn, or None to stand still; ``goal`` is where the gimbal stands or is turning to."""
+
+    def __init__(self, geometry: GimbalGeometry, camera: PinholeCamera, rules: FollowRules, start: Angles):
+        self._geometry, self._rules = geometry, rules
+        self._half_rad = np.array([np.arctan2(camera.width / 2, camera.fx), np.arctan2(camera.height / 2, camera.fy)])
+        self.goal = geometry.clipped(start)
+        self.searching = False
+        self._places: Optional[Iterator[Angles]] = None
+        self._next_s = -np.inf
+
+    def command(self, now_s: float, target: Optional[Target]) -> Optional[Angles]:
+        """``target``: the last sight there was, None before the first or after the clock was set."""
+        self.searching = target is None or now_s - target.stamp_s > self._rules.lost_s
+        if self.searching:
+            return self._search(now_s, target)
+        self._places = None
+        p_now = target.at(now_s) if self._rules.predict else target.p_ground_m
+        if self._inside(p_now):
+            return None
+        return self._turn(self._meeting(now_s, target))
+
+    def zone_rad(self, distance_m: float) -> np.ndarray:
+        """Half width and half height (rad) of the dead zone for a target so far away."""
+        own = np.arcsin(min(1.0, self._rules.target_radius_m / max(distance_m, 1e-6)))
+        return np.array(self._rules.zone) * np.maximum(self._half_rad - own, 0.1 * self._half_rad)
+
+    def _inside(self, p_ground: np.ndarray) -> bool:
+        bearing, distance_m = self._bearing(self.goal, p_ground)
+        return bool((np.abs(bearing) <= self.zone_rad(distance_m)).all())
+
+    def _bearing(self, angles: Angles, p_ground: np.ndarray) -> Tuple[np.ndarray, float]:
+        """Angles (2,) rad right and down of the optical axis, and the distance (m)."""
+        x, y, z = transforms.apply(transforms.invert(self._geometry.T_ground_cam(angles)), p_ground)
+        return np.array([np.arctan2(x, z), np.arctan2(y, z)]), float(np.sqrt(x * x + y * y + z * z))
+
+    def _meeting(self, now_s: float, target: Target) -> Angles:
+        """Where to turn to have the target in the middle on arrival, or ahead of it by the lead."""
+        aim = self._geometry.aim
+        if not self._rules.predict:
+            return aim(target.p_ground_m)
+        goal = aim(target.at(now_s))
+        for _ in range(2):  # the way there is longer by what it moves meanwhile
+            arrival_s = now_s + self._rules.servo_delay_s + self._turning_s(goal)
+            goal = aim(target.at(arrival_s))
+        after = aim(target.at(arrival_s + 0.1))
+        rate = np.array([after.pan_rad - goal.pan_rad, after.tilt_rad - goal.tilt_rad]) / 0.1
+        zone = self.zone_rad(self._bearing(goal, target.at(arrival_s))[1])
+        zone[0] /= max(np.cos(goal.tilt_rad), 0.1)  # degrees of pan are smaller in the picture the higher it looks
+        # no further ahead than it comes within a second: one that hovers stays in the middle
+        time_s = min(1.0, *(self._rules.lead * zone / np.maximum(np.abs(rate), 1e-6)))
+        return Angles(float(goal.pan_rad + rate[0] * time_s), float(goal.tilt_rad + rate[1] * time_s))
+
+    def _turning_s(self, goal: Angles) -> float:
+        """How long the servos take from the last goal to this one: ramps, and full speed between."""
+        way = float(np.max(np.abs(np.subtract(goal, self.goal))))
+        speed, ramp = np.radians(self._rules.speed_degps), np.radians(self._rules.acceleration_degps2)
+        return 2.0 * np.sqrt(way / ramp) if way < speed**2 / ramp else way / speed + speed / ramp
+
+    def _turn(self, goal: Angles) -> Angles:
+        self.goal = self._geometry.clipped(goal)
+        return self.goal
+
+    def _search(self, now_s: float, target: Optional[Target]) -> Optional[Angles]:
+        if self._places is None:
+            lost_at = self.goal
+            if target is not None:  # where it was going, no further than it was heard of
+                lost_at = self._geometry.aim(target.at(min(now_s, target.stamp_s + self._rules.lost_s)))
+            self._places, self._next_s = self._around(lost_at), now_s
+        if now_s < self._next_s:
+            return None
+        goal = next(self._places)
+        self._next_s = now_s + self._rules.search_dwell_s + self._turning_s(goal)
+        return self._turn(goal)
+
+    def _around(self, centre: Angles) -> Iterator[Angles]:
+        """Places in rings about ``centre`` until every reachable direction was looked at; then anew."""
+        step = 2.0 * self._half_rad * self._rules.search_step
+        low, high = (np.radians([self._geometry.pan_limits_deg[k], self._geometry.tilt_limits_deg[k]]) for k in (0, 1))
+        rings = int(np.ceil(np.max((high - low) / step))) + 1
+        while True:
+            for ring in range(rings):
+                for i, j in _ring(ring):
+                    place = np.array(centre) + step * [i, j]
+                    if ring == 0 or ((place > low - step / 2) & (place < high + step / 2)).all():
+                        yield self._geometry.clipped(Angles(*map(float, place)))
+
+
+def _ring(n: int) -> Iterator[Tuple[int, int]]:
+    """Cells of a square ring in order, each beside the last.
+
+    >>> list(_ring(0)), len(list(_ring(2)))
+    ([(0, 0)], 16)
+    """
+    if n == 0:
+        yield 0, 0
+        return
+    for k in range(2 * n):
+        yield n, k - n + 1
+    for k in range(2 * n):
+        yield n - 1 - k, n
+    for k in range(2 * n):
+        yield -n, n - 1 - k
+    for k in range(2 * n):
+        yield k - n + 1, -n

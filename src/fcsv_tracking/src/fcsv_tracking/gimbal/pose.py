@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of a body from the tags on its sides: all corners of all tags in one adjustment, and what it leaves open.
+
+A tag's corners say how well it is seen, so one adjustment over all corners is the fusion with covariances that poses of
+single tags would need: a tag seen obliquely gives the rotation, a near one the distance. Tags do not sit quite where
+they should: half a millimetre between two of them, 9 cm apart, would be two centimetres of distance at 3.5 m. Each
+tag's corners are therefore weighed with what its own place leaves open. Each tag has two planar poses that nearly
+mirror each other (IPPE): every one of them is a start, and where two ends fit alike it is said.
+"""
+
+from dataclasses import dataclass, fields
+from typing import List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_tracking.errors import SampleRejected
+from fcsv_tracking.gimbal.config import BodyTag
+from fcsv_tracking.tags import TagObservation, corner_points
+
+_SAME_RAD = np.radians(3.0)  # solutions nearer than this are one
+_STEPS, _DONE = 10, 1e-8
+
+
+@dataclass(frozen=True)
+class PoseRules:
+    """``corner_px`` is a corner's standard deviation in a sharp picture, ``tag_m`` and ``tag_deg`` how a tag sits on
+    its body other than told."""
+
+    corner_px: float = 0.12
+    blur_share: float = 0.06  # of the way that it moved in the picture while the shutter was open, likewise
+    tag_m: float = 0.0005
+    tag_deg: float = 0.3
+    ambiguous: float = 12.0  # a second pose that fits worse by less than this (squared sigmas) may be the true one
+    prior_deg: float = 20.0  # the true one is so near to the last known attitude, the other is not
+    misfit: float = 8.0  # standard deviations above what noise does: tags that contradict each other
+
+    def __post_init__(self):
+        for f in fields(self):
+            if not getattr(self, f.name) > 0:
+                raise ValueError(f"{f.name}: {getattr(self, f.name)} must be positive")
+
+
+@dataclass(frozen=True)
+class BodySight:
+    """T_cam_body; covariance (6,6) of position (m) and small rotation (rad) about the camera's axes."""
+
+    T_cam_body: np.ndarray
+    covariance: np.ndarray
+    rms_px: float
+    tags: Tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Fit:
+    T: np.ndarray
+    cost: float  # squared residuals in standard deviations
+    covariance: np.ndarray
+    rms: float  # normalised
+
+
+class _Model:
+    """Corners of every tag seen, and what is known of them; units are those of the normalised picture."""
+
+    def __init__(self, own: Sequence[TagObservation], tags: Mapping[int, BodyTag], sigma: float, rules: PoseRules):
+        self.image = np.stack([o.corners_normalized for o in own])  # (K, 4, 2)
+        T_body_tag = np.stack([tags[o.id].T_body_tag for o in own])
+        corners = np.stack([corner_points(o.size_m) for o in own])
+        self.arms = np.einsum("kij,knj->kni", T_body_tag[:, :3, :3], corners)  # about each tag's centre, body axes
+        self.points = self.arms + T_body_tag[:, None, :3, 3]
+        self._sigma2 = sigma**2
+        self._place = np.array([rules.tag_m**2] * 3 + [np.radians(rules.tag_deg) ** 2] * 3)
+
+    def fit(self, T: np.ndarray) -> _Fit:
+        """Gauss-Newton from a start."""
+        for _ in range(_STEPS):
+            N, g, _, _ = self._normal(T)
+            step = np.linalg.solve(N, -g)
+            T = transforms.transform(
+                transforms.Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3]
+            )
+            if step @ step < _DONE**2:
+                break
+        N, _, cost, rms = self._normal(T)
+        return _Fit(T, cost, np.linalg.inv(N), rms)
+
+    def _normal(self, T: np.ndarray):
+        """Normal matrix, gradient, cost, rms at T."""
+        N, g, cost, squares = np.zeros((6, 6)), np.zeros(6), 0.0, 0.0
+        for image, points, arms in zip(self.image, self.points, self.arms):
+            J = projection_jacobian(T, points)
+            p = transforms.apply(T, points)
+            r = (p[:, :2] / p[:, 2:] - image).ravel()
+            B = projection_jacobian(T, points, arms)
+            S = self._sigma2 * np.eye(8) + (B * self._place) @ B.T
+            weighed = np.linalg.solve(S, np.column_stack([J, r]))
+            N, g = N + J.T @ weighed[:, :6], g + J.T @ weighed[:, 6]
+            cost, squares = cost + float(r @ weighed[:, 6]), squares + float(r @ r)
+        return N, g, cost, float(np.sqrt(squares / (4 * len(self.image))))
+
+
+def see_body(
+    observations: Sequence[TagObservation],
+    tags: Mapping[int, BodyTag],
+    focal_px: float,
+    rules: PoseRules,
+    R_cam_body_prior: Optional[np.ndarray] = None,
+    blur_px: float = 0.0,
+) -> BodySight:
+    """The body's pose from its tags in one picture. Raises SampleRejected where there is none to be trusted."""
+    own = [o for o in observations if o.id in tags]
+    if not own:
+        raise SampleRejected("no tag", "no tag of the body in the picture")
+    model = _Model(own, tags, float(np.hypot(rules.corner_px, rules.blur_share * blur_px)) / focal_px, rules)
+    fits = _fits(model, own, tags)
+    free = 8 * len(own) - 6
+    if fits[0].cost > free + rules.misfit * np.sqrt(2.0 * free):
+        raise SampleRejected(
+            "tags contradict each other",
+            f"tags {[o.id for o in own]} fit no pose: off by {fits[0].rms * focal_px:.1f} px; "
+            "are they where the file says?",
+        )
+    best = _chosen(fits, rules, R_cam_body_prior)
+    return BodySight(best.T, best.covariance, best.rms * focal_px, tuple(o.id for o in own))
+
+
+def _fits(model: _Model, own: Sequence[TagObservation], tags: Mapping[int, BodyTag]) -> List[_Fit]:
+    """Distinct poses, best first."""
+    found: List[_Fit] = []
+    for o in own:
+        T_tag_body = transforms.invert(tags[o.id].T_body_tag)
+        found += [model.fit(T @ T_tag_body) for T in (o.T_cam_tag, o.T_cam_tag_other) if T is not None]
+    distinct: List[_Fit] = []
+    for fit in sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: f.cost):
+        if fit.T[2, 3] > 0 and all(transforms.rotation_angle(fit.T, other.T) > _SAME_RAD for other in distinct):
+            distinct.append(fit)
+    if not distinct:
+        raise SampleRejected("no pose", "the tags' corners fit no pose in front of the camera")
+    return distinct
+
+
+def _chosen(fits: List[_Fit], rules: PoseRules, prior: Optional[np.ndarray]) -> _Fit:
+    """The best one; where another fits as well, the one near the last known attitude, or none."""
+    alike = [f for f in fits if f.cost - fits[0].cost < rules.ambiguous]
+    if len(alike) == 1:
+        return fits[0]
+    near = [f for f in alike if prior is not None and _angle_deg(f.T, prior) < rules.prior_deg]
+    if len(near) != 1:
+        raise SampleRejected("ambiguous", "two mirrored poses fit alike, and the last attitude does not decide")
+    return near[0]
+
+
+def _angle_deg(T: np.ndarray, R: np.ndarray) -> float:
+    return float(np.degrees(transforms.rotation_angle(T[:3, :3], R)))
+
+
+def projection_jacobian(T: np.ndarray, points: np.ndarray, arms: Optional[np.ndarray] = None) -> np.ndarray:
+    """(2N, 6) of normalised corners with respect to (d, w).
+
+    Without ``arms``: position + d and rotation exp(w) R of the body, camera's axes. With arms (N,3): the points are
+    moved by d and turned by w about the place that the arms lead from, body's axes.
+    """
+    R = T[:3, :3]
+    x, y, z = transforms.apply(T, points).T
+    zero = np.zeros_like(x)
+    by_point = np.stack([np.stack([1 / z, zero, -x / z**2], -1), np.stack([zero, 1 / z, -y / z**2], -1)], 1)
+    a, b, c = (points @ R.T if arms is None else arms).T
+    turned = np.stack([np.stack([zero, c, -b], -1), np.stack([-c, zero, a], -1), np.stack([b, -a, zero], -1)], 1)
+    if arms is not None:
+        by_point = by_point @ R
+    return np.concatenate([by_point, by_point @ turned], axis=2).reshape(-1, 6)

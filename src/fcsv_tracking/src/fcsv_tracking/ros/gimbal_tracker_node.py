@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tracker of thesis chapter 4 on the ground robot: pictures and joints of its gimbals in, commands to them and
+T_home_cam of every vehicle out, on the same topics and frames as with the other trackers."""
+
+import threading
+from dataclasses import dataclass, field
+from typing import List
+
+import numpy as np
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseWithCovarianceStamped
+
+from fcsv_geometry import frames
+from fcsv_geometry.errors import ConfigError, FcsvError, PoseUnavailable
+from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros.health import Health
+from fcsv_msgs.msg import Home
+from fcsv_msgs.srv import SetHome, SetHomeResponse
+from fcsv_tracking.errors import HomeRefused
+from fcsv_tracking.gimbal.config import load_ground_robot
+from fcsv_tracking.gimbal.system import CameraInHome, GimbalSystem
+from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
+from fcsv_tracking.ros.gimbal_channel import GimbalChannel
+from fcsv_tracking.ros.static_frames import fixed_parts
+
+
+@dataclass(frozen=True)
+class GimbalTrackerParameters:
+    """Parameters of the node. ``decimate`` shrinks pictures before quads are sought in them."""
+
+    vehicles: List[str]
+    vehicles_dir: str
+    robot_file: str
+    decimate: float = 2.0
+    rules: GimbalRules = field(default_factory=GimbalRules)
+
+    def __post_init__(self):
+        if not 1.0 <= self.decimate <= 8.0:
+            raise ValueError(f"decimate: {self.decimate} is not in 1..8")
+
+
+class GimbalTrackerNode:
+    """/NAME/gimbal/{camera,joint_states} -> /NAME/gimbal/command, /NAME/camera_pose, tf, /home; service /set_home.
+
+    A vehicle's odometry frame is the ground robot's: there is no other.
+    """
+
+    def __init__(self):
+        p = node.parameters(GimbalTrackerParameters)
+        self._names, self._lock = p.vehicles, threading.Lock()
+        vehicles = node.vehicles(p.vehicles_dir, p.vehicles)
+        gimbals = load_ground_robot(p.robot_file).by_vehicle
+        missing = [n for n in p.vehicles if n not in gimbals]
+        if missing:
+            raise ConfigError(f"{p.robot_file}: no gimbal follows {missing[0]}; it has {', '.join(gimbals)}")
+        self._system = GimbalSystem({}, {n: v.T_body_cam for n, v in vehicles.items()})
+        flows = {f"{n} {what}": least for n in p.vehicles for what, least in
+                 (("joints", 20.0), ("pictures", 5.0), ("pose", 1.0))}  # fmt: skip
+        self._health = Health("gimbals", flows)
+        self._tf, self._static = tf2_ros.TransformBroadcaster(), tf2_ros.StaticTransformBroadcaster()
+        self._fixed = [t for v in vehicles.values() for t in fixed_parts(v)]
+        self._static.sendTransform(self._fixed)
+        self._home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
+        self._cameras = {
+            n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in p.vehicles
+        }
+        rospy.Service("/set_home", SetHome, self._on_set_home)
+        self._channels = [
+            GimbalChannel(gimbals[n], p.rules, p.decimate, self._health, self._on_tracker, self._on_pose)
+            for n in p.vehicles
+        ]
+        self._view_timer = rospy.Timer(rospy.Duration(0.1), self._publish_gimbals)
+        self._slow_timer = rospy.Timer(rospy.Duration(1.0), self._report)
+
+    def _on_tracker(self, name: str, tracker: GimbalTracker) -> None:
+        with self._lock:
+            self._system.trackers[name] = tracker
+
+    def _on_pose(self, name: str, pose: GroundPose) -> None:
+        with self._lock:
+            camera = self._system.add(name, pose)
+        odom, body = frames.odom(name), frames.base_link(name)
+        self._tf.sendTransform(
+            [
+                conversions.transform_stamped(pose.T_G_D, pose.stamp_s, odom, body),
+                conversions.transform_stamped(np.eye(4), pose.stamp_s, frames.GROUND, odom),
+            ]
+        )
+        self._health.tick(f"{name} pose")
+        if camera is not None:
+            self._publish_camera(name, camera)
+
+    def _publish_camera(self, name: str, camera: CameraInHome) -> None:
+        out = PoseWithCovarianceStamped(header=conversions.header(camera.stamp_s, frames.HOME))
+        out.pose.pose = conversions.transform_to_pose(camera.T_home_cam)
+        out.pose.covariance = camera.covariance.ravel().tolist()
+        self._cameras[name].publish(out)
+
+    def _on_set_home(self, request) -> SetHomeResponse:
+        reference, now_s = request.reference or self._names[0], rospy.get_time()
+        try:
+            if reference not in self._names:
+                raise HomeRefused(f"'{reference}' is not a vehicle here; known: {', '.join(self._names)}")
+            with self._lock:
+                T_ground_home = self._system.set_home(reference, now_s)
+                T_home_ground = self._system.T_home_ground
+        except FcsvError as error:
+            return SetHomeResponse(False, str(error), Home())
+        pose = conversions.transform_to_pose(T_ground_home)  # the odometry frame is the ground robot's
+        home = Home(conversions.header(now_s, frames.odom(reference)), reference, pose)
+        self._home.publish(home)
+        ground = conversions.transform_stamped(T_home_ground, now_s, frames.HOME, frames.GROUND)
+        self._static.sendTransform([*self._fixed, ground])
+        text = f"home is where the camera of {reference} is now"
+        rospy.loginfo("%s", text)
+        return SetHomeResponse(True, text, home)
+
+    def _report(self, _event) -> None:
+        for channel in self._channels:
+            channel.report()
+
+    def _publish_gimbals(self, _event) -> None:
+        """Where the gimbals look, for rviz."""
+        for name, channel in zip(self._names, self._channels):
+            if channel.tracker is None:
+                continue
+            try:
+                with channel.lock:
+                    T_G_C, stamp_s = channel.tracker.camera_now(), channel.tracker.angles_until_s
+            except PoseUnavailable:
+                continue  # no reading yet
+            optical = frames.gimbal_optical(name)
+            self._tf.sendTransform(conversions.transform_stamped(T_G_C, stamp_s, frames.GROUND, optical))
+
+
+def main() -> int:
+    """Run the node."""
+    return node.run("gimbal_tracker", GimbalTrackerNode)
