@@ -193,11 +193,6 @@ def test_twelve_megapixels(large):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    reason="5.7 % of the claims are wrong: 47 % of these in the even sky, 43 % within 32 px of an edge; "
-    "sigma and what is filled are joint/'s",
-)
 def test_claims_of_twelve_megapixels(large):
     result, truth = large
     assert faulty.claims(result, truth)[1] <= faulty.MOST_WRONG
