@@ -126,6 +126,8 @@ def test_each_configuration_adds_to_the_map(fleet):
     until(lambda: f.last("ready") is not None and f.clouds, what="a partial map")
     first = f.last("ready")
     assert first.configurations == 1 and first.points > 1000
+    order = [s.state for s in f.states if s.state in ("partial", "ready")]
+    assert order[0] == "partial" and f.last("partial").points > 1000  # a quick look came before
     relative = np.abs(depth_of(f.depths[-1]) / DEPTH_M - 1.0)
     assert np.nanmedian(relative) < 0.05  # the wall; JPEG, one pair of 1 m at 20 m, 3 px of disparity for 10 %
 

@@ -24,16 +24,18 @@ Options = Union[ThesisOptions, JointOptions]
 
 
 def _joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
-    return require_evidence(map_joint(given, options, progress))
+    result = map_joint(given, options, progress)
+    return require_evidence(result) if options.refine_poses else result  # else who asks vouches for the poses
 
 
 #: by name; each takes its own options
 METHODS: Dict[str, Callable[[MapInput, Options, Progress], MapResult]] = {"joint": _joint, "thesis": map_thesis}
 OPTIONS = {"joint": JointOptions, "thesis": ThesisOptions}
-#: for depth again and again, where its rate counts more than its finish
+#: for a first look, and for depth again and again, where its rate counts more than its finish
 QUICK_OPTIONS = {
     "joint": JointOptions(
-        refinement=RefineOptions(features=1500), matching=MatchOptions(volume_pixels=20000, iterations=1)
+        refinement=RefineOptions(features=1500),
+        matching=MatchOptions(volume_pixels=20000, iterations=1, stretch_last=True),
     ),
     "thesis": ThesisOptions(matcher="bm"),
 }

@@ -93,14 +93,15 @@ class MissionWatch:
 
     def _on_map(self, message: MapState) -> None:
         said = (message.state, message.detail, message.configurations)
-        if said == self._map or message.state not in ("ready", "failed"):
+        if said == self._map or message.state not in ("partial", "ready", "failed"):
             return
         self._map = said
         if message.state == "failed":
             self._say(f"map in flight: {message.detail}")
             return
+        kind = "first look" if message.state == "partial" else "map"
         self._say(
-            f"map in flight: {message.configurations} configurations, {message.points} points, "
+            f"{kind} in flight: {message.configurations} configurations, {message.points} points, "
             f"{message.latency_s:.1f} s after the last picture"
         )
 

@@ -16,7 +16,7 @@ from fcsv_stereo.joint.direct import adjust
 from fcsv_stereo.joint.fine import Fine, refine
 from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
 from fcsv_stereo.joint.sky import sky
-from fcsv_stereo.joint.surfaces import choose_surfaces
+from fcsv_stereo.joint.surfaces import choose_surfaces, stretched
 from fcsv_stereo.joint.sweep import Views, grey, inverse_depths, views
 from fcsv_stereo.joint.trust import consistent, trusted
 
@@ -34,6 +34,7 @@ class MatchOptions:
     iterations: int = 2  # of the sub-pixel step at full size
     most_relative_sigma: float = 0.4  # a depth less certain than this is none (the sky is one such)
     threads: int = 2
+    stretch_last: bool = False  # the last step of size is interpolated instead of chosen: quicker, edges less sharp
     adjust_poses: bool = False  # to the pictures, where covariances are given
 
     def __post_init__(self):
@@ -95,7 +96,10 @@ def match_jointly(
         chosen, poses, w, levels, known, found = _coarse(reference, chosen, poses, greys, scales[0], options, pool)
         for scale in scales[1:]:
             coarser, found = found, views(reference, chosen, scale, greys)
-            w, _ = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
+            if options.stretch_last and scale == 1.0:
+                w = stretched(w, found.shape)
+            else:
+                w, _ = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
             fine = refine(detail(found), w, step, options.iterations if scale == 1.0 else 1, pool)
             w = fine.w

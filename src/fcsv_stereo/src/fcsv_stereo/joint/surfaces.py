@@ -27,6 +27,7 @@ _UNSEEN = 8.0  # what a pair counts that cannot see the place
 _COLOUR, _MOST_COLOUR, _NO_COLOUR = 0.1, 40.0, 10.0  # per grey level from the plane's place; at most; where it has none
 _P1, _P2, _EDGE = 2.0, 40.0, 10.0  # price of planes that do not meet, at most; grey levels that halve the latter
 _MEET = 0.02  # share of inverse depth that counts as P1
+_STEP = 0.05  # a step of inverse depth between neighbours, as a share of the nearer
 _FRONT = 1.08  # by which something must be nearer to hide
 
 
@@ -46,6 +47,14 @@ def choose_surfaces(
     best, margin = np.empty(found.shape, np.float32), np.empty(found.shape, np.float32)
     _pick(*_of(given), given.w, total, best, margin)
     return best, margin
+
+
+def stretched(w: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
+    """A coarser map (1/m) at a finer ``shape`` without asking the pictures: interpolated, but not across steps."""
+    size = shape[::-1]
+    near, far = (cv2.resize(f(w, np.ones((3, 3), np.uint8)), size) for f in (cv2.dilate, cv2.erode))
+    own = cv2.resize(w, size, interpolation=cv2.INTER_NEAREST)
+    return np.where(near - far > _STEP * near, own, cv2.resize(w, size, interpolation=cv2.INTER_LINEAR))
 
 
 def fronts(found: Views, w: np.ndarray, known: np.ndarray) -> np.ndarray:

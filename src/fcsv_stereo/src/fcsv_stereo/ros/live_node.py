@@ -138,19 +138,28 @@ class LiveNode:
         """Maps what is new until ROS shuts the node down."""
         p = self._parameters
         method = METHODS[p.method]
-        options = QUICK_OPTIONS[p.method] if p.monitor else OPTIONS[p.method]()
-        warm_up(method, options)
-        next_s = 0.0
+        quick = QUICK_OPTIONS[p.method]
+        options = quick if p.monitor else OPTIONS[p.method]()
+        for each in (quick, options):
+            warm_up(method, each)
+        next_s, unfinished = 0.0, None
         while not rospy.is_shutdown():
             time.sleep(max(0.0, next_s - time.monotonic()))  # before looking: what is taken then is the newest
             given = self._next_input()
-            if given is None:
-                continue
-            next_s = time.monotonic() + 1.0 / self._parameters.monitor_rate_hz
-            given, chosen = self._with_known_poses(given, options)
-            result = self._map(method, chosen, given)
-            if result is not None:
-                self._corrections.learn(result)
+            if p.monitor and given is not None:
+                next_s = time.monotonic() + 1.0 / p.monitor_rate_hz
+                self._watch(method, options, given)
+            elif given is not None:  # a quick look first: whoever flies waits for it
+                self._map(method, quick, given, "partial")
+                unfinished = given
+            elif unfinished is not None:
+                self._map(method, options, unfinished)
+                unfinished = None
+
+    def _watch(self, method, options, given: MapInput) -> None:
+        result = self._map(method, *self._with_known_poses(options, given))
+        if result is not None:
+            self._corrections.learn(result)
 
     def _next_input(self) -> Optional[MapInput]:
         with self._changed:
@@ -176,16 +185,15 @@ class LiveNode:
                 self._say("failed", str(error))
                 return None
 
-    def _with_known_poses(self, given: MapInput, options):
-        """While monitoring, poses are refined now and then, and corrected as found in between."""
-        if not self._parameters.monitor or not hasattr(options, "refine_poses"):
-            return given, options
+    def _with_known_poses(self, options, given: MapInput):
+        """Poses are refined now and then, and corrected as found in between."""
         self._watched += 1
-        if self._watched % _REFINE_EVERY == 1 or not self._corrections.know(given):
-            return given, options
-        return self._corrections.apply(given), replace(options, refine_poses=False)
+        without = not hasattr(options, "refine_poses")  # the method takes poses as they are
+        if without or self._watched % _REFINE_EVERY == 1 or not self._corrections.know(given):
+            return options, given
+        return replace(options, refine_poses=False), self._corrections.apply(given)
 
-    def _map(self, method, options, given: MapInput) -> Optional[MapResult]:
+    def _map(self, method, options, given: MapInput, state_after: str = "ready") -> Optional[MapResult]:
         names = ", ".join(c.configuration.name for c in given.configurations)
         if not self._parameters.monitor:
             self._say("mapping", names)
@@ -204,7 +212,7 @@ class LiveNode:
         state = self._state
         state.configurations, state.points, state.coverage = len(result.pairs), result.points, result.coverage
         state.processing_s, state.latency_s = time.monotonic() - started, rospy.get_time() - newest_s
-        self._say("ready", names, result.warnings)
+        self._say(state_after, names, result.warnings)
         return result
 
     def _publish(self, result: MapResult) -> None:
