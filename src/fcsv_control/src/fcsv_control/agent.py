@@ -13,6 +13,7 @@ import numpy as np
 
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import transforms
+from fcsv_geometry.config import require_positive
 
 EXECUTE, REPEAT, WAIT, EXPIRED, IGNORE = "execute", "repeat", "wait", "expired", "ignore"
 _REMEMBERED = 200
@@ -72,9 +73,7 @@ class Limits:
     takeoff_timeout_s: float = 30.0
 
     def __post_init__(self):
-        for name in self.__dataclass_fields__:
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name}: must be positive, got {getattr(self, name)}")
+        require_positive(self)
 
 
 class Holder:

@@ -24,6 +24,14 @@ def load(path, cls: Type[T]) -> T:
     return from_mapping(read_yaml(path), cls, str(path))
 
 
+def require_positive(rules) -> None:
+    """For a dataclass's ``__post_init__``: ValueError ("field: what is wrong") unless its numbers are positive."""
+    for field in dataclasses.fields(rules):
+        value = getattr(rules, field.name)
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and not 0 < value < math.inf:
+            raise ValueError(f"{field.name}: must be positive, got {value}")
+
+
 def read_yaml(path) -> Any:
     """The document in a YAML file. Raises ConfigError where it cannot be read or parsed."""
     try:

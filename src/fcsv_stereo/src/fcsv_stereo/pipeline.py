@@ -15,8 +15,8 @@ from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
 from fcsv_stereo.refinement import RefineOptions
 from fcsv_stereo.report import write_report
-from fcsv_stereo.result import MapResult
-from fcsv_stereo.thesis import Progress, ThesisOptions, map_thesis
+from fcsv_stereo.result import MapResult, Progress
+from fcsv_stereo.thesis import ThesisOptions, map_thesis
 from fcsv_stereo.truth import load_truth
 from fcsv_stereo.verdict import require_evidence
 

@@ -2,13 +2,15 @@
 """What a mapping method gives back: the map, and everything a person needs to judge it."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Tuple
+from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 
 AXES = ("horizontal", "vertical")
+#: what a method tells of its way: the step, how many of it are done, of how many
+Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.config import require_positive
 from fcsv_tracking import quaternions as quat
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.quaternions import Quaternion, Vector
@@ -34,9 +35,7 @@ class GateParameters:
     patience_samples: int = 100  # rejected in a row before the tracker is taken to have begun anew
 
     def __post_init__(self):
-        for name in self.__dataclass_fields__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name}: must be positive, got {getattr(self, name)}")
+        require_positive(self)
 
 
 @dataclass(frozen=True)

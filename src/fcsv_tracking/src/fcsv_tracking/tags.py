@@ -103,9 +103,7 @@ def observation(
     best, rms = solutions[0]
     other = solutions[1][0] if len(solutions) > 1 else None
     f = (camera.fx + camera.fy) / 2.0
-    return TagObservation(
-        tag_id, size_m, corners_px, normalized, best, other, rms * f, margin, hamming
-    )
+    return TagObservation(tag_id, size_m, corners_px, normalized, best, other, rms * f, margin, hamming)
 
 
 def planar_poses(corners_normalized: np.ndarray, size_m: float) -> List[Tuple[np.ndarray, float]]:

@@ -3,7 +3,7 @@
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import Callable, List, Tuple
+from typing import List, Tuple
 
 import numpy as np
 
@@ -14,10 +14,9 @@ from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
 from fcsv_stereo.refinement import RefinedPicture, RefineOptions, refine
-from fcsv_stereo.result import Cloud, Configuration, ImageEntry, MapResult, Reference
+from fcsv_stereo.result import Cloud, Configuration, ImageEntry, MapResult, Progress, Reference
 
 _MOST_POSE_PX = 1.5
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)

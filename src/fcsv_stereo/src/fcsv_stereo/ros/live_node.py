@@ -140,7 +140,7 @@ class LiveNode:
         method = METHODS[p.method]
         quick = QUICK_OPTIONS[p.method]
         options = quick if p.monitor else OPTIONS[p.method]()
-        for each in (quick, options):
+        for each in [quick] if p.monitor else [quick, options]:
             warm_up(method, each)
         next_s, unfinished = 0.0, None
         while not rospy.is_shutdown():

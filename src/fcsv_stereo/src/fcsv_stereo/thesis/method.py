@@ -4,7 +4,7 @@
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -14,12 +14,11 @@ from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
 from fcsv_stereo.rectify import RECTIFIERS, RectifiedPair
-from fcsv_stereo.result import AXES, Cloud, ImageEntry, MapResult, PairResult, Reference
+from fcsv_stereo.result import AXES, Cloud, ImageEntry, MapResult, PairResult, Progress, Reference
 from fcsv_stereo.thesis.fuse import Layer, effective_ranges, fuse_layers
 from fcsv_stereo.thesis.matchers import DisparityWindow, match, match_rate
 from fcsv_stereo.thesis.selection import SelectionOptions, select
 
-Progress = Callable[[str, int, int], None]
 _LEAST_SHARE = 0.002  # of the picture: SGBM and Quasi-Dense match as much in pictures of nothing
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.config import require_positive
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.angles import AngleTrack
@@ -46,10 +47,7 @@ class GimbalRules:
     follow: FollowRules = field(default_factory=FollowRules)
 
     def __post_init__(self):
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            if isinstance(value, float) and not value > 0:
-                raise ValueError(f"{name}: must be positive, got {value}")
+        require_positive(self)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.config import require_positive
 from fcsv_tracking.mocap import measurements, so3
 from fcsv_tracking.mocap.state import BA, DELAY, PHI, PO, SIZE, TH, B, P, State, V, advance, advance_jacobian
 
@@ -41,9 +42,7 @@ class FilterNoise:
     body_deg: float = 0.06
 
     def __post_init__(self):
-        for name in self.__dataclass_fields__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name}: must be positive, got {getattr(self, name)}")
+        require_positive(self)
 
 
 class MocapFilter:

@@ -8,6 +8,7 @@ from typing import Optional
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.config import require_positive
 from fcsv_geometry.errors import GeometryError
 from fcsv_tracking.errors import SampleRejected
 
@@ -38,9 +39,7 @@ class InputRules:
     old_pose_s: float = 0.1  # the same pose for longer than this: the tracker streams an old one
 
     def __post_init__(self):
-        for name in self.__dataclass_fields__:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name}: must be positive, got {getattr(self, name)}")
+        require_positive(self)
 
 
 class StampGate:

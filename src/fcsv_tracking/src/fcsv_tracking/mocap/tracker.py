@@ -13,6 +13,7 @@ from typing import Deque, List, Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.config import require_positive
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.mocap import so3
 from fcsv_tracking.mocap.anchor import Anchor
@@ -46,10 +47,7 @@ class TrackerRules:
     noise: FilterNoise = field(default_factory=FilterNoise)
 
     def __post_init__(self):
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            if isinstance(value, float) and not value > 0:
-                raise ValueError(f"{name}: must be positive, got {value}")
+        require_positive(self)
 
 
 @dataclass(frozen=True)

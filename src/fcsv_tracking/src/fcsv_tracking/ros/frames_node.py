@@ -22,6 +22,7 @@ from fcsv_tracking.chain import Place, places_in_home
 from fcsv_tracking.drift import Drift, DriftRates
 from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.ros import link_messages
+from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.static_frames import fixed_parts
 
 
@@ -135,10 +136,7 @@ class FramesNode:
         T_body_cam, drift = self._vehicles[name].T_body_cam, self._drifts[name]
         with self._lock:
             covariance = camera_covariance(place, T_odom_body, T_body_cam, drift, tracker)
-        out = PoseWithCovarianceStamped(header=conversions.header(stamp_s, frames.HOME))
-        out.pose.pose = conversions.transform_to_pose(place.T_a_b @ T_odom_body @ T_body_cam)
-        out.pose.covariance = covariance.ravel().tolist()
-        self._cameras[name].publish(out)
+        self._cameras[name].publish(camera_message(stamp_s, place.T_a_b @ T_odom_body @ T_body_cam, covariance))
         age_s = None if self._calibrated_s is None else stamp_s - self._calibrated_s
         self._health.problem(name, stale_reason(name, covariance, drift, age_s, self._age_rules))
         self._health.value(f"{name} known to [m]", f"{np.sqrt(np.trace(covariance[:3, :3])):.3f}")

@@ -19,8 +19,9 @@ from fcsv_msgs.msg import Home
 from fcsv_msgs.srv import SetHome, SetHomeResponse
 from fcsv_tracking.errors import HomeRefused
 from fcsv_tracking.gimbal.config import load_ground_robot
-from fcsv_tracking.gimbal.system import CameraInHome, GimbalSystem
+from fcsv_tracking.gimbal.system import GimbalSystem
 from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
+from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.gimbal_channel import GimbalChannel
 from fcsv_tracking.ros.static_frames import fixed_parts
 
@@ -89,13 +90,7 @@ class GimbalTrackerNode:
         )
         self._health.tick(f"{name} pose")
         if camera is not None:
-            self._publish_camera(name, camera)
-
-    def _publish_camera(self, name: str, camera: CameraInHome) -> None:
-        out = PoseWithCovarianceStamped(header=conversions.header(camera.stamp_s, frames.HOME))
-        out.pose.pose = conversions.transform_to_pose(camera.T_home_cam)
-        out.pose.covariance = camera.covariance.ravel().tolist()
-        self._cameras[name].publish(out)
+            self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
 
     def _on_set_home(self, request) -> SetHomeResponse:
         reference, now_s = request.reference or self._names[0], rospy.get_time()

@@ -23,6 +23,7 @@ from fcsv_msgs.srv import SetHome, SetHomeResponse
 from fcsv_tracking.errors import HomeRefused, SampleRejected
 from fcsv_tracking.mocap.system import CameraPose, MocapSystem
 from fcsv_tracking.mocap.tracker import TrackerRules
+from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.static_frames import fixed_parts
 
 _SAME_PACKET_S = 0.002
@@ -119,10 +120,7 @@ class MocapTrackerNode:
                 self._publish_camera(name, camera)
 
     def _publish_camera(self, name: str, camera: CameraPose) -> None:
-        out = PoseWithCovarianceStamped(header=conversions.header(camera.stamp_s, frames.HOME))
-        out.pose.pose = conversions.transform_to_pose(camera.T_home_cam)
-        out.pose.covariance = camera.covariance.ravel().tolist()
-        self._cameras[name].publish(out)
+        self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
         odom, body = frames.odom(name), frames.base_link(name)
         self._tf.sendTransform([
             conversions.transform_stamped(camera.T_home_odom, camera.stamp_s, frames.HOME, odom),
