@@ -4,6 +4,8 @@
 Axes are REP 103 (x forward, y left, z up); optical frames are z forward, x right, y down.
 """
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -60,20 +62,21 @@ def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
 
     Raises GeometryError where either holds NaN or the quaternion's length is not near one.
     """
-    q = np.asarray(q_a_b_xyzw, float)
-    p = np.asarray(p_a_b_m, float)
-    norm = float(np.sqrt(q @ q))
-    if not (np.isfinite(p).all() and np.isfinite(norm)):
-        raise GeometryError(f"pose is not finite: position {p.tolist()}, quaternion {q.tolist()}")
+    p, q = [float(v) for v in p_a_b_m], [float(v) for v in q_a_b_xyzw]
+    norm = math.hypot(*q)  # written out, here and below: poses come in at hundreds of hertz
+    if not (math.isfinite(norm) and all(map(math.isfinite, p))):
+        raise GeometryError(f"pose is not finite: position {p}, quaternion {q}")
     if abs(norm - 1.0) > 0.01:
-        raise GeometryError(f"quaternion {q.tolist()} has length {norm:.3g}, not 1")
-    x, y, z, w = (q / norm).tolist()  # written out: poses come in at hundreds of hertz
-    R_a_b = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return transform(R_a_b, p)
+        raise GeometryError(f"quaternion {q} has length {norm:.3g}, not 1")
+    x, y, z, w = (v / norm for v in q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), p[0]],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), p[1]],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), p[2]],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def quaternion_xyzw(T_a_b: np.ndarray) -> np.ndarray:

@@ -91,6 +91,29 @@ def _advance(state, command, gust, params, steps, out):
     return on_ground
 
 
+@numba.njit(cache=True)
+def _felt(states, start_s, radps, phases, amplitude_rad):
+    """Stamp, position, quaternion turned by the vibration, velocity of each state."""
+    felt = np.empty((len(states), 11))
+    for i in range(len(states)):
+        stamp_s = start_s + (i + 1) / 400.0
+        half = np.zeros(3)
+        for axis in range(3):
+            for k in range(3):
+                half[axis] += 0.5 * amplitude_rad * np.sin(radps[k] * (stamp_s % 1000.0) + phases[axis, k])
+        x, y, z, w = states[i, 6], states[i, 7], states[i, 8], states[i, 9]
+        a, b, c = half[0], half[1], half[2]
+        felt[i, 0] = stamp_s
+        felt[i, 1:4] = states[i, 0:3]
+        felt[i, 4] = x + w * a + y * c - z * b
+        felt[i, 5] = y + w * b + z * a - x * c
+        felt[i, 6] = z + w * c + x * b - y * a
+        felt[i, 7] = w - x * a - y * b - z * c
+        felt[i, 4:8] /= np.sqrt(np.sum(felt[i, 4:8] ** 2))
+        felt[i, 8:11] = states[i, 3:6]
+    return felt
+
+
 class Quadrotor:
     """One vehicle's body in the world. ``advance`` is told what the attitude controller is to reach."""
 
@@ -104,6 +127,8 @@ class Quadrotor:
         self._state[_P] = T_world_body[:3, 3]
         self._state[_Q] = transforms.quaternion_xyzw(T_world_body)
         self._phases = self._random.uniform(0, 2 * np.pi, (3, 3))
+        self._vibration_radps = 2 * np.pi * np.array(airframe.vibration_hz)
+        self._vibration_rad = np.radians(airframe.vibration_rms_deg) * np.sqrt(2.0 / 3.0)
         self.on_ground = True
 
     @property
@@ -144,9 +169,9 @@ class Quadrotor:
         self.on_ground = bool(_advance(self._state, np.asarray(command, float), gust, params, steps, out))
         return out
 
-    def vibration(self, stamp_s: float, thrust_share: float) -> np.ndarray:
-        """Small rotation vector (rad, body) of the airframe at a time; grows with thrust."""
+    def felt(self, states: np.ndarray, start_s: float, thrust_share: float) -> np.ndarray:
+        """What cameras on the airframe feel of ``advance``'s states after a time: its vibration, which grows with
+        thrust. Returns (steps, 11): stamp (s), position, quaternion xyzw, velocity (world).
+        """
         share = min(1.0, thrust_share / self.hover_thrust)
-        rms = np.radians(self._airframe.vibration_rms_deg) * share
-        angles = 2 * np.pi * np.array(self._airframe.vibration_hz) * (stamp_s % 1000.0) + self._phases
-        return rms * np.sqrt(2.0 / 3.0) * np.sin(angles).sum(axis=1)
+        return _felt(states, start_s, self._vibration_radps, self._phases, share * self._vibration_rad)

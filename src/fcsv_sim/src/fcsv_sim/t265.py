@@ -38,6 +38,7 @@ class T265:
         self._random = np.random.default_rng([seed, 3])
         self._yaw_origin = self._random.uniform(-np.pi, np.pi)
         self._scale = 1.0 + self._random.normal(0.0, errors.scale)
+        self._noise_sigma = np.repeat([errors.position_noise_m, np.radians(errors.attitude_noise_deg)], 3)
         level = np.radians(errors.level_deg) * self._random.standard_normal(2)
         self._R_level = _small_rotation(np.array([level[0], level[1], 0.0]))
         self._noise = np.zeros(6)
@@ -55,9 +56,8 @@ class T265:
             self._p_before, self._start_z = T_world_t265[:3, 3].copy(), T_world_t265[2, 3]
             self._T_before, self._stamp_s = T_world_t265, stamp_s
         step = T_world_t265[:3, 3] - self._p_before
-        distance = float(np.linalg.norm(step))
         self._p_before = T_world_t265[:3, 3].copy()
-        self._drift(step, distance)
+        self._drift(step)
         if self._jump_left_m and T_world_t265[2, 3] - self._start_z > self._errors.takeoff_height_m:
             self._p_odom[2] -= self._jump_left_m
             self._jump_left_m = 0.0
@@ -75,17 +75,18 @@ class T265:
         c, s = math.cos(yaw), math.sin(yaw)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
-    def _drift(self, step: np.ndarray, distance: float) -> None:
-        root = np.sqrt(distance)
-        self._heading_drift += np.radians(self._errors.heading_deg_per_sqrt_m) * root * self._random.standard_normal()
-        walk = self._errors.walk_m_per_sqrt_m * root * self._random.standard_normal(3)
+    def _drift(self, step: np.ndarray) -> None:
+        root = math.sqrt(math.sqrt(step @ step))
+        heading, *walk = self._random.standard_normal(4)
+        self._heading_drift += math.radians(self._errors.heading_deg_per_sqrt_m) * root * heading
+        walk = self._errors.walk_m_per_sqrt_m * root * np.array(walk)
         self._p_odom += self._R_odom_world() @ step * self._scale + walk
 
     def _coloured_noise(self, dt_s: float) -> np.ndarray:
         """First-order noise: neighbouring samples of a tracker are not independent."""
-        keep = np.exp(-dt_s / self._errors.noise_correlation_s)
-        sigma = np.repeat([self._errors.position_noise_m, np.radians(self._errors.attitude_noise_deg)], 3)
-        self._noise = keep * self._noise + np.sqrt(1 - keep**2) * sigma * self._random.standard_normal(6)
+        keep = math.exp(-dt_s / self._errors.noise_correlation_s)
+        fresh = math.sqrt(1 - keep**2) * self._noise_sigma
+        self._noise = keep * self._noise + fresh * self._random.standard_normal(6)
         return self._noise
 
     def _velocities(self, T_world_t265: np.ndarray, dt_s: float):
@@ -100,5 +101,7 @@ class T265:
 def _small_rotation(r: np.ndarray) -> np.ndarray:
     """Rotation of a vector of at most a few thousandths of a radian, to second order (orthonormal to 1e-9)."""
     x, y, z = r.tolist()
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + K + 0.5 * (K @ K)
+    xx, yy, zz, xy, xz, yz = x * x / 2, y * y / 2, z * z / 2, x * y / 2, x * z / 2, y * z / 2
+    return np.array(
+        [[1.0 - yy - zz, xy - z, xz + y], [xy + z, 1.0 - xx - zz, yz - x], [xz - y, yz + x, 1.0 - xx - yy]]
+    )

@@ -32,23 +32,22 @@ class TruthWriter:
         path = _path(folder, vehicle)
         shape = (_RING * _FIELDS + 1,)
         begun = path.with_suffix(".begun")
-        self._map = np.memmap(begun, np.float64, "w+", shape=shape)
+        self._map = np.memmap(begun, np.float64, "w+", shape=shape).view(np.ndarray)  # a memmap's own slices are slow
         begun.replace(path)  # whole from the first look; readers of an earlier run keep their own file
         self._ring = self._map[1:].reshape(_RING, _FIELDS)
         self._count = 0
 
     def write(self, stamp_s: float, T_world_body: np.ndarray, v_world_mps) -> None:
         q = Rotation.from_matrix(T_world_body[:3, :3]).as_quat()
-        self.write_raw(stamp_s, T_world_body[:3, 3], q, v_world_mps)
+        self.write_records(np.concatenate([[stamp_s], T_world_body[:3, 3], q, v_world_mps])[None])
 
-    def write_raw(self, stamp_s: float, p_world_body, q_world_body_xyzw, v_world_mps) -> None:
-        """The same without building a matrix, for the fast loop."""
-        record = self._ring[self._count % _RING]
-        record[0] = stamp_s
-        record[1:4] = p_world_body
-        record[4:8] = q_world_body_xyzw
-        record[8:11] = v_world_mps
-        self._count += 1
+    def write_records(self, records: np.ndarray) -> None:
+        """Several poses at once, for the fast loop: (n, 11) of stamp, position, quaternion xyzw, velocity."""
+        at = self._count % _RING
+        fits = min(len(records), _RING - at)
+        self._ring[at : at + fits] = records[:fits]
+        self._ring[: len(records) - fits] = records[fits:]
+        self._count += len(records)
         self._map[0] = self._count
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated vehicle: airframe, autopilot, RC receiver and MAVLink link, stepped together in real time."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Tuple
 
@@ -48,6 +49,11 @@ class SimulatedVehicle:
         self._v_before = np.zeros(3)
         self._command = (0.0, 0.0, 0.0, 0.0)
 
+    @property
+    def next_pass_s(self) -> float:
+        """When there is something to do again."""
+        return self._now_s + PASS_S
+
     def advance_to(self, now_s: float, most_passes: int = 20) -> None:
         """Catch up with the clock; after a long hiccup time is skipped rather than raced through."""
         if now_s - self._now_s > most_passes * PASS_S:
@@ -57,14 +63,13 @@ class SimulatedVehicle:
 
     def _pass(self) -> None:
         states = self.body.advance(self._command, _SUBSTEPS)
-        for i, state in enumerate(states):
-            self._write_truth(self._now_s + (i + 1) * STEP_S, state)
+        self._truth.write_records(self.body.felt(states, self._now_s, self._command[3]))
         self._now_s += PASS_S
         end = states[-1]
-        x, y, z, w = end[6:10]
-        roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        x, y, z, w = end[6:10].tolist()
+        roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        pitch = math.asin(min(1.0, max(-1.0, 2 * (w * y - z * x))))
+        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         acc = (end[3:6] - self._v_before) / PASS_S
         self._v_before = end[3:6].copy()
         frame = self._rc.newest()
@@ -73,13 +78,6 @@ class SimulatedVehicle:
         self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, end[12], end[2])
         self._server.step(self._now_s, (roll, pitch, yaw))
         self._command = self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, end[5])
-
-    def _write_truth(self, stamp_s: float, state: np.ndarray) -> None:
-        """The pose with the airframe's vibration: camera and tracking camera both feel it."""
-        x, y, z, w = state[6:10]
-        a, b, c = self.body.vibration(stamp_s, self._command[3]) / 2.0
-        q = (x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c)
-        self._truth.write_raw(stamp_s, state[0:3], q / np.linalg.norm(q), state[3:6])
 
     def close(self) -> None:
         self._rc.close()

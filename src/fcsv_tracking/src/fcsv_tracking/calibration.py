@@ -28,6 +28,7 @@ class CalibrationRules(LinkNoise):
     """What is good enough (see the messages of CalibrationRefused), beside the noise that is assumed."""
 
     duration_s: float = 8.0
+    longest_s: float = 40.0  # where detections come in slowly, as from a camera or a computer that is slow
     least_detections: int = 20
     most_yaw_std_deg: float = 0.4
     most_position_std_m: float = 0.05

@@ -7,6 +7,7 @@ adopted, a yaw step of thirty degrees is not adopted, and without a feed the pos
 Frames: ``ext`` is the feed's frame, ENU (z up); yaw counter-clockwise from its x axis.
 """
 
+import math
 from typing import Optional
 
 import numpy as np
@@ -51,9 +52,9 @@ class Estimator:
             self._boot_s = now_s
         self.yaw_ext_rad = wrap(self.yaw_ext_rad + yaw_rate_rps * dt_s)
         turn = self.yaw_ext_rad - yaw_world_rad
-        c, s = np.cos(turn), np.sin(turn)
-        acc = np.array([c * acc_world_mps2[0] - s * acc_world_mps2[1], s * acc_world_mps2[0] + c * acc_world_mps2[1],
-                        acc_world_mps2[2]]) + self._acc_bias  # fmt: skip
+        c, s = math.cos(turn), math.sin(turn)
+        x, y, z = acc_world_mps2
+        acc = np.array((c * x - s * y, s * x + c * y, z)) + self._acc_bias
         self.p_ext_m += self.v_ext_mps * dt_s + 0.5 * acc * dt_s * dt_s
         self.v_ext_mps += acc * dt_s
         self.baro_m = z_m + self._random.normal(0.0, 0.01)

@@ -2,6 +2,7 @@
 """The simulated T265 under realsense2_camera's topic and frame names."""
 
 import time
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from fcsv_sim.t265 import T265, T265Errors
 from fcsv_sim.truth import TruthReader
 
 _LATENCY_S = 0.015  # from the middle of its sensing to the sample, as the real one has it
+_BURST_S = 0.01  # samples of this long leave together: waking up costs more than a sample, here and in who listens
 
 
 @dataclass(frozen=True)
@@ -46,18 +48,22 @@ class T265Node:
         self._t265 = T265(errors, geometry.T_body_t265, seed)
         self._truth = TruthReader(parameters.sim_dir, self._name)
         self._period_s = 1.0 / parameters.rate_hz
+        self._burst = max(1, round(_BURST_S * parameters.rate_hz))
         # the driver's "high" confidence
         self._pose_covariance = (np.diag([1e-3] * 3 + [1e-4] * 3)).ravel().tolist()
-        self._publisher = rospy.Publisher("t265/odom/sample", Odometry, queue_size=50)
+        with warnings.catch_warnings():  # no queue: its thread would cost more than all else here
+            warnings.simplefilter("ignore", SyntaxWarning)
+            self._publisher = rospy.Publisher("t265/odom/sample", Odometry, queue_size=None)
 
     def spin(self) -> None:
         """One sample per period; after a hiccup periods are skipped, as a camera would drop frames."""
         due_s = time.time()
         while not rospy.is_shutdown():
-            due_s = max(due_s + self._period_s, time.time() - 0.1)
+            due_s = max(due_s + self._burst * self._period_s, time.time() - 0.1)
             time.sleep(max(0.0, due_s - time.time()))
             try:
-                self._publish(due_s - _LATENCY_S)
+                for before in reversed(range(self._burst)):
+                    self._publish(due_s - before * self._period_s - _LATENCY_S)
             except PoseUnavailable:
                 time.sleep(0.1)  # the vehicle is not there yet
 

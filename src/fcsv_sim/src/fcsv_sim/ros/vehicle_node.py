@@ -8,7 +8,7 @@ from typing import Tuple
 import rospy
 
 from fcsv_geometry.ros import node
-from fcsv_sim.vehicle import PASS_S, SimulatedVehicle, VehicleParameters
+from fcsv_sim.vehicle import SimulatedVehicle, VehicleParameters
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class VehicleNode:
         """Until ROS shuts the node down."""
         while not rospy.is_shutdown():
             self._vehicle.advance_to(time.time())
-            time.sleep(PASS_S / 2)
+            time.sleep(max(0.001, self._vehicle.next_pass_s - time.time()))
         self._vehicle.close()
 
 

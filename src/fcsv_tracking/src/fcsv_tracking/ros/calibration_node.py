@@ -25,6 +25,8 @@ from fcsv_tracking.loops import merge_loops
 from fcsv_tracking.ros import clock_node, link_messages
 
 _OLDEST_ODOMETRY_S = 0.5
+_PLENTY = 1.25  # times the least: a few are always refused
+_SILENT_S = 4.0  # a link that shows no tag for so long will not get enough
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class CalibrationNode:
     def _on_calibrate(self, request) -> CalibrateResponse:
         column = list(request.column) or self._names
         try:
-            links = self._calibrate(column, request.duration_s or self._rules.duration_s)
+            links = self._calibrate(column, request.duration_s)
         except FcsvError as error:
             rospy.logwarn("calibration refused: %s", error)
             return CalibrateResponse(False, str(error), Calibration())
@@ -107,12 +109,30 @@ class CalibrationNode:
             if self._collecting:
                 raise TrackingError("a calibration is already running")
             self._collecting, self._collected = True, {}
-        rospy.sleep(duration_s)
+        rospy.sleep(duration_s or self._rules.duration_s)
+        if not duration_s:
+            self._wait_for_enough(column, self._rules.longest_s - self._rules.duration_s)
         with self._lock:
             self._collecting = False
             collected = self._collected
         links = [self._link(front, back, collected) for front, back in zip(column, column[1:])]
         return merge_loops(links, self._loops(column, collected))
+
+    def _wait_for_enough(self, column: List[str], most_s: float) -> None:
+        """Go on collecting while every link gets detections, until all have plenty or the time is over."""
+        end_s, plenty = rospy.get_time() + most_s, _PLENTY * self._rules.least_detections
+        while rospy.get_time() < end_s and not rospy.is_shutdown():
+            with self._lock:
+                seen = [self._seen_stamps(front, back) for front, back in zip(column, column[1:])]
+            silent = [s for s in seen if not s or rospy.get_time() - s[-1] > _SILENT_S]
+            if silent or all(len(s) >= plenty for s in seen):
+                return
+            rospy.sleep(0.2)
+
+    def _seen_stamps(self, front: str, back: str) -> List[float]:
+        tag_id = self._vehicles[front].tag_id
+        messages = self._collected.get(back, [])
+        return [m.header.stamp.to_sec() for m in messages if any(tag.id == tag_id for tag in m.detections)]
 
     def _link(self, front: str, back: str, collected: Dict[str, List[TagDetections]]) -> Link:
         self._require_one_time(front, back)
