@@ -2,6 +2,7 @@
 """What all tests share: where things are, real data that may be absent, and a ROS master of their own."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -64,3 +65,15 @@ def start_node(ros_master):
         process.stop(grace_s=5.0)
         if process.returncode not in (0, None):
             print(f"--- {process.command}: exit {process.returncode}\n{process.tail(20)}")
+
+
+@pytest.fixture(scope="session")
+def bench_link(root):
+    """The modules of tools/bench_link: (machines, radio); skipped where this machine permits no namespaces."""
+    sys.path.insert(0, str(root / "tools" / "bench_link"))
+    import machines
+    import radio
+
+    if not radio.can_emulate():
+        pytest.skip("needs root, /dev/net/tun and network namespaces")
+    return machines, radio

@@ -11,29 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flights import FLIGHT_LIMIT_S, said, start_demo, wait_for
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(900)]
-
-FLIGHT_LIMIT_S = 420.0
-
-
-def start_demo(out: Path, *args: str) -> subprocess.Popen:
-    out.mkdir(parents=True, exist_ok=True)
-    command = ["rosrun", "fcsv_sim", "demo", "--out", str(out), "--rviz", "0", *args]
-    log = open(out / "stdout.txt", "wb")
-    return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
-
-
-def said(out: Path) -> str:
-    return (out / "stdout.txt").read_text(errors="replace")
-
-
-def wait_for(out: Path, words: str, demo: subprocess.Popen, timeout_s: float = FLIGHT_LIMIT_S) -> None:
-    deadline = time.monotonic() + timeout_s
-    while words not in said(out):
-        assert demo.poll() is None, f"the demo ended before it said '{words}':\n{said(out)[-3000:]}"
-        assert time.monotonic() < deadline, f"the demo did not say '{words}':\n{said(out)[-3000:]}"
-        time.sleep(0.2)
 
 
 def left_behind(out: Path):
@@ -53,19 +33,6 @@ def bag_topics(path: Path):
 
     with rosbag.Bag(str(path)) as bag:
         return {t: info.message_count for t, info in bag.get_type_and_topic_info().topics.items()}
-
-
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    """A demo flown and mapped to its end."""
-    out = tmp_path_factory.mktemp("demo")
-    demo = start_demo(out, "--mission", "short", "--seed", "1")
-    try:
-        status = demo.wait(FLIGHT_LIMIT_S + 200)
-    finally:
-        demo.kill()
-    assert status == 0, said(out)[-4000:]
-    return out
 
 
 def test_it_leaves_a_session_and_a_map(flown):

@@ -17,8 +17,11 @@ from typing import Dict, List
 
 import numpy as np
 import psutil
+from flight import fly, make_map
 from machines import PORT, FleetNet, Net
 from radio import Conditions, can_emulate
+
+from fcsv_sim.demo.fleet import FleetPlan
 
 HERE = Path(__file__).resolve().parent
 LINKS, PROBE = HERE / "links.yaml", HERE / "probe.py"
@@ -215,6 +218,18 @@ def endurance(rows: List, minutes: float) -> None:
                 f" open files {files} → {now[2]}")  # fmt: skip
 
 
+def whole_mission(rows: List) -> None:
+    """The demo's flight over a clean radio and over a bad one, and what either map is worth."""
+    mission = HERE.parents[1] / "config" / "missions" / "short.yaml"
+    for conditions, cut_s in ((Conditions(), 0.0), (Conditions(0.05, 0.01), 10.0)):
+        with tempfile.TemporaryDirectory(prefix="bench-link-") as folder:
+            plan = FleetPlan(Path(folder), mission)
+            *_, last = fly(plan, conditions, cut_s, "CONFIGURATIONS 2/4")
+            truth = make_map(plan)["truth"]
+        add(rows, f"the demo's mission at {100 * conditions.loss:.0f} % loss, a cut of {cut_s:.0f} s in its second "
+            "configuration", f"{last}; map within 10 %: {100 * truth['within_10_percent']:.1f} %")  # fmt: skip
+
+
 def cpu(process: psutil.Process) -> float:
     times = process.cpu_times()
     return times.user + times.system
@@ -253,7 +268,7 @@ def _processor() -> str:
     return platform.machine()
 
 
-PARTS = ("first", "clean", "loss5", "loss30", "back", "two", "ten")
+PARTS = ("first", "clean", "loss5", "loss30", "back", "two", "ten", "flight")
 
 
 def main() -> int:
@@ -274,6 +289,7 @@ def main() -> int:
         "back": comes_back,
         "two": lambda rows: two_vehicles(rows, a.seconds),
         "ten": lambda rows: ten_vehicles(rows, a.seconds),
+        "flight": whole_mission,
     }
     unknown = set(filter(None, a.parts.split(","))) - set(measure)
     if unknown:

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Demos as tests start them, and what they said."""
+
+import subprocess
+import time
+from pathlib import Path
+
+FLIGHT_LIMIT_S = 420.0
+
+
+def start_demo(out: Path, *args: str) -> subprocess.Popen:
+    out.mkdir(parents=True, exist_ok=True)
+    command = ["rosrun", "fcsv_sim", "demo", "--out", str(out), "--rviz", "0", *args]
+    log = open(out / "stdout.txt", "wb")
+    return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+
+
+def said(out: Path) -> str:
+    return (out / "stdout.txt").read_text(errors="replace")
+
+
+def wait_for(out: Path, words: str, demo: subprocess.Popen, timeout_s: float = FLIGHT_LIMIT_S) -> None:
+    deadline = time.monotonic() + timeout_s
+    while words not in said(out):
+        assert demo.poll() is None, f"the demo ended before it said '{words}':\n{said(out)[-3000:]}"
+        assert time.monotonic() < deadline, f"the demo did not say '{words}':\n{said(out)[-3000:]}"
+        time.sleep(0.2)
