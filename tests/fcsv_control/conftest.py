@@ -92,6 +92,7 @@ class Flight:
         self.closest_m = float("inf")
         self.orders: List = []
         self.pictures: Dict[str, List[float]] = {n: [] for n in names}
+        self.picture_period_s = STEP_S
         self.lossy = 0.0  # share of commands that get lost
         self._random = random
 
@@ -106,6 +107,7 @@ class Flight:
                 pose_age_s=age, speed_mps=speed, height_m=v.height_m, state_age_s=age, connected=True, armed=v.armed,
                 mode=v.mode, sees_front_s=v.sees_front_s, T_home_cam=T_home_cam if self.home_known else None,
                 battery_share=v.battery_share, recorder_age_s=0.5, recorder_problem=v.recorder_problem,
+                pictures=len(self.pictures[name]),
             )  # fmt: skip
         known = {n: v.T_home_odom for n, v in self.fleet.items()} if self.home_known else {}
         return Snapshot(self.now_s, views, known, dict.fromkeys(self.fleet, T_BODY_CAM))
@@ -120,8 +122,9 @@ class Flight:
                 outcome = self.fleet[order.vehicle].obey(order)
                 self.machine.outbox.acknowledged(order.vehicle, order.number, outcome)
         for name, vehicle in self.fleet.items():
-            if vehicle.recording:
-                self.pictures[name].append(self.now_s)
+            taken = self.pictures[name]
+            if vehicle.recording and (not taken or self.now_s - taken[-1] > self.picture_period_s - 0.5 * STEP_S):
+                taken.append(self.now_s)
         flying = [v for v in self.fleet.values() if v.armed and v.mode != "LAND"]
         for i, a in enumerate(flying):
             for b in flying[i + 1 :]:

@@ -272,6 +272,16 @@ def test_the_watchdog_leaves_others_alone():
     assert verdicts(dog, [5.0], mode="LOITER") == ["land"]
 
 
+def test_time_in_which_nobody_could_watch_is_no_silence():
+    dog = FeedWatchdog(WatchdogParameters(), 0.0)
+    dog.feed(10.0)
+    dog.slept(11.5, 1.4)  # the computer stood still from 10.1 to 11.5
+    assert verdicts(dog, [11.5, 12.0, 12.25]) == ["", "warn", "land"]
+    dog.feed(20.0)
+    dog.slept(20.01, 3.0)  # the feed was read first
+    assert dog.age_s(20.01) == 0.0
+
+
 def test_a_feed_that_never_began_is_dead():
     """The link was restarted in flight while the odometry was gone."""
     dog = FeedWatchdog(WatchdogParameters(), 100.0)

@@ -71,6 +71,7 @@ def test_what_a_file_says_is_what_is_flown(tmp_path):
         (configured(baseline_m="four"), ["configurations[1].baseline_m", "must be float"]),
         (configured(axis="diagonal"), ["configurations[1].axis", "'diagonal'", "horizontal, vertical"]),
         (configured(record_s=0), ["configurations[1].record_s", "0.5..600"]),
+        (configured(least_pictures=0), ["configurations[1].least_pictures", "1..1000"]),
         (configured(record_s=-1.0), ["configurations[1].record_s"]),
         (configured(tilt_deg=5.0), ["configurations[1].tilt_deg", "fixed camera", "set it to 0"]),
         (configured(vehicle="uav1"), ["configurations[1].vehicle", "is the reference"]),

@@ -45,7 +45,7 @@ def test_from_take_off_to_landing(flight, seed):
     windows = f.machine.captures
     assert [w.index for w in windows] == [0, 1, 2] and {w.vehicle for w in windows} == {"uav2"}
     for w in windows:
-        assert w.stop_s - w.start_s == pytest.approx(2.0) and w.position_error_m < 0.15
+        assert 2.0 <= w.stop_s - w.start_s < 2.2 and w.position_error_m < 0.15
         for name in ("uav1", "uav2"):  # pictures were on all through the window, with room for a late one
             inside = [t for t in f.pictures[name] if w.start_s - 0.1 <= t <= w.stop_s + 0.3]
             assert len(inside) >= 22, name
@@ -54,6 +54,17 @@ def test_from_take_off_to_landing(flight, seed):
     apart = f.fleet["uav1"].landed_at - f.fleet["uav2"].landed_at
     assert np.linalg.norm(apart[:2]) > 2.0, "the one that stood above did not come down upon the other"
     assert f.machine.problems == []
+
+
+@pytest.mark.parametrize("period_s, lasts_s", [(0.8, 4.4), (3.0, 8.0)])
+def test_slow_cameras_are_waited_for_but_not_for_ever(flight, period_s, lasts_s):
+    f = flight(mission())
+    f.picture_period_s = period_s
+    f.up_to_configurations()
+    f.phase("DONE", 600.0)
+    assert [w.index for w in f.machine.captures] == [0, 1, 2]
+    for w in f.machine.captures:
+        assert w.stop_s - w.start_s == pytest.approx(lasts_s, abs=period_s)
 
 
 def test_the_thesis_list_with_a_slow_and_lossy_radio(flight, root):

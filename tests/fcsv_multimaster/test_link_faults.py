@@ -112,6 +112,25 @@ def test_cuts_one_way_links_and_new_addresses_are_got_over(make):
     assert "is gone" in log(net, "control")
 
 
+def test_peers_without_addresses_are_found_and_found_again(make):
+    net = make()
+    for relay in net.relays.values():
+        relay.stop()
+    for name, peer in (("control", "uav1"), ("uav1", "control")):
+        net.start_relay(name, peers=peer, discovery=True)
+    net.machines["uav1"].python(TALK.format(extra=""))
+    ear = Ear(net, "control", "/uav1/text", "std_msgs/String")
+    ear.wait(timeout_s=30.0)
+    net.radio.cut()
+    time.sleep(5.0)
+    net.radio.mend()
+    ear.wait(time.time(), timeout_s=15.0)
+    net.relays["uav1"].stop()
+    net.radio.move("uav1", "10.77.0.77")  # a machine that comes back elsewhere
+    net.start_relay("uav1", peers="control", discovery=True)
+    ear.wait(time.time(), timeout_s=30.0)
+
+
 def test_lost_doubled_and_reordered_packets_leave_order_and_commands_whole(make):
     net = make(conditions={"loss": 0.05, "delay_s": 0.005, "jitter_s": 0.03, "duplicate": 0.2})
     net.machines["uav1"].python(TALK.format(extra=""))

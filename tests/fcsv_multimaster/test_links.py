@@ -45,6 +45,12 @@ def test_addresses():
     assert parse_peers("a=h:1/5,b=h:2") == {"a": Endpoint("h", 1, 5), "b": Endpoint("h", 2, 3)}
 
 
+def test_a_peer_without_an_address_needs_discovery():
+    assert parse_peers("a,b=h:2", discovery=True) == {"a": None, "b": Endpoint("h", 2, 3)}
+    with pytest.raises(EndpointError, match="write a=HOST:PORT, or start with discovery:=true"):
+        parse_peers("a")
+
+
 @pytest.mark.parametrize("text", ["a", "a=h", "a=h:x", "a=h:70000", "a=h:1,a=h:2", "=h:1"])
 def test_bad_addresses(text):
     with pytest.raises(EndpointError):

@@ -212,6 +212,8 @@ def test_keys_of_a_fleet_open_and_others_do_not(tmp_path):
 def test_without_keys_nothing_leaves_the_machine():
     with pytest.raises(EndpointError, match="has no keys"):
         Transport("a", parse_endpoint("0.0.0.0:7447"), {}, None, print, print)
+    with pytest.raises(EndpointError, match="has no keys"):
+        Transport("a", parse_endpoint("127.0.0.1:7447"), {"b": None}, None, print, print, discovery=True)
 
 
 # ---- the list, for fkie --------------------------------------------------------------------------------------
@@ -225,4 +227,6 @@ def test_fkie_gets_the_same_topics_and_nothing_else(root):
     topics = fkie.sync("uav1", links, peers)["sync_topics"]
     assert {"/uav1/odometry/state", "/uav1/command", "/home", "/uav2/odometry/state"} <= set(topics)
     assert "/uav2/command" not in topics and "/rosout" not in topics
-    assert fkie.discovery(peers)["robot_hosts"] == ["10.0.0.1", "10.0.0.3"]
+    found = fkie.discovery(peers)
+    assert found["robot_hosts"] == ["10.0.0.1", "10.0.0.3"] and not found["send_mcast"]
+    assert fkie.discovery({**peers, "uav3": None})["send_mcast"]

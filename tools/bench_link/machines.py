@@ -79,13 +79,15 @@ class Net:
         """As the relay of ``name`` takes them."""
         return ",".join(f"{n}={a}:{PORT}" for n, a in self.radio.addresses.items() if n != name)
 
-    def start_relay(self, name: str, peers: Optional[str] = None, listen: Optional[str] = None) -> Process:
+    def start_relay(self, name: str, peers: Optional[str] = None, listen: Optional[str] = None,
+                    discovery: bool = False) -> Process:  # fmt: skip
         """The relay node of a machine, with its keys."""
         listen = listen or f"0.0.0.0:{PORT}"
         peers = self.peers(name) if peers is None else peers
         self.relays[name] = self.machines[name].run(
             ["rosrun", "fcsv_multimaster", "relay", f"_machine:={name}", f"_links:={self.links}",
-             f"_listen:={listen}", f"_peers:={peers}", f"_keys:={self.keys / name}"], "relay",
+             f"_listen:={listen}", f"_peers:={peers}", f"_keys:={self.keys / name}",
+             f"_discovery:={str(discovery).lower()}"], "relay",
         )  # fmt: skip
         return self.relays[name]
 

@@ -116,7 +116,7 @@ class Radio:
         self._fds[name] = in_namespace(namespace, _open_tun)
         self._ip(name, "link", "set", "lo", "up")
         self._ip(name, "addr", "add", f"{self.addresses[name]}/24", "dev", "radio0")
-        self._ip(name, "link", "set", "radio0", "mtu", str(_MTU), "up")
+        self._ip(name, "link", "set", "radio0", "mtu", str(_MTU), "multicast", "on", "up")
         if congestion:
             self._ip(name, "route", "change", "10.77.0.0/24", "dev", "radio0", "congctl", congestion)
 
@@ -146,9 +146,17 @@ class Radio:
         if packet[0] >> 4 != 4:
             return
         address = socket.inet_ntoa(packet[16:20])
-        target = next((n for n, a in self.addresses.items() if a == address), None)
+        if 224 <= packet[16] < 240:
+            targets = [n for n in self.names if n != source]
+        else:
+            targets = [n for n, a in self.addresses.items() if a == address]
+        self.lost += not targets
+        for target in targets:
+            self._carry(source, target, packet)
+
+    def _carry(self, source: str, target: str, packet: bytes) -> None:
         c = self.conditions
-        if target is None or (source, target) in self._cut or self._random.random() < c.loss:
+        if (source, target) in self._cut or self._random.random() < c.loss:
             self.lost += 1
             return
         now_s = at_s = time.monotonic()

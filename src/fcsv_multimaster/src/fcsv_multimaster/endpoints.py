@@ -3,11 +3,9 @@
 
 import ipaddress
 from dataclasses import dataclass
-from typing import Dict
+from typing import Dict, Optional
 
 from fcsv_multimaster.errors import EndpointError
-
-_SEND_BUFFER = 60000  # old pictures must not pile up in the kernel
 
 
 @dataclass(frozen=True)
@@ -22,12 +20,8 @@ class Endpoint:
         """Zenoh's form of the address of one link."""
         if link == "datagram":
             return f"{'quic' if encrypted else 'udp'}/{self.host}:{self.urgent_port}?rel=0"
-        stream = f"{'tls' if encrypted else 'tcp'}/{self.host}"
-        return (
-            f"{stream}:{self.urgent_port}"
-            if link == "urgent"
-            else f"{stream}:{self.bulk_port}#so_sndbuf={_SEND_BUFFER}"
-        )
+        port = self.urgent_port if link == "urgent" else self.bulk_port
+        return f"{'tls' if encrypted else 'tcp'}/{self.host}:{port}"
 
     @property
     def stays_on_this_machine(self) -> bool:
@@ -54,14 +48,16 @@ def parse_endpoint(text: str) -> Endpoint:
     return Endpoint(host, urgent_port, bulk_port)
 
 
-def parse_peers(text: str) -> Dict[str, Endpoint]:
-    """NAME=HOST:PORT,NAME=... Raises EndpointError, also on a name twice."""
-    peers: Dict[str, Endpoint] = {}
+def parse_peers(text: str, discovery: bool = False) -> Dict[str, Optional[Endpoint]]:
+    """NAME=HOST:PORT,NAME=...; with discovery a bare NAME, too (None). Raises EndpointError, also on a name twice."""
+    peers: Dict[str, Optional[Endpoint]] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):
         name, equals, address = part.partition("=")
-        if not equals or not name.isidentifier():
+        if not name.isidentifier():
             raise EndpointError(f"'{part}' is not a peer; write NAME=HOST:PORT")
+        if not equals and not discovery:
+            raise EndpointError(f"peer '{name}' has no address; write {name}=HOST:PORT, or start with discovery:=true")
         if name in peers:
             raise EndpointError(f"peer '{name}' is given twice")
-        peers[name] = parse_endpoint(address)
+        peers[name] = parse_endpoint(address) if equals else None
     return peers

@@ -34,9 +34,9 @@ class Exchange:
     ``pack`` packs a bulky message for a target when its turn comes (see ``as_it_is``).
     """
 
-    def __init__(self, name: str, links: Links, listen: Endpoint, peers: Dict[str, Endpoint], keys: Optional[Keyring],
-                 deliver: Callable[[Parcel], None], drop: Callable[[str, str], None],
-                 problem: Callable[[str, str], None], pack=as_it_is):  # fmt: skip
+    def __init__(self, name: str, links: Links, listen: Endpoint, peers: Dict[str, Optional[Endpoint]],
+                 keys: Optional[Keyring], deliver: Callable[[Parcel], None], drop: Callable[[str, str], None],
+                 problem: Callable[[str, str], None], pack=as_it_is, discovery: bool = False):  # fmt: skip
         if name in peers:
             raise RelayError(f"'{name}' is this machine and among its peers; every machine has a name of its own")
         self._name, self._boot = name, int.from_bytes(os.urandom(4), "little")
@@ -45,7 +45,7 @@ class Exchange:
         self.exports = sorted({t for p in self.peers.values() for t in p.exports})
         self._closed = False
         self._urgent_work, self._bulk_work = threading.Event(), threading.Event()
-        self._transport = Transport(name, listen, peers, keys, self._on_parcel, self._on_note)
+        self._transport = Transport(name, listen, peers, keys, self._on_parcel, self._on_note, discovery)
         self._transport.on_malformed = lambda source, text: self._drop("malformed message", f"{source}: {text}")
         self._threads = [
             threading.Thread(target=work, name=work.__name__, daemon=True) for work in (self._work, self._work_bulk)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The same topic list for fkie_multimaster, on machines that have it: parameters of its discovery and sync nodes."""
 
-from typing import Dict, List
+from typing import Dict, List, Optional
 
 from fcsv_multimaster.endpoints import Endpoint
 from fcsv_multimaster.links import Links
@@ -9,15 +9,17 @@ from fcsv_multimaster.links import Links
 HEARTBEAT_HZ, TIMEOUT_FACTOR = 2.0, 1.0  # measured: back within 2 s of a 15 s cut, with nothing stale
 
 
-def discovery(peers: Dict[str, Endpoint]) -> Dict[str, object]:
-    """Parameters of master_discovery: the peers by address, no multicast."""
+def discovery(peers: Dict[str, Optional[Endpoint]]) -> Dict[str, object]:
+    """Parameters of master_discovery: the peers by address; multicast only where one has none."""
+    hosts = [p.host for p in peers.values() if p is not None]
+    mcast = len(hosts) < len(peers)
     return {
-        "robot_hosts": [p.host for p in peers.values()], "send_mcast": False, "listen_mcast": False,
+        "robot_hosts": hosts, "send_mcast": mcast, "listen_mcast": mcast,
         "heartbeat_hz": HEARTBEAT_HZ, "timeout_factor": TIMEOUT_FACTOR,
     }  # fmt: skip
 
 
-def sync(machine: str, links: Links, peers: Dict[str, Endpoint]) -> Dict[str, object]:
+def sync(machine: str, links: Links, peers: Dict[str, Optional[Endpoint]]) -> Dict[str, object]:
     """Parameters of master_sync: what crosses to or from this machine, and no service, node or other topic."""
     topics: List[str] = sorted(
         {t for p in peers for pair in ((machine, p), (p, machine)) for t in links.crossing(*pair)}

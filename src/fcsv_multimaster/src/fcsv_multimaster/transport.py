@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes between machines over Zenoh: one session per link, static addresses only, and only peers that have keys.
+"""Bytes between machines over Zenoh: one session per link, known or discovered addresses, and only peers with keys.
 
 Small and urgent never shares a queue with large: datagrams (QUIC), an urgent stream (TLS) and a bulk stream (TLS with a
 small send buffer) are three sessions. Certificates say who a machine is, and an access list by certificate says under
@@ -9,7 +9,7 @@ which names it may speak. Without keys only loopback addresses are allowed.
 import json
 import logging
 import os
-from typing import Callable, Dict, Optional
+from typing import Callable, Dict, Iterable, List, Optional
 
 # Closing a TLS link to a machine that vanished blocks one of Zenoh's receiving threads for ten seconds (SO_LINGER):
 # with its two threads one vanished vehicle would silence all others. Read when zenoh is loaded.
@@ -27,29 +27,33 @@ _LOG = logging.getLogger(__name__)
 _LARGEST = 16_000_000  # of one message (octets), whatever a rule says
 _OPEN_MS = 1200  # of the greeting: what is lost of it may be lost for good, so try anew soon; QUIC repeats after 1 s
 _WAITS_OCTETS = 30000
+_BULK_SEND_BUFFER = 60000  # (octets) old pictures must not pile up in the kernel
+_SCOUT_ADDRESS, _SCOUT_PORTS = "224.0.0.224", {"datagram": 17446, "urgent": 17447, "bulk": 17448}  # not Zenoh's own
 _MESSAGES = ("put", "delete", "declare_subscriber", "query", "declare_queryable", "reply")  # of the access list
 
 
 class Transport:
     """Sends to peers and hands over what they send. Callbacks run in Zenoh's threads.
 
-    ``on_parcel(link, source, type, topic, payload)``, ``on_note(source, payload)``. Raises EndpointError where it
-    cannot listen.
+    ``on_parcel(link, source, type, topic, payload)``, ``on_note(source, payload)``. A peer without an address is
+    looked for by multicast where ``discovery`` is on; what answers must still show the certificate of a peer's name.
+    Raises EndpointError where it cannot listen.
     """
 
-    def __init__(self, name: str, listen: Endpoint, peers: Dict[str, Endpoint], keys: Optional[Keyring],
+    def __init__(self, name: str, listen: Endpoint, peers: Dict[str, Optional[Endpoint]], keys: Optional[Keyring],
                  on_parcel: Callable[[str, str, str, str, bytes], None],
-                 on_note: Callable[[str, bytes], None]):  # fmt: skip
+                 on_note: Callable[[str, bytes], None], discovery: bool = False):  # fmt: skip
         self._name, self._peers = name, tuple(peers)
         self._on_parcel, self._on_note = on_parcel, on_note
         self.on_malformed: Callable[[str, str], None] = lambda source, text: _LOG.warning("%s: %s", source, text)
         self._publishers: Dict[tuple, object] = {}
         self._definitions: Dict[str, str] = {}
-        _refuse_open_networks(listen, peers, keys)
+        addresses = [p for p in peers.values() if p is not None]
+        _refuse_open_networks((listen, *addresses), keys, discovery)
         self._sessions: Dict[str, object] = {}
         try:
             for link in LINKS:
-                self._sessions[link] = _open(link, name, listen, peers, keys)
+                self._sessions[link] = _open(link, listen, addresses, _access(name, peers, keys), discovery)
         except EndpointError:
             self.close()
             raise
@@ -137,10 +141,12 @@ class Transport:
             query.reply(query.key_expr, self._definitions[type_name])
 
 
-def _refuse_open_networks(listen: Endpoint, peers: Dict[str, Endpoint], keys: Optional[Keyring]) -> None:
+def _refuse_open_networks(endpoints: Iterable[Endpoint], keys: Optional[Keyring], discovery: bool) -> None:
     if keys is not None:
         return
-    for endpoint in (listen, *peers.values()):
+    if discovery:
+        raise EndpointError("discovery:=true talks to the whole network, and this relay has no keys; give it keys:=")
+    for endpoint in endpoints:
         if not endpoint.stays_on_this_machine:
             raise EndpointError(
                 f"{endpoint.host} is on a network, and this relay has no keys: make them with"
@@ -148,17 +154,18 @@ def _refuse_open_networks(listen: Endpoint, peers: Dict[str, Endpoint], keys: Op
             )
 
 
-def _open(link: str, name: str, listen: Endpoint, peers: Dict[str, Endpoint], keys: Optional[Keyring]):
-    encrypted = keys is not None
+def _open(link: str, listen: Endpoint, peers: List[Endpoint], access: Dict[str, object], discovery: bool):
+    encrypted = bool(access)
     locator = listen.locator(link, encrypted)
     settings = {
         "mode": "peer",
         "listen/endpoints": [locator],
-        "connect/endpoints": [p.locator(link, encrypted) for p in peers.values()],
+        "connect/endpoints": [p.locator(link, encrypted) for p in peers],
         "connect/timeout_ms": -1,  # for ever, and in the background
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 2},
-        "scouting/multicast/enabled": False,
+        "scouting/multicast/enabled": discovery,
+        "scouting/multicast/address": f"{_SCOUT_ADDRESS}:{_SCOUT_PORTS[link]}",
         "scouting/gossip/enabled": False,
         "open/return_conditions": {"connect_scouted": False, "declares": False},
         "transport/link/tx/lease": 2000,
@@ -166,10 +173,10 @@ def _open(link: str, name: str, listen: Endpoint, peers: Dict[str, Endpoint], ke
         "transport/unicast/open_timeout": _OPEN_MS,
         "transport/unicast/accept_timeout": _OPEN_MS,
         "transport/shared_memory/enabled": False,
+        **access,
     }
-    if keys is not None:
-        settings["transport/link/tls"] = _tls(keys)
-        settings["access_control"] = _access_list(name, peers)
+    if link == "bulk":
+        settings[f"transport/link/{'tls' if encrypted else 'tcp'}/so_sndbuf"] = _BULK_SEND_BUFFER
     config = zenoh.Config()
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
@@ -177,6 +184,11 @@ def _open(link: str, name: str, listen: Endpoint, peers: Dict[str, Endpoint], ke
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise EndpointError(f"the relay cannot listen on {locator}: {str(error).splitlines()[0]}") from error
+
+
+def _access(name: str, peers: Iterable[str], keys: Optional[Keyring]) -> Dict[str, object]:
+    """Who may say what to whom; without keys (on loopback) nothing is asked."""
+    return {"transport/link/tls": _tls(keys), "access_control": _access_list(name, peers)} if keys is not None else {}
 
 
 def _tls(keys: Keyring) -> Dict[str, object]:
@@ -189,7 +201,7 @@ def _tls(keys: Keyring) -> Dict[str, object]:
     }  # fmt: skip
 
 
-def _access_list(name: str, peers: Dict[str, Endpoint]) -> Dict[str, object]:
+def _access_list(name: str, peers: Iterable[str]) -> Dict[str, object]:
     """Between this machine and the holder of a peer's certificate only what is theirs to say to each other."""
     rules = [
         {"id": f"with-{p}", "messages": list(_MESSAGES), "flows": ["ingress", "egress"], "permission": "allow",

@@ -39,6 +39,10 @@ class FeedWatchdog:
         """A pose went to the autopilot."""
         self._last_s, self._asked_s, self._obeyed = now_s, None, False
 
+    def slept(self, now_s: float, seconds: float) -> None:
+        """Who watches was not let run: what came meanwhile is still to be read, so that is no silence of the feed."""
+        self._last_s = min(now_s, self._last_s + seconds)
+
     def age_s(self, now_s: float) -> float:
         """Age of the newest pose, or of this watchdog where there was none."""
         return now_s - self._last_s

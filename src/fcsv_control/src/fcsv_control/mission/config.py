@@ -24,6 +24,7 @@ class StereoConfiguration:
     baseline_m: float
     tilt_deg: float = 0.0
     record_s: float = 5.0
+    least_pictures: int = 6  # of each vehicle; a slow camera is waited for, up to four times ``record_s``
     name: Optional[str] = None
     vehicle: Optional[str] = None  # who moves; default: the first that is not the reference
 
@@ -34,6 +35,8 @@ class StereoConfiguration:
             raise ValueError(f"baseline_m: {self.baseline_m} must be positive; the axis says the direction")
         if not 0.5 <= self.record_s <= 600:
             raise ValueError(f"record_s: {self.record_s} is not in 0.5..600 s")
+        if not 1 <= self.least_pictures <= 1000:
+            raise ValueError(f"least_pictures: {self.least_pictures} is not in 1..1000")
         if abs(self.tilt_deg) > 30:
             raise ValueError(f"tilt_deg: {self.tilt_deg} is beyond 30 degrees; the pictures would hardly overlap")
         if self.axis == "vertical" and self.tilt_deg:

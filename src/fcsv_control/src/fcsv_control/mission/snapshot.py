@@ -25,6 +25,7 @@ class VehicleView:
     battery_share: float = float("nan")  # 0..1, NaN where unknown
     recorder_age_s: float = _INF
     recorder_problem: str = ""
+    pictures: Optional[int] = None  # recorded so far, None where unknown
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from fcsv_control.mission.snapshot import Snapshot
 
 _FIRST_PICTURE_S = 0.2  # from the recorders' acknowledgement to the first picture that surely is written whole
 _LAST_PICTURE_S = 0.5  # a picture reaches the recorder this much later than its stamp, at most
+_LONGEST = 4.0  # times the wanted recording, where pictures come in slowly
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Standing:
         self._calm_since_s: Optional[float] = None
         self._switched_on: List[Order] = []
         self._start_s: Optional[float] = None
+        self._stop_s: Optional[float] = None
+        self._pictures_before: Dict[str, Optional[int]] = {}
         self._worst_m = 0.0
         self.detail = ""
 
@@ -93,20 +96,31 @@ class Standing:
         """The window opens when every recorder is known to be on; who refuses is asked again."""
         if all(o.done for o in self._switched_on):
             self._start_s = snapshot.now_s + _FIRST_PICTURE_S
+            self._pictures_before = {n: snapshot.vehicles[n].pictures for n in self._places}
         elif all(o.outcome is not None for o in self._switched_on):
             why = "; ".join(o.outcome for o in self._switched_on if o.failed)
             self.detail = f"recorders do not start for {self._configuration.title}: {why}"
             self._switched_on = self._record(snapshot, True)
 
     def _watch(self, snapshot: Snapshot) -> Tuple[str, Optional[CaptureWindow]]:
-        stop_s = self._start_s + self._configuration.record_s
-        if snapshot.now_s <= stop_s:
+        if self._stop_s is None:
             self._worst_m = max(self._worst_m, self._error_m(snapshot))
             self.detail = f"recording {self._configuration.title}"
+            if self._recorded(snapshot):
+                self._stop_s = snapshot.now_s
         if self._worst_m > self._bounds.hold_m and not self._last:  # a gust: this recording does not count
             self.stop(snapshot)
             return "again", None
-        if snapshot.now_s < stop_s + _LAST_PICTURE_S:
+        if self._stop_s is None or snapshot.now_s < self._stop_s + _LAST_PICTURE_S:
             return "", None
         self.stop(snapshot)
-        return "done", CaptureWindow(self._index, self._mover, self._start_s, stop_s, self._worst_m)
+        return "done", CaptureWindow(self._index, self._mover, self._start_s, self._stop_s, self._worst_m)
+
+    def _recorded(self, snapshot: Snapshot) -> bool:
+        """Whether the wanted time is over, and every vehicle whose pictures are counted has enough of them."""
+        lasted_s, wanted_s = snapshot.now_s - self._start_s, self._configuration.record_s
+        if not wanted_s <= lasted_s < _LONGEST * wanted_s:
+            return lasted_s >= wanted_s
+        counted = [(snapshot.vehicles[n].pictures, before) for n, before in self._pictures_before.items()]
+        taken = [now - before for now, before in counted if now is not None and before is not None]
+        return all(n >= self._configuration.least_pictures for n in taken)

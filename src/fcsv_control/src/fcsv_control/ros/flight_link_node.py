@@ -25,6 +25,7 @@ from fcsv_msgs.msg import State, StatusText
 from fcsv_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
 _WATCH_S = 0.05
+_STALL_S = 0.25  # a watch that comes later than this was not let run
 _STATE_PERIOD_S = 1.0
 
 
@@ -49,6 +50,7 @@ class FlightLinkNode:
         self._odom = frames.odom(self._name)
         self._feed = VisionFeed(self._parameters.feed)
         self._watchdog = FeedWatchdog(self._parameters.watchdog, time.monotonic())
+        self._watched_s = time.monotonic()
         self._warned = False
         self._landing: Optional[threading.Thread] = None
         self._published, self._published_s = None, float("-inf")
@@ -116,6 +118,10 @@ class FlightLinkNode:
 
     def _watch(self, _event) -> None:
         now_s, s = time.monotonic(), self._link.state
+        pause_s, self._watched_s = now_s - self._watched_s, now_s
+        if pause_s > _STALL_S:
+            rospy.logwarn("%s: this computer did not let the flight link run for %.2f s", self._name, pause_s)
+            self._watchdog.slept(now_s, pause_s - _WATCH_S)
         verdict = self._watchdog.check(now_s, s.armed, s.mode)
         age = f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
         self._health.problem("feed", f"{self._name}: {age} while flying in {s.mode}" if verdict else "")

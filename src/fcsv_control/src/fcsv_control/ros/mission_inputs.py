@@ -17,7 +17,7 @@ from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_msgs.msg import RecorderStatus, State, TagDetections
 
-_TAG_GAP_S = 1.0
+_TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _NEVER_S = float("-inf")
 
 
@@ -64,6 +64,7 @@ class VehicleInputs:
                 battery_share=self._battery_share,
                 recorder_age_s=now_s - self._recorder_s,
                 recorder_problem=self._recorder.problem,
+                pictures=None if self._recorder_s == _NEVER_S else self._recorder.pictures,
             )
 
     def _on_odometry(self, message: Odometry) -> None:

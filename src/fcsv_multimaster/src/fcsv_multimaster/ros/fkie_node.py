@@ -28,6 +28,7 @@ class FkieParameters:
     listen: str = ""
     peers: str = ""
     keys: str = ""
+    discovery: bool = False
 
 
 class FkieNode:
@@ -42,7 +43,7 @@ class FkieNode:
                 raise RelayError(
                     f"link:=fkie needs the package {package}, which is not installed; use link:=relay"
                 ) from error
-        links, peers = load_links(parameters.links), parse_peers(parameters.peers)
+        links, peers = load_links(parameters.links), parse_peers(parameters.peers, parameters.discovery)
         rospy.set_param("/master_discovery", fkie.discovery(peers))
         rospy.set_param("/master_sync", fkie.sync(parameters.machine, links, peers))
         rospy.logwarn("link:=fkie neither authenticates nor encrypts: anybody on this network can command the vehicles")

@@ -30,13 +30,15 @@ _TF_HZ = 10.0
 
 @dataclass(frozen=True)
 class RelayParameters:
-    """Parameters of the node. ``peers``: NAME=HOST:PORT,...; ``keys``: this machine's folder of the fleet's keys."""
+    """Parameters of the node. ``peers``: NAME=HOST:PORT,..., with ``discovery`` also bare names; ``keys``: this
+    machine's folder of the fleet's keys."""
 
     machine: str
     links: str
     listen: str
     peers: str = ""
     keys: str = ""
+    discovery: bool = False
 
 
 class RelayNode:
@@ -46,7 +48,7 @@ class RelayNode:
         parameters = node.parameters(RelayParameters)
         sys.setswitchinterval(_SWITCH_S)
         self._name = parameters.machine
-        links, peers = load_links(parameters.links), parse_peers(parameters.peers)
+        links, peers = load_links(parameters.links), parse_peers(parameters.peers, parameters.discovery)
         self._encrypted = bool(parameters.keys)
         keys = open_keyring(parameters.keys, self._name) if self._encrypted else None
         self._health = Health(self._name)
@@ -58,6 +60,7 @@ class RelayNode:
         self._exchange = Exchange(
             self._name, links, parse_endpoint(parameters.listen), peers, keys,
             self._on_parcel, self._drop, self._health.problem, self._packer.pack,
+            parameters.discovery,
         )  # fmt: skip
         rospy.on_shutdown(self._exchange.close)
         self._tf: Dict[str, Dict[str, TfOut]] = {
