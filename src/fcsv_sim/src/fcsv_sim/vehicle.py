@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated vehicle: airframe, autopilot, RC receiver and MAVLink link, stepped together in real time."""
+"""Bodies stepped in real time; among them a vehicle: airframe, autopilot, RC receiver and MAVLink link."""
 
 from dataclasses import dataclass, field
 from typing import Tuple
@@ -32,20 +32,16 @@ class VehicleParameters:
     airframe: Airframe = field(default_factory=Airframe)
 
 
-class SimulatedVehicle:
-    """``advance_to`` brings body and autopilot to a time and writes the truth on the way."""
+class SteppedBody:
+    """A body in real time: ``advance_to`` brings it to a time and writes its truth on the way.
 
-    def __init__(self, parameters: VehicleParameters, now_s: float):
-        *position, yaw = parameters.start_xyz_yaw
-        T_world_body = transforms.from_xyz_yaw(position, yaw)
-        seed = parameters.seed * 1000 + parameters.system_id
-        self.body = Quadrotor(parameters.airframe, T_world_body, seed, parameters.wind_mps)
-        self.autopilot = Autopilot(self.body.hover_thrust, seed)
-        self._truth = TruthWriter(parameters.sim_dir, parameters.name)
-        self._rc = RcReceiver(parameters.rc_port)
-        self._server = MavlinkServer(self.autopilot, parameters.companion, parameters.system_id)
+    What it is told to do next, ``_decide`` says once per pass.
+    """
+
+    def __init__(self, body: Quadrotor, truth: TruthWriter, now_s: float):
+        self.body = body
+        self._truth = truth
         self._now_s = now_s
-        self._v_before = np.zeros(3)
         self._command = (0.0, 0.0, 0.0, 0.0)
 
     def advance_to(self, now_s: float, most_passes: int = 20) -> None:
@@ -60,19 +56,11 @@ class SimulatedVehicle:
         for i, state in enumerate(states):
             self._write_truth(self._now_s + (i + 1) * STEP_S, state)
         self._now_s += PASS_S
-        end = states[-1]
-        x, y, z, w = end[6:10]
-        roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        acc = (end[3:6] - self._v_before) / PASS_S
-        self._v_before = end[3:6].copy()
-        frame = self._rc.newest()
-        if frame is not None:
-            self.autopilot.rc_frame(self._now_s, frame)
-        self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, end[12], end[2])
-        self._server.step(self._now_s, (roll, pitch, yaw))
-        self._command = self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, end[5])
+        self._command = self._decide(states[-1])
+
+    def _decide(self, state: np.ndarray):
+        """Roll, pitch (rad), yaw rate (rad/s) and thrust (share) after a state as Quadrotor.advance gives it."""
+        raise NotImplementedError
 
     def _write_truth(self, stamp_s: float, state: np.ndarray) -> None:
         """The pose with the airframe's vibration: camera and tracking camera both feel it."""
@@ -80,6 +68,41 @@ class SimulatedVehicle:
         a, b, c = self.body.vibration(stamp_s, self._command[3]) / 2.0
         q = (x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c)
         self._truth.write_raw(stamp_s, state[0:3], q / np.linalg.norm(q), state[3:6])
+
+
+def yaw_of(state: np.ndarray) -> float:
+    """Heading (rad) of a state."""
+    x, y, z, w = state[6:10]
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+class SimulatedVehicle(SteppedBody):
+    """Airframe and autopilot."""
+
+    def __init__(self, parameters: VehicleParameters, now_s: float):
+        *position, yaw = parameters.start_xyz_yaw
+        T_world_body = transforms.from_xyz_yaw(position, yaw)
+        seed = parameters.seed * 1000 + parameters.system_id
+        body = Quadrotor(parameters.airframe, T_world_body, seed, parameters.wind_mps)
+        super().__init__(body, TruthWriter(parameters.sim_dir, parameters.name), now_s)
+        self.autopilot = Autopilot(self.body.hover_thrust, seed)
+        self._rc = RcReceiver(parameters.rc_port)
+        self._server = MavlinkServer(self.autopilot, parameters.companion, parameters.system_id)
+        self._v_before = np.zeros(3)
+
+    def _decide(self, state: np.ndarray):
+        x, y, z, w = state[6:10]
+        roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+        yaw = yaw_of(state)
+        acc = (state[3:6] - self._v_before) / PASS_S
+        self._v_before = state[3:6].copy()
+        frame = self._rc.newest()
+        if frame is not None:
+            self.autopilot.rc_frame(self._now_s, frame)
+        self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, state[12], state[2])
+        self._server.step(self._now_s, (roll, pitch, yaw))
+        return self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, state[5])
 
     def close(self) -> None:
         self._rc.close()
