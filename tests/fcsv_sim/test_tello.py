@@ -61,9 +61,11 @@ def test_sticks_are_speeds_with_a_limit_and_let_go_after_half_a_second(tmp_path)
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_is_held_at_a_place_with_poses_that_are_late(tmp_path, seed):
-    """Poses 0.25 s late, five a second, as a gimbal on a busy machine gives them: there within 8 s from 2 m. What is left
-    are gusts and the flow sensor's bias over the gain (0.02 m/s over 0.8 per second: 2.5 cm, one sigma and axis):
-    inside the 0.12 m that missions ask of a settled vehicle most of the time, never beyond the 0.2 m of a recording."""
+    """Poses 0.25 s late, five a second, as a gimbal on a busy machine gives them: there within 8 s from 2 m.
+
+    What is left are gusts and the flow sensor's bias over the gain (0.02 m/s over 0.8 per second: 2.5 cm, one sigma and
+    axis): mostly inside the 0.12 m that missions ask of a settled vehicle, never beyond the 0.2 m of a recording.
+    """
     flown = Flown(tmp_path, seed)
     T = flown.take_off()
     target = tf.from_xyz_yaw(T[:3, 3] + [1.2, -1.6, 0.5], 0.3)
