@@ -17,7 +17,8 @@ from fcsv_msgs.msg import RecorderStatus
 
 _GAP_S = 0.4  # between two poses of a hovering vehicle that a picture may fall into
 _KEEP_S = 6.0
-_FRESH_S = 1.0
+_FRESH_S = 0.8  # poses come with gaps; nobody flies by an older one
+_MOST_SIGMA_DEG = 3.0  # a heading that is a guess is no pose
 _SPEED_OVER_S = 0.5
 
 #: A picture, its camera's description, and T_home_cam.
@@ -35,7 +36,6 @@ class PairCamera:
         self._waiting: Deque[Tuple[Image, CameraInfo]] = deque(maxlen=8)
         self._posed: List[Posed] = []
         self._info: Optional[CameraInfo] = None
-        self._sigma_rad = np.inf
         self.pictures = 0
         self._recording = False
         at = f"/{name}/camera/color"
@@ -57,9 +57,9 @@ class PairCamera:
         latest = self.latest()
         return np.inf if latest is None else now_s - latest[0]
 
-    def known(self, now_s: float, most_deg: float = 3.0) -> bool:
-        """Whether there is a pose, fresh and with a heading that is more than a guess."""
-        return self.age_s(now_s) < _FRESH_S and np.degrees(self._sigma_rad) < most_deg
+    def known(self, now_s: float) -> bool:
+        """Whether there is a pose of this moment."""
+        return self.age_s(now_s) < _FRESH_S
 
     def speed_mps(self) -> float:
         """Over the last half second, infinite where poses do not reach back so far."""
@@ -105,11 +105,12 @@ class PairCamera:
         except GeometryError as error:
             rospy.logwarn_throttle(5.0, f"{self.name}: camera_pose: {error}")
             return
+        rotation = np.reshape(message.pose.covariance, (6, 6)).diagonal()[3:]
+        if np.degrees(np.sqrt(rotation.max())) > _MOST_SIGMA_DEG:
+            return
         with self._lock:
             if not self._track.add(message.header.stamp.to_sec(), T_home_cam):
                 return
-            variances = np.reshape(message.pose.covariance, (6, 6)).diagonal()
-            self._sigma_rad = float(np.sqrt(variances[3:].max()))
             self._give_poses()
         self._on_new_pose(self.name, message)
 

@@ -43,7 +43,7 @@ class PairMission:
         self.moved_m = self.flown_s = 0.0
         self._counting, self._next_line_s = False, time.monotonic() + _LINE_S
         self._cameras = {n: PairCamera(n, self._on_pose) for n in vehicles}
-        self._pilots = PairPilots(plan.sim_folder, vehicles, self._cameras)
+        self._pilots = PairPilots(plan.sim_folder, vehicles, self._cameras, site.sway_m)
         self._places = dict.fromkeys(vehicles, T_HOME_CAM_AT_HOME)
         self._set_home = rospy.ServiceProxy("/set_home", SetHome)
 
@@ -170,7 +170,8 @@ class PairMission:
     def _calm(self, name: str) -> bool:
         bounds, camera, latest = self._mission.settle, self._cameras[name], self._cameras[name].latest()
         return (
-            camera.age_s(time.time()) < bounds.pose_age_s
+            camera.known(time.time())
+            and camera.age_s(time.time()) < bounds.pose_age_s
             and self._error_m([name]) < bounds.position_m
             and heading_error_rad(latest[1], self._places[name]) < np.radians(bounds.heading_deg)
             and camera.speed_mps() < bounds.speed_mps

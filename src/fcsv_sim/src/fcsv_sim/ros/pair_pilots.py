@@ -20,7 +20,7 @@ from fcsv_sim.truth import TruthReader
 
 _RATE_HZ = 15.0
 _REACTION_S = 0.3  # a pilot acts on what he saw a moment ago
-_STALE_S = 0.8  # no pose for so long: the pilot holds it where it is, by sight
+_SWAY_PERIOD_S = 8.0
 
 
 class Goal(NamedTuple):
@@ -37,8 +37,8 @@ class PairPilots:
     tracker has lost, which would drift away. No pose and no set-point comes from them.
     """
 
-    def __init__(self, sim_dir, vehicles: Dict[str, VehicleGeometry], cameras: Dict[str, PairCamera]):
-        self._vehicles, self._cameras = vehicles, cameras
+    def __init__(self, sim_dir, vehicles: Dict[str, VehicleGeometry], cameras: Dict[str, PairCamera], sway_m: float):
+        self._vehicles, self._cameras, self._sway_m = vehicles, cameras, sway_m
         self._eyes = {n: TruthReader(sim_dir, n) for n in vehicles}
         self._goals: Dict[str, Optional[Goal]] = dict.fromkeys(vehicles)
         self._held: Dict[str, np.ndarray] = {}  # where a vehicle was when the tracker lost it
@@ -96,11 +96,17 @@ class PairPilots:
         now_s = time.time()
         if goal.by_sight:
             return sticks_to(self._eyes[name].at(now_s - _REACTION_S), goal.T)
-        latest = self._cameras[name].latest()
-        if latest is None or now_s - latest[0] > _STALE_S:
-            seen = self._eyes[name].at(now_s - _REACTION_S)
-            return sticks_to(seen, self._held.setdefault(name, seen))
+        if not self._cameras[name].known(now_s):
+            return self._hold(name, now_s)
         self._held.pop(name, None)
         T_body_cam = self._vehicles[name].T_body_cam
         target = body_set_point(goal.T, np.eye(4), T_body_cam)
-        return sticks_to(latest[1] @ transforms.invert(T_body_cam), target)
+        T_home_cam = self._cameras[name].latest()[1]
+        return sticks_to(T_home_cam @ transforms.invert(T_body_cam), target)
+
+    def _hold(self, name: str, now_s: float):
+        """Where it was lost, swaying about there where that helps the tracker."""
+        seen = self._eyes[name].at(now_s - _REACTION_S)
+        aside_m = self._sway_m * np.sin(2.0 * np.pi * now_s / _SWAY_PERIOD_S)
+        T_held = self._held.setdefault(name, seen)
+        return sticks_to(seen, transforms.transform(T_held[:3, :3], T_held[:3, 3] + [0.0, aside_m, 0.0]))
