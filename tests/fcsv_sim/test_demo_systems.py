@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a demo refuses before it starts anything, and which maps belong to which mission."""
 
+import numpy as np
 import pytest
 
 from fcsv_control.errors import MissionError
 from fcsv_control.mission.config import Mission, StereoConfiguration, load_mission
+from fcsv_geometry import transforms
 from fcsv_sim.demo import demo
+from fcsv_sim.demo.pose_errors import tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, T_WORLD_MOCAP
 from fcsv_sim.ros.mocap_node import MocapNodeParameters
+from fcsv_stereo.truth import Truth
 
 
 def mission(axis, baseline_m, height_m=1.7):
@@ -55,3 +59,20 @@ def test_the_map_of_the_thesis_is_made_where_its_baselines_were_flown(root):
     own = load_mission(root / "config" / "missions" / "mocap.yaml")
     assert [m.folder for m in SYSTEMS["mocap"].maps(own)] == ["map", "map_thesis"]
     assert [m.folder for m in SYSTEMS["mocap"].maps(mission("vertical", 1.0))] == ["map"]
+
+
+def test_errors_of_poses_are_relative_to_the_reference_and_before_refinement(tmp_path):
+    """Two pictures whose poses are told 3 cm and 0.5 degrees wrong in a home that the truth knows nothing of."""
+    T_home_world = transforms.from_xyz_yaw([5.0, -2.0, 1.0], 0.7)
+    true = {"tello1/10.000": np.eye(4), "tello2/11.000": transforms.from_xyz_yaw([0.0, -2.0, 0.0], 0.1)}
+    wrong = transforms.from_xyz_yaw([0.0, 0.03, 0.0], np.radians(0.5))
+    cameras = {("tello1", 10000): true["tello1/10.000"], ("tello2", 11000): true["tello2/11.000"]}
+    told = {n: (T_home_world @ T).tolist() for n, T in true.items()}
+    prior = (T_home_world @ true["tello2/11.000"] @ wrong).tolist()
+    document = {
+        "reference": {"image": "tello1/10.000", "T_home_cam": told["tello1/10.000"]},
+        "images": [{"name": "tello1/10.000", "prior_T_home_cam": told["tello1/10.000"]},
+                   {"name": "tello2/11.000", "prior_T_home_cam": prior, "T_home_cam": told["tello2/11.000"]}],
+    }  # fmt: skip
+    ((away_m, angle_deg),) = tracked_errors(document, Truth(tmp_path, cameras))
+    assert away_m == pytest.approx(0.03) and angle_deg == pytest.approx(0.5)

@@ -17,10 +17,12 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.flights import bringup
+from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, MapRun, System
 from fcsv_sim.demo.truth_export import export_truth
 from fcsv_sim.machines import MachineError
 from fcsv_sim.world.town import WORLDS
+from fcsv_stereo.truth import load_truth
 
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
 
@@ -58,7 +60,7 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     maps = system.maps(load_mission(plan.mission_file)) if method is None else (MapRun(arguments=("--method", method)),)
     for each in maps:
         _map(plan, each, say)
-        _print_table(plan.folder / each.folder)
+        _print_table(plan, plan.folder / each.folder)
     print(f"flown {flight_s:.0f} s, moved {moved_m:.1f} m while configurations were flown")
     return 0
 
@@ -88,10 +90,12 @@ def _map(plan: FleetPlan, each: MapRun, say) -> None:
         raise MachineError(f"the map could not be made from {plan.session_folder} (exit status {status})")
 
 
-def _print_table(out: Path) -> None:
+def _print_table(plan: FleetPlan, out: Path) -> None:
     from fcsv_stereo.table import demo_table
 
-    print("\n" + demo_table(json.loads((out / "report.json").read_text())))
+    document = json.loads((out / "report.json").read_text())
+    print("\n" + demo_table(document))
+    print(errors_in_words(tracked_errors(document, load_truth(plan.session_folder / "truth"))))
     print(f"map:    {out / 'map.ply'}\nreport: {out / 'report.html'}")
 
 
