@@ -6,8 +6,8 @@ import signal
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class Interrupted(Exception):
-    """Ctrl-C, or SIGTERM from whoever started the demo."""
+class Interrupted(BaseException):
+    """Ctrl-C, or SIGTERM from whoever started the demo; as KeyboardInterrupt no Exception, which rospy would swallow."""
 
 
 def listen() -> None:

@@ -15,7 +15,8 @@ from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry import transforms
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.vehicle import VehicleGeometry
-from fcsv_msgs.srv import SetHome
+from fcsv_msgs.msg import Home
+from fcsv_msgs.srv import SetHome, SetHomeResponse
 from fcsv_sim.demo.fleet import FleetPlan, SimulatedPair
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.machines import MachineError
@@ -98,7 +99,7 @@ class PairMission:
         for side in itertools.cycle((1.0, -1.0)):
             if self._site.sway_m:
                 self._line_up(side * self._site.sway_m)
-            answer = self._set_home(self._mission.reference)
+            answer = self._ask_for_home()
             if answer.message != why:
                 why = answer.message
                 self._say(f"    {why}")
@@ -113,6 +114,12 @@ class PairMission:
         for name in self._names:
             if name != self._mission.reference:
                 self._hold(name)
+
+    def _ask_for_home(self) -> SetHomeResponse:
+        try:
+            return self._set_home(self._mission.reference)
+        except rospy.ServiceException as error:  # it is being started again, or too busy to answer
+            return SetHomeResponse(False, f"/set_home: {error}", Home())
 
     def _hold(self, name: str) -> None:
         """Where it is, looking along home's x."""
