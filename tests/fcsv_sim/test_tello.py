@@ -6,7 +6,7 @@ import pytest
 
 from fcsv_geometry import transforms as tf
 from fcsv_sim.tello import MAX_SPEED_MPS, SimulatedTello, TelloParameters
-from fcsv_sim.tello_pilot import sticks_to
+from fcsv_sim.tello_pilot import Hand
 
 START_S = 1000.0
 
@@ -63,21 +63,21 @@ def test_sticks_are_speeds_with_a_limit_and_let_go_after_half_a_second(tmp_path)
 def test_is_held_at_a_place_with_poses_that_are_late(tmp_path, seed):
     """Poses 0.25 s late, five a second, as a gimbal on a busy machine gives them: there within 8 s from 2 m.
 
-    What is left are gusts and the flow sensor's bias over the gain (0.02 m/s over 0.8 per second: 2.5 cm, one sigma and
-    axis): mostly inside the 0.12 m that missions ask of a settled vehicle, never beyond the 0.2 m of a recording.
+    What is left are gusts (0.2 m/s, taken out within a second by its own hold): in the 0.12 m that missions ask of a
+    settled vehicle nearly always, never beyond the 0.2 m of a recording.
     """
     flown = Flown(tmp_path, seed)
     T = flown.take_off()
     target = tf.from_xyz_yaw(T[:3, 3] + [1.2, -1.6, 0.5], 0.3)
-    past = [(flown.now_s, T)]
+    past, hand = [(flown.now_s, T)], Hand()
 
     def sticks(now_s):
         late = [T for t, T in past if t < now_s - 0.25]
-        return sticks_to(late[-1], target) if late else (np.zeros(3), 0.0)
+        return hand.sticks(0.2, late[-1], target) if late else (np.zeros(3), 0.0)
 
     errors = []
     for T in flown.fly(16.0, sticks, every=20):
         past.append((flown.now_s, T))
         errors.append(np.linalg.norm(T[:3, 3] - target[:3, 3]))
-    assert np.percentile(errors[800:], 75) < 0.12 and max(errors[800:]) < 0.2
+    assert np.percentile(errors[800:], 95) < 0.12 and max(errors[800:]) < 0.2
     assert abs(tf.yaw(past[-1][1]) - 0.3) < np.radians(3.0)

@@ -7,7 +7,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupted(BaseException):
-    """Ctrl-C, or SIGTERM from whoever started the demo; as KeyboardInterrupt no Exception, which rospy would swallow."""
+    """Ctrl-C, or SIGTERM from whoever started the demo; no Exception, since rospy would swallow it."""
 
 
 def listen() -> None:

@@ -15,7 +15,7 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_msgs.msg import State
 from fcsv_sim.ros.pair_cameras import PairCamera
-from fcsv_sim.tello_pilot import sticks_to
+from fcsv_sim.tello_pilot import Hand, sticks_to
 from fcsv_sim.truth import TruthReader
 
 _RATE_HZ = 15.0
@@ -41,6 +41,7 @@ class PairPilots:
         self._vehicles, self._cameras, self._sway_m = vehicles, cameras, sway_m
         self._eyes = {n: TruthReader(sim_dir, n) for n in vehicles}
         self._goals: Dict[str, Optional[Goal]] = dict.fromkeys(vehicles)
+        self._hands_on = {n: Hand() for n in vehicles}
         self._held: Dict[str, np.ndarray] = {}  # where a vehicle was when the tracker lost it
         self.states: Dict[str, State] = {}
         self._sticks = {n: rospy.Publisher(f"/{n}/tello/cmd_vel", Twist, queue_size=1) for n in vehicles}
@@ -102,7 +103,7 @@ class PairPilots:
         T_body_cam = self._vehicles[name].T_body_cam
         target = body_set_point(goal.T, np.eye(4), T_body_cam)
         T_home_cam = self._cameras[name].latest()[1]
-        return sticks_to(T_home_cam @ transforms.invert(T_body_cam), target)
+        return self._hands_on[name].sticks(1.0 / _RATE_HZ, T_home_cam @ transforms.invert(T_body_cam), target)
 
     def _hold(self, name: str, now_s: float):
         """Where it was lost, swaying about there where that helps the tracker."""
