@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # Thin on purpose: each target is a script's name. See README.md.
-MISSION ?= short
+SYSTEM ?=
+MISSION ?=
 SEED ?= 1
 WORLD ?= street
 RVIZ ?=
 LIVE ?=
-export MISSION SEED WORLD RVIZ LIVE
+export SYSTEM MISSION SEED WORLD RVIZ LIVE
 
 .PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link study
 setup build:

@@ -134,6 +134,15 @@ class TestTrajectory:
         track.add(2.0, np.eye(4))
         with pytest.raises(PoseUnavailable, match="silent"):
             track.at(1.0)
+        with pytest.raises(PoseUnavailable, match="silent"):
+            track.at(2.0 - 1e-6)
+
+    def test_a_stamp_that_has_a_pose_of_its_own_is_in_no_silence(self):
+        track = self.trajectory()
+        T = transforms.from_xyz_yaw([1.0, 2.0, 3.0], 0.4)
+        track.add(2.0, T)
+        track.add(3.0, np.eye(4))
+        assert (track.at(2.0) == T).all() and (track.at(3.0) == np.eye(4)).all()
 
     def test_stamps_that_go_back_are_refused(self):
         track = self.trajectory()

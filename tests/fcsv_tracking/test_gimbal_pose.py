@@ -9,8 +9,10 @@ from gimbal_scene import CAMERA, GIMBAL, body, seen, sides
 from scipy.stats import chi2
 
 from fcsv_geometry import transforms as tf
+from fcsv_sim.gimbal_camera import GimbalCamera, GimbalCameraParameters
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.pose import PoseRules, projection_jacobian, see_body
+from fcsv_tracking.tags import TagDetector
 
 NOISE_PX = 0.12
 RULES = PoseRules(corner_px=NOISE_PX, tag_m=1e-6, tag_deg=1e-4)
@@ -164,3 +166,27 @@ def test_no_tag_of_the_body():
 def test_rules_out_of_range_are_named(field):
     with pytest.raises(ValueError, match=field):
         PoseRules(**{field: 0.0})
+
+
+def test_a_tag_seen_nearly_edge_on_does_not_spoil_the_others():
+    """12 rendered pictures of a hovering body whose back tag faces the gimbal and whose side tag is seen at about 75
+    degrees: its corners are a pixel and more off (measured), ten times what the rules take a corner for. With it the
+    tags contradict each other; the pose comes from the good one, along to 1 cm (one tag of 100 px: 0.03 % of 3 m is
+    1 mm, and half a millimetre of the tag's place)."""
+    random, poses = np.random.default_rng(7), []
+    tags = sides()
+    camera = GimbalCamera(tags, GimbalCameraParameters(), 1001)
+    detector = TagDetector({t.id: t.size_m for t in tags}, 2.0)
+    beside = 0
+    for _ in range(12):
+        T = tf.from_xyz_rpy(np.array([2.6, 1.0, 1.7]) + random.normal(0.0, 0.05, 3), random.normal(0.0, 0.015, 3))
+        T_ground_cam = camera_at(T)
+        gray = camera.shoot(0.0, lambda _t, T=T_ground_cam: T, lambda _t, T=T: T)
+        found = detector.detect(gray, camera.model)
+        if not found:
+            continue  # the clutter behind it
+        beside += len(found) > 1
+        R_prior = (tf.invert(T_ground_cam) @ T)[:3, :3]
+        sight = see_body(found, {t.id: t for t in tags}, camera.model.fx, PoseRules(), R_prior)
+        poses.append(np.linalg.norm((T_ground_cam @ sight.T_cam_body - T)[:3, 3]))
+    assert beside >= 2 and len(poses) >= 10 and max(poses) < 0.01

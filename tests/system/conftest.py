@@ -2,7 +2,7 @@
 """One flight that several tests look at."""
 
 import pytest
-from flights import FLIGHT_LIMIT_S, said, start_demo
+from demos import FLIGHT_LIMIT_S, said, start_demo
 
 
 @pytest.fixture(scope="session")

@@ -4,28 +4,15 @@
 import json
 import re
 import signal
-import socket
 import subprocess
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from flights import FLIGHT_LIMIT_S, said, start_demo, wait_for
+from demos import FLIGHT_LIMIT_S, left_behind, said, start_demo, wait_for
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(900)]
-
-
-def left_behind(out: Path):
-    """Processes and masters of this demo that still live."""
-    processes = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
-    mine = [line for line in processes.splitlines() if str(out) in line and "pytest" not in line]
-    for machine in json.loads((out / "run" / "fleet.json").read_text()).values():
-        port = int(machine["ROS_MASTER_URI"].rsplit(":", 1)[1])
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                mine.append(f"a master on port {port}")
-    return mine
 
 
 def bag_topics(path: Path):

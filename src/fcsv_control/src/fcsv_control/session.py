@@ -4,6 +4,7 @@
 import dataclasses
 import os
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
@@ -55,6 +56,11 @@ def new_session(mission: Mission, vehicles: List[str], created: str, seed: Optio
     bags = {name: f"{name}.bag" for name in [*vehicles, "control"]}
     simulation = None if seed is None else Simulation(seed)
     return Session(created, mission.reference, list(vehicles), bags, mission, simulation)
+
+
+def utc_now() -> str:
+    """What ``created`` says of a flight that begins now."""
+    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def save_session(folder, session: Session) -> Path:

@@ -49,7 +49,8 @@ class Trajectory:
         return True
 
     def at(self, stamp_s: float) -> np.ndarray:
-        """T_a_b at a stamp (s). Raises PoseUnavailable beyond the ends or inside too long a silence."""
+        """T_a_b at a stamp (s). Raises PoseUnavailable beyond the ends or inside too long a silence; a pose's own stamp
+        is in none."""
         first_s, last_s = self.span_s
         if stamp_s < first_s:
             raise PoseUnavailable(f"stamp is {first_s - stamp_s:.3f} s before the first pose")
@@ -63,6 +64,9 @@ class Trajectory:
         if len(self) == 1:
             return self._poses[0]
         before_s, after_s = self._stamps_s[index : index + 2]
+        for k, own_s in ((index, before_s), (index + 1, after_s)):
+            if stamp_s == own_s:
+                return self._poses[k]
         if after_s - before_s > self._gap_s:
             raise PoseUnavailable(f"poses are silent for {after_s - before_s:.3f} s around the stamp")
         alpha = (stamp_s - before_s) / (after_s - before_s)

@@ -102,6 +102,4 @@ def _small_rotation(r: np.ndarray) -> np.ndarray:
     """Rotation of a vector of at most a few thousandths of a radian, to second order (orthonormal to 1e-9)."""
     x, y, z = r.tolist()
     xx, yy, zz, xy, xz, yz = x * x / 2, y * y / 2, z * z / 2, x * y / 2, x * z / 2, y * z / 2
-    return np.array(
-        [[1.0 - yy - zz, xy - z, xz + y], [xy + z, 1.0 - xx - zz, yz - x], [xz - y, yz + x, 1.0 - xx - yy]]
-    )
+    return np.array([[1.0 - yy - zz, xy - z, xz + y], [xy + z, 1.0 - xx - zz, yz - x], [xz - y, yz + x, 1.0 - xx - yy]])

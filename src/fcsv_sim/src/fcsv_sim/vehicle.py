@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated vehicle: airframe, autopilot, RC receiver and MAVLink link, stepped together in real time."""
+"""Bodies stepped in real time; among them a vehicle: airframe, autopilot, RC receiver and MAVLink link."""
 
 import math
 from dataclasses import dataclass, field
@@ -33,20 +33,16 @@ class VehicleParameters:
     airframe: Airframe = field(default_factory=Airframe)
 
 
-class SimulatedVehicle:
-    """``advance_to`` brings body and autopilot to a time and writes the truth on the way."""
+class SteppedBody:
+    """A body in real time: ``advance_to`` brings it to a time and writes its truth on the way.
 
-    def __init__(self, parameters: VehicleParameters, now_s: float):
-        *position, yaw = parameters.start_xyz_yaw
-        T_world_body = transforms.from_xyz_yaw(position, yaw)
-        seed = parameters.seed * 1000 + parameters.system_id
-        self.body = Quadrotor(parameters.airframe, T_world_body, seed, parameters.wind_mps)
-        self.autopilot = Autopilot(self.body.hover_thrust, seed)
-        self._truth = TruthWriter(parameters.sim_dir, parameters.name)
-        self._rc = RcReceiver(parameters.rc_port)
-        self._server = MavlinkServer(self.autopilot, parameters.companion, parameters.system_id)
+    What it is told to do next, ``_decide`` says once per pass.
+    """
+
+    def __init__(self, body: Quadrotor, truth: TruthWriter, now_s: float):
+        self.body = body
+        self._truth = truth
         self._now_s = now_s
-        self._v_before = np.zeros(3)
         self._command = (0.0, 0.0, 0.0, 0.0)
 
     @property
@@ -65,19 +61,46 @@ class SimulatedVehicle:
         states = self.body.advance(self._command, _SUBSTEPS)
         self._truth.write_records(self.body.felt(states, self._now_s, self._command[3]))
         self._now_s += PASS_S
-        end = states[-1]
-        x, y, z, w = end[6:10].tolist()
+        self._command = self._decide(states[-1])
+
+    def _decide(self, state: np.ndarray):
+        """Roll, pitch (rad), yaw rate (rad/s) and thrust (share) after a state as Quadrotor.advance gives it."""
+        raise NotImplementedError
+
+
+def yaw_of(state: np.ndarray) -> float:
+    """Heading (rad) of a state."""
+    x, y, z, w = state[6:10].tolist()
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+class SimulatedVehicle(SteppedBody):
+    """Airframe and autopilot."""
+
+    def __init__(self, parameters: VehicleParameters, now_s: float):
+        *position, yaw = parameters.start_xyz_yaw
+        T_world_body = transforms.from_xyz_yaw(position, yaw)
+        seed = parameters.seed * 1000 + parameters.system_id
+        body = Quadrotor(parameters.airframe, T_world_body, seed, parameters.wind_mps)
+        super().__init__(body, TruthWriter(parameters.sim_dir, parameters.name), now_s)
+        self.autopilot = Autopilot(self.body.hover_thrust, seed)
+        self._rc = RcReceiver(parameters.rc_port)
+        self._server = MavlinkServer(self.autopilot, parameters.companion, parameters.system_id)
+        self._v_before = np.zeros(3)
+
+    def _decide(self, state: np.ndarray):
+        x, y, z, w = state[6:10].tolist()
         roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
         pitch = math.asin(min(1.0, max(-1.0, 2 * (w * y - z * x))))
-        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        acc = (end[3:6] - self._v_before) / PASS_S
-        self._v_before = end[3:6].copy()
+        yaw = yaw_of(state)
+        acc = (state[3:6] - self._v_before) / PASS_S
+        self._v_before = state[3:6].copy()
         frame = self._rc.newest()
         if frame is not None:
             self.autopilot.rc_frame(self._now_s, frame)
-        self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, end[12], end[2])
+        self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, state[12], state[2])
         self._server.step(self._now_s, (roll, pitch, yaw))
-        self._command = self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, end[5])
+        return self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, state[5])
 
     def close(self) -> None:
         self._rc.close()

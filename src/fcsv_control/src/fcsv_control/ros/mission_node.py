@@ -11,7 +11,7 @@ import numpy as np
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
 
-from fcsv_control.mission.config import load_mission
+from fcsv_control.mission.config import Mission, load_mission
 from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot
@@ -180,22 +180,24 @@ class MissionNode:
             )
         )
         for window in m.captures[self._published_captures :]:
-            self._captures.publish(self._capture(window, now_s))
+            self._captures.publish(capture_message(self._mission, window, now_s))
         self._published_captures = len(m.captures)
 
-    def _capture(self, window: CaptureWindow, now_s: float) -> Capture:
-        c = self._mission.configurations[window.index]
-        axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
-        return Capture(
-            header=conversions.header(now_s, ""),
-            index=window.index,
-            configuration=Configuration(c.title, axis, c.baseline_m, c.tilt_rad, c.record_s),
-            reference=self._mission.reference,
-            vehicle=window.vehicle,
-            start=rospy.Time.from_sec(window.start_s),
-            stop=rospy.Time.from_sec(window.stop_s),
-            position_error_m=window.position_error_m,
-        )
+
+def capture_message(mission: Mission, window: CaptureWindow, now_s: float) -> Capture:
+    """What /mission/capture says of a recording window."""
+    c = mission.configurations[window.index]
+    axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
+    return Capture(
+        header=conversions.header(now_s, ""),
+        index=window.index,
+        configuration=Configuration(c.title, axis, c.baseline_m, c.tilt_rad, c.record_s),
+        reference=mission.reference,
+        vehicle=window.vehicle,
+        start=rospy.Time.from_sec(window.start_s),
+        stop=rospy.Time.from_sec(window.stop_s),
+        position_error_m=window.position_error_m,
+    )
 
 
 def main() -> int:

@@ -2,7 +2,6 @@
 """Records a machine's part of a session to a local bag; a radio that fails costs nothing."""
 
 import shutil
-from datetime import datetime, timezone
 from pathlib import Path
 
 import rospy
@@ -12,7 +11,7 @@ from fcsv_control.errors import SessionError
 from fcsv_control.mission.config import load_mission
 from fcsv_control.recording import RecorderParameters, keep_earlier, plan
 from fcsv_control.ros.bag_writer import BagWriter
-from fcsv_control.session import FILE, new_session, save_session
+from fcsv_control.session import FILE, new_session, save_session, utc_now
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RecorderStatus
@@ -42,8 +41,7 @@ class RecorderNode:
 
     def _describe_session(self) -> None:
         p = self._parameters
-        created = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
-        session = new_session(load_mission(p.mission), p.vehicles, created, p.seed)
+        session = new_session(load_mission(p.mission), p.vehicles, utc_now(), p.seed)
         keep_earlier(self._folder / FILE)
         rospy.loginfo("%s written", save_session(self._folder, session))
 

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated fleet: one machine per vehicle and the control PC, on the launch files that real ones use."""
+"""Simulated machines and what is launched on them, on the launch files that real ones use: a fleet of one machine per
+vehicle and the control PC, or a pair of Tellos before a tracker, all on one."""
 
 import json
 import socket
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Tuple
+from typing import Dict, List, Sequence, Tuple
 
-from fcsv_sim.machines import Machine, Process, free_port
+from fcsv_control.mission.config import load_mission
+from fcsv_sim.demo.site import PairSite
+from fcsv_sim.machines import Machine, MachineError, Process, free_port
 
 CONTROL = "control"
 
@@ -42,17 +45,14 @@ class FleetPlan:
         return [-index * self.column_spacing_m, 0.0, 0.0, 0.0]
 
 
-class SimulatedFleet:
-    """Starts and stops all machines of a plan; ports are free ones, so that fleets run side by side."""
+class Machines:
+    """Starts and stops all machines of a plan; ports are free ones, so that demos run side by side."""
 
-    def __init__(self, plan: FleetPlan):
+    def __init__(self, plan: FleetPlan, names: Sequence[str]):
         self.plan = plan
         for folder in (plan.sim_folder, plan.session_folder):
             folder.mkdir(parents=True, exist_ok=True)
-        self.machines: Dict[str, Machine] = {n: Machine(n, plan.run_folder) for n in (*plan.vehicles, CONTROL)}
-        self._endpoints = {n: f"127.0.0.1:{free_port()}/{free_port()}" for n in self.machines}
-        self._mavlink_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
-        self._rc_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
+        self.machines: Dict[str, Machine] = {n: Machine(n, plan.run_folder) for n in names}
         self.launches: Dict[str, Process] = {}
 
     @property
@@ -60,15 +60,14 @@ class SimulatedFleet:
         return self.machines[CONTROL]
 
     def start(self) -> None:
-        """Masters first, then every machine's one launch file. Raises MachineError."""
+        """Masters first, then the launch files. Raises MachineError."""
         for machine in self.machines.values():
             machine.start_master()
         self._write_description()
-        for index, vehicle in enumerate(self.plan.vehicles):
-            self.launches[vehicle] = self.machines[vehicle].launch(
-                "fcsv_bringup", "uav.launch", **self._vehicle_args(vehicle, index)
-            )
-        self.launches[CONTROL] = self.control.launch("fcsv_bringup", "control.launch", **self._control_args())
+        self._launch()
+
+    def _launch(self) -> None:
+        raise NotImplementedError
 
     def stop(self) -> None:
         """Interrupt every launch, then end the masters; recorders close their bags on the way."""
@@ -78,8 +77,59 @@ class SimulatedFleet:
             machine.stop()
 
     def dead_launches(self) -> List[str]:
-        """Machines whose launch has ended by itself."""
+        """Those whose launch has ended by itself."""
         return [name for name, process in self.launches.items() if process.returncode is not None]
+
+    def require_alive(self) -> None:
+        """Raises MachineError with the end of the log of a launch that ended by itself."""
+        for name in self.dead_launches():
+            raise MachineError(f"{name} stopped by itself: {self.launches[name].log}\n{self.launches[name].tail(5)}")
+
+    def _write_description(self) -> None:
+        """run/fleet.json: how to attach a tool to a machine while it runs (export its ROS_MASTER_URI)."""
+        description = {n: {"ROS_MASTER_URI": m.master_uri, "folder": str(m.folder)} for n, m in self.machines.items()}
+        (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
+
+
+class SimulatedPair(Machines):
+    """Tellos, their cameras and the tracker of a site, on one machine (thesis 4 and 5: one PC, Wi-Fi)."""
+
+    def __init__(self, plan: FleetPlan, site: PairSite):
+        super().__init__(plan, [CONTROL])
+        self._site = site
+
+    def _launch(self) -> None:
+        plan = self.plan
+        common = {"sim_dir": plan.sim_folder, "vehicles": ",".join(plan.vehicles)}
+        starts = self._site.starts(load_mission(plan.mission_file), plan.vehicles)
+        for number, vehicle in enumerate(plan.vehicles):
+            arguments = {**common, "uav": vehicle, "seed": 10 * plan.seed + number, "world_seed": plan.seed}
+            arguments.update(world=plan.world, start=",".join(map(str, starts[vehicle])))
+            self.launches[vehicle] = self.control.launch("fcsv_bringup", "sim_tello.launch", **arguments)
+
+    def launch_tracker(self) -> None:
+        """Once the vehicles hover before it: gimbals that begin to search earlier are long elsewhere by then."""
+        plan = self.plan
+        arguments = {"sim_dir": plan.sim_folder, "vehicles": ",".join(plan.vehicles), "seed": plan.seed, "sim": True}
+        arguments.update(rviz=plan.rviz, **self._site.launch_args)
+        self.launches["tracker"] = self.control.launch("fcsv_bringup", self._site.launch_file, **arguments)
+
+
+class SimulatedFleet(Machines):
+    """A machine per vehicle and the control PC."""
+
+    def __init__(self, plan: FleetPlan):
+        super().__init__(plan, (*plan.vehicles, CONTROL))
+        self._endpoints = {n: f"127.0.0.1:{free_port()}/{free_port()}" for n in self.machines}
+        self._mavlink_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
+        self._rc_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
+
+    def _launch(self) -> None:
+        for index, vehicle in enumerate(self.plan.vehicles):
+            self.launches[vehicle] = self.machines[vehicle].launch(
+                "fcsv_bringup", "uav.launch", **self._vehicle_args(vehicle, index)
+            )
+        self.launches[CONTROL] = self.control.launch("fcsv_bringup", "control.launch", **self._control_args())
 
     def _common_args(self, name: str) -> Dict[str, object]:
         return {
@@ -111,8 +161,3 @@ class SimulatedFleet:
             "rviz": self.plan.rviz,
             "live": self.plan.live,
         }
-
-    def _write_description(self) -> None:
-        """run/fleet.json: how to attach a tool to a machine while it runs (export its ROS_MASTER_URI)."""
-        description = {n: {"ROS_MASTER_URI": m.master_uri, "folder": str(m.folder)} for n, m in self.machines.items()}
-        (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))

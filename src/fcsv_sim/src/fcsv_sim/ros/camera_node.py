@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated colour camera under realsense2_camera's topic and frame names."""
 
+import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List
+from typing import List, Optional
 
 import cv2
 import rospy
@@ -46,10 +47,14 @@ class CameraNodeParameters:
     rate_hz: float = 6.0
     samples: int = 3
     preview_samples: int = 1
+    preview_rate_hz: Optional[float] = None  # while the recorder takes no pictures; none: as always
+    camera: CameraParameters = field(default_factory=CameraParameters)
 
     def __post_init__(self):
         if self.rate_hz <= 0:
             raise ValueError(f"rate_hz: {self.rate_hz} must be positive")
+        if self.preview_rate_hz is not None and self.preview_rate_hz <= 0:
+            raise ValueError(f"preview_rate_hz: {self.preview_rate_hz} must be positive")
         require_samples(self.samples)
         require_samples(self.preview_samples)
 
@@ -66,28 +71,34 @@ class CameraNode:
         cv2.setNumThreads(1)  # the machine is shared with everything that flies
         renderer = Renderer(Town.generate(parameters.seed, parameters.world))
         seed = parameters.seed * 1000 + geometries[name].system_id
-        self._camera = SimulatedCamera(renderer, geometries[name].T_body_cam, CameraParameters(), seed)
+        self._camera = SimulatedCamera(renderer, geometries[name].T_body_cam, parameters.camera, seed)
         self._frame = f"{name}/camera_color_optical_frame"
         self._notes = self._open_notes()
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)
         self._infos = rospy.Publisher("camera/color/camera_info", CameraInfo, queue_size=2)
         self._samples = parameters.samples
+        self._rate_hz, self._rate_changed = parameters.rate_hz, threading.Event()
         self._catch_up = 0
         rospy.Subscriber("recorder/status", RecorderStatus, self._on_recorder, queue_size=1)
 
     def _on_recorder(self, message: RecorderStatus) -> None:
-        self._samples = self._parameters.samples if message.pictures_on else self._parameters.preview_samples
+        p = self._parameters
+        self._samples = p.samples if message.pictures_on else p.preview_samples
+        rate_hz = p.rate_hz if message.pictures_on else p.preview_rate_hz or p.rate_hz
+        if rate_hz != self._rate_hz:
+            self._rate_hz = rate_hz
+            self._rate_changed.set()
 
     def spin(self) -> None:
         """Take pictures at the wished rate, or as fast as it goes."""
-        period_s = 1.0 / self._parameters.rate_hz
         due_s = time.time()
         while not rospy.is_shutdown():
             now_s = time.time()
-            if now_s < due_s:
-                time.sleep(due_s - now_s)
-            started_s = time.time()
+            if now_s < due_s and self._rate_changed.wait(due_s - now_s):
+                self._rate_changed.clear()
+                due_s = time.time()
+            period_s, started_s = 1.0 / self._rate_hz, time.time()
             late = (started_s - due_s) / period_s
             due_s = max(due_s + (max(0, int(late)) + 1) * period_s, started_s + _LEAST_GAP * period_s)
             self._catch_up = _CATCH_UP if late > _LATE else max(0, self._catch_up - 1)

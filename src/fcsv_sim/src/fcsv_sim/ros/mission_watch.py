@@ -12,14 +12,20 @@ from std_srvs.srv import Trigger
 
 from fcsv_msgs.msg import Capture, MapState, MissionState, RecorderStatus, State, StatusText
 from fcsv_sim.machines import Machine
+from fcsv_sim.movement import Movement
+
+
+def attach(control: Machine) -> None:
+    """Make this process a node on a machine's master (once: rospy knows one master a process)."""
+    os.environ.update({k: v for k, v in control.env.items() if k.startswith("ROS_")})
+    rospy.init_node("demo", anonymous=True, disable_signals=True)
 
 
 class MissionWatch:
     """Follows one mission on the control PC's master; ``say`` is called with each new line."""
 
     def __init__(self, control: Machine, vehicles: Iterable[str], say: Callable[[str], None]):
-        os.environ.update({k: v for k, v in control.env.items() if k.startswith("ROS_")})
-        rospy.init_node("demo", anonymous=True, disable_signals=True)
+        attach(control)
         self._say = say
         self._lock = threading.Lock()
         self._line = ""
@@ -29,7 +35,7 @@ class MissionWatch:
         self.moved_m: Dict[str, float] = dict.fromkeys(vehicles, 0.0)
         self.states: Dict[str, State] = {}
         self.recorders: Dict[str, RecorderStatus] = {}
-        self._positions: Dict[str, tuple] = {}
+        self._movements: Dict[str, Movement] = {v: Movement() for v in self.moved_m}
         self._armed_at: Optional[float] = None
         self.flown_s = 0.0
         self._abort = rospy.ServiceProxy("/mission/abort", Trigger)
@@ -67,7 +73,8 @@ class MissionWatch:
         """One line with every vehicle's mode, height and pictures."""
         words = []
         for vehicle, state in sorted(self.states.items()):
-            height = self._positions.get(vehicle, (0, 0, float("nan")))[2]
+            place = self._movements[vehicle].place_m
+            height = float("nan") if place is None else place[2]
             pictures = getattr(self.recorders.get(vehicle), "pictures", 0)
             words.append(
                 f"{vehicle} {state.mode}{'' if state.armed else ' disarmed'} {height:4.1f} m, {pictures} pictures"
@@ -117,15 +124,9 @@ class MissionWatch:
     def _on_pose(self, message: PoseStamped, vehicle: str) -> None:
         """Distance moved while configurations are flown: what the thesis counts as movement."""
         p = message.pose.position
-        before = self._positions.get(vehicle)
-        if before is None:
-            self._positions[vehicle] = (p.x, p.y, p.z)
-            return
-        step_m = sum((a - b) ** 2 for a, b in zip((p.x, p.y, p.z), before)) ** 0.5
-        if step_m > 0.1:  # hovering about a point is not movement
-            self._positions[vehicle] = (p.x, p.y, p.z)
-            if self.phase == MissionState.CONFIGURATIONS:
-                self.moved_m[vehicle] += step_m
+        step_m = self._movements[vehicle].add((p.x, p.y, p.z))
+        if self.phase == MissionState.CONFIGURATIONS:
+            self.moved_m[vehicle] += step_m
 
     def _on_recorder(self, message: RecorderStatus, vehicle: str) -> None:
         self.recorders[vehicle] = message

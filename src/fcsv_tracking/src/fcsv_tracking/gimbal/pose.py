@@ -33,6 +33,9 @@ class PoseRules:
     tag_deg: float = 0.3
     ambiguous: float = 12.0  # a second pose that fits worse by less than this (squared sigmas) may be the true one
     prior_deg: float = 20.0  # the true one is so near to the last known attitude, the other is not
+    flattest: float = (
+        0.28  # a tag seen more flatly (cosine to its face) has corners that are off by a pixel, not by that
+    )
     misfit: float = 8.0  # standard deviations above what noise does: tags that contradict each other
 
     def __post_init__(self):
@@ -111,6 +114,7 @@ def see_body(
     own = [o for o in observations if o.id in tags]
     if not own:
         raise SampleRejected("no tag", "no tag of the body in the picture")
+    own = [o for o in own if _flatness(o) >= rules.flattest] or own
     model = _Model(own, tags, float(np.hypot(rules.corner_px, rules.blur_share * blur_px)) / focal_px, rules)
     fits = _fits(model, own, tags)
     free = 8 * len(own) - 6
@@ -122,6 +126,16 @@ def see_body(
         )
     best = _chosen(fits, rules, R_cam_body_prior)
     return BodySight(best.T, best.covariance, best.rms * focal_px, tuple(o.id for o in own))
+
+
+def _flatness(o: TagObservation) -> float:
+    """How a tag is seen: one face on, nought edge on; the cosine of the angle between, but for the perspective.
+
+    Ratio of the singular values of the map from the tag's plane to the picture.
+    """
+    a, b, c, d = o.corners_normalized
+    values = np.linalg.svd(np.stack([b - a + c - d, d - a + c - b]), compute_uv=False)
+    return float(values[1] / values[0])
 
 
 def _fits(model: _Model, own: Sequence[TagObservation], tags: Mapping[int, BodyTag]) -> List[_Fit]:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tracking knows, for rviz: three-sigma ellipsoids of the cameras, and the calibration's residuals per link."""
+"""What tracking knows, for rviz: three-sigma ellipsoids of the cameras, the calibration's residuals per link, and what
+cameras, gimbals and mocap see."""
 
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion, Vector3
@@ -9,11 +10,13 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from fcsv_geometry import frames, transforms
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Calibration, CalibrationLink
 
 _SIGMAS = 3.0
 _LEAST_M = 0.01  # a smaller ellipsoid cannot be seen
+_GIMBAL_REACH_M, _MOCAP_REACH_M = 4.0, 7.0  # tags of 8 cm (thesis 4.2), markers of a V120 Duo
 _GOOD_YAW_DEG, _POOR_YAW_DEG = 0.2, 0.6
 
 
@@ -37,6 +40,38 @@ def ellipsoid(number: int, name: str, pose: PoseWithCovarianceStamped) -> Marker
     marker.pose = Pose(pose.pose.pose.position, q)
     lengths = np.maximum(2.0 * _SIGMAS * np.sqrt(np.maximum(variances, 0.0)), _LEAST_M)
     marker.scale = Vector3(*lengths)
+    return marker
+
+
+def view(namespace: str, number: int, frame: str, tangents: Tuple[float, float], reach_m: float, color) -> Marker:
+    """A pyramid of lines that rviz keeps locked to an optical frame: what is seen up to ``reach_m`` along its z.
+
+    ``tangents`` of half the field of view, across and down.
+    """
+    marker = _marker(namespace, number, Marker.LINE_LIST, color)
+    marker.header.frame_id, marker.frame_locked, marker.scale.x = frame, True, 0.03
+    w, h = tangents
+    corners = [np.array([sx * w, sy * h, 1.0]) * reach_m for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    for a, b in zip(corners, corners[1:] + corners[:1]):
+        marker.points += [Point(0, 0, 0), Point(*a), Point(*a), Point(*b)]
+    return marker
+
+
+def gimbal_views(cameras: Dict[str, PinholeCamera]) -> List[Marker]:
+    """What the gimbals' cameras see, by the vehicle that each follows."""
+    views = []
+    for k, (name, c) in enumerate(sorted(cameras.items())):
+        tangents = (0.5 * c.width / c.fx, 0.5 * c.height / c.fy)
+        color = ColorRGBA(0.4, 0.9, 0.9, 0.8)
+        views.append(view("gimbal views", k, frames.gimbal_optical(name), tangents, _GIMBAL_REACH_M, color))
+    return views
+
+
+def mocap_view(frame: str, fov_deg: Tuple[float, float]) -> Marker:
+    """What a mocap sees; its frame has x out of the lenses."""
+    tangents = (float(np.tan(np.radians(fov_deg[0] / 2))), float(np.tan(np.radians(fov_deg[1] / 2))))
+    marker = view("mocap view", 0, frame, tangents, _MOCAP_REACH_M, ColorRGBA(0.9, 0.5, 0.9, 0.8))
+    marker.pose = conversions.transform_to_pose(transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3)))
     return marker
 
 

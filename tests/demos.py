@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Demos as tests start them, and what they said."""
+"""A demo as a process of its own: what it says, and what it leaves behind."""
 
+import json
+import socket
 import subprocess
 import time
 from pathlib import Path
@@ -25,3 +27,15 @@ def wait_for(out: Path, words: str, demo: subprocess.Popen, timeout_s: float = F
         assert demo.poll() is None, f"the demo ended before it said '{words}':\n{said(out)[-3000:]}"
         assert time.monotonic() < deadline, f"the demo did not say '{words}':\n{said(out)[-3000:]}"
         time.sleep(0.2)
+
+
+def left_behind(out: Path):
+    """Processes and masters of this demo that still live."""
+    processes = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
+    mine = [line for line in processes.splitlines() if str(out) in line and "pytest" not in line]
+    for machine in json.loads((out / "run" / "fleet.json").read_text()).values():
+        port = int(machine["ROS_MASTER_URI"].rsplit(":", 1)[1])
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                mine.append(f"a master on port {port}")
+    return mine

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The flight of a demo, whatever carries it: machines up, a mission followed to its end, everybody down."""
+
+import time
+from typing import Callable, Tuple
+
+from fcsv_control.mission.config import load_mission
+from fcsv_geometry.vehicle import load_vehicles
+from fcsv_sim.demo.fleet import FleetPlan, Machines, SimulatedFleet, SimulatedPair
+from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
+from fcsv_sim.demo.site import PairSite
+from fcsv_sim.machines import MachineError
+
+Say = Callable[[str], None]
+_MISSION_TIMEOUT_S = 900.0
+_LAND_TIMEOUT_S = 45.0
+
+
+def fly_fleet(plan: FleetPlan, say: Say) -> Tuple[float, float]:
+    """Vehicles with autopilots, a master each, the mission node in charge; seconds flown and metres moved."""
+    from fcsv_sim.ros.mission_watch import MissionWatch  # needs this fleet's master in the environment
+
+    fleet = SimulatedFleet(plan)
+    watch = None
+
+    def follow() -> Tuple[float, float]:
+        nonlocal watch
+        watch = MissionWatch(fleet.control, plan.vehicles, say)
+        _follow(fleet, watch, say)
+        return watch.flown_s, sum(watch.moved_m.values())
+
+    return _fly(fleet, follow, lambda: _land_fleet(watch, say), say)
+
+
+def fly_pair(site: PairSite, plan: FleetPlan, say: Say) -> Tuple[float, float]:
+    """Two Tellos before a tracker; seconds flown and metres moved."""
+    from fcsv_sim.ros.mission_watch import attach
+    from fcsv_sim.ros.pair_mission import PairMission
+
+    pair = SimulatedPair(plan, site)
+    mission = None
+
+    def follow() -> Tuple[float, float]:
+        nonlocal mission
+        attach(pair.control)
+        vehicles = load_vehicles(vehicles_folder(), plan.vehicles)
+        mission = PairMission(plan, site, load_mission(plan.mission_file), vehicles, pair, say)
+        mission.fly()
+        return mission.flown_s, mission.moved_m
+
+    def land() -> None:
+        if mission is not None:
+            mission.land()
+
+    try:
+        return _fly(pair, follow, land, say)
+    finally:
+        if mission is not None:
+            uninterrupted(mission.close)
+
+
+def vehicles_folder():
+    return bringup() / "config" / "vehicles"
+
+
+def bringup():
+    """The package whose folders are the top-level config/ and launch/."""
+    from pathlib import Path
+
+    import rospkg
+
+    return Path(rospkg.RosPack().get_path("fcsv_bringup"))
+
+
+def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Callable[[], None], say: Say):
+    """What ``follow`` gives. Lands everybody and stops every process whatever happens."""
+    try:
+        machines.start()
+        masters = "1 ROS master is" if len(machines.machines) == 1 else f"{len(machines.machines)} ROS masters are"
+        say(f"{masters} up; to look in: {machines.plan.run_folder / 'fleet.json'}")
+        return follow()
+    except Interrupted:
+        say("interrupted: landing the vehicles (Ctrl-C again: stop at once)")
+        try:
+            land()
+        except Interrupted:
+            say("stopping at once")
+        except MachineError as error:
+            say(str(error))
+        raise
+    finally:
+        uninterrupted(machines.stop)
+
+
+def _follow(fleet: SimulatedFleet, watch, say: Say) -> None:
+    deadline = time.monotonic() + _MISSION_TIMEOUT_S
+    next_line = time.monotonic() + 10.0
+    while not watch.over:
+        time.sleep(0.2)
+        fleet.require_alive()
+        if time.monotonic() > deadline:
+            _land_fleet(watch, say)
+            raise MachineError(
+                f"the mission did not end within {_MISSION_TIMEOUT_S:.0f} s; logs: {fleet.plan.run_folder}"
+            )
+        if time.monotonic() > next_line and watch.states:
+            say(f"    {watch.vehicles_line()}")
+            next_line += 10.0
+    if watch.aborted:
+        raise MachineError(f"the mission was aborted; logs: {fleet.plan.run_folder}")
+    while not watch.landed and time.monotonic() < deadline:
+        time.sleep(0.2)
+
+
+def _land_fleet(watch, say: Say) -> None:
+    """Ask for a landing and wait for it."""
+    if watch is None or watch.landed:
+        return
+    watch.abort()
+    deadline = time.monotonic() + _LAND_TIMEOUT_S
+    while not watch.landed and time.monotonic() < deadline:
+        time.sleep(0.2)
+    say("landed" if watch.landed else f"not landed after {_LAND_TIMEOUT_S:.0f} s")

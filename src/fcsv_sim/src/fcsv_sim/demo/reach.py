@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a tracker on the ground can follow a pair through a mission; refused before anything is started."""
+
+import numpy as np
+
+from fcsv_control.errors import MissionError
+from fcsv_control.mission.config import Mission
+from fcsv_geometry import transforms
+from fcsv_sim.demo.site import PairSite
+from fcsv_sim.v120_duo import V120Duo, V120DuoErrors
+from fcsv_tracking.gimbal.config import Gimbal, GroundRobot
+
+_NEAREST_M, _FARTHEST_M = 1.0, 4.2  # thesis 4.2: tags of 8 cm are seen up to around 4 m
+_STEEPEST_DEG = 68.0  # of a tag's face against the line of sight
+_OUT_OF_VIEW_M = 20.0  # as far as the odometry's drift is known (docs/mocap.md)
+
+
+def require_gimbal_reach(robot: GroundRobot, site: PairSite, mission: Mission, vehicles) -> None:
+    """Every vehicle near enough to its gimbal, inside its limits and with a tag towards it. Raises MissionError."""
+    for index, c in enumerate(mission.configurations):
+        for name in vehicles:
+            T_ground_body = site.expected_body(mission, index, name, vehicles)  # the robot stands at the world's origin
+            problem = _gimbal_problem(robot.by_vehicle[name], T_ground_body)
+            if problem:
+                raise MissionError(
+                    f"mission '{mission.name}': configurations[{index}].baseline_m: {c.title} puts {name} {problem}; "
+                    "use a shorter baseline or another home_height_m"
+                )
+
+
+def _gimbal_problem(gimbal: Gimbal, T_ground_body: np.ndarray) -> str:
+    centre = np.mean([transforms.apply(T_ground_body, t.T_body_tag[:3, 3]) for t in gimbal.tags], axis=0)
+    away_m = float(np.linalg.norm(centre - gimbal.geometry.base.xyz_m))
+    if not _NEAREST_M <= away_m <= _FARTHEST_M:
+        return f"{away_m:.1f} m from its gimbal, which sees tags from {_NEAREST_M:g} to {_FARTHEST_M:g} m"
+    T_ground_cam = gimbal.geometry.T_ground_cam(gimbal.geometry.aim(centre))
+    sight = transforms.apply(transforms.invert(T_ground_cam), centre)
+    if np.hypot(sight[0], sight[1]) > 0.02 * away_m:
+        return "where its gimbal cannot turn to"
+    facing = [_oblique_deg(T_ground_body @ t.T_body_tag, T_ground_cam[:3, 3]) for t in gimbal.tags]
+    if min(facing) > _STEEPEST_DEG:
+        return f"so steeply above its gimbal that its tags are seen at {min(facing):.0f} degrees"
+    return ""
+
+
+def _oblique_deg(T_ground_tag: np.ndarray, eye_m: np.ndarray) -> float:
+    """Angle (deg) between a tag's face (its frame's -z looks out of it) and the way to an eye (3,)."""
+    to_eye = eye_m - T_ground_tag[:3, 3]
+    return float(np.degrees(np.arccos(np.clip(-T_ground_tag[:3, 2] @ to_eye / np.linalg.norm(to_eye), -1.0, 1.0))))
+
+
+def require_mocap_view(T_world_mocap: np.ndarray, site: PairSite, mission: Mission, vehicles) -> None:
+    """All line up in view, where odometry is tied to the mocap, and leave it by no more than is known. MissionError."""
+    duo = V120Duo(V120DuoErrors(), T_world_mocap, 0)
+    for name, T in site.line_up(mission, vehicles).items():
+        for aside_m in (-site.sway_m, 0.0, site.sway_m):
+            if not duo.in_view(transforms.transform(T[:3, :3], T[:3, 3] + [0.0, aside_m, 0.0])):
+                raise MissionError(
+                    f"mission '{mission.name}': home_height_m: {mission.home_height_m:g} lines {name} up out of the "
+                    "mocap's view (47 x 43 degrees, 45 degrees up); try 2.0"
+                )
+    for index, c in enumerate(mission.configurations):
+        if c.baseline_m > _OUT_OF_VIEW_M:
+            raise MissionError(
+                f"mission '{mission.name}': configurations[{index}].baseline_m: {c.title} leads further out of the "
+                f"mocap's view than odometry alone is good for ({_OUT_OF_VIEW_M:g} m); use a shorter baseline"
+            )

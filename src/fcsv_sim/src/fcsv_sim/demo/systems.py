@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The thesis's three ways of knowing where the cameras are, each as a demo: what flies, how, and how it is mapped."""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Callable, Dict, Tuple
+
+import numpy as np
+
+from fcsv_control.mission.config import Mission
+from fcsv_geometry import transforms
+from fcsv_sim.demo import flights, reach
+from fcsv_sim.demo.fleet import FleetPlan
+from fcsv_sim.demo.flights import Say
+from fcsv_sim.demo.site import PairSite
+from fcsv_tracking.gimbal.config import load_ground_robot
+
+_SLOW = {"sim_rate_hz": 8.0, "lost_s": 1.5, "search_dwell_s": 1.0}  # all of it on two cores that others use too
+GIMBAL_SITE = PairSite("gimbal.launch", _SLOW, (2.6, 1.4), session_in_odometry=True)
+MOCAP_SITE = PairSite("mocap.launch", {}, (3.4, 0.5), beside_m=1.0, sway_m=0.35)
+_TELLOS = ("tello1", "tello2")
+_BY_HAND = ("--method", "thesis", "--trim-vertical", "20", "60", "60")
+#: As launch/mocap.launch stands the simulated tracker: on the ground, looking up at 45 degrees (thesis 5.7).
+T_WORLD_MOCAP = transforms.from_xyz_rpy([0.0, 0.0, 0.3], np.radians([0.0, -45.0, 0.0]))
+
+
+@dataclass(frozen=True)
+class MapRun:
+    """One call of the map command: its folder beside session/, and its arguments."""
+
+    folder: str = "map"
+    arguments: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class System:
+    """``fly`` gives seconds flown and metres moved; ``require`` raises MissionError on what it cannot fly."""
+
+    vehicles: Tuple[str, ...]
+    mission: str
+    fly: Callable[[FleetPlan, Say], Tuple[float, float]]
+    maps: Callable[[Mission], Tuple[MapRun, ...]] = lambda _mission: (MapRun(),)
+    require: Callable[[Mission], None] = lambda _mission: None
+
+
+def _gimbal_can(mission: Mission) -> None:
+    robot = load_ground_robot(flights.bringup() / "config" / "gimbal" / "ground_robot.yaml")
+    reach.require_gimbal_reach(robot, GIMBAL_SITE, mission, _TELLOS)
+
+
+def _mocap_can(mission: Mission) -> None:
+    reach.require_mocap_view(T_WORLD_MOCAP, MOCAP_SITE, mission, _TELLOS)
+
+
+def _mocap_maps(mission: Mission) -> Tuple[MapRun, ...]:
+    """Besides the map that every demo makes, that of thesis 5.7 where its baselines were flown: 1 m up to 20 m, 2 m
+    beyond, the noisy 3 m left out."""
+    vertical = sorted({c.baseline_m for c in mission.configurations if c.axis == "vertical"})
+    return (MapRun(), MapRun("map_thesis", _BY_HAND)) if vertical == [1.0, 2.0, 3.0] else (MapRun(),)
+
+
+SYSTEMS: Dict[str, System] = {
+    "tags": System(("uav1", "uav2"), "short", flights.fly_fleet),
+    "gimbal": System(_TELLOS, "gimbal", partial(flights.fly_pair, GIMBAL_SITE), require=_gimbal_can),
+    "mocap": System(_TELLOS, "mocap", partial(flights.fly_pair, MOCAP_SITE), _mocap_maps, _mocap_can),
+}

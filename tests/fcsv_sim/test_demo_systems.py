@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a demo refuses before it starts anything, and which maps belong to which mission."""
+
+import numpy as np
+import pytest
+
+from fcsv_control.errors import MissionError
+from fcsv_control.mission.config import Mission, StereoConfiguration, load_mission
+from fcsv_geometry import transforms
+from fcsv_sim.demo import demo
+from fcsv_sim.demo.pose_errors import tracked_errors
+from fcsv_sim.demo.systems import SYSTEMS, T_WORLD_MOCAP
+from fcsv_sim.ros.mocap_node import MocapNodeParameters
+from fcsv_stereo.truth import Truth
+
+
+def mission(axis, baseline_m, height_m=1.7):
+    return Mission("m", [StereoConfiguration(axis, baseline_m)], "tello1", 0.7, home_height_m=height_m)
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_every_system_can_fly_its_own_mission(system, root):
+    own = load_mission(root / "config" / "missions" / f"{SYSTEMS[system].mission}.yaml")
+    own.check_vehicles(SYSTEMS[system].vehicles)
+    SYSTEMS[system].require(own)
+
+
+@pytest.mark.parametrize("system, axis, baseline_m, height_m, words", [
+    ("gimbal", "horizontal", 7.0, 1.7, ["configurations[0].baseline_m", "tello2", "from its gimbal"]),
+    ("gimbal", "vertical", 3.0, 1.7, ["configurations[0].baseline_m", "tello2", "from its gimbal"]),
+    ("gimbal", "horizontal", 2.0, 6.0, ["tello1", "home_height_m"]),
+    ("mocap", "vertical", 1.0, 8.0, ["home_height_m", "mocap's view"]),
+    ("mocap", "vertical", 25.0, 2.0, ["configurations[0].baseline_m", "odometry alone"]),
+])  # fmt: skip
+def test_what_the_tracker_cannot_follow_is_refused(system, axis, baseline_m, height_m, words):
+    with pytest.raises(MissionError) as error:
+        SYSTEMS[system].require(mission(axis, baseline_m, height_m))
+    assert all(w in str(error.value) for w in words) and "\n" not in str(error.value)
+
+
+def test_the_view_that_is_checked_is_that_of_the_simulated_mocap():
+    p = MocapNodeParameters(["tello1"], "nowhere")
+    assert tuple(T_WORLD_MOCAP[:3, 3]) == p.xyz_m and p.rpy_deg == (0.0, -45.0, 0.0)
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["--system", "stars"], ["no system 'stars'", "tags, gimbal, mocap"]),
+    (["--system", "gimbal", "--mission", "short"], ["reference 'uav1'", "tello1, tello2"]),
+    (["--mission", "mocap"], ["reference 'tello1'", "uav1, uav2"]),
+    (["--system", "mocap", "--mission", "nowhere"], ["no mission 'nowhere'", "mocap"]),
+])  # fmt: skip
+def test_a_wrong_choice_is_one_line_and_starts_nothing(arguments, words, tmp_path, capsys):
+    assert demo.main([*arguments, "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and all(w in said for w in words) and not (tmp_path / "out").exists()
+
+
+def test_the_map_of_the_thesis_is_made_where_its_baselines_were_flown(root):
+    own = load_mission(root / "config" / "missions" / "mocap.yaml")
+    assert [m.folder for m in SYSTEMS["mocap"].maps(own)] == ["map", "map_thesis"]
+    assert [m.folder for m in SYSTEMS["mocap"].maps(mission("vertical", 1.0))] == ["map"]
+
+
+def test_errors_of_poses_are_relative_to_the_reference_and_before_refinement(tmp_path):
+    """Two pictures whose poses are told 3 cm and 0.5 degrees wrong in a home that the truth knows nothing of."""
+    T_home_world = transforms.from_xyz_yaw([5.0, -2.0, 1.0], 0.7)
+    true = {"tello1/10.000": np.eye(4), "tello2/11.000": transforms.from_xyz_yaw([0.0, -2.0, 0.0], 0.1)}
+    wrong = transforms.from_xyz_yaw([0.0, 0.03, 0.0], np.radians(0.5))
+    cameras = {("tello1", 10000): true["tello1/10.000"], ("tello2", 11000): true["tello2/11.000"]}
+    told = {n: (T_home_world @ T).tolist() for n, T in true.items()}
+    prior = (T_home_world @ true["tello2/11.000"] @ wrong).tolist()
+    document = {
+        "reference": {"image": "tello1/10.000", "T_home_cam": told["tello1/10.000"]},
+        "images": [{"name": "tello1/10.000", "prior_T_home_cam": told["tello1/10.000"]},
+                   {"name": "tello2/11.000", "prior_T_home_cam": prior, "T_home_cam": told["tello2/11.000"]}],
+    }  # fmt: skip
+    ((away_m, angle_deg),) = tracked_errors(document, Truth(tmp_path, cameras))
+    assert away_m == pytest.approx(0.03) and angle_deg == pytest.approx(0.5)

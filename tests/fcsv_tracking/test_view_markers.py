@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fields of view of gimbals and mocap as markers: the right frame, the right opening, from the node on its topic."""
+
+import numpy as np
+import pytest
+from waiting import within
+
+from fcsv_geometry import frames
+from fcsv_geometry import transforms as tf
+from fcsv_geometry.camera import PinholeCamera
+
+CAMERA = PinholeCamera.from_fov(1920, 1080, np.radians(21.5))
+until = within(60.0)
+
+
+def ends(marker):
+    """Points (N, 3) of a view's lines in the marker's frame, its apex left out."""
+    from fcsv_geometry.ros import conversions
+
+    p = np.array([[q.x, q.y, q.z] for q in marker.points])
+    return tf.apply(conversions.pose_to_transform(marker.pose), p[np.linalg.norm(p, axis=1) > 0])
+
+
+def test_a_gimbal_sees_along_its_optical_axis_as_wide_as_its_camera_says():
+    from fcsv_tracking.ros.tracking_markers import gimbal_views
+
+    views = gimbal_views({"tello2": CAMERA, "tello1": CAMERA})
+    assert [v.header.frame_id for v in views] == [frames.gimbal_optical(n) for n in ("tello1", "tello2")]
+    assert all(v.frame_locked for v in views) and len({v.id for v in views}) == 2
+    p = ends(views[0])
+    assert (p[:, 2] == p[0, 2]).all() and p[0, 2] > 0
+    across_deg = 2.0 * np.degrees(np.arctan(np.abs(p[:, 0]).max() / p[0, 2]))
+    assert across_deg == pytest.approx(21.5, abs=1e-6)
+    assert np.abs(p[:, 1]).max() / np.abs(p[:, 0]).max() == pytest.approx(1080 / 1920)
+
+
+def test_the_mocap_looks_along_its_x():
+    from fcsv_tracking.ros.tracking_markers import mocap_view
+
+    p = ends(mocap_view("mocap", (47.0, 43.0)))
+    assert (p[:, 0] > 0).all() and np.allclose(p[:, 0], p[0, 0])
+    for axis, fov_deg in ((1, 47.0), (2, 43.0)):
+        assert 2 * np.degrees(np.arctan(np.abs(p[:, axis]).max() / p[0, 0])) == pytest.approx(fov_deg, abs=1e-6)
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_the_node_draws_them_beside_the_ellipsoids(start_node, root):
+    """The mocap's at once, a gimbal's once its camera_info is there, and none from one that is not calibrated."""
+    import rospy
+    from sensor_msgs.msg import CameraInfo
+    from visualization_msgs.msg import MarkerArray
+
+    from fcsv_geometry.ros import conversions
+
+    got = []
+    rospy.Subscriber("/tracking/markers", MarkerArray, got.append)
+    infos = {n: rospy.Publisher(f"/{n}/gimbal/camera/camera_info", CameraInfo, queue_size=2, latch=True)
+             for n in ("tello1", "tello2")}  # fmt: skip
+    infos["tello1"].publish(conversions.info_from_camera(CAMERA, 1.0, "tello1/gimbal_optical"))
+    infos["tello2"].publish(CameraInfo(width=1920, height=1080))
+    start_node("fcsv_tracking", "markers", params={
+        "vehicles": ["tello1", "tello2"], "vehicles_dir": str(root / "config" / "vehicles"),
+        "mocap_fov_deg": [47.0, 43.0]})  # fmt: skip
+    until(lambda: got and len(got[-1].markers) == 2, what="both views")
+    assert {(m.ns, m.header.frame_id) for m in got[-1].markers} == {
+        ("gimbal views", "tello1/gimbal_optical"), ("mocap view", "mocap")}  # fmt: skip
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_field_of_view_that_is_none_is_refused(start_node, root):
+    params = {"vehicles": ["tello1"], "vehicles_dir": str(root / "config" / "vehicles"), "mocap_fov_deg": [470.0, 43.0]}
+    process = start_node("fcsv_tracking", "markers", params=params)
+    until(lambda: process.returncode is not None, what="the end of the node")
+    assert process.returncode == 2 and "mocap_fov_deg" in process.tail(20)
