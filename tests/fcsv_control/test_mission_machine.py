@@ -45,7 +45,7 @@ def test_from_take_off_to_landing(flight, seed):
     windows = f.machine.captures
     assert [w.index for w in windows] == [0, 1, 2] and {w.vehicle for w in windows} == {"uav2"}
     for w in windows:
-        assert 2.0 <= w.stop_s - w.start_s < 2.2 and w.position_error_m < 0.15
+        assert w.stop_s - w.start_s == pytest.approx(2.0) and w.position_error_m < 0.15
         for name in ("uav1", "uav2"):  # pictures were on all through the window, with room for a late one
             inside = [t for t in f.pictures[name] if w.start_s - 0.1 <= t <= w.stop_s + 0.3]
             assert len(inside) >= 22, name

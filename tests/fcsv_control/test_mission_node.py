@@ -32,7 +32,7 @@ class StandIn:
         self.T_home_odom = transforms.from_xyz_yaw(random.uniform(-9, 9, 3), random.uniform(-3, 3))
         self.T_home_body = transforms.from_xyz_yaw(place_m, 0.0)
         self.mode, self.armed, self.height_m, self.recording, self.sees = "STABILIZE", False, 0.0, False, None
-        self.commands, self.answers = [], {}
+        self.commands, self.answers, self.pictures = [], {}, 0
         topic = lambda t, kind: rospy.Publisher(f"/{self.name}/{t}", kind, queue_size=20)  # noqa: E731
         self.odometry, self.state = topic("odometry/state", Odometry), topic("mavros/state", State)
         self.position = topic("mavros/local_position/pose", PoseStamped)
@@ -61,7 +61,8 @@ class StandIn:
             position.pose.position.z = 50.0 + self.height_m
             self.position.publish(position)
             self.state.publish(State(header=now, connected=True, armed=self.armed, mode=self.mode))
-            self.recorder.publish(RecorderStatus(header=now))
+            self.pictures += 2 * self.recording
+            self.recorder.publish(RecorderStatus(header=now, pictures=self.pictures))
             if self.sees is not None:
                 self.tags.publish(TagDetections(header=now, detections=[TagDetection(id=self.sees)]))
 

@@ -10,6 +10,7 @@ import sys
 import time
 import xmlrpc.client
 
+import numpy as np
 import psutil
 import pytest
 
@@ -190,6 +191,32 @@ def test_pictures_cut_in_the_middle_come_whole_and_codecs_keep_the_type(make):
     assert stamps == sorted(set(stamps)) and {tuple(v[1:]) for _, v in images.heard()} == {
         ("uav1/camera_optical", "rgb8", 80, 19200)
     }
+
+
+def test_full_send_buffers_hold_up_neither_state_nor_commands(make):
+    """Sixteen times as many pictures as the link carries: a megabit a second, with a tenth of a second of queue."""
+    net = make(conditions={"rate_bit_s": 1e6, "delay_s": 0.005})
+    net.machines["uav1"].python(TALK.format(extra=" + ' %f' % time.time()"))
+    net.machines["uav1"].python("""
+        from std_msgs.msg import String, UInt8MultiArray
+        import os
+        p = rospy.Publisher('/uav1/capture', UInt8MultiArray, queue_size=10)
+        q = rospy.Publisher('/uav1/command_ack', String, queue_size=50)
+        while not rospy.is_shutdown():
+            p.publish(UInt8MultiArray(data=os.urandom(200000)))
+            q.publish('0 %f' % time.time()); time.sleep(0.1)
+    """)
+    age = "time.time() - float(m.data.split()[1])"
+    states = Ear(net, "control", "/uav1/text", "std_msgs/String", age)
+    acks = Ear(net, "control", "/uav1/command_ack", "std_msgs/String", age)
+    captures = Ear(net, "control", "/uav1/capture", "std_msgs/UInt8MultiArray", "len(m.data)")
+    captures.wait(timeout_s=40.0)
+    full_s = time.time()
+    time.sleep(12.0)
+    ages = [a for _, a in states.heard(full_s)]
+    assert len(ages) > 10 * 12 and np.percentile(ages, 99) < 0.5
+    assert len(acks.heard(full_s)) > 5 * 12 and np.percentile([a for _, a in acks.heard(full_s)], 99) < 1.0
+    assert all(n == 200000 for _, n in captures.heard())
 
 
 def test_strangers_get_nothing_and_a_twin_is_named(make, tmp_path, bench_link):

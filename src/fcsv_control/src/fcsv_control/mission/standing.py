@@ -43,6 +43,7 @@ class Standing:
         self._switched_on: List[Order] = []
         self._start_s: Optional[float] = None
         self._stop_s: Optional[float] = None
+        self._lacking = False  # pictures, when the wanted time was over
         self._pictures_before: Dict[str, Optional[int]] = {}
         self._worst_m = 0.0
         self.detail = ""
@@ -106,8 +107,7 @@ class Standing:
         if self._stop_s is None:
             self._worst_m = max(self._worst_m, self._error_m(snapshot))
             self.detail = f"recording {self._configuration.title}"
-            if self._recorded(snapshot):
-                self._stop_s = snapshot.now_s
+            self._stop_s = self._ended_s(snapshot)
         if self._worst_m > self._bounds.hold_m and not self._last:  # a gust: this recording does not count
             self.stop(snapshot)
             return "again", None
@@ -116,11 +116,18 @@ class Standing:
         self.stop(snapshot)
         return "done", CaptureWindow(self._index, self._mover, self._start_s, self._stop_s, self._worst_m)
 
-    def _recorded(self, snapshot: Snapshot) -> bool:
-        """Whether the wanted time is over, and every vehicle whose pictures are counted has enough of them."""
-        lasted_s, wanted_s = snapshot.now_s - self._start_s, self._configuration.record_s
-        if not wanted_s <= lasted_s < _LONGEST * wanted_s:
-            return lasted_s >= wanted_s
+    def _ended_s(self, snapshot: Snapshot) -> Optional[float]:
+        """When the recording ended: at the wanted time, later where a vehicle did not have its pictures then."""
+        due_s, now_s = self._start_s + self._configuration.record_s, snapshot.now_s
+        if now_s < due_s:
+            return None
+        if self._enough(snapshot):
+            return now_s if self._lacking else due_s
+        self._lacking = True
+        return now_s if now_s >= self._start_s + _LONGEST * self._configuration.record_s else None
+
+    def _enough(self, snapshot: Snapshot) -> bool:
+        """Whether every vehicle whose pictures are counted has taken enough of them."""
         counted = [(snapshot.vehicles[n].pictures, before) for n, before in self._pictures_before.items()]
         taken = [now - before for now, before in counted if now is not None and before is not None]
         return all(n >= self._configuration.least_pictures for n in taken)
