@@ -60,7 +60,7 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     maps = system.maps(load_mission(plan.mission_file)) if method is None else (MapRun(arguments=("--method", method)),)
     for each in maps:
         _map(plan, each, say)
-        _print_table(plan, plan.folder / each.folder)
+        _print_end(plan, plan.folder / each.folder)
     print(f"flown {flight_s:.0f} s, moved {moved_m:.1f} m while configurations were flown")
     return 0
 
@@ -90,12 +90,10 @@ def _map(plan: FleetPlan, each: MapRun, say) -> None:
         raise MachineError(f"the map could not be made from {plan.session_folder} (exit status {status})")
 
 
-def _print_table(plan: FleetPlan, out: Path) -> None:
-    from fcsv_stereo.table import demo_table
-
+def _print_end(plan: FleetPlan, out: Path) -> None:
+    """Below the table of the map command."""
     document = json.loads((out / "report.json").read_text())
-    print("\n" + demo_table(document))
-    print(errors_in_words(tracked_errors(document, load_truth(plan.session_folder / "truth"))))
+    print("\n" + errors_in_words(tracked_errors(document, load_truth(plan.session_folder / "truth"))))
     print(f"map:    {out / 'map.ply'}\nreport: {out / 'report.html'}")
 
 
