@@ -13,7 +13,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Dict, List
 
@@ -97,7 +96,9 @@ def fly(plan: FleetPlan, conditions: Conditions, cut_s: float, cut_at: str, limi
 
     Returns what the mission said, line by line. Raises MachineError where it does not end, or not well.
     """
-    _make_world(plan)
+    from fcsv_sim.demo.demo import build_world  # not for the watch
+
+    build_world(plan, print)
     with Radio((*plan.vehicles, CONTROL), conditions) as radio:
         fleet = RadioFleet(plan, radio)
         try:
@@ -131,14 +132,6 @@ def make_map(plan: FleetPlan) -> Dict:
     return json.loads((out / "report.json").read_text())
 
 
-def _make_world(plan: FleetPlan) -> None:
-    """The truth that the map is compared with."""
-    truth = plan.session_folder / "truth"
-    truth.mkdir(parents=True, exist_ok=True)
-    command = ["rosrun", "fcsv_sim", "world", "--seed", str(plan.seed), "--world", plan.world]
-    subprocess.run([*command, "--ply", str(truth / "scene.ply")], stdout=subprocess.DEVNULL, check=True)
-
-
 def watch(vehicles: List[str]) -> int:
     """Inside the control PC's namespace: say what the mission says; 0 once it is done and everybody has landed."""
     from fcsv_sim.ros.mission_watch import MissionWatch
@@ -151,5 +144,4 @@ def watch(vehicles: List[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parent))
     sys.exit(watch(sys.argv[1:]))

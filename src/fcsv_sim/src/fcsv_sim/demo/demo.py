@@ -51,7 +51,7 @@ def main(argv: Optional[List[str]] = None) -> int:
 def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Optional[str] = None) -> int:
     """The whole story: a world, a flight in it, its truth, a map, a table."""
     _empty(plan.folder)
-    _build_world(plan, say)
+    build_world(plan, say)
     flight_s, moved_m = system.fly(plan, say)
     export_truth(plan.sim_folder, plan.session_folder, plan.vehicles)
     say(f"session: {plan.session_folder}")
@@ -65,7 +65,7 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     return 0
 
 
-def _build_world(plan: FleetPlan, say) -> None:
+def build_world(plan: FleetPlan, say) -> None:
     """The truth mesh of the town; meanwhile the renderer's kernels compile (cached for the cameras)."""
     truth = plan.session_folder / "truth"
     truth.mkdir(parents=True)

@@ -87,8 +87,10 @@ class PairMission:
     def _line_up(self, aside_m: float = 0.0) -> None:
         for name, T in self._site.line_up(self._mission, self._names).items():
             self._pilots.by_sight(name, transforms.transform(T[:3, :3], T[:3, 3] + [0.0, aside_m, 0.0]))
-        away = [lambda n=n: self._pilots.seen_away_m(n) < _IN_LINE_M for n in self._names]
-        self._until(lambda: all(there() for there in away), _STEP_S, "the pilots could not line the vehicles up")
+        self._until(self._lined_up, _STEP_S, "the pilots could not line the vehicles up")
+
+    def _lined_up(self) -> bool:
+        return all(self._pilots.seen_away_m(n) < _IN_LINE_M for n in self._names)
 
     def _find_home(self) -> None:
         """Ask for home until the tracker grants it and knows every vehicle; in between all sway, where it helps."""

@@ -33,9 +33,7 @@ class PoseRules:
     tag_deg: float = 0.3
     ambiguous: float = 12.0  # a second pose that fits worse by less than this (squared sigmas) may be the true one
     prior_deg: float = 20.0  # the true one is so near to the last known attitude, the other is not
-    flattest: float = (
-        0.28  # a tag seen more flatly (cosine to its face) has corners that are off by a pixel, not by that
-    )
+    flattest: float = 0.28  # cosine to a tag's face; seen more flatly its corners are off by a pixel
     misfit: float = 8.0  # standard deviations above what noise does: tags that contradict each other
 
     def __post_init__(self):
