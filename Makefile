@@ -22,6 +22,6 @@ bench-tracking: setup
 bench-gimbal: setup
 	@tools/run bench-gimbal
 bench-link: setup
-	@. devel/setup.sh && .venv/bin/python tools/bench_link/bench.py $(or $(ARGS),--write)
+	@. devel/setup.sh && exec .venv/bin/python tools/bench_link/bench.py $(or $(ARGS),--write)
 study: setup
 	@tools/run study

@@ -5,16 +5,20 @@ import json
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
 import xmlrpc.client
+from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
+from waiting import within
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
+until = within(30.0)
 
 LINKS = """
 classes:
@@ -29,6 +33,8 @@ to_control:
   - {topic: "/{vehicle}/capture", class: captures}
   - {topic: "/{vehicle}/image", class: bulk, codec: h264}
   - {topic: /tf, class: state, frames: ["{vehicle}/arm"]}
+to_vehicle:
+  - {topic: "/{vehicle}/command", class: critical}
 to_all_vehicles:
   - {topic: /home, class: events}
   - {topic: /tf, class: state, frames: [mocap]}
@@ -60,6 +66,9 @@ def make(tmp_path, bench_link):
         net.stop()
 
 
+AGE_LIMIT_S = 5.0  # of commands, in the list above
+
+
 class Ear:
     """A subscriber in a process of its own on a machine; what it hears, as (time, what ``expression`` makes of it)."""
 
@@ -88,6 +97,13 @@ class Ear:
                     return at_s - since_s
             time.sleep(0.05)
         raise AssertionError(f"nothing that fits in {timeout_s} s; last: {self.heard()[-2:]}")
+
+
+def status_of(net, machine):
+    """What link_status prints there."""
+    machine = net.machines[machine]
+    command = ["ip", "netns", "exec", machine.namespace, "rosrun", "fcsv_multimaster", "link_status"]
+    return subprocess.run(command, env=machine.env, capture_output=True, text=True).stdout
 
 
 def log(net, machine):
@@ -130,6 +146,55 @@ def test_peers_without_addresses_are_found_and_found_again(make):
     net.radio.move("uav1", "10.77.0.77")  # a machine that comes back elsewhere
     net.start_relay("uav1", peers="control", discovery=True)
     ear.wait(time.time(), timeout_s=30.0)
+    time.sleep(2.0)
+    for name, address in (("uav1", "10.77.0.88"), ("control", "10.77.0.99")):  # one that gets another while it runs
+        net.radio.move(name, address)
+        moved_s = time.time()
+        ear.wait(moved_s + 1.5, timeout_s=30.0)  # what was under way has come by then
+        assert "its addresses are others now" in log(net, name)
+
+
+def test_a_clock_that_steps_neither_drops_nor_delays_and_is_named(make, tmp_path):
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a C compiler (cc) for the library that steps the clock of single processes")
+    source, library, clock = Path(__file__).with_name("step_clock.c"), tmp_path / "step_clock.so", tmp_path / "clock"
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Werror", source, "-o", library, "-ldl"], check=True)
+    clock.write_bytes(struct.pack("q", 0))
+    net = make()
+    net.relays["uav1"].stop()
+    net.machines["uav1"].prefix = ["env", f"LD_PRELOAD={library}", f"STEP_CLOCK_FILE={clock}"]
+    net.start_relay("uav1")
+    talk = """
+        from std_msgs.msg import String
+        p = rospy.Publisher('{topic}', String, queue_size=10)
+        n = 0
+        while not rospy.is_shutdown():
+            n += 1; p.publish('%d %f %f' % (n, time.monotonic(), time.time())); time.sleep(0.05)
+    """
+    net.machines["uav1"].python(talk.format(topic="/uav1/text"))
+    net.machines["control"].python(talk.format(topic="/uav1/command"))
+    age = "[int(m.data.split()[0]), time.monotonic() - float(m.data.split()[1]), float(m.data.split()[2]), time.time()]"
+    states = Ear(net, "control", "/uav1/text", "std_msgs/String", age)
+    commands = Ear(net, "uav1", "/uav1/command", "std_msgs/String", age)
+    states.wait(timeout_s=30.0)
+    commands.wait(timeout_s=30.0)
+    time.sleep(3.0)
+    came = len(states.heard()), len(commands.heard())
+    for offset_s in (3600, -86400, 0):
+        with open(clock, "r+b") as file:
+            file.write(struct.pack("q", offset_s))
+        time.sleep(4.0)
+        ahead_s = np.subtract(*states.heard()[-1][1][2:])  # the vehicle's time of day against ours
+        assert ahead_s == pytest.approx(offset_s, abs=1.0), "the step did not take place"
+        shown = status_of(net, "control")
+        assert (f"the clocks differ by {abs(offset_s)}.0 s" in shown) == bool(offset_s), shown
+    for ear, before in zip((states, commands), came):
+        lines = [value for _, value in ear.heard()][before:]
+        numbers = [v[0] for v in lines]
+        assert len(numbers) > 200 and numbers == list(range(numbers[0], numbers[0] + len(numbers)))  # none dropped
+        assert np.percentile([v[1] for v in lines], 99) < 0.5  # an hour late, had anybody looked at the time of day
+    assert "the clock of uav1 is +3600.0 s off" in log(net, "control")
 
 
 def test_lost_doubled_and_reordered_packets_leave_order_and_commands_whole(make):
@@ -152,6 +217,33 @@ def test_lost_doubled_and_reordered_packets_leave_order_and_commands_whole(make)
     assert len(numbers) > 100 and numbers == sorted(set(numbers))  # newest wins: none twice, none backwards
     got = [n for _, n in acks.heard() if n >= 0]
     assert len(got) == len(set(got)) and set(range(200)) <= set(got)  # every one, once
+
+
+def test_commands_that_fell_into_a_cut_come_after_it_in_order_and_once(make):
+    net = make(conditions={"loss": 0.05, "delay_s": 0.01})
+    commands = Ear(net, "uav1", "/uav1/command", "std_msgs/String", "int(m.data)")
+    net.machines["control"].python("""
+        from std_msgs.msg import String
+        p = rospy.Publisher('/uav1/command', String, queue_size=50)
+        while not p.get_num_connections(): time.sleep(0.02)
+        n = 0
+        while not rospy.is_shutdown():
+            p.publish(str(n)); n += 1; time.sleep(0.1)
+    """)
+    commands.wait(timeout_s=30.0)
+    time.sleep(2.0)
+    net.radio.cut()
+    time.sleep(3.0)
+    begin_s, begin = commands.heard()[-1]
+    net.radio.mend()
+    commands.wait(until=lambda n: n > begin + 60)
+    got = [n for _, n in commands.heard()]
+    since = got[got.index(begin) :]
+    after_s, after = next((at_s, n) for at_s, n in commands.heard() if n > begin)
+    assert len(got) == len(set(got)) and set(since) >= set(range(after, begin + 60))  # all that came in time, once
+    assert since[1:21] == list(range(after, after + 20))  # 3 s of cut were 30 commands
+    dropped = after - begin - 1  # a busy machine finds its peers late: what is too old by then is not executed
+    assert dropped <= max(0.0, after_s - begin_s - AGE_LIMIT_S) * 10 + 1
 
 
 def test_pictures_cut_in_the_middle_come_whole_and_codecs_keep_the_type(make):
@@ -255,6 +347,7 @@ def test_strangers_get_nothing_and_a_twin_is_named(make, tmp_path, bench_link):
 def test_what_is_wrong_with_messages_costs_one_line(make):
     net = make()
     net.machines["uav1"].python(TALK.format(extra=" + 'x' * 9000"))
+    until(lambda: "oversized" in log(net, "uav1"), what="a line that names the oversized message")
     time.sleep(6.0)
     lines = [line for line in log(net, "uav1").splitlines() if "oversized" in line]
     assert 1 <= len(lines) <= 2  # one in five seconds

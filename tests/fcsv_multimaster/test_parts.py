@@ -1,19 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The relay's parts without a network or a master; time is an argument."""
 
+import doctest
+import platform
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fcsv_multimaster import fkie, wire
+from fcsv_multimaster import fkie, order, wire
+from fcsv_multimaster.addresses import AddressWatch, local_addresses
 from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
 from fcsv_multimaster.errors import EndpointError, KeyringError, PictureError, WireError
 from fcsv_multimaster.keyring import make_fleet, open_keyring
 from fcsv_multimaster.links import Rule, TrafficClass, load_links
 from fcsv_multimaster.measure import PeerMeasure
 from fcsv_multimaster.outbound import Message, Pacer, RateLimit, Remembered, Repeater
+from fcsv_multimaster.peer import Peer
 from fcsv_multimaster.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
 from fcsv_multimaster.transport import Transport
 
@@ -31,7 +38,7 @@ def message(number, traffic=BULK, topic="/t", born_s=0.0, size=60000):
 
 
 def test_a_parcel_and_every_note_come_out_as_they_went_in():
-    head = wire.Head(wire.JPEG, 7, 8, 9, 1.5, "0123456789abcdef" * 2)
+    head = wire.Head(wire.JPEG, 7, 8, 6, 9, 1.5, "0123456789abcdef" * 2)
     assert wire.unpack(wire.pack(head, b"data")) == (head, b"data")
     for note in (wire.Ping(1, 2.0, 3.0), wire.Pong(1, 2.0, 3.0, 4.0), wire.Ack(1, 2, True)):
         assert wire.unpack_note(wire.pack_note(note)) == note
@@ -47,11 +54,11 @@ def test_any_bytes_are_understood_or_refused_by_one_error(payload):
 
 
 def test_another_version_of_the_language_is_named():
-    head = wire.Head(wire.RAW, 1, 1, 0, 0.0, "0" * 32)
-    with pytest.raises(WireError, match="version 3"):
-        wire.unpack(b"\x03" + wire.pack(head, b"")[1:])
+    head = wire.Head(wire.RAW, 1, 1, 1, 0, 0.0, "0" * 32)
+    with pytest.raises(WireError, match="version 4"):
+        wire.unpack(b"\x04" + wire.pack(head, b"")[1:])
     with pytest.raises(WireError, match="md5"):
-        wire.pack(wire.Head(wire.RAW, 1, 1, 0, 0.0, "*"), b"")
+        wire.pack(wire.Head(wire.RAW, 1, 1, 1, 0, 0.0, "*"), b"")
 
 
 # ---- what is measured --------------------------------------------------------------------------------------
@@ -139,6 +146,47 @@ def test_captures_keep_their_order_and_survive_a_cut_in_the_middle_and_starve_no
     assert [pacer.take(1.0).number for _ in range(3)] == [2, 1, 3]
 
 
+def test_captures_that_were_lost_on_the_way_keep_their_order():
+    pacer = Pacer()
+    for number in (1, 2, 3, 4):
+        pacer.offer(message(number, CAPTURE, "/c"))
+    for _ in range(3):
+        pacer.sent(pacer.take(0.0), 60000, 0.0)
+    assert [pacer.take(5.0).number for _ in range(4)] == [1, 2, 3, 4]
+
+
+def test_what_came_too_early_waits_but_not_for_ever():
+    assert doctest.testmod(order).attempted and not doctest.testmod(order).failed
+    waits = order.Order()
+    assert waits.came(7, "/t", 5, 5, 5, 0.0) == [5] and waits.came(7, "/t", 9, 9, 9, 0.0) == [9]  # 6 to 8 are not early
+    assert waits.came(7, "/t", 7, 7, 7, 0.0) == [7]  # repeated, as commands are: at once, whatever came before
+    assert waits.came(7, "/t", 12, 10, 12, 0.0) == [] and waits.came(7, "/u", 2, 1, 22, 0.0) == []
+    assert waits.overdue(0.9) == [] and waits.overdue(1.1) == [12, 22] and waits.overdue(9.0) == []
+    assert waits.came(7, "/t", 14, 12, 14, 2.0) == [] and waits.came(7, "/t", 15, 15, 15, 2.0) == [14, 15]  # 13 expired
+    assert waits.came(7, "/t", 17, 16, 17, 3.0) == [] and waits.came(8, "/t", 1, 1, 1, 3.0) == [17, 1]  # a new boot
+
+
+def test_only_what_is_from_before_the_contact_holds_others_up():
+    peer = Peer("control", {}, {})
+    sent = []
+    for now_s in (0.0, 0.5, 2.0, 2.1):
+        for heard_s in np.arange(max(0.4, now_s - 0.9), now_s, 0.3):
+            peer.heard(7, heard_s)
+        m = Message("/t", Rule("/t", CRITICAL), "p/T", "0" * 32, b"", now_s)
+        peer.number(m)
+        peer.repeater.add(m, now_s)
+        sent.append(m)
+    assert [m.early for m in sent] == [True, True, False, False] and [peer.first(m) for m in sent] == [1, 1, 1, 1]
+    peer.repeater.all_early()  # a cut: what waits is from before the next contact
+    assert [m.early for m in sent] == [True] * 4
+    peer.repeater.acknowledged(sent[0].number)
+    assert [peer.first(m) for m in sent[1:]] == [2, 2, 2]
+    peer.repeater.acknowledged(sent[1].number)
+    assert [peer.first(m) for m in sent[2:]] == [3, 3]
+    peer.repeater.acknowledged(sent[2].number)
+    assert peer.first(sent[3]) == 4 and peer.repeater.acknowledged(sent[3].number) and len(peer.repeater) == 0
+
+
 def test_a_rate_limit_holds_on_average_for_any_rhythm():
     limit = RateLimit(10.0)
     assert sum(limit.passes(t) for t in np.arange(0.0, 10.0, 1 / 33)) == pytest.approx(100, abs=2)
@@ -214,6 +262,47 @@ def test_without_keys_nothing_leaves_the_machine():
         Transport("a", parse_endpoint("0.0.0.0:7447"), {}, None, print, print)
     with pytest.raises(EndpointError, match="has no keys"):
         Transport("a", parse_endpoint("127.0.0.1:7447"), {"b": None}, None, print, print, discovery=True)
+
+
+# ---- addresses ---------------------------------------------------------------------------------------------
+
+
+def test_another_address_is_noticed_once_it_stays():
+    looks = iter([{"10.0.0.1"}, {"10.0.0.1"}, set(), set(), {"10.0.0.1"}, {"10.0.0.2"}, {"10.0.0.3"}, {"10.0.0.3"},
+                  {"10.0.0.3"}])  # fmt: skip
+    watch = AddressWatch(lambda: next(looks))
+    assert [watch.changed() for _ in range(8)] == [False] * 6 + [True, False]
+    assert not any(a.startswith("127.") for a in local_addresses())
+
+
+# ---- memory ------------------------------------------------------------------------------------------------
+
+
+def test_what_is_free_between_what_is_used_goes_back_to_the_system():
+    """In a process of its own: a thread's thousands of small blocks, of which every hundredth stays."""
+    if "glibc" not in platform.libc_ver():
+        pytest.skip("only glibc keeps a heap per thread")
+    code = """
+import ctypes, threading
+from fcsv_multimaster.heaps import few_heaps, give_back
+assert few_heaps()
+libc = ctypes.CDLL(None)
+libc.malloc.restype = ctypes.c_void_p
+def rss_mb(): return int(open('/proc/self/statm').read().split()[1]) * 4096e-6
+def leave():
+    blocks = [ctypes.c_void_p(libc.malloc(2000)) for _ in range(30000)]
+    for b in blocks: ctypes.memset(b, 1, 2000)
+    for i, b in enumerate(blocks):
+        if i % 100: libc.free(b)
+for _ in range(3):
+    thread = threading.Thread(target=leave); thread.start(); thread.join()
+before = rss_mb()
+assert give_back()
+print(before - rss_mb())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) > 30.0  # of 60 MB of one round
 
 
 # ---- the list, for fkie --------------------------------------------------------------------------------------

@@ -7,10 +7,12 @@ import textwrap
 import time
 
 import pytest
+from waiting import within
 
 from fcsv_sim.machines import Machine, free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
+until = within(40.0)
 
 
 class Net:
@@ -48,6 +50,7 @@ class Net:
 @pytest.fixture
 def net(tmp_path, root):
     net = Net(tmp_path, root)
+    until(lambda: all("is there" in r.log.read_text() for r in net.relays.values()), what="relays that hear each other")
     yield net
     net.stop()
 
@@ -85,6 +88,36 @@ def test_latched_events_reach_who_comes_late_and_nothing_echoes(net):
     assert "relay" in count and info.stdout.split("Subscribers")[0].count("*") == 1  # only the one who publishes it
 
 
+def test_commands_from_before_the_link_reach_who_waits_for_them_in_order_and_once(net, tmp_path):
+    heard = tmp_path / "heard"
+    net.links = tmp_path / "links.yaml"
+    net.links.write_text("""
+classes: {critical: {link: datagram, priority: real_time, reliable: true, max_age_s: 30.0}}
+to_vehicle: [{topic: "/{vehicle}/command", class: critical}]
+""")
+    for name in ("control", "uav1"):
+        net.relays[name].stop()
+    net.python("uav1", f"""
+        from fcsv_msgs.msg import Command
+        f = open({str(heard)!r}, 'a', buffering=1)
+        rospy.Subscriber('/uav1/command', Command, lambda c: f.write('%d\\n' % c.number), queue_size=1000)
+        rospy.spin()
+    """)  # fmt: skip
+    net.relays["control"] = net.relay("control")
+    net.python("control", """
+        from fcsv_msgs.msg import Command
+        p = rospy.Publisher('/uav1/command', Command, queue_size=1000)
+        while not p.get_num_connections(): time.sleep(0.02)  # the relay beside it
+        for n in range(200):
+            p.publish(Command(vehicle='uav1', number=n)); time.sleep(0.05)
+        rospy.spin()
+    """)  # fmt: skip
+    time.sleep(3.0)
+    net.relays["uav1"] = net.relay("uav1")
+    until(lambda: heard.exists() and "199\n" in heard.read_text(), what="the last command")
+    assert heard.read_text().split() == [str(n) for n in range(200)]
+
+
 def test_a_restarted_master_is_told_again(net):
     net.python("uav1", STATE.format(mode="LOITER"))
     assert "LOITER" in net.hears("control", "/uav1/mavros/state")
@@ -107,8 +140,8 @@ def test_another_version_of_a_message_is_named_and_dropped(net):
         while not rospy.is_shutdown():
             p.publish(State('x')); time.sleep(0.05)
     """)  # fmt: skip
+    until(lambda: "another" in net.relays["control"].log.read_text(), what="a line that names the version")
     assert net.hears("control", "/uav1/mavros/state", 4.0) == ""
-    assert "another" in net.relays["control"].log.read_text()
 
 
 def test_a_wrong_links_file_ends_the_relay_with_one_line(net, tmp_path):

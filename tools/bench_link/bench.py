@@ -17,11 +17,11 @@ from typing import Dict, List
 
 import numpy as np
 import psutil
-from flight import fly, make_map
+from ending import clean_end
+from endurance import SETTLE_S, endure, growth
+from flight import whole_mission
 from machines import PORT, FleetNet, Net
 from radio import Conditions, can_emulate
-
-from fcsv_sim.demo.fleet import FleetPlan
 
 HERE = Path(__file__).resolve().parent
 LINKS, PROBE = HERE / "links.yaml", HERE / "probe.py"
@@ -38,6 +38,13 @@ class Run:
         self._folder = tempfile.TemporaryDirectory(prefix="bench-link-")
         self.folder, self.vehicles = Path(self._folder.name), vehicles
         self.net = Net(self.folder, LINKS, ("control", *vehicles), conditions)
+        try:
+            self._start(vehicles, pictures, sources)
+        except BaseException:
+            self.net.stop()
+            raise
+
+    def _start(self, vehicles, pictures: bool, sources: bool) -> None:
         self.probe("control", "sink", self.folder / "states.jsonl", *vehicles)
         self.probe("control", "commander", self.folder / "acks.jsonl", vehicles[0], 10)
         for v in vehicles:
@@ -201,42 +208,17 @@ def ten_vehicles(rows: List, seconds: float) -> None:
 def endurance(rows: List, minutes: float) -> None:
     with Run(conditions=Conditions(0.02, 0.005)) as run:
         run.wait_for_flow()
-        time.sleep(20.0)
-        before = {m: footprint(run.relay(m)) for m in ("control", "uav1")}
-        until_s, cuts = time.monotonic() + 60 * minutes, 0
-        while time.monotonic() < until_s:
-            time.sleep(25.0)
-            run.net.radio.cut()
-            time.sleep(3.0)
-            run.net.radio.mend()
-            cuts += 1
-        time.sleep(4.0)
-        for m, (rss, threads, files) in before.items():
-            now = footprint(run.relay(m))
-            add(rows, f"{minutes:g} minutes at 2 % loss with {cuts} cuts of 3 s, relay of {m}",
-                f"memory {rss:.0f} → {now[0]:.0f} MB, threads {threads} → {now[1]},"
-                f" open files {files} → {now[2]}")  # fmt: skip
-
-
-def whole_mission(rows: List) -> None:
-    """The demo's flight over a clean radio and over a bad one, and what either map is worth."""
-    mission = HERE.parents[1] / "config" / "missions" / "short.yaml"
-    for conditions, cut_s in ((Conditions(), 0.0), (Conditions(0.05, 0.01), 10.0)):
-        with tempfile.TemporaryDirectory(prefix="bench-link-") as folder:
-            plan = FleetPlan(Path(folder), mission)
-            *_, last = fly(plan, conditions, cut_s, "CONFIGURATIONS 2/4")
-            truth = make_map(plan)["truth"]
-        add(rows, f"the demo's mission at {100 * conditions.loss:.0f} % loss, a cut of {cut_s:.0f} s in its second "
-            "configuration", f"{last}; map within 10 %: {100 * truth['within_10_percent']:.1f} %")  # fmt: skip
+        time.sleep(SETTLE_S)
+        relays = {m: run.relay(m) for m in ("control", "uav1")}
+        series, cuts = endure(run.net.radio, relays, minutes, lambda line: print(line, flush=True))
+    for machine, footprints in series.items():
+        name = f"{minutes:g} minutes at 2 % loss with {cuts} cuts of 3 s, relay of {machine}"
+        add(rows, f"{name}; in brackets the slope of the second half", growth(footprints))
 
 
 def cpu(process: psutil.Process) -> float:
     times = process.cpu_times()
     return times.user + times.system
-
-
-def footprint(process: psutil.Process):
-    return process.memory_info().rss / 1e6, process.num_threads(), process.num_fds()
 
 
 def add(rows: List, what: str, figure: str) -> None:
@@ -268,7 +250,7 @@ def _processor() -> str:
     return platform.machine()
 
 
-PARTS = ("first", "clean", "loss5", "loss30", "back", "two", "ten", "flight")
+PARTS = ("first", "clean", "loss5", "loss30", "back", "two", "ten", "flight", "clean-flight")
 
 
 def main() -> int:
@@ -289,16 +271,18 @@ def main() -> int:
         "back": comes_back,
         "two": lambda rows: two_vehicles(rows, a.seconds),
         "ten": lambda rows: ten_vehicles(rows, a.seconds),
-        "flight": whole_mission,
+        "flight": lambda rows: add(rows, *whole_mission(Conditions(0.05, 0.01), 10.0)),
+        "clean-flight": lambda rows: add(rows, *whole_mission(Conditions(), 0.0)),
     }
     unknown = set(filter(None, a.parts.split(","))) - set(measure)
     if unknown:
         parser.error(f"unknown part '{sorted(unknown)[0]}'; known: {', '.join(PARTS)}")
     rows: List = []
-    for part in filter(None, a.parts.split(",")):
-        measure[part](rows)
-    if a.minutes:
-        endurance(rows, a.minutes)
+    with clean_end():
+        for part in filter(None, a.parts.split(",")):
+            measure[part](rows)
+        if a.minutes:
+            endurance(rows, a.minutes)
     if a.write:
         write(rows, "make bench-link" + (f' ARGS="--write --minutes {a.minutes:g}"' if a.minutes else ""))
     return 0

@@ -11,10 +11,12 @@ import select
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 from machines import PORT, NamespaceMachine
 from radio import Conditions, Radio, in_namespace
@@ -130,6 +132,18 @@ def make_map(plan: FleetPlan) -> Dict:
     if done.returncode != 0:
         raise MachineError(f"no map of {plan.session_folder}: {done.stderr[-2000:]}")
     return json.loads((out / "report.json").read_text())
+
+
+def whole_mission(conditions: Conditions, cut_s: float) -> Tuple[str, str]:
+    """What was flown, and what came of it, for the table. Raises MachineError."""
+    mission = Path(__file__).resolve().parents[2] / "config" / "missions" / "short.yaml"
+    with tempfile.TemporaryDirectory(prefix="bench-link-") as folder:
+        plan = FleetPlan(Path(folder), mission)
+        *_, last = fly(plan, conditions, cut_s, "CONFIGURATIONS 2/4", limit_s=900.0)
+        truth = make_map(plan)["truth"]
+    radio = f"{100 * conditions.loss:.0f} % loss, {1e3 * conditions.delay_s:.0f} ms delay each way"
+    what = f"the demo's mission at {radio}, a cut of {cut_s:.0f} s in its second configuration"
+    return what, f"{last}; map within 10 %: {100 * truth['within_10_percent']:.1f} %"
 
 
 def watch(vehicles: List[str]) -> int:

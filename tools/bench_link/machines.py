@@ -22,6 +22,7 @@ class NamespaceMachine(Machine):
     def __init__(self, name: str, folder, namespace: str):
         super().__init__(name, folder, port=MASTER_PORT)
         self.namespace = namespace
+        self.prefix: List[str] = []  # of every command: env, for example
 
     def start_master(self, timeout_s: float = 30.0) -> "NamespaceMachine":
         command = self._inside(["roscore", "-p", str(self.port)])
@@ -50,7 +51,7 @@ class NamespaceMachine(Machine):
         return self.run([sys.executable, str(path)], path.stem)
 
     def _inside(self, command):
-        return ["ip", "netns", "exec", self.namespace, *command]
+        return ["ip", "netns", "exec", self.namespace, *self.prefix, *command]
 
 
 class Net:

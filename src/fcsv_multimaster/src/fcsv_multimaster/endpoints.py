@@ -24,6 +24,11 @@ class Endpoint:
         return f"{'tls' if encrypted else 'tcp'}/{self.host}:{port}"
 
     @property
+    def is_any(self) -> bool:
+        """Whether it stands for every address of this machine."""
+        return self.host == "0.0.0.0"
+
+    @property
     def stays_on_this_machine(self) -> bool:
         """Whether it is a loopback address."""
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One machine's side of the exchange: what leaves under which rule, what may come in, what is repeated and measured.
+"""One machine's side of the exchange: what leaves under which rule, what is repeated, what is measured.
 
 Knows nothing of ROS: messages are bytes with a type's name and md5 sum.
 """
@@ -13,8 +13,10 @@ from typing import Callable, Dict, Optional
 from fcsv_multimaster import wire
 from fcsv_multimaster.endpoints import Endpoint
 from fcsv_multimaster.errors import RelayError, WireError
+from fcsv_multimaster.inbound import Inbound
 from fcsv_multimaster.keyring import Keyring
 from fcsv_multimaster.links import Links
+from fcsv_multimaster.measure import CLOCKS_APART_S
 from fcsv_multimaster.outbound import Message
 from fcsv_multimaster.parcel import Parcel, as_it_is
 from fcsv_multimaster.peer import Peer
@@ -24,7 +26,6 @@ _LOG = logging.getLogger(__name__)
 _PING_S = 0.25
 _LONGEST_SLEEP_S = 0.1
 _DATAGRAM_OCTETS = 16000  # beyond, what must arrive goes by the stream: too many fragments would have to
-_CLOCKS_APART_S = 0.1
 
 
 class Exchange:
@@ -40,13 +41,18 @@ class Exchange:
         if name in peers:
             raise RelayError(f"'{name}' is this machine and among its peers; every machine has a name of its own")
         self._name, self._boot = name, int.from_bytes(os.urandom(4), "little")
-        self._deliver, self._drop, self._problem, self._pack = deliver, drop, problem, pack
+        self._drop, self._problem, self._pack = drop, problem, pack
         self.peers = {p: Peer(p, links.crossing(name, p), links.crossing(p, name)) for p in peers}
         self.exports = sorted({t for p in self.peers.values() for t in p.exports})
         self._closed = False
         self._urgent_work, self._bulk_work = threading.Event(), threading.Event()
-        self._transport = Transport(name, listen, peers, keys, self._on_parcel, self._on_note, discovery)
+        self._inbound = Inbound(name, self._boot, self.peers, deliver, drop, self._note, self._wake)
+        self._transport: Optional[Transport] = None
+        self._transport = Transport(
+            name, listen, peers, keys, self._inbound.on_parcel, self._inbound.on_note, discovery
+        )
         self._transport.on_malformed = lambda source, text: self._drop("malformed message", f"{source}: {text}")
+        self._transport.on_lost = lambda peer, text: self._drop("message that cannot be sent", f"to {peer}: {text}")
         self._threads = [
             threading.Thread(target=work, name=work.__name__, daemon=True) for work in (self._work, self._work_bulk)
         ]
@@ -63,6 +69,10 @@ class Exchange:
         self._transport.close()
         for thread in self._threads:
             thread.join(3.0)
+
+    def reopen(self) -> None:
+        """Join the network anew, from the addresses that this machine has now. Raises EndpointError."""
+        self._transport.reopen()
 
     def definition(self, source: str, type_name: str) -> Optional[str]:
         """The text of a type, asked of a peer; waits up to two seconds."""
@@ -116,7 +126,8 @@ class Exchange:
         link = link or traffic.link
         if link == "datagram" and traffic.reliable and len(data) > _DATAGRAM_OCTETS:
             link = "urgent"
-        head = wire.Head(packing, self._boot, message.sequence, message.number, message.born_s, message.md5)
+        first = peer.first(message)
+        head = wire.Head(packing, self._boot, message.sequence, first, message.number, message.born_s, message.md5)
         try:
             payload = wire.pack(head, data)
         except WireError as error:
@@ -124,89 +135,12 @@ class Exchange:
             return
         self._transport.send(peer.name, message.topic, traffic, link, message.type, payload)
 
-    # ---- in ------------------------------------------------------------------------------------------------
+    def _note(self, target: str, payload: bytes, link: str) -> None:
+        if self._transport is not None:  # an answer while the links are still being opened: it will be asked again
+            self._transport.note(target, payload, link)
 
-    def _on_parcel(self, link: str, source: str, type_name: str, topic: str, payload: bytes) -> None:
-        peer, now_s = self.peers[source], time.monotonic()
-        rule = peer.imports.get(topic)
-        if rule is None:
-            self._drop("message that no rule lets in", f"{topic} of {source}")
-            return
-        try:
-            head, data = wire.unpack(payload)
-        except WireError as error:
-            self._drop("malformed message", f"{topic} of {source}: {error}")
-            return
-        if not self._known(peer, head.boot, now_s):
-            return
-        if len(data) > rule.traffic.max_bytes:
-            self._drop("oversized message", f"{topic} of {source}: {len(data)} bytes")
-            return
-        with peer.lock:
-            again = (head.number and not peer.received.first_time(head.number)) or (
-                not rule.traffic.reliable and peer.measure.overtaken(topic, head.sequence)
-            )
-            poor = peer.measure.poor
-            age_s = peer.measure.clocks.age_s(head.sent_s, now_s)
-            if not again:
-                peer.measure.came(topic, head.sequence, len(payload), age_s, now_s)
-        keyframe = False
-        if not again and (rule.traffic.max_age_s is None or age_s is None or age_s <= rule.traffic.max_age_s):
-            parcel = Parcel(source, topic, type_name, head.md5, head.sequence, head.packing, data, rule, age_s)
-            try:
-                keyframe = bool(self._deliver(parcel))
-            except RelayError as error:
-                self._drop("message that cannot be read", f"{topic} of {source}: {error}")
-        elif not again:
-            self._drop("late message", f"{topic} of {source}")
-        if head.number:
-            ack = wire.pack_note(wire.Ack(head.boot, head.number, keyframe))
-            if link == "datagram":
-                self._transport.note(source, ack)
-            if link != "datagram" or poor:
-                self._transport.note(source, ack, "urgent")
-
-    def _on_note(self, source: str, payload: bytes) -> None:
-        peer, now_s = self.peers[source], time.monotonic()
-        try:
-            note = wire.unpack_note(payload)
-        except WireError as error:
-            self._drop("malformed message", f"{source}: {error}")
-            return
-        if isinstance(note, wire.Ping):
-            if self._known(peer, note.boot, now_s):
-                pong = wire.Pong(self._boot, note.sent_s, time.monotonic(), time.time())
-                self._transport.note(source, wire.pack_note(pong))
-        elif isinstance(note, wire.Pong):
-            if self._known(peer, note.boot, now_s) and 0.0 <= now_s - note.sent_s < 60.0:
-                with peer.lock:
-                    wall_offset_s = note.wall_s + (now_s - note.sent_s) / 2 - time.time()
-                    peer.measure.clocks.answered(note.sent_s, now_s, note.here_s, wall_offset_s)
-                    peer.measure.ponged()
-        elif note.boot == self._boot:
-            with peer.lock:
-                if peer.rescue.acknowledged(note.number, now_s):
-                    self._urgent_work.set()
-                elif not peer.repeater.acknowledged(note.number):
-                    peer.pacer.acknowledged(note.number, now_s)
-                    peer.keyframe |= note.keyframe
-            self._bulk_work.set()
-
-    def _known(self, peer: Peer, boot: int, now_s: float) -> bool:
-        """Whether it is the relay that bears the peer's name; a second one of the same name is named and not heard."""
-        with peer.lock:
-            verdict = peer.measure.heard(boot, now_s)
-            if verdict == "new":
-                peer.restarted(now_s)
-        if verdict == "double":
-            self._drop(
-                "a second machine of the same name", f"another relay calls itself {peer.name}; give it its own name"
-            )
-            return False
-        if verdict == "new":
-            _LOG.info("%s: the relay of %s is there", self._name, peer.name)
-            self._urgent_work.set()
-        return True
+    def _wake(self, urgent: bool) -> None:
+        (self._urgent_work if urgent else self._bulk_work).set()
 
     # ---- what goes on by itself ----------------------------------------------------------------------------
 
@@ -227,6 +161,7 @@ class Exchange:
                         self._repeat(peer, message)
                 self._rescue(peer)
                 wake_s = min(wake_s, peer_wake_s)
+            self._inbound.deliver_overdue()
             self._urgent_work.wait(min(_LONGEST_SLEEP_S, max(0.002, wake_s - time.monotonic())))
             self._urgent_work.clear()
 
@@ -248,7 +183,7 @@ class Exchange:
 
     def _ping(self, now_s: float) -> None:
         for peer in self.peers.values():
-            self._transport.note(peer.name, wire.pack_note(wire.Ping(self._boot, now_s, time.time())))
+            self._transport.note(peer.name, wire.pack_note(wire.Ping(self._boot, now_s, time.time())), "datagram")
             if peer.to_be_called(now_s):
                 self._transport.listen_again(peer.name)
             with peer.lock:
@@ -257,8 +192,8 @@ class Exchange:
                 offset_s = peer.measure.clocks.wall_offset_s
             if gone:
                 _LOG.warning("%s: the relay of %s is gone", self._name, peer.name)
-            apart = offset_s is not None and abs(offset_s) > _CLOCKS_APART_S
-            text = f"the clock of {peer.name} is {offset_s:+.2f} s off this one's; synchronise them" if apart else ""
+            apart = offset_s is not None and abs(offset_s) > CLOCKS_APART_S
+            text = f"the clock of {peer.name} is {offset_s:+.1f} s off this one's; synchronise them" if apart else ""
             self._problem(f"clock {peer.name}", text)
 
     def _work_bulk(self) -> None:

@@ -30,6 +30,13 @@ class TrafficClass:
     rate_hz: Optional[float] = None
     max_bytes: int = 4_000_000
 
+    @property
+    def queue_size(self) -> int:
+        """Of ROS's queues on either side: where every message counts, a burst after a cut must fit."""
+        if not self.reliable:
+            return 20
+        return 64 if self.link == "bulk" else 500
+
     def __post_init__(self):
         if self.link not in LINKS:
             raise ValueError(f"link: '{self.link}' is not one of {', '.join(LINKS)}")

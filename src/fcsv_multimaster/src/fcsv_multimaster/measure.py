@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Deque, Dict, Optional, Tuple
 
 SILENT_S = 1.0  # four pings unanswered: the peer is taken for gone
+CLOCKS_APART_S = 0.1  # of two machines' time of day, beyond which it is said
 _KEPT_PINGS = 40
 _POOR_OF, _POOR_SHARE = 12, 0.75  # of the last three seconds' pings
 

@@ -9,6 +9,7 @@ from fcsv_multimaster.links import Rule
 
 _FIRST_REPEAT_S, _LAST_REPEAT_S = 0.03, 0.12
 _STREAM_REPEAT_S = 1.0  # TCP repeats by itself: this is for what fell into a cut
+_EARLY_REPEAT_S = 0.2  # until the peer listens
 _MOST_WAITING = 500
 _QUEUE_S = 0.25  # pictures under way are at most what the link carries in this time
 _MOST_PICTURES_WAITING = 64
@@ -27,6 +28,7 @@ class Message:
     sequence: int = 0
     number: int = 0
     streamed: bool = False
+    early: bool = False  # from before the peer was there, or was well there: what comes after it is delivered after it
 
     def late(self, now_s: float) -> bool:
         max_age_s = self.rule.traffic.max_age_s
@@ -45,6 +47,7 @@ class Repeater:
 
     def __init__(self):
         self._open: OrderedDict[int, _Repeated] = OrderedDict()
+        self._early: Dict[str, Dict[int, None]] = {}  # sequences of a topic's early messages, in their order
         self.expired = 0
 
     def __len__(self) -> int:
@@ -54,20 +57,39 @@ class Repeater:
         """Sent now, perhaps again. A latched one replaces the older one of its topic."""
         if message.rule.traffic.latched:
             for number in [n for n, r in self._open.items() if r.message.topic == message.topic]:
-                del self._open[number]
+                self.acknowledged(number)
         if len(self._open) >= _MOST_WAITING:
-            self._open.popitem(last=False)
+            self.acknowledged(next(iter(self._open)))
             self.expired += 1
-        interval_s = _FIRST_REPEAT_S if message.rule.traffic.link == "datagram" else _STREAM_REPEAT_S
+        if message.early:
+            self._early.setdefault(message.topic, {})[message.sequence] = None
+        stream_s = _EARLY_REPEAT_S if message.early else _STREAM_REPEAT_S
+        interval_s = _FIRST_REPEAT_S if message.rule.traffic.link == "datagram" else stream_s
         self._open[message.number] = _Repeated(message, now_s + interval_s, interval_s)
 
     def acknowledged(self, number: int) -> bool:
-        return self._open.pop(number, None) is not None
+        """Forget a message; whether it was waiting."""
+        known = self._open.pop(number, None)
+        if known is not None and known.message.early:
+            del self._early[known.message.topic][known.message.sequence]
+        return known is not None
+
+    def all_early(self) -> None:
+        """The peer is gone: everything that still waits is from before it is there again."""
+        self._early.clear()
+        for r in self._open.values():
+            if not r.message.rule.traffic.latched:
+                r.message.early = True
+                self._early.setdefault(r.message.topic, {})[r.message.sequence] = None
+
+    def first(self, message: Message) -> int:
+        """The oldest early message of its topic that is still on its way; its own sequence where none is before it."""
+        return min(message.sequence, next(iter(self._early.get(message.topic, ())), message.sequence))
 
     def due(self, now_s: float, round_trip_s: Optional[float]) -> List[Message]:
         """What to send again now; what is too old is forgotten."""
         for number in [n for n, r in self._open.items() if r.message.late(now_s)]:
-            del self._open[number]
+            self.acknowledged(number)
             self.expired += 1
         due = [r for r in self._open.values() if r.next_s <= now_s]
         for r in due:
@@ -181,7 +203,7 @@ class Pacer:
 
     def _forget_lost(self, now_s: float) -> None:
         lost = [n for n, (_, _, since_s) in self._flying.items() if now_s - since_s > self._lost_after_s]
-        for number in lost:
+        for number in reversed(lost):  # the oldest to the front last
             message = self._flying.pop(number)[0]
             if message.rule.traffic.reliable and not message.late(now_s):
                 self._waiting.appendleft(message)

@@ -11,7 +11,7 @@ from fcsv_multimaster.outbound import Message
 
 @dataclass(frozen=True)
 class Parcel:
-    """A message that came; ``age_s`` is None before the clocks are known."""
+    """A message that came at ``came_s`` (monotonic); ``age_s`` is None before the clocks are known."""
 
     source: str
     topic: str
@@ -22,6 +22,12 @@ class Parcel:
     data: bytes
     rule: Rule
     age_s: Optional[float]
+    came_s: float
+
+    def late(self, now_s: float) -> bool:
+        """Whether it is older by now than its class allows."""
+        most_s = self.rule.traffic.max_age_s
+        return most_s is not None and self.age_s is not None and self.age_s + now_s - self.came_s > most_s
 
 
 def as_it_is(_target: str, message: Message, _budget_octets_s: Optional[float], _keyframe: bool):

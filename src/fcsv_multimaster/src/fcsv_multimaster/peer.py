@@ -6,9 +6,11 @@ from typing import Dict, List, Tuple
 
 from fcsv_multimaster.links import Rule
 from fcsv_multimaster.measure import PeerMeasure
+from fcsv_multimaster.order import Order
 from fcsv_multimaster.outbound import Message, Pacer, RateLimit, Remembered, Repeater
 
 _CALL_S = 0.7
+_CONTACT_S = 1.0  # after the first sign of life: by then the peer listens on every link
 _POOR_HZ = 12.0  # of each state by datagram, where many are lost
 
 
@@ -22,6 +24,7 @@ class Peer:
         self.repeater, self.pacer, self.received = Repeater(), Pacer(), Remembered()
         self.rescue = Pacer(lost_after_s=0.6, most_in_flight=8)  # state by the urgent stream, where datagrams fail
         self.last: Dict[str, Message] = {}  # of every latched topic
+        self.order, self.handing_over = Order(), threading.RLock()  # hold it while what is in order is delivered
         self.keyframe = False  # its decoder asked for a whole picture
         self._limits = {t: RateLimit(r.most_hz) for t, r in exports.items() if r.most_hz is not None}
         self._poor_limits: Dict[str, RateLimit] = {}
@@ -30,6 +33,17 @@ class Peer:
         self._numbers = 0
         self._there = False
         self._called_s = 0.0
+        self._contact_s = float("-inf")
+
+    def heard(self, boot: int, now_s: float) -> str:
+        """A sign of life of a relay that bears this name: "same", "new" or "double", see PeerMeasure."""
+        was_there = self.measure.alive(now_s)
+        verdict = self.measure.heard(boot, now_s)
+        if not was_there:
+            self._contact_s = now_s
+        if verdict == "new":
+            self._restarted(now_s)
+        return verdict
 
     def admits(self, message: Message, now_s: float) -> bool:
         """Whether the rule's rate lets it pass; the last value of a latched topic is only held back."""
@@ -48,6 +62,8 @@ class Peer:
         """Its place in the topic, and a number of its own where it is to be acknowledged."""
         message.sequence = self._sequences[message.topic] = self._sequences.get(message.topic, 0) + 1
         traffic = message.rule.traffic
+        there = self.measure.alive(message.born_s) and message.born_s - self._contact_s > _CONTACT_S
+        message.early = traffic.reliable and not traffic.latched and not there
         if traffic.reliable or traffic.link == "bulk" or (traffic.link == "datagram" and self._spare(message)):
             self._numbers += 1
             message.number = self._numbers
@@ -59,12 +75,11 @@ class Peer:
         limit = self._poor_limits.setdefault(message.topic, RateLimit(_POOR_HZ))
         return not limit.passes(message.born_s)
 
-    def restarted(self, now_s: float) -> None:
+    def _restarted(self, now_s: float) -> None:
         """A relay that knows nothing of us: the last value of every latched topic waits for it again."""
         self._there = True
         self.received = Remembered()
-        self.pacer.cut()
-        self.rescue.cut()
+        self._cut()
         for message in self.last.values():
             self.repeater.add(message, now_s - 1.0)
 
@@ -72,10 +87,14 @@ class Peer:
         """True once when it has fallen silent. What is under way on the bulk link is taken for lost."""
         was, self._there = self._there, self.measure.alive(now_s)
         if was and not self._there:
-            self.pacer.cut()
-            self.rescue.cut()
+            self._cut()
             return True
         return False
+
+    def _cut(self) -> None:
+        self.pacer.cut()
+        self.rescue.cut()
+        self.repeater.all_early()
 
     def to_be_called(self, now_s: float) -> bool:
         """Once in a while, as long as nothing is heard of it."""
@@ -84,6 +103,13 @@ class Peer:
                 return False
             self._called_s = now_s
             return True
+
+    def first(self, message: Message) -> int:
+        """The oldest of its topic that must be delivered before it; its own sequence where none must."""
+        if not message.rule.traffic.reliable or message.rule.traffic.latched:
+            return message.sequence
+        with self.lock:
+            return self.repeater.first(message)
 
     def due(self, now_s: float) -> Tuple[List[Tuple[Message, bool]], float]:
         """((message, whether it is new), ...) to send now, and when to look again. Nothing to who is not there."""

@@ -9,6 +9,9 @@ which names it may speak. Without keys only loopback addresses are allowed.
 import json
 import logging
 import os
+import threading
+import time
+from dataclasses import replace
 from typing import Callable, Dict, Iterable, List, Optional
 
 # Closing a TLS link to a machine that vanished blocks one of Zenoh's receiving threads for ten seconds (SO_LINGER):
@@ -18,12 +21,14 @@ os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
 import zenoh
 
 from fcsv_multimaster import wire
+from fcsv_multimaster.addresses import local_addresses
 from fcsv_multimaster.endpoints import Endpoint
 from fcsv_multimaster.errors import EndpointError
 from fcsv_multimaster.keyring import Keyring
 from fcsv_multimaster.links import LINKS, TrafficClass
 
 _LOG = logging.getLogger(__name__)
+_CLOSE_S = 3.0  # what takes longer closes in the background
 _LARGEST = 16_000_000  # of one message (octets), whatever a rule says
 _OPEN_MS = 1200  # of the greeting: what is lost of it may be lost for good, so try anew soon; QUIC repeats after 1 s
 _WAITS_OCTETS = 30000
@@ -44,62 +49,102 @@ class Transport:
                  on_parcel: Callable[[str, str, str, str, bytes], None],
                  on_note: Callable[[str, bytes], None], discovery: bool = False):  # fmt: skip
         self._name, self._peers = name, tuple(peers)
+        self._changing = threading.Lock()
         self._on_parcel, self._on_note = on_parcel, on_note
         self.on_malformed: Callable[[str, str], None] = lambda source, text: _LOG.warning("%s: %s", source, text)
+        self.on_lost: Callable[[str, str], None] = self.on_malformed
         self._publishers: Dict[tuple, object] = {}
         self._definitions: Dict[str, str] = {}
         addresses = [p for p in peers.values() if p is not None]
         _refuse_open_networks((listen, *addresses), keys, discovery)
+        access = _access(name, peers, keys)
+        self._opener = lambda link: _open(link, listen, addresses, access, discovery)
         self._sessions: Dict[str, object] = {}
+        self._held: List[object] = []
+        self._datagrams: Dict[str, object] = {}
+        with self._changing:
+            self._open_all()
+
+    def _open_all(self) -> None:
+        self._publishers.clear()
+        self._held.clear()
+        self._datagrams.clear()
         try:
             for link in LINKS:
-                self._sessions[link] = _open(link, listen, addresses, _access(name, peers, keys), discovery)
+                self._sessions[link] = self._opener(link)
         except EndpointError:
-            self.close()
+            self._close_all()
             raise
-        self._held = []
-        self._datagrams: Dict[str, object] = {}
-        for peer in peers:
-            self.listen_again(peer)
+        for peer in self._peers:
+            self._listen(peer)
             for link in ("urgent", "bulk"):
-                key = wire.everything_key(peer, name)
+                key = wire.everything_key(peer, self._name)
                 self._held.append(self._sessions[link].declare_subscriber(key, self._receiver(link)))
-            key = wire.definition_key(name, peer, "**")
+            key = wire.definition_key(self._name, peer, "**")
             self._held.append(self._sessions["urgent"].declare_queryable(key, self._asked_for_definition))
+
+    def reopen(self) -> None:
+        """Leave the network and join it again: looking for peers goes on from the addresses that there are now.
+
+        What is sent meanwhile is lost. Raises EndpointError where it cannot listen any more.
+        """
+        with self._changing:
+            self._close_all()
+            self._open_all()
 
     def send(self, target: str, topic: str, traffic: TrafficClass, link: str, type_name: str, payload: bytes) -> None:
         """One packed message over a link; where the link is full a small one is dropped, a large one waits."""
         wait = link == "bulk" or len(payload) > _WAITS_OCTETS  # large ones would always find the link busy
-        known = (target, topic, link, type_name, wait)
-        publisher = self._publishers.get(known)
-        if publisher is None:
-            publisher = self._publishers[known] = self._sessions[link].declare_publisher(
+
+        def declare():
+            return self._sessions[link].declare_publisher(
                 wire.topic_key(self._name, target, type_name, topic),
                 priority=getattr(zenoh.Priority, traffic.priority.upper()),
                 congestion_control=zenoh.CongestionControl.BLOCK if wait else zenoh.CongestionControl.DROP,
                 express=link != "bulk",
             )
-        publisher.put(payload)
 
-    def note(self, target: str, payload: bytes, link: str = "datagram") -> None:
+        self._by((target, topic, link, type_name, wait), declare, lambda publisher: publisher.put(payload))
+
+    def note(self, target: str, payload: bytes, link: str) -> None:
         """A few bytes, at once, perhaps lost."""
-        self._note_publisher(target, link).put(payload)
+        self._by_note(target, link, lambda publisher: publisher.put(payload))
 
     def reaches(self, target: str, link: str) -> bool:
         """Whether the peer listens on this link now."""
-        return self._note_publisher(target, link).matching_status.matching
+        return bool(self._by_note(target, link, lambda publisher: publisher.matching_status.matching))
 
-    def _note_publisher(self, target: str, link: str):
-        publisher = self._publishers.get((target, link))
-        if publisher is None:
-            publisher = self._publishers[(target, link)] = self._sessions[link].declare_publisher(
+    def _by_note(self, target: str, link: str, use: Callable):
+        def declare():
+            return self._sessions[link].declare_publisher(
                 wire.note_key(self._name, target), priority=zenoh.Priority.REAL_TIME,
                 congestion_control=zenoh.CongestionControl.DROP, express=True,
             )  # fmt: skip
-        return publisher
+
+        return self._by((target, link), declare, use)
+
+    def _by(self, known: tuple, declare: Callable, use: Callable):
+        """``use(publisher)``, which is declared the first time; None where its session was closed meanwhile."""
+        try:
+            publisher = self._publishers.get(known)
+            if publisher is None:
+                publisher = self._publishers[known] = declare()
+            return use(publisher)
+        except zenoh.ZError as error:
+            self._publishers.pop(known, None)
+            if not self._changing.locked():
+                self.on_lost(known[0], str(error).splitlines()[0])
+            return None
 
     def listen_again(self, peer: str) -> None:
         """Tell a silent peer again that we listen: a declaration that was lost as a datagram is not repeated."""
+        if self._changing.acquire(blocking=False):
+            try:
+                self._listen(peer)
+            finally:
+                self._changing.release()
+
+    def _listen(self, peer: str) -> None:
         known = self._datagrams.pop(peer, None)
         if known is not None:
             known.undeclare()
@@ -113,14 +158,25 @@ class Transport:
     def definition(self, source: str, type_name: str, timeout_s: float = 2.0) -> Optional[str]:
         """The full text of a message type, asked of a peer; None where it does not answer."""
         key = wire.definition_key(source, self._name, type_name)
-        for reply in self._sessions["urgent"].get(key, timeout=timeout_s):
-            if reply.ok is not None:
-                return reply.ok.payload.to_string()
-        return None
+        try:
+            replies = self._sessions["urgent"].get(key, timeout=timeout_s)
+        except zenoh.ZError:
+            return None  # the links are being opened anew
+        return next((reply.ok.payload.to_string() for reply in replies if reply.ok is not None), None)
 
     def close(self) -> None:
-        for session in self._sessions.values():
-            session.close()
+        """Leave the network."""
+        with self._changing:
+            self._close_all()
+
+    def _close_all(self) -> None:
+        """At once, as each may wait for a machine that vanished."""
+        closing = [threading.Thread(target=_close, args=(s,), daemon=True) for s in self._sessions.values()]
+        for thread in closing:
+            thread.start()
+        until_s = time.monotonic() + _CLOSE_S
+        for thread in closing:
+            thread.join(max(0.0, until_s - time.monotonic()))
 
     def _receiver(self, link: str):
         def received(sample) -> None:
@@ -156,15 +212,19 @@ def _refuse_open_networks(endpoints: Iterable[Endpoint], keys: Optional[Keyring]
 
 def _open(link: str, listen: Endpoint, peers: List[Endpoint], access: Dict[str, object], discovery: bool):
     encrypted = bool(access)
-    locator = listen.locator(link, encrypted)
+    # Zenoh reads this machine's addresses once in a process: for those of now it has to be told them
+    here = sorted(local_addresses()) if discovery else []
+    hosts = here if here and listen.is_any else [listen.host]
+    locators = [replace(listen, host=host).locator(link, encrypted) for host in hosts]
     settings = {
         "mode": "peer",
-        "listen/endpoints": [locator],
+        "listen/endpoints": locators,
         "connect/endpoints": [p.locator(link, encrypted) for p in peers],
         "connect/timeout_ms": -1,  # for ever, and in the background
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 2},
         "scouting/multicast/enabled": discovery,
+        "scouting/multicast/interface": ",".join(here) or "auto",
         "scouting/multicast/address": f"{_SCOUT_ADDRESS}:{_SCOUT_PORTS[link]}",
         "scouting/gossip/enabled": False,
         "open/return_conditions": {"connect_scouted": False, "declares": False},
@@ -183,7 +243,14 @@ def _open(link: str, listen: Endpoint, peers: List[Endpoint], access: Dict[str, 
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise EndpointError(f"the relay cannot listen on {locator}: {str(error).splitlines()[0]}") from error
+        raise EndpointError(f"the relay cannot listen on {locators[0]}: {str(error).splitlines()[0]}") from error
+
+
+def _close(session) -> None:
+    try:
+        session.close()
+    except zenoh.ZError as error:
+        _LOG.debug("a session that closes slowly: %s", error)  # it lingers for a machine that vanished
 
 
 def _access(name: str, peers: Iterable[str], keys: Optional[Keyring]) -> Dict[str, object]:

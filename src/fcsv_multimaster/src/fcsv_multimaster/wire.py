@@ -7,10 +7,10 @@ from typing import List, Tuple
 
 from fcsv_multimaster.errors import WireError
 
-VERSION = 2
+VERSION = 3
 RAW, JPEG, H264 = 0, 1, 2
 PACKINGS = (RAW, JPEG, H264)
-_HEAD = struct.Struct("<BBIIId16s")
+_HEAD = struct.Struct("<BBIIIId16s")
 _PING = struct.Struct("<BBIdd")
 _PONG = struct.Struct("<BBIddd")
 _ACK = struct.Struct("<BBIIB")
@@ -21,13 +21,15 @@ _PING_KIND, _PONG_KIND, _ACK_KIND = 1, 2, 3
 class Head:
     """In front of every message of a topic.
 
-    ``boot`` changes when a relay restarts; ``sequence`` counts the topic's messages to this target; ``number`` is not 0
-    where an acknowledgement is wanted; ``sent_s`` is the sender's monotonic clock; ``md5`` the type's sum.
+    ``boot`` changes when a relay restarts; ``sequence`` counts the topic's messages to this target; ``first`` is the
+    oldest of them that must be delivered before this one, or its own sequence; ``number`` is not 0 where an
+    acknowledgement is wanted; ``sent_s`` is the sender's monotonic clock; ``md5`` the type's sum.
     """
 
     packing: int
     boot: int
     sequence: int
+    first: int
     number: int
     sent_s: float
     md5: str
@@ -69,18 +71,19 @@ def pack(head: Head, data: bytes) -> bytes:
         md5 = b""
     if len(md5) != 16:
         raise WireError(f"'{head.md5}' is not the md5 sum of a message type")
-    return _HEAD.pack(VERSION, head.packing, head.boot, head.sequence, head.number, head.sent_s, md5) + data
+    numbers = (head.boot, head.sequence, head.first, head.number)
+    return _HEAD.pack(VERSION, head.packing, *numbers, head.sent_s, md5) + data
 
 
 def unpack(payload: bytes) -> Tuple[Head, bytes]:
     """Head and message. Raises WireError."""
     if len(payload) < _HEAD.size:
         raise WireError(f"a message of {len(payload)} bytes is shorter than its head")
-    version, packing, boot, sequence, number, sent_s, md5 = _HEAD.unpack_from(payload)
+    version, packing, boot, sequence, first, number, sent_s, md5 = _HEAD.unpack_from(payload)
     _check_version(version)
-    if packing not in PACKINGS or not 0.0 <= sent_s < 1e12:
+    if packing not in PACKINGS or first > sequence or not 0.0 <= sent_s < 1e12:
         raise WireError("a message with a malformed head")
-    return Head(packing, boot, sequence, number, sent_s, md5.hex()), payload[_HEAD.size :]
+    return Head(packing, boot, sequence, first, number, sent_s, md5.hex()), payload[_HEAD.size :]
 
 
 def pack_note(note) -> bytes:

@@ -5,7 +5,7 @@ import queue
 import threading
 import time
 from dataclasses import dataclass
-from typing import Callable, Dict, Optional
+from typing import Callable, Dict, List, Optional
 
 import roslib.message
 import rospy
@@ -13,9 +13,12 @@ import rospy
 from fcsv_multimaster import wire
 from fcsv_multimaster.links import TF_TOPICS
 from fcsv_multimaster.parcel import Parcel
+from fcsv_multimaster.ros.master_watch import subscribers
 from fcsv_multimaster.ros.pictures import PictureUnpacker
 from fcsv_multimaster.ros.tf_merge import TfIn
 
+_CONNECT_S = 1.0  # who subscribed before has connected by then, or is no more
+_SETTLE_S = 0.01
 _QUIET_S = 2.0  # a topic whose old type was silent for so long may have a new one
 
 
@@ -26,6 +29,12 @@ class _Entry:
     cls: type
     publisher: rospy.Publisher
     used_s: float
+    held: Optional[List[Parcel]] = None  # until who subscribed before is connected
+    connections: int = 0
+    until_s: float = 0.0
+
+    def settled(self) -> bool:
+        return self.publisher.get_num_connections() >= self.connections or time.monotonic() > self.until_s
 
 
 class Inbox:
@@ -33,28 +42,37 @@ class Inbox:
 
     def __init__(self, drop: Callable[[str, str], None], definition: Callable[[str, str], Optional[str]]):
         self._drop, self._definition = drop, definition
+        self._lock = threading.Lock()
         self._entries: Dict[str, _Entry] = {}
         self._pictures = PictureUnpacker()
         self._tf = {t: TfIn(static=t == "/tf_static") for t in TF_TOPICS}
-        self._waiting: Dict[str, Parcel] = {}
+        self._waiting: Dict[str, List[Parcel]] = {}
         self._new: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._advertise_all, name="advertise", daemon=True).start()
 
     def deliver(self, parcel: Parcel) -> bool:
         """Publish it; whether an H.264 stream needs a whole picture. Raises RelayError where it cannot be read."""
-        entry = self._entries.get(parcel.topic)
-        if entry is None or entry.md5 != parcel.md5 or entry.type != parcel.type:
-            if entry is not None and time.monotonic() - entry.used_s < _QUIET_S:
-                self._drop(
-                    "message of another type", f"{parcel.topic} of {parcel.source} is {entry.type}, not {parcel.type}"
-                )
+        with self._lock:
+            entry = self._entries.get(parcel.topic)
+            if entry is None or entry.md5 != parcel.md5 or entry.type != parcel.type:
+                self._keep(entry, parcel)
                 return False
-            first = parcel.topic not in self._waiting
-            self._waiting[parcel.topic] = parcel
-            if first:
-                self._new.put(parcel.topic)
-            return False
+            if entry.held is not None:
+                _keep_in(entry.held, parcel)
+                return False
         return self._publish(entry, parcel)
+
+    def _keep(self, entry: Optional[_Entry], parcel: Parcel) -> None:
+        """What has no publisher yet waits for it; another type's has to wait for the old one's silence."""
+        if entry is not None and time.monotonic() - entry.used_s < _QUIET_S:
+            self._drop(
+                "message of another type", f"{parcel.topic} of {parcel.source} is {entry.type}, not {parcel.type}"
+            )
+            return
+        if parcel.topic not in self._waiting:
+            self._waiting[parcel.topic] = []
+            self._new.put(parcel.topic)
+        _keep_in(self._waiting[parcel.topic], parcel)
 
     def _publish(self, entry: _Entry, parcel: Parcel) -> bool:
         data = parcel.data
@@ -74,20 +92,35 @@ class Inbox:
         return False
 
     def _advertise_all(self) -> None:
+        unsettled: List[_Entry] = []
         while not rospy.is_shutdown():
             try:
-                topic = self._new.get(timeout=0.5)
+                topic = self._new.get(timeout=_SETTLE_S if unsettled else 0.5)
             except queue.Empty:
-                continue
-            entry = self._advertise(self._waiting[topic])
-            parcel = self._waiting.pop(topic)
-            if entry is None:
-                continue
-            self._entries[topic] = entry
-            try:
-                self._publish(entry, parcel)
-            except Exception as error:  # one bad message must not end the thread that all topics need
-                self._drop("message that cannot be read", f"{topic} of {parcel.source}: {error}")
+                pass
+            else:
+                entry = self._advertise(self._waiting[topic][-1])
+                with self._lock:
+                    waiting = self._waiting.pop(topic)
+                    if entry is not None:
+                        self._entries[topic] = entry
+                        entry.held = [p for p in waiting if (p.type, p.md5) == (entry.type, entry.md5)]
+                        unsettled.append(entry)
+            for entry in [e for e in unsettled if e.settled()]:
+                unsettled.remove(entry)
+                self._publish_held(entry)
+
+    def _publish_held(self, entry: _Entry) -> None:
+        with self._lock:  # what comes meanwhile comes after it
+            for parcel in entry.held:
+                if parcel.late(time.monotonic()):
+                    self._drop("late message", f"{parcel.topic} of {parcel.source}")
+                    continue
+                try:
+                    self._publish(entry, parcel)
+                except Exception as error:  # one bad message must not end the thread that all topics need
+                    self._drop("message that cannot be read", f"{parcel.topic} of {parcel.source}: {error}")
+            entry.held = None
 
     def _advertise(self, parcel: Parcel) -> Optional[_Entry]:
         installed = roslib.message.get_message_class(parcel.type)
@@ -106,10 +139,20 @@ class Inbox:
             known.publisher.unregister()
             rospy.logwarn("%s of %s is %s now, it was %s", parcel.topic, parcel.source, parcel.type, known.type)
         cls = _raw_class(parcel.type, parcel.md5, text)
+        traffic, now_s = parcel.rule.traffic, time.monotonic()
         publisher = rospy.Publisher(
-            parcel.topic, cls, queue_size=20, latch=parcel.rule.traffic.latched, tcp_nodelay=True
+            parcel.topic, cls, queue_size=traffic.queue_size, latch=traffic.latched, tcp_nodelay=True
         )
-        return _Entry(parcel.type, parcel.md5, cls, publisher, time.monotonic())
+        whole = traffic.reliable and not traffic.latched
+        connections = subscribers(parcel.topic, parcel.type) if whole else 0
+        return _Entry(parcel.type, parcel.md5, cls, publisher, now_s, None, connections, now_s + _CONNECT_S)
+
+
+def _keep_in(kept: List[Parcel], parcel: Parcel) -> None:
+    """Where every message counts all are kept, as many as fit; else the newest."""
+    traffic = parcel.rule.traffic
+    del kept[: len(kept) if not traffic.reliable or traffic.latched else max(0, len(kept) + 1 - traffic.queue_size)]
+    kept.append(parcel)
 
 
 def _raw_class(type_name: str, md5: str, text: str) -> type:

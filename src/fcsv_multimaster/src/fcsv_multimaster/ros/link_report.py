@@ -5,6 +5,8 @@ from typing import Dict, Optional
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from fcsv_multimaster.measure import CLOCKS_APART_S
+
 _BAD_LOSS = 0.2
 _SLOW_S = 0.5
 
@@ -41,6 +43,8 @@ def judge(link: Dict) -> tuple:
     if link["pictures_give_way"]:
         carries = "" if link["carries_kbit_s"] is None else f": the link carries {link['carries_kbit_s']:.0f} kbit/s"
         return DiagnosticStatus.WARN, "pictures give way to state and commands" + carries
+    if link["clock_offset_s"] is not None and abs(link["clock_offset_s"]) > CLOCKS_APART_S:
+        return DiagnosticStatus.WARN, f"the clocks differ by {abs(link['clock_offset_s']):.1f} s; synchronise them"
     if link["round_trip_s"] is not None and link["round_trip_s"] > _SLOW_S:
         return DiagnosticStatus.WARN, f"slow: {1e3 * link['round_trip_s']:.0f} ms there and back"
     return DiagnosticStatus.OK, "well"

@@ -29,6 +29,18 @@ def master_knows_us() -> Optional[bool]:
         return None
 
 
+def subscribers(topic: str, kind: str) -> int:
+    """How many nodes subscribe to a topic that this node publishes; 0 where the master does not answer.
+
+    The answer to a registration; the master has no other call for one topic alone.
+    """
+    try:
+        master = xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport())
+        return len(master.registerPublisher(rospy.get_name(), topic, kind, rospy.get_node_uri())[2])
+    except (OSError, socket.timeout, http.client.HTTPException, xmlrpc.client.Error):
+        return 0
+
+
 def register_again() -> None:
     """Everything that this node publishes, subscribes and serves, as rospy registers it at the start.
 

@@ -11,9 +11,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
+from fcsv_multimaster.addresses import AddressWatch
 from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
-from fcsv_multimaster.errors import RelayError
+from fcsv_multimaster.errors import EndpointError, RelayError
 from fcsv_multimaster.exchange import Exchange
+from fcsv_multimaster.heaps import few_heaps, give_back
 from fcsv_multimaster.keyring import open_keyring
 from fcsv_multimaster.links import TF_TOPICS, load_links
 from fcsv_multimaster.parcel import Parcel
@@ -26,6 +28,7 @@ from fcsv_multimaster.ros.tf_merge import TfOut
 
 _SWITCH_S = 0.0005  # what is urgent must not wait five milliseconds for a thread that handles pictures
 _TF_HZ = 10.0
+_TIDY_TICKS = 60
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class RelayNode:
         sys.setswitchinterval(_SWITCH_S)
         self._name = parameters.machine
         links, peers = load_links(parameters.links), parse_peers(parameters.peers, parameters.discovery)
-        self._encrypted = bool(parameters.keys)
+        self._discovery, self._encrypted = parameters.discovery, bool(parameters.keys)
         keys = open_keyring(parameters.keys, self._name) if self._encrypted else None
         self._health = Health(self._name)
         self._drop = Drops(self._health)
@@ -76,7 +79,9 @@ class RelayNode:
         subscribers = []
         for topic in self._exchange.exports:
             on = self._on_tf if topic in TF_TOPICS else self._on_local
-            options = {"queue_size": 20, "buff_size": 1 << 22, "tcp_nodelay": True}
+            rules = [p.exports[topic] for p in self._exchange.peers.values() if topic in p.exports]
+            longest = max(rule.traffic.queue_size for rule in rules)
+            options = {"queue_size": longest, "buff_size": 1 << 22, "tcp_nodelay": True}
             subscribers.append(rospy.Subscriber(topic, rospy.AnyMsg, on, topic, **options))
         if self._tf["/tf"]:
             self._tf_timer = rospy.Timer(rospy.Duration(1.0 / _TF_HZ), lambda _event: self._send_tf("/tf"))
@@ -126,7 +131,7 @@ class RelayNode:
 
     def spin(self) -> None:
         """Report the links, and watch the local master."""
-        known, ticks = True, 0
+        known, lost, ticks, addresses = True, False, 0, AddressWatch()
         while not rospy.is_shutdown():
             time.sleep(0.5)
             knows_us = master_knows_us()
@@ -136,9 +141,26 @@ class RelayNode:
                 rospy.logwarn("%s: the ROS master was restarted; registering again", self._name)
                 register_again()
             known = knows_us is not None
+            moved = self._discovery and addresses.changed()
+            if moved:
+                rospy.logwarn("%s: its addresses are others now; looking for its peers from there", self._name)
+            if moved or lost:
+                lost = not self._look_from_new_address()
             ticks += 1
             if ticks % 2 == 0:
                 self._report()
+            if ticks % _TIDY_TICKS == 0:
+                give_back()
+
+    def _look_from_new_address(self) -> bool:
+        """Whether it could; else it is to be tried again."""
+        try:
+            self._exchange.reopen()
+        except EndpointError as error:
+            self._health.problem("addresses", str(error))
+            return False
+        self._health.problem("addresses", "")
+        return True
 
     def _report(self) -> None:
         now_s, statuses = time.monotonic(), []
@@ -154,4 +176,5 @@ class RelayNode:
 
 def main() -> int:
     """Run the node."""
+    few_heaps()
     return node.run("relay", RelayNode)

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The addresses of this machine, and whether they have changed: who looks for peers must then look from the new one."""
+
+from pathlib import Path
+from typing import Callable, FrozenSet
+
+_ROUTES = Path("/proc/net/fib_trie")  # of the process's own network namespace
+
+
+def local_addresses() -> FrozenSet[str]:
+    """The IPv4 addresses of this machine but loopback; discovery knows no others."""
+    lines = _ROUTES.read_text().splitlines()
+    found = {before.split()[-1] for before, line in zip(lines, lines[1:]) if "host LOCAL" in line}
+    return frozenset(a for a in found if not a.startswith("127."))
+
+
+class AddressWatch:
+    """Look now and then; an address that is only gone changes nothing, as nothing can be reached without one."""
+
+    def __init__(self, read: Callable[[], FrozenSet[str]] = local_addresses):
+        self._read = read
+        self._known = self._last = read()
+
+    def changed(self) -> bool:
+        """True once when there are other addresses, and they were the same at the look before."""
+        now = self._read()
+        settled, self._last = now == self._last, now
+        if not now or not settled or now == self._known:
+            return False
+        self._known = now
+        return True

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a rule carries whole arrives in order and once, also what was published before the other side was there."""
+
+import threading
+import time
+from contextlib import ExitStack, closing
+
+import pytest
+from waiting import within
+
+from fcsv_multimaster import order
+from fcsv_multimaster.endpoints import parse_endpoint
+from fcsv_multimaster.exchange import Exchange
+from fcsv_multimaster.links import load_links
+from fcsv_sim.machines import free_port
+
+until = within(10.0)
+LINKS = """
+classes:
+  critical: {link: datagram, priority: real_time, reliable: true, max_age_s: 5.0}
+  stream: {link: urgent, priority: data_high, reliable: true, max_age_s: 5.0}
+  captures: {link: bulk, priority: data, reliable: true, max_age_s: 5.0}
+to_control:
+  - {topic: "/{vehicle}/critical", class: critical}
+  - {topic: "/{vehicle}/stream", class: stream}
+  - {topic: "/{vehicle}/captures", class: captures}
+"""
+
+
+@pytest.fixture
+def exchange(tmp_path):
+    """exchange(name, deliver) of two machines on loopback; closed at the end."""
+    path = tmp_path / "links.yaml"
+    path.write_text(LINKS)
+    links = load_links(path)
+    ends = {n: parse_endpoint(f"127.0.0.1:{free_port()}/{free_port()}") for n in ("control", "uav1")}
+    with ExitStack() as stack:
+
+        def make(name, deliver=lambda _parcel: None):
+            peers = {n: e for n, e in ends.items() if n != name}
+            made = Exchange(name, links, ends[name], peers, None, deliver, print, lambda *_: None)
+            return stack.enter_context(closing(made))
+
+        yield make
+
+
+@pytest.mark.parametrize("kind", ["critical", "stream", "captures"])
+def test_what_was_sent_before_and_while_the_peer_appears_comes_in_order_and_once(exchange, kind, monkeypatch):
+    monkeypatch.setattr(order, "_LONGEST_S", 30.0)  # a machine so busy that a second passes is no failure
+    got, sent, over = [], [], threading.Event()
+    uav1 = exchange("uav1")
+
+    def speak():
+        while not over.is_set():
+            sent.append(len(sent))
+            uav1.send(f"/uav1/{kind}", "std_msgs/String", "0" * 32, "", b"%d" % sent[-1])
+            time.sleep(0.02)
+
+    speaker = threading.Thread(target=speak, daemon=True)
+    speaker.start()
+    time.sleep(0.7)
+    exchange("control", lambda parcel: got.append(int(parcel.data)))
+    until(lambda: got, what="the first message")
+    time.sleep(0.3)  # more would be after the contact, where a message that is lost holds up no other
+    over.set()
+    speaker.join()
+    until(lambda: len(got) >= len(sent), what=f"{len(sent)} messages, but {got}")
+    time.sleep(0.5)
+    assert got == sent and len(sent) > 30

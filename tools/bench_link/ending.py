@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An end that leaves nothing behind, on SIGTERM and Ctrl-C, too: no process, no namespace, no device, no folder."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from typing import Iterator, List
+
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+_NAME = re.compile(r"fcsv-.+-(\d+)")
+
+
+@contextmanager
+def clean_end() -> Iterator[None]:
+    """A signal ends the block as an error would, so that everything in it closes; a second one does not hinder that.
+
+    What a signal in the middle of a constructor left open is swept away last, and so is, before the beginning, what a
+    run that was killed left.
+    """
+    sweep()
+    for number in SIGNALS:
+        signal.signal(number, _end)
+    try:
+        yield
+    finally:
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        sweep()
+
+
+def sweep() -> List[str]:
+    """Remove the namespaces of this process, and of those that are no more, with what runs in them; their names."""
+    listed = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True).stdout.splitlines()
+    names = [line.split()[0] for line in listed if line and _is_over(line.split()[0])]
+    for name in names:
+        for pid in subprocess.run(["ip", "netns", "pids", name], capture_output=True, text=True).stdout.split():
+            try:
+                os.kill(int(pid), signal.SIGKILL)
+            except ProcessLookupError:
+                continue  # it ended meanwhile
+        subprocess.run(["ip", "netns", "del", name], capture_output=True)
+    return names
+
+
+def _is_over(namespace: str) -> bool:
+    owner = _NAME.fullmatch(namespace)
+    return owner is not None and (int(owner[1]) == os.getpid() or not os.path.exists(f"/proc/{owner[1]}"))
+
+
+def _end(number: int, _frame) -> None:
+    for other in SIGNALS:
+        signal.signal(other, signal.SIG_IGN)
+    print(f"stopped by {signal.Signals(number).name}; removing what was started", file=sys.stderr, flush=True)
+    raise SystemExit(128 + number)
