@@ -105,6 +105,33 @@ class TestSearch:
         assert found[0][1] == pytest.approx(GIMBAL.aim(p + FollowRules().lost_s * v))
         assert np.diff([t for t, _ in found]).min() > FollowRules().search_dwell_s
 
+    def test_it_waits_until_a_picture_of_the_place_was_looked_at(self):
+        """One picture a second, looked at 0.3 s later: none of the places is passed unseen."""
+        follower, found = Follower(GIMBAL, CAMERA, FollowRules(), START), []
+        for k in range(1000):
+            now_s = 100.0 + 0.02 * k
+            goal = follower.command(now_s, None, looked_s=np.floor(now_s - 0.3))
+            found += [] if goal is None else [now_s]
+        taken_s = np.arange(100.0, 120.0)
+        for come_s, gone_s in zip(found, found[1:]):
+            assert any(come_s < t and t + 0.3 <= gone_s + 1e-6 for t in taken_s)
+        assert len(found) > 8  # about one a second, two where it turned for long
+
+    def test_without_any_pictures_it_goes_on_after_a_while(self):
+        follower, rules, found = Follower(GIMBAL, CAMERA, FollowRules(), START), FollowRules(), []
+        for k in range(1000):
+            found += [100.0 + 0.02 * k] if follower.command(100.0 + 0.02 * k, None, looked_s=0.0) else []
+        assert np.diff(found).min() > rules.search_patience_s and len(found) >= 4
+
+    def test_what_nobody_looked_for_is_not_lost(self):
+        follower, rules = Follower(GIMBAL, CAMERA, FollowRules(), START), FollowRules()
+        target = Target(100.0, place(START), np.zeros(3))
+        assert follower.command(101.5, target, looked_s=100.0) is None and not follower.searching
+        follower.command(101.6, target, looked_s=101.0)
+        assert follower.searching  # a picture without it
+        follower.command(100.1 + rules.search_patience_s, target, looked_s=100.0)
+        assert follower.searching  # no pictures for long
+
     def test_found_again_it_follows(self):
         follower = Follower(GIMBAL, CAMERA, FollowRules(), START)
         for k in range(100):

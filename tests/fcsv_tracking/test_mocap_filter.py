@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms as tf
+from fcsv_sim.v120_duo import V120Duo, V120DuoErrors
 from fcsv_tracking.mocap import measurements, so3
 from fcsv_tracking.mocap.filter import FilterNoise, MocapFilter
+from fcsv_tracking.mocap.markers import MarkerNoise, MarkerRules
 from fcsv_tracking.mocap.state import PHI, PO, SIZE, P, State, V, advance, advance_jacobian
 
 EPSILON = 1e-6
@@ -48,11 +50,9 @@ def test_jacobian_of_the_motion(seed):
 def test_jacobians_of_the_measurements(seed):
     random = np.random.default_rng(100 + seed)
     state = random_state(random)
-    near = so3.exp(random.normal(0.0, 0.3, 3))
-    T_M_D = tf.transform(state.R_M_D @ near, state.p_M_D + random.normal(0.0, 0.1, 3))
-    R_O_D = state.R_M_O.T @ state.R_M_D @ near
     p_O, v_O, rate = random.normal(0.0, 3.0, 3), random.normal(0.0, 1.0, 3), random.normal(0.0, 1.0, 3)
     late_s = 0.013
+    T_M_D, R_O_D = state.T_M_D, state.R_M_O.T @ state.R_M_D @ so3.exp(-rate * late_s)  # what is expected
     models = {
         "mocap": (6, lambda s: measurements.mocap_pose(s, T_M_D)),
         "odometry": (6, lambda s: measurements.odometry(s, p_O, v_O, late_s + s.delay_s - state.delay_s)),
@@ -61,6 +61,48 @@ def test_jacobians_of_the_measurements(seed):
     for name, (size, model) in models.items():
         H = -numeric(lambda e, model=model: model(state.boxplus(e))[0], size)
         assert np.abs(H - model(state)[1]).max() < TOLERANCE, name
+
+
+def test_covariance_of_a_rigid_fit_is_that_of_many():
+    """Simulated frames of one pose: their scatter in the axes of what was foretold is one in all six."""
+    T = tf.from_xyz_rpy([2.5, 0.3, -0.4], [0.1, -0.7, 0.3])
+    duo = V120Duo(V120DuoErrors(body_m=0.0, body_deg=0.0), np.eye(4), 1)
+    errors = []
+    for k in range(3000):
+        seen = duo.frame(k / 120.0, {"a": T})["a"].T_M_D
+        errors.append(np.concatenate([seen[:3, 3] - T[:3, 3], so3.log(T[:3, :3].T @ seen[:3, :3])]))
+    foretold = MarkerNoise(MarkerRules()).pose_covariance(T[:3, :3], T[:3, 3])
+    shares = np.linalg.eigvals(np.linalg.solve(foretold, np.cov(np.array(errors).T))).real
+    # the variance of 3000 draws is known to 2.6 %, the extremes of six to twice that and again
+    assert shares.min() > 0.88 and shares.max() < 1.12
+
+
+def test_markers_on_a_line_are_no_rigid_body():
+    with pytest.raises(ValueError, match="layout_m: a rigid body needs three markers"):
+        MarkerRules(layout_m=((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 0.001, 0.0)))
+
+
+def test_noise_much_larger_about_one_axis_leaves_level_alone():
+    """Frames of a body at rest, with noise about other axes than the filter holds to be the noisy ones."""
+    noise = FilterNoise()
+    T_M_D = tf.from_xyz_rpy([2.0, 0.6, -0.3], [0.0, -0.8, 0.4])
+    T_M_O = tf.from_xyz_rpy([2.0, 0.6, -1.0], [0.0, -0.8, 0.9])
+    T_O_D = tf.invert(T_M_O) @ T_M_D
+    force = T_O_D[:3, :3].T @ [0.0, 0.0, 9.81]
+    _, axes = np.linalg.eigh(MarkerNoise(noise.markers).pose_covariance(T_M_D[:3, :3], T_M_D[:3, 3])[3:, 3:])
+    spread = axes @ so3.exp(np.array([0.4, 0.4, 0.0])) @ np.diag(np.radians([0.05, 1.0, 1.5]))
+    off = []
+    for seed in range(4):
+        random, core = np.random.default_rng(seed), MocapFilter(noise, T_M_D, T_O_D, 0.07)
+        for k in range(960):
+            core.predict(np.zeros(3), force, 1.0 / 120.0)
+            turn = so3.exp(spread @ random.standard_normal(3))
+            core.mocap(tf.transform(T_M_D[:3, :3] @ turn, T_M_D[:3, 3])).apply()
+            if k % 6 == 0:
+                core.attitude(T_O_D[:3, :3], np.zeros(3), 0.07).apply()
+        off.append((T_M_O[:3, :3].T @ core.state.R_M_O)[:2, 2])
+    # 1.5 degrees a frame, 960 frames, four flights: 0.024 degrees; four of them
+    assert np.degrees(np.abs(np.mean(off, axis=0)).max()) < 0.1
 
 
 def test_residuals_vanish_on_the_truth():

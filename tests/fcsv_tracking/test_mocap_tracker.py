@@ -43,6 +43,12 @@ def in_view():
     return recorded()
 
 
+@pytest.fixture(scope="module")
+def long_in_view():
+    """Long enough to move 0.3 m again after all was lost at 13 s."""
+    return recorded(24.0)
+
+
 def take(tracker, message):
     try:
         mocap_flight.feed(tracker, message)
@@ -122,11 +128,13 @@ def test_learns_the_delay_of_the_odometry(flight):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    reason="not reached: the covariance in view is too wide (0.67 in a band from 0.76; docs/mocap.md)", run=False
-)
+@pytest.mark.timeout(1200)
 def test_consistent_over_ten_flights():
-    values = [v for seed in range(11, 21) for v in evaluation.normalised_in_view(evaluation.evaluate(seed))]
+    """The last pose of each: constant errors of a mounting make poses of one flight alike."""
+    values = []
+    for seed in range(11, 21):
+        messages, truth = recorded(14.0, seed)
+        values.append(normalised(run(messages, truth)[1][-1], truth)[1])
     low, high = chi2.ppf([0.025, 0.975], 6 * len(values))
     assert low < sum(values) < high
 
@@ -173,9 +181,9 @@ def test_stamps_that_cannot_be(stamp_s, reason):
     assert error.value.reason == reason
 
 
-def test_a_clock_that_is_set_back_for_good(in_view):
+def test_a_clock_that_is_set_back_for_good(long_in_view):
     """Ten minutes back in mid-flight: absent for a while, then right again, in the new time."""
-    messages, truth = in_view
+    messages, truth = long_in_view
     tracker, last = MocapTracker(), None
     for message in messages:
         back_s = 600.0 if since_start(message) > 8.0 else 0.0
@@ -203,15 +211,15 @@ def test_garbage_in_between_changes_nothing(in_view):
     assert dirty.counts["mocap: not a pose"] > 500
 
 
-def test_five_seconds_of_silence_of_all(in_view):
-    messages, truth = in_view
+def test_five_seconds_of_silence_of_all(long_in_view):
+    messages, truth = long_in_view
 
     def silent(m):
         return [] if 8.0 < since_start(m) < 13.0 else [m]
 
     tracker, poses = run(messages, truth, silent)
     stamps = np.array([p.stamp_s for p in poses]) - evaluation.START_S
-    # half a second of coasting; again half a second of agreement before there is a pose
+    # half a second of coasting; again half a second of agreement and 0.3 m of movement before there is a pose
     assert not ((stamps > 8.6) & (stamps < 13.3)).any() and (stamps > 14.0).any()
     assert tracker.counts["anchored"] == 2
 
@@ -265,11 +273,11 @@ def test_swapped_markers_and_turned_bodies_do_no_harm(seed):
     assert wrong > 300
     tracker, poses = run(messages, truth)
     assert len(poses) > 300 and poses[-1].stamp_s > evaluation.START_S + 29.5
-    sure = [p for p in poses if p.heading_confirmed and p.stamp_s > evaluation.START_S + 12.0]
+    sure = [p for p in poses if p.stamp_s > evaluation.START_S + 12.0]
     assert max(normalised(p, truth)[0] for p in sure) < 0.05
 
 
-def test_a_body_taken_the_wrong_way_round_from_the_start_is_never_certain(in_view):
+def test_a_body_taken_the_wrong_way_round_from_the_start_has_no_pose(in_view):
     """A yaw ambiguity that stands from the first frame: gravity cannot tell, movement can."""
     messages, truth = in_view
     turned = tf.from_xyz_yaw([0.0, 0.0, 0.0], np.pi)
@@ -280,8 +288,7 @@ def test_a_body_taken_the_wrong_way_round_from_the_start_is_never_certain(in_vie
         return [dataclasses.replace(m, T_M_D=m.T_M_D @ turned)]
 
     tracker, poses = run(messages, truth, flipped)
-    assert not any(p.heading_confirmed for p in poses if p.stamp_s - evaluation.START_S < 7.9)
-    assert poses[-1].heading_confirmed and normalised(poses[-1], truth)[0] < 0.01
+    assert poses[0].stamp_s - evaluation.START_S > 7.9 and normalised(poses[-1], truth)[0] < 0.01
 
 
 def test_odometry_that_begins_anew_in_view(in_view):
@@ -335,7 +342,8 @@ def test_home_is_level_with_the_cameras_heading(flight):
     assert abs(forward[1]) < 1e-9 and forward[0] > 0.9
     T_true = flight.truths["a"].at(camera.stamp_s) @ T_body_cam
     assert np.degrees(np.arccos(camera.T_home_cam[2, :3] @ T_true[2, :3])) < 0.6  # level 0.2, pose 3 sigma
-    assert np.allclose(camera.T_home_odom @ camera.T_odom_body @ T_body_cam, camera.T_home_cam)
+    pose = system.trackers["a"].pose(now_s)
+    assert np.allclose(system.T_home_mocap @ pose.T_M_O @ pose.T_O_D @ T_body_cam, camera.T_home_cam)
     assert np.linalg.eigvalsh(camera.covariance).min() > 0
 
 

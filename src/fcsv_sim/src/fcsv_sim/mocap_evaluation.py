@@ -202,11 +202,7 @@ def _look_at_both(flight: Flight, now_s: float) -> None:
     flight.level_deg.append((now_s, float(np.degrees(np.arccos(min(1.0, R_M_W[:, 2] @ up_M))))))
     poses = [flight.system.trackers[n].pose(now_s) for n in ("a", "b")]
     relative = flight.system.relative("a", "b", now_s)
-    if (
-        relative is None
-        or not all(p.heading_confirmed for p in poses)
-        or abs(poses[0].stamp_s - poses[1].stamp_s) > 0.02
-    ):
+    if relative is None or abs(poses[0].stamp_s - poses[1].stamp_s) > 0.02:
         return
     T_Da_Db, C = relative
     T_true = equations.relative_in_view(*(flight.truths[n].at(p.stamp_s) for n, p in zip(("a", "b"), poses)))

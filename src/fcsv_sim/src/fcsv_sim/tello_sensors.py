@@ -109,7 +109,9 @@ class TelloSensors:
         R_world_body, R_O_world = T[:3, :3], self._R_O_world()
         R = self._R_level @ R_O_world @ R_world_body @ Rotation.from_rotvec(self._attitude_noise).as_matrix()
         p = self._p_O + random.normal(0.0, e.position_noise_m, 3)
-        v_O = R_O_world @ v + random.normal(0.0, e.velocity_noise_mps, 3)
+        # one odometry: what its position gains by drift, its velocity says, too
+        v_O = R_O_world @ v + e.drift * e.drift_share * float(np.linalg.norm(v)) * self._drift
+        v_O += random.normal(0.0, e.velocity_noise_mps, 3)
         gyro = Rotation.from_matrix(before[1][:3, :3].T @ R_world_body).as_rotvec() / dt_s
         accel = R_world_body.T @ ((v - before[2]) / dt_s - _G)
         arrival_s = stamp_s + self._delay_s + abs(random.normal(0.0, e.jitter_s))

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
+from fcsv_tracking.mocap.markers import MarkerRules
 
 #: Four markers on top of a vehicle (m, body frame), in no symmetric pattern (thesis 5.2).
-MARKERS_BODY_M = np.array([[0.065, 0.0, 0.03], [-0.05, 0.055, 0.05], [-0.02, -0.065, 0.03], [-0.075, -0.02, 0.045]])
+MARKERS_BODY_M = np.array(MarkerRules().layout_m)
 FRAME_RATE_HZ = 120.0
 
 

@@ -10,7 +10,7 @@ round. Residuals are in pixels.
 """
 
 import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Sequence, Tuple
 
 import numpy as np
@@ -19,13 +19,15 @@ from fcsv_geometry import transforms
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.tags import corner_points
 
+_SHARPEST_PX = 0.03  # no detector is better, however few corners agree by chance
+
 
 @dataclass(frozen=True)
 class LinkNoise:
     """Standard deviations. Attitude and clocks move the whole tag in the picture (0.5 to 1 px at 3.5 m), while its
     size and shape are as sharp as the corners: both are weighed for what they are."""
 
-    corner_noise_px: float = 0.15
+    corner_noise_px: float = 0.15  # at most: the detections of a calibration show how much it is
     attitude_noise_deg: float = 0.08  # of the child's odometry and its interpolation to the picture's stamp
     position_noise_m: float = 0.004  # of both: interpolation, clocks
     walk_m_per_sqrt_m: float = 0.012  # random walk of a tracker's position over the distance moved (1 % at 1 m)
@@ -67,6 +69,20 @@ class LinkModel:
             setattr(part, name, getattr(self, name)[keep])
         part._paths_m = [path_m[keep] for path_m in self._paths_m]
         return part
+
+    def with_measured_corners(self, x: np.ndarray) -> "LinkModel":
+        """The same, with the corners' noise as the tags' shapes show it at x, where that is less than was assumed.
+
+        What the tag's place in each picture explains is taken off first: attitude, clocks, the walk of odometry.
+        """
+        r = self.residuals(x)[..., None]
+        by_place = self._projection_jacobian(self._in_camera(x)[1]).reshape(len(self), 8, 3)
+        shape = r - by_place @ (np.linalg.pinv(by_place) @ r)
+        measured_px = float(np.sqrt((shape**2).sum() / (5 * len(self) - 1)))
+        same = copy.copy(self)
+        corner_px = min(self.noise.corner_noise_px, max(_SHARPEST_PX, measured_px))
+        same.noise = replace(self.noise, corner_noise_px=corner_px)
+        return same
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         """(N, 8) px: predicted minus measured corners."""

@@ -50,7 +50,7 @@ def solve_link(detections: Sequence[Detection], noise: LinkNoise) -> LinkSolutio
     used = _inliers(model, x)
     if used.sum() < len(detections) / 2:
         raise CalibrationRefused(f"only {used.sum()} of {len(detections)} detections agree")
-    kept = model.subset(used)
+    kept = model.subset(used).with_measured_corners(x)
     x, covariance = _weighted(kept, x)
     if rival_yaw is not None:
         covariance[3, 3] += (0.5 * wrap(rival_yaw - x[3])) ** 2

@@ -26,7 +26,6 @@ from fcsv_sim.ros.pair_pilots import PairPilots
 from fcsv_sim.ros.pair_session import PairSession
 
 _START_S, _STEP_S, _LAND_S = 300.0, 300.0, 90.0  # a busy machine is slow to start
-_PICTURES = 3  # of each vehicle and configuration: it waits for them
 _THERE_M, _IN_LINE_M = 0.35, 0.2
 _APART_M = 0.8
 _LINE_S = 10.0
@@ -147,7 +146,7 @@ class PairMission:
         self._go(mover, camera_place(c))
         for attempt in range(self._mission.settle.attempts):
             self._settle(c.title)
-            window, pictures = self._record(index, mover, c.record_s)
+            window, pictures = self._record(index, mover)
             if window.position_error_m <= self._mission.settle.hold_m:
                 break
             self._say(f"    left its place by {window.position_error_m:.2f} m while recording (attempt {attempt + 1})")
@@ -186,18 +185,20 @@ class PairMission:
             and camera.speed_mps() < bounds.speed_mps
         )
 
-    def _record(self, index: int, mover: str, least_s: float) -> Tuple[CaptureWindow, Dict[str, List]]:
+    def _record(self, index: int, mover: str) -> Tuple[CaptureWindow, Dict[str, List]]:
         """Pictures of the reference and of the mover, each with its pose, for as long as it takes to have enough."""
         cameras = {n: self._cameras[n] for n in (self._mission.reference, mover)}
-        begun_s, worst = time.monotonic(), [0.0]
+        wanted = self._mission.configurations[index]
+        until_s, worst = time.monotonic() + wanted.record_s, [0.0]
 
         def enough() -> bool:
             worst[0] = max(worst[0], self._error_m(cameras))
-            return time.monotonic() - begun_s >= least_s and all(len(c.kept()) >= _PICTURES for c in cameras.values())
+            return time.monotonic() >= until_s and all(len(c.kept()) >= wanted.least_pictures for c in cameras.values())
 
         for camera in cameras.values():
             camera.record(True)
-        self._until(enough, _STEP_S, f"fewer than {_PICTURES} pictures with a pose came of {' or '.join(cameras)}")
+        few = f"fewer than least_pictures ({wanted.least_pictures}) with a pose came of {' or '.join(cameras)}"
+        self._until(enough, _STEP_S + wanted.record_s, few)
         pictures = {n: c.kept() for n, c in cameras.items()}
         for camera in cameras.values():
             camera.record(False)

@@ -33,11 +33,13 @@ class FollowRules:
     speed_degps: float = 400.0  # of the servos, for the time that a turn takes
     acceleration_degps2: float = 2000.0
     lost_s: float = 0.5
-    search_dwell_s: float = 0.35  # at every place of a search: turning, exposure, delay, detection
+    search_dwell_s: float = 0.15  # at every place of a search, once it is there: exposure, delay, detection
+    search_patience_s: float = 4.0  # longer, until a picture of the place was looked at: a busy machine is behind
     search_step: float = 0.75  # of the field of view between two places
 
     def __post_init__(self):
-        for name in ("speed_degps", "acceleration_degps2", "lost_s", "search_dwell_s", "target_radius_m"):
+        for name in ("speed_degps", "acceleration_degps2", "lost_s", "search_dwell_s",
+                     "search_patience_s", "target_radius_m"):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name}: {getattr(self, name)} must be positive")
         if not all(0.0 < share < 1.0 for share in self.zone):
@@ -71,13 +73,17 @@ class Follower:
         self.goal = geometry.clipped(start)
         self.searching = False
         self._places: Optional[Iterator[Angles]] = None
-        self._next_s = -np.inf
+        self._there_s = self._next_s = -np.inf
 
-    def command(self, now_s: float, target: Optional[Target]) -> Optional[Angles]:
-        """``target``: the last sight there was, None before the first or after the clock was set."""
-        self.searching = target is None or now_s - target.stamp_s > self._rules.lost_s
+    def command(self, now_s: float, target: Optional[Target], looked_s: float = np.inf) -> Optional[Angles]:
+        """``target``: the last sight there was, None before the first or after the clock was set.
+
+        ``looked_s``: stamp of the newest picture that was looked at; what nobody has looked for is not lost yet, and a
+        place that nobody has looked at is not left.
+        """
+        self.searching = target is None or self._lost(now_s, target, looked_s)
         if self.searching:
-            return self._search(now_s, target)
+            return self._search(now_s, target, looked_s)
         self._places = None
         p_now = target.at(now_s) if self._rules.predict else target.p_ground_m
         if self._inside(p_now):
@@ -125,16 +131,23 @@ class Follower:
         self.goal = self._geometry.clipped(goal)
         return self.goal
 
-    def _search(self, now_s: float, target: Optional[Target]) -> Optional[Angles]:
+    def _lost(self, now_s: float, target: Target, looked_s: float) -> bool:
+        silent_s = now_s - target.stamp_s
+        in_vain = looked_s > target.stamp_s or silent_s > self._rules.search_patience_s
+        return silent_s > self._rules.lost_s and in_vain
+
+    def _search(self, now_s: float, target: Optional[Target], looked_s: float) -> Optional[Angles]:
         if self._places is None:
             lost_at = self.goal
             if target is not None:  # where it was going, no further than it was heard of
                 lost_at = self._geometry.aim(target.at(min(now_s, target.stamp_s + self._rules.lost_s)))
-            self._places, self._next_s = self._around(lost_at), now_s
-        if now_s < self._next_s:
+            self._places, self._there_s, self._next_s = self._around(lost_at), -np.inf, now_s
+        behind = looked_s < self._there_s and now_s < self._there_s + self._rules.search_patience_s
+        if now_s < self._next_s or behind:
             return None
         goal = next(self._places)
-        self._next_s = now_s + self._rules.search_dwell_s + self._turning_s(goal)
+        self._there_s = now_s + self._rules.servo_delay_s + self._turning_s(goal)
+        self._next_s = self._there_s + self._rules.search_dwell_s
         return self._turn(goal)
 
     def _around(self, centre: Angles) -> Iterator[Angles]:

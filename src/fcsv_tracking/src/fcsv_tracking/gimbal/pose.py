@@ -27,8 +27,8 @@ class PoseRules:
     """``corner_px`` is a corner's standard deviation in a sharp picture, ``tag_m`` and ``tag_deg`` how a tag sits on
     its body other than told."""
 
-    corner_px: float = 0.12
-    blur_share: float = 0.06  # of the way that it moved in the picture while the shutter was open, likewise
+    corner_px: float = 0.07
+    blur_share: float = 0.015  # of the way that it moved in the picture while the shutter was open, likewise
     tag_m: float = 0.0005
     tag_deg: float = 0.3
     ambiguous: float = 12.0  # a second pose that fits worse by less than this (squared sigmas) may be the true one

@@ -36,7 +36,7 @@ class GimbalRules:
     angle_deg: float = 0.03
     mount_deg: float = 0.03
     mount_m: float = 0.001
-    stamp_s: float = 0.002
+    stamp_s: float = 0.0012
     exposure_s: float = 0.002  # of the gimbal's camera, set by hand: what moves is smeared for so long
     still_degps: float = 4.0  # a gimbal that turns faster blurs and misplaces: no pose from such pictures
     most_speed_mps: float = 6.0  # no vehicle here is faster
@@ -227,7 +227,7 @@ class GimbalTracker:
         if target is not None and target.stamp_s > now_s + self._rules.oldest_s:
             self._start_over()  # the clock was set back
             target = None
-        return self.follower.command(now_s, target)
+        return self.follower.command(now_s, target, self._stamp_s)
 
 
 def _rough(own: Sequence[TagObservation], tags: Mapping[int, BodyTag]) -> np.ndarray:

@@ -4,7 +4,7 @@
 It knows nothing of queues, gates or bad input: that is tracker.py's. Time is only in ``dt_s``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Tuple
 
 import numpy as np
@@ -12,15 +12,16 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_tracking.mocap import measurements, so3
+from fcsv_tracking.mocap.markers import MarkerNoise, MarkerRules
 from fcsv_tracking.mocap.state import BA, DELAY, PHI, PO, SIZE, TH, B, P, State, V, advance, advance_jacobian
 
 
 @dataclass(frozen=True)
 class FilterNoise:
-    """Standard deviations; the mocap's error along its ray grows with the square of the range."""
+    """Standard deviations; the mocap's own are those of its markers."""
 
-    turn_deg: float = 0.06  # of the turn between two samples of attitude
-    accel_mps2: float = 0.4  # a sample at 20 Hz stands for what happens between
+    turn_deg: float = 0.04  # of the turn between two samples of attitude
+    accel_mps2: float = 0.25  # a sample at 20 Hz stands for what happens between
     accel_bias_walk: float = 1e-3  # m/s2 per root second
     odometry_position_m: float = 0.006  # quantisation and noise; the drift is its own state
     odometry_velocity_mps: float = 0.05
@@ -29,17 +30,15 @@ class FilterNoise:
     heading_walk_deg_per_sqrt_s: float = 0.04
     level_walk_deg_per_sqrt_s: float = 0.004
     level_deg: float = 0.08  # constant error of either level, which no time averages away
-    drift_share: float = 0.0233  # rms; 2 % of 20 m
-    drift_length_m: float = 20.0  # over which the drift's direction changes
+    drift_share: float = 0.0257  # rms
+    drift_length_m: float = 7.0  # how far a drift that was learned is followed (docs/mocap.md says why no further)
     delay_s: float = 0.03  # first guess's error
     delay_walk_s: float = 2e-4  # per root second
-    mocap_depth_per_m: float = 1.3e-4  # one over m: at 3 m 1.2 mm along the ray
-    mocap_lateral_m: float = 2e-4
     mocap_jitter_s: float = 0.0017  # of the topic's stamps
-    marker_radius_m: float = 0.045  # how far markers are from their middle: turns position noise into rotation
-    marker_arm_m: float = 0.04  # from their middle to the body's origin: carries noise of rotation into position
     body_m: float = 0.0003  # where the tracker's rigid body was put in the vehicle
-    body_deg: float = 0.06
+    body_deg: float = 0.04
+    vibration_deg: float = 0.06  # of the airframe, an axis: 20 samples a second cannot follow it
+    markers: MarkerRules = field(default_factory=MarkerRules)
 
     def __post_init__(self):
         require_positive(self)
@@ -50,6 +49,7 @@ class MocapFilter:
 
     def __init__(self, noise: FilterNoise, T_M_D: np.ndarray, T_O_D: np.ndarray, delay_s: float):
         self._noise = n = noise
+        self._markers = MarkerNoise(n.markers)
         T_M_O = T_M_D @ transforms.invert(T_O_D)
         zero = np.zeros(3)
         self.state = State(
@@ -144,7 +144,7 @@ class MocapFilter:
         J[:3, P], J[3:, TH] = np.eye(3), s.R_M_D
         C = J @ self.covariance @ J.T
         C[:3, :3] += self._noise.body_m**2 * np.eye(3)
-        C[3:, 3:] += np.radians(self._noise.body_deg) ** 2 * np.eye(3)
+        C[3:, 3:] += (np.radians(self._noise.body_deg) ** 2 + np.radians(self._noise.vibration_deg) ** 2) * np.eye(3)
         return C
 
     def level_covariance(self) -> np.ndarray:
@@ -153,20 +153,12 @@ class MocapFilter:
         return self.state.R_M_O @ C @ self.state.R_M_O.T
 
     def _mocap_noise(self, p_M_D: np.ndarray) -> np.ndarray:
-        """(6,6): a stereo camera at M's origin sees depth worst, and so turns about the axes across the ray."""
-        n = self._noise
-        range_m = max(float(np.sqrt(p_M_D @ p_M_D)), 0.1)
-        ray = p_M_D / range_m
-        along = np.outer(ray, ray)
-        across = np.eye(3) - along
-        depth_m = n.mocap_depth_per_m * range_m**2
-        position = n.mocap_lateral_m**2 * across + (depth_m**2 + n.mocap_lateral_m**2) * along
-        turn = (n.mocap_lateral_m**2 * along + (depth_m**2 + n.mocap_lateral_m**2) * across) / n.marker_radius_m**2
-        position += n.marker_arm_m**2 * np.trace(turn) / 3.0 * np.eye(3)
-        v_m = self.state.v_M * n.mocap_jitter_s
-        R = np.zeros((6, 6))
-        R[:3, :3] = position + np.outer(v_m, v_m)
-        R[3:, 3:] = self.state.R_M_D.T @ turn @ self.state.R_M_D
+        """(6,6) of a pose by the tracker: its markers, when it was, and the airframe's vibration."""
+        n, s = self._noise, self.state
+        R = self._markers.pose_covariance(s.R_M_D, p_M_D)
+        v_m = s.v_M * n.mocap_jitter_s
+        R[:3, :3] += np.outer(v_m, v_m)
+        R[3:, 3:] += np.radians(n.vibration_deg) ** 2 * np.eye(3)
         return R
 
 

@@ -22,11 +22,16 @@ def exp(v: np.ndarray) -> np.ndarray:
     >>> np.allclose(exp(np.array([0.0, 0.0, np.pi / 2])) @ [1, 0, 0], [0, 1, 0])
     True
     """
-    angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    K = skew(v)
-    if angle < 1e-6:
-        return np.eye(3) + K + 0.5 * (K @ K)
-    return np.eye(3) + (math.sin(angle) / angle) * K + ((1.0 - math.cos(angle)) / angle**2) * (K @ K)
+    x, y, z = float(v[0]), float(v[1]), float(v[2])
+    angle2 = x * x + y * y + z * z
+    angle = math.sqrt(angle2)
+    a, b = (1.0, 0.5) if angle < 1e-6 else (math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2)
+    # written out: the filter asks for it several times a frame
+    return np.array([
+        [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+        [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
+        [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
+    ])  # fmt: skip
 
 
 def log(R: np.ndarray) -> np.ndarray:

@@ -10,9 +10,10 @@ from fcsv_geometry import transforms
 from fcsv_tracking.chain import home_of
 from fcsv_tracking.errors import HomeRefused, SampleRejected
 from fcsv_tracking.mocap import equations
-from fcsv_tracking.mocap.tracker import MocapTracker, TrackedPose, TrackerRules
+from fcsv_tracking.mocap.tracker import MocapTracker, TrackerRules
 
 _BODY_M = 0.15  # two vehicles cannot be nearer than this to each other
+_AS_FAR = 6.0  # of that: a vehicle that seems further away is not in a place
 _NOTICE_S = 0.3
 _HOME_SIGMA_M, _HOME_SIGMA_RAD = 0.05, np.radians(1.0)
 
@@ -24,9 +25,6 @@ class CameraPose:
     stamp_s: float
     T_home_cam: np.ndarray
     covariance: np.ndarray
-    T_home_odom: np.ndarray
-    T_odom_body: np.ndarray
-    in_view: bool
 
 
 class MocapSystem:
@@ -54,7 +52,12 @@ class MocapSystem:
 
     @staticmethod
     def _is_at(tracker: MocapTracker, p_M: np.ndarray, now_s: float) -> bool:
-        known = tracker.pose(now_s)
+        if tracker.filter is None:
+            return False
+        off = tracker.filter.state.p_M_D - p_M
+        if not off @ off < (_AS_FAR * _BODY_M) ** 2:  # NaN among them; asked for every frame, and far away as a rule
+            return False
+        known = tracker.guess(now_s)
         if known is None or now_s - known.stamp_s > _NOTICE_S:
             return False
         sigma_m = float(np.sqrt(np.trace(known.covariance[:3, :3]) / 3.0))
@@ -72,8 +75,6 @@ class MocapSystem:
         pose = self.trackers[reference].pose(now_s)
         if pose is None:
             raise HomeRefused(f"{reference} has no pose: {self.trackers[reference].absent_because}")
-        if not pose.heading_confirmed:
-            raise HomeRefused(f"{reference}'s heading is not proven yet: move it 0.3 m sideways in the mocap's view")
         sigma = np.sqrt(np.diag(pose.covariance))
         if sigma[:3].max() > _HOME_SIGMA_M or sigma[3:].max() > _HOME_SIGMA_RAD:
             raise HomeRefused(
@@ -98,10 +99,7 @@ class MocapSystem:
             return None
         T_home_M, T_D_C = self._T_home_mocap, self._T_body_cam[name]
         covariance = equations.moved_covariance(pose.covariance, T_home_M[:3, :3], pose.T_M_D[:3, :3] @ T_D_C[:3, 3])
-        return CameraPose(
-            pose.stamp_s, T_home_M @ pose.T_M_D @ T_D_C, covariance, T_home_M @ pose.T_M_O,
-            transforms.invert(pose.T_M_O) @ pose.T_M_D, pose.in_view,
-        )  # fmt: skip
+        return CameraPose(pose.stamp_s, T_home_M @ pose.T_M_D @ T_D_C, covariance)
 
     def relative(self, a: str, b: str, now_s: float) -> Optional[Tuple[np.ndarray, np.ndarray]]:
         """T_Da_Db and its covariance (6,6) in Da's axes (5.3 and 5.4 are one where offsets are filtered)."""
@@ -109,9 +107,5 @@ class MocapSystem:
         if any(p is None for p in poses):
             return None
         pa, pb = poses
-        T = equations.relative_out_of_view(pa.T_M_O, _odometry(pa), pb.T_M_O, _odometry(pb))
+        T = equations.relative_out_of_view(pa.T_M_O, pa.T_O_D, pb.T_M_O, pb.T_O_D)
         return T, equations.relative_covariance(pa.T_M_D, pa.covariance, pb.T_M_D, pb.covariance)
-
-
-def _odometry(pose: TrackedPose) -> np.ndarray:
-    return transforms.invert(pose.T_M_O) @ pose.T_M_D

@@ -24,6 +24,7 @@ from fcsv_tracking.mocap.samples import InputRules, MocapInput, VehicleInput, Ve
 _HOVER = (np.zeros(3), np.array([0.0, 0.0, 9.81]))
 _LONGEST_STEP_S = 0.05
 _UNPROVEN_S = 0.1  # how long odometry alone is followed before movement has proven its heading
+_UNPROVEN = "its heading is not proven yet: move it 0.3 m sideways in the mocap's view"
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,11 @@ class TrackedPose:
     covariance: np.ndarray
     in_view: bool
     heading_confirmed: bool
+
+    @property
+    def T_O_D(self) -> np.ndarray:
+        """The body in its odometry's frame, by both."""
+        return transforms.invert(self.T_M_O) @ self.T_M_D
 
 
 class MocapTracker:
@@ -211,7 +217,7 @@ class MocapTracker:
         self._mocap_s, self._doubt_since_s, self._place_doubt_since_s = moment_s, None, None
         moved_O = self._filter.state.R_M_O.T @ (T_M_D[:3, 3] - self._began_p_M)
         if float(np.hypot(moved_O[0], moved_O[1])) > self._rules.confirm_m:
-            self._heading_confirmed = True
+            self._heading_confirmed, self.absent_because = True, ""
 
     def _doubt(self, moment_s: float, T_M_D: np.ndarray, correction) -> None:
         """A pose that the gate keeps out: whose fault, and for how long already?"""
@@ -238,7 +244,7 @@ class MocapTracker:
         self._time_s = self._mocap_s = moment_s
         self._began_p_M = T_M_D[:3, 3].copy()
         self.counts["anchored"] += 1
-        self.absent_because = ""
+        self.absent_because = _UNPROVEN
 
     def _forget(self, why: str) -> None:
         """No pose from here on, until mocap and odometry agree for half a second again."""
@@ -265,6 +271,11 @@ class MocapTracker:
 
     def pose(self, now_s: float) -> Optional[TrackedPose]:
         """The newest pose, None where there is none to be trusted (``absent_because``)."""
+        found = self.guess(now_s)
+        return found if found is not None and found.heading_confirmed else None
+
+    def guess(self, now_s: float) -> Optional[TrackedPose]:
+        """The same, and before movement has proven the heading a pose that may stand turned over in its right place."""
         if self._filter is None:
             return None
         if now_s - self._time_s > self._rules.coast_s + self._rules.hold_s:

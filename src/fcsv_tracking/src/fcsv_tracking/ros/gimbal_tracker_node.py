@@ -4,7 +4,7 @@ T_home_cam of every vehicle out, on the same topics and frames as with the other
 
 import threading
 from dataclasses import dataclass, field
-from typing import List
+from typing import List, Tuple
 
 import numpy as np
 import rospy
@@ -12,17 +12,15 @@ import tf2_ros
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from fcsv_geometry import frames
-from fcsv_geometry.errors import ConfigError, FcsvError, PoseUnavailable
+from fcsv_geometry.errors import ConfigError, PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Home
-from fcsv_msgs.srv import SetHome, SetHomeResponse
-from fcsv_tracking.errors import HomeRefused
 from fcsv_tracking.gimbal.config import load_ground_robot
 from fcsv_tracking.gimbal.system import GimbalSystem
 from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
 from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.gimbal_channel import GimbalChannel
+from fcsv_tracking.ros.home_service import HomeService
 from fcsv_tracking.ros.static_frames import fixed_parts
 
 
@@ -59,14 +57,12 @@ class GimbalTrackerNode:
         flows = {f"{n} {what}": least for n in p.vehicles for what, least in
                  (("joints", 20.0), ("pictures", 5.0), ("pose", 1.0))}  # fmt: skip
         self._health = Health("gimbals", flows)
-        self._tf, self._static = tf2_ros.TransformBroadcaster(), tf2_ros.StaticTransformBroadcaster()
-        self._fixed = [t for v in vehicles.values() for t in fixed_parts(v)]
-        self._static.sendTransform(self._fixed)
-        self._home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
+        self._tf = tf2_ros.TransformBroadcaster()
+        fixed = [t for v in vehicles.values() for t in fixed_parts(v)]
         self._cameras = {
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in p.vehicles
         }
-        rospy.Service("/set_home", SetHome, self._on_set_home)
+        self._home = HomeService(p.vehicles, frames.GROUND, fixed, self._set_home)
         self._channels = [
             GimbalChannel(gimbals[n], p.rules, p.decimate, self._health, self._on_tracker, self._on_pose)
             for n in p.vehicles
@@ -92,24 +88,9 @@ class GimbalTrackerNode:
         if camera is not None:
             self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
 
-    def _on_set_home(self, request) -> SetHomeResponse:
-        reference, now_s = request.reference or self._names[0], rospy.get_time()
-        try:
-            if reference not in self._names:
-                raise HomeRefused(f"'{reference}' is not a vehicle here; known: {', '.join(self._names)}")
-            with self._lock:
-                T_ground_home = self._system.set_home(reference, now_s)
-                T_home_ground = self._system.T_home_ground
-        except FcsvError as error:
-            return SetHomeResponse(False, str(error), Home())
-        pose = conversions.transform_to_pose(T_ground_home)  # the odometry frame is the ground robot's
-        home = Home(conversions.header(now_s, frames.odom(reference)), reference, pose)
-        self._home.publish(home)
-        ground = conversions.transform_stamped(T_home_ground, now_s, frames.HOME, frames.GROUND)
-        self._static.sendTransform([*self._fixed, ground])
-        text = f"home is where the camera of {reference} is now"
-        rospy.loginfo("%s", text)
-        return SetHomeResponse(True, text, home)
+    def _set_home(self, reference: str, now_s: float) -> Tuple[np.ndarray, np.ndarray]:
+        with self._lock:  # the odometry frame is the ground robot's
+            return self._system.set_home(reference, now_s), self._system.T_home_ground
 
     def _report(self, _event) -> None:
         for channel in self._channels:

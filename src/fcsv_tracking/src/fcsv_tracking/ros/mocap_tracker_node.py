@@ -4,7 +4,7 @@ T_home_cam of every vehicle out, on the same topics and frames as with the other
 
 import threading
 from dataclasses import dataclass, field
-from typing import Dict, List
+from typing import Dict, List, Optional, Tuple
 
 import message_filters
 import numpy as np
@@ -15,15 +15,14 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
 from fcsv_geometry import frames
-from fcsv_geometry.errors import FcsvError, GeometryError
+from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Home
-from fcsv_msgs.srv import SetHome, SetHomeResponse
-from fcsv_tracking.errors import HomeRefused, SampleRejected
+from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.mocap.system import CameraPose, MocapSystem
-from fcsv_tracking.mocap.tracker import TrackerRules
+from fcsv_tracking.mocap.tracker import TrackedPose, TrackerRules
 from fcsv_tracking.ros.camera_message import camera_message
+from fcsv_tracking.ros.home_service import HomeService
 from fcsv_tracking.ros.static_frames import fixed_parts
 
 _SAME_PACKET_S = 0.002
@@ -56,13 +55,11 @@ class MocapTrackerNode:
         self._stamps_s: Dict[str, float] = dict.fromkeys(self._names, 0.0)
         self._health = Health("mocap", {f"{n} {s}": 1.0 for n in self._names for s in ("mocap", "odometry", "pose")})
         self._tf = tf2_ros.TransformBroadcaster()
-        self._static = tf2_ros.StaticTransformBroadcaster()
-        self._static.sendTransform([t for v in vehicles.values() for t in fixed_parts(v)])
-        self._home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
+        fixed = [t for v in vehicles.values() for t in fixed_parts(v)]
         self._cameras = {
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
         }
-        rospy.Service("/set_home", SetHome, self._on_set_home)
+        self._home = HomeService(self._names, parameters.mocap_frame, fixed, self._set_home)
         self._timer = rospy.Timer(rospy.Duration(1.0 / parameters.rate_hz), self._publish)
         self._slow_timer = rospy.Timer(rospy.Duration(1.0), self._report)
         self._pairs = [self._listen(n) for n in self._names]
@@ -114,40 +111,24 @@ class MocapTrackerNode:
         now_s = rospy.get_time()
         for name in self._names:
             with self._lock:
-                camera = self._system.camera(name, now_s)
-            if camera is not None and camera.stamp_s > self._stamps_s[name]:
-                self._stamps_s[name] = camera.stamp_s
-                self._publish_camera(name, camera)
+                pose, camera = self._system.trackers[name].pose(now_s), self._system.camera(name, now_s)
+            if pose is not None and pose.stamp_s > self._stamps_s[name]:
+                self._stamps_s[name] = pose.stamp_s
+                self._publish_pose(name, pose, camera)
 
-    def _publish_camera(self, name: str, camera: CameraPose) -> None:
-        self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
+    def _publish_pose(self, name: str, pose: TrackedPose, camera: Optional[CameraPose]) -> None:
         odom, body = frames.odom(name), frames.base_link(name)
         self._tf.sendTransform([
-            conversions.transform_stamped(camera.T_home_odom, camera.stamp_s, frames.HOME, odom),
-            conversions.transform_stamped(camera.T_odom_body, camera.stamp_s, odom, body),
+            conversions.transform_stamped(pose.T_M_O, pose.stamp_s, self._parameters.mocap_frame, odom),
+            conversions.transform_stamped(pose.T_O_D, pose.stamp_s, odom, body),
         ])  # fmt: skip
         self._health.tick(f"{name} pose")
+        if camera is not None:
+            self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
 
-    def _on_set_home(self, request) -> SetHomeResponse:
-        reference, now_s = request.reference or self._names[0], rospy.get_time()
-        try:
-            if reference not in self._names:
-                raise HomeRefused(f"'{reference}' is not a vehicle here; known: {', '.join(self._names)}")
-            with self._lock:
-                T_odom_home = self._system.set_home(reference, now_s)
-                T_home_mocap = self._system.T_home_mocap
-        except FcsvError as error:
-            return SetHomeResponse(False, str(error), Home())
-        home = Home(
-            conversions.header(now_s, frames.odom(reference)), reference, conversions.transform_to_pose(T_odom_home)
-        )
-        self._home.publish(home)
-        self._static.sendTransform(
-            conversions.transform_stamped(T_home_mocap, now_s, frames.HOME, self._parameters.mocap_frame)
-        )
-        text = f"home is where the camera of {reference} is now"
-        rospy.loginfo("%s", text)
-        return SetHomeResponse(True, text, home)
+    def _set_home(self, reference: str, now_s: float) -> Tuple[np.ndarray, np.ndarray]:
+        with self._lock:
+            return self._system.set_home(reference, now_s), self._system.T_home_mocap
 
     def _report(self, _event) -> None:
         """Counts and states for diagnostics: what was rejected and why there is no pose."""
