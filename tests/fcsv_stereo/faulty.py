@@ -36,6 +36,24 @@ def flight(seed=1, scene=TOWN, of_other=None):
     return reference, true, [boards.noisy(t, reference, random) for t in true]
 
 
+def session(scenes, seed=1) -> MapInput:
+    """A flight as a session holds it: a reference picture of every configuration; ``scenes`` as each one met it.
+
+    The reference vehicle hovers: 3 cm and 1 degree about its place, known to 0.05 degrees from one to the next.
+    """
+    random = np.random.default_rng(seed)
+    configurations, first = [], None
+    for i, (b, scene) in enumerate(zip(BASELINES_M, scenes)):
+        true = shot(f"uav1/{i}", boards.pose(random.normal(0, 0.03, 3), random.normal(0, 1, 3)), scene, "uav1")
+        first = first or true
+        other = shot(f"uav2/{i}", boards.pose([0.03, -b, 0.02], random.normal(0, 1, 3)), scene)
+        reference = boards.noisy(true, first, random, 0.05) if i else true
+        pictures = (replace(p, stamp_s=30.0 * i) for p in (reference, boards.noisy(other, first, random)))
+        name = Configuration("horizontal", b, 0.0, f"horizontal {b:g} m")
+        configurations.append(ConfigurationInput(name, *([p] for p in pictures)))
+    return MapInput("session", configurations)
+
+
 def given(reference: Picture, others: Sequence[Picture]) -> MapInput:
     configurations = [
         ConfigurationInput(Configuration("horizontal", b, 0.0, f"horizontal {b:g} m"), [reference], [o])

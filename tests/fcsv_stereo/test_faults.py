@@ -21,7 +21,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import InputError, MatchingError, OutputError, StereoError
 from fcsv_stereo.inputs import Picture
-from fcsv_stereo.joint import JointOptions
+from fcsv_stereo.joint import JointOptions, map_joint
 from fcsv_stereo.ros.session_bags import read_session
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import MATCHERS
@@ -142,6 +142,56 @@ def test_an_object_that_moved(truth):
     result = joint(reference, priors)
     assert faulty.claims(result, true)[1] <= faulty.MOST_WRONG
     assert faulty.claims(result, true, on_it)[1] <= faulty.MOST_WRONG
+
+
+IN_STEP_M = (0.0, 1.0, 2.0)  # so much further along at 4 and 8 m: a quarter of the baseline, 14 m look like 11.2 m
+
+
+def in_step(metres=IN_STEP_M):
+    """A board at 14 m that moves along the baselines as they grow: the session, the truth, and where the board is."""
+    board = boards.Board((14.0, -2.0, -1.0), (1.5, 1.2), 55)
+    given = faulty.session([[*faulty.TOWN, replace(board, xyz=(14.0, -2.0 + d, -1.0))] for d in metres])
+    T = given.configurations[0].references[0].T_home_cam
+    on_it = np.isfinite(boards.depth(T, [board], faulty.CAMERA))
+    return given, boards.depth(T, [*faulty.TOWN, board], faulty.CAMERA), on_it
+
+
+def test_an_object_that_moves_in_step_with_the_baselines():
+    """Two of three pairs agree on a wrong depth; the reference pictures of their moments tell that it moved."""
+    given, truth, on_it = in_step()
+    seen = map_joint(given, JointOptions(), quiet)
+    assert faulty.claims(seen, truth, on_it)[1] > 0.5  # what matching alone makes of it: this is no easy case
+    result = MAP["joint"](given, JointOptions(), quiet)
+    sure, wrong = faulty.claims(result, truth, on_it)
+    assert sure * wrong < faulty.MOST_WRONG * on_it.mean()  # of the board's pixels
+    assert faulty.claims(result, truth)[1] <= faulty.MOST_WRONG
+    assert any("something moved" in w and "horizontal 8 m" in w for w in result.warnings), result.warnings
+    assert result.points == np.isfinite(result.depth).sum() == np.isfinite(result.sigma).sum()
+    # what is left out is the board and where it was to be seen later
+    assert result.coverage > seen.coverage - 3.0 * on_it.mean()
+
+
+def test_the_other_axis_tells_of_an_object_that_moves_in_step():
+    """One reference picture for all, as photographs have: vertical pairs see elsewhere what looks nearer to others."""
+    board = boards.Board((14.0, -2.0, -1.0), (1.5, 1.2), 55)
+    along = lambda d: [*faulty.TOWN, replace(board, xyz=(14.0, -2.0 + d, -1.0))]  # noqa: E731
+    reference, _, across = faulty.flight(scene=along(0.0), of_other={i: along(b / 4) for i, b in enumerate((2, 4, 8))})
+    up = [faulty.shot(f"uav3 at {b:g} m", boards.pose([0, 0.02, b]), along(d)) for b, d in ((2.0, 1.0), (3.0, 2.0))]
+    given = faulty.given(reference, [*across, *up])
+    vertical = [replace(c, configuration=replace(c.configuration, axis="vertical")) for c in given.configurations[3:]]
+    given = replace(given, kind="photographs", configurations=[*given.configurations[:3], *vertical])
+    truth = boards.depth(reference.T_home_cam, along(0.0), faulty.CAMERA)
+    on_it = np.isfinite(boards.depth(reference.T_home_cam, [board], faulty.CAMERA))
+    sure, wrong = faulty.claims(map_joint(given, JointOptions(), quiet), truth, on_it)
+    assert sure * wrong > 0.3 * on_it.mean()  # what matching alone makes of it: this is no easy case
+    sure, wrong = faulty.claims(MAP["joint"](given, JointOptions(), quiet), truth, on_it)
+    assert sure * wrong < faulty.MOST_WRONG * on_it.mean()
+
+
+def test_nothing_is_left_out_where_nothing_moved():
+    given, _, _ = in_step((0.0, 0.0, 0.0))
+    seen, result = map_joint(given, JointOptions(), quiet), MAP["joint"](given, JointOptions(), quiet)
+    assert result.coverage >= seen.coverage - 0.001 and not any("moved" in w for w in result.warnings)
 
 
 def test_a_configuration_without_pictures_is_left_out_and_named(tmp_path):

@@ -2,6 +2,7 @@
 """Pose refinement on drawn scenes with known truth, on faulty pictures, and on real photographs."""
 
 import doctest
+import gc
 from dataclasses import replace
 
 import boards
@@ -14,7 +15,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.refinement import PosePrior, RefineOptions, geometry, refine, structure, symptoms
+from fcsv_stereo.refinement import KnownFeatures, PosePrior, RefineOptions, geometry, refine, structure, symptoms
 
 TRUE_POSE = boards.pose([0, -4.0, 0.3], (1.0, 0.0, -1.0))
 
@@ -302,3 +303,19 @@ def test_fountain(shared_data, name):
     errors_deg = np.degrees((relative.mean().inv() * relative).magnitude())
     assert np.median(errors_deg) <= 0.05, errors_deg
     assert max(r.epipolar_after_px for r in result.others) <= 0.5
+
+
+def test_features_of_pictures_that_come_again_are_known(reference, good):
+    """The same poses to the last bit; one memory per picture, forgotten with it."""
+    pictures = [replace(p, image=p.image.copy()) for p in (reference, good)]
+    known = KnownFeatures()
+    poses = [refine(pictures[0], pictures[1:], RefineOptions(known=known)).others[0].picture.T_home_cam]
+    assert len(known) == 2
+    turned = boards.with_prior(pictures[1], rpy_deg=(0.0, 0.01, 0.0))  # its prior is not remembered with it
+    assert refine(pictures[0], [turned], RefineOptions(known=known)).others[0].prior_T_home_cam is turned.T_home_cam
+    poses.append(refine(pictures[0], pictures[1:], RefineOptions(known=known)).others[0].picture.T_home_cam)
+    poses.append(refine(pictures[0], pictures[1:]).others[0].picture.T_home_cam)
+    assert len(known) == 2 and all(np.array_equal(poses[0], T) for T in poses[1:])
+    del pictures, turned
+    gc.collect()
+    assert len(known) == 0

@@ -102,6 +102,24 @@ def test_warnings_in_plain_words(result):
         "could not be refined", "above 10% of the distance", "sigma is too small",
     ):  # fmt: skip
         assert expected in words, words
+    watched = replace(bad, watched=[p.other_name for p in bad.pairs])  # what moved was looked for, and left out
+    assert not any("not taken at one time" in w for w in plain_words.warnings(watched, pairs, [], truth))
+
+
+def test_a_seam_of_one_depth_for_all_pairs(scene, result):
+    """What a pair alone would say: a shorter one turned by 0.2 degrees about the other axis sees f tan(0.2) px more."""
+    baselines = (0.6, 1.2)
+
+    def shared(turn_deg):
+        off_px = CAMERA.fx * np.tan(np.radians(turn_deg))
+        shorter, longer = (replace(p, effective_range_m=(0.0, 20.0)) for p in result.pairs[:2])
+        shorter = replace(shorter, disparity=shorter.disparity + np.float32(off_px))
+        return replace(result, method="joint", pairs=[shorter, longer])
+
+    (level,), (stepped,) = evidence.seams(shared(0.0)), evidence.seams(shared(0.2))
+    assert level.pixels >= evidence._LEAST_CORNERS and abs(level.step) < 0.01
+    d_px = CAMERA.fx * baselines[0] / 20.0  # the depth that all share is too near for the shorter pair by so much
+    assert stepped.step == pytest.approx(1.0 / (1.0 + CAMERA.fx * np.tan(np.radians(0.2)) / d_px) - 1.0, abs=0.02)
 
 
 def test_the_page_has_every_section_and_says_what_is_new(result, tmp_path, monkeypatch):

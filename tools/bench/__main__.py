@@ -17,40 +17,51 @@ from bench.scenes import LISTS, NOISES, SCENES, VERTICAL, SceneName, shoot, smal
 from fcsv_stereo.pipeline import METHODS
 
 _PLOT = "pictures/growth.png"
+_PARTS = ("methods", "colmap", "growth")
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Measure, print while it goes, write the page."""
+    """Measure, print while it goes, write the page; parts of it alone are printed where no file is named."""
     args = _parse(argv)
     scenes = args.scenes or (SCENES[::4] if args.quick else SCENES)
-    results, priors, colmap = {}, {}, []
+    results, priors, poses = {}, {}, []
     why_not = colmap_poses.missing()
-    for name in scenes:
+    for name in scenes if {"methods", "colmap"} & args.parts else []:
         print(f"{name}:", flush=True)
         scene = shoot(name, LISTS["and V 5, 7, 10 m"], clean=args.clean)
         if name == scenes[0]:
             _warm_up(scene, args.methods)
-        for title, baselines in LISTS.items():
-            for noise in NOISES[: 1 if baselines[-1] in VERTICAL else 2]:
-                given = scene.given(baselines, noise)
-                priors.setdefault(str(noise), []).extend(prior_errors_deg(given, scene))
-                for method in args.methods:
-                    f = measure(method, given, scene)
-                    results.setdefault((method, title, str(noise)), []).append(f)
-                    print(f"    {title}, {noise}, {method}: within 10 % {f.within_10:.1%}, wrong "
-                          f"{f.wrong_of_answered:.1%}, median {f.median:.2%}, rotation {f.rotation_median_deg:.3f}°, "
-                          f"{f.seconds:.1f} s", flush=True)  # fmt: skip
-        if why_not is None:
-            colmap.append((name, colmap_poses.colmap_on(scene)))
-            print(f"    COLMAP: {colmap[-1][1]}", flush=True)
-    samples = [] if args.no_growth else growth.measure_growth(args.methods, args.quick)
-    out = Path(args.out)
+        if "methods" in args.parts:
+            _methods(scene, args.methods, results, priors)
+        if "colmap" in args.parts and why_not is None:
+            poses.append((name, colmap_poses.colmap_on(scene), colmap_poses.ours_on(scene)))
+            print(f"    COLMAP: {poses[-1][1]}\n    ours: {poses[-1][2]}", flush=True)
+    samples = growth.measure_growth(args.methods, args.quick) if "growth" in args.parts else []
+    out = Path(args.out) if args.out else None
     if samples:
-        growth.plot(samples, out.parent / _PLOT)
+        growth.plot(samples, (out.parent if out else Path("docs")) / _PLOT)
+    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, samples)) + "\n"
+    if out is None:
+        print(page)
+        return 0
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text("\n".join(_page(args, scenes, results, priors, colmap, why_not, samples)) + "\n")
+    out.write_text(page)
     print(f"wrote {out}")
     return 0
+
+
+def _methods(scene, methods: List[str], results: dict, priors: dict) -> None:
+    """Every method with every list and noise on one scene, into ``results`` and ``priors``."""
+    for title, baselines in LISTS.items():
+        for noise in NOISES[: 1 if baselines[-1] in VERTICAL else 2]:
+            given = scene.given(baselines, noise)
+            priors.setdefault(str(noise), []).extend(prior_errors_deg(given, scene))
+            for method in methods:
+                f = measure(method, given, scene)
+                results.setdefault((method, title, str(noise)), []).append(f)
+                print(f"    {title}, {noise}, {method}: within 10 % {f.within_10:.1%}, wrong "
+                      f"{f.wrong_of_answered:.1%}, median {f.median:.2%}, rotation "
+                      f"{f.rotation_median_deg:.3f}°, {f.seconds:.1f} s", flush=True)  # fmt: skip
 
 
 def _warm_up(scene, methods: List[str]) -> None:
@@ -60,7 +71,7 @@ def _warm_up(scene, methods: List[str]) -> None:
         run(method, small)
 
 
-def _page(args, scenes, results, priors, colmap, why_not, samples) -> List[str]:
+def _page(args, scenes, results, priors, poses, why_not, samples) -> List[str]:
     names, noises = list(map(str, scenes)), list(map(str, NOISES))
     command = "make bench" + (f' ARGS="{" ".join(args.given)}"' if args.given else "")
     lens = "without" if args.clean else "with"
@@ -72,29 +83,22 @@ def _page(args, scenes, results, priors, colmap, why_not, samples) -> List[str]:
         f"seeds), {lens} the simulated camera's noise and blur, f = 602 px at 640x480; places scattered by 3 cm and",
         "1°, noise on every pose but the reference's (rotation per axis, position as a share of the baseline).",
         "Figures are of the pixels with truth up to 400 m; rotation errors are relative to the reference.", "",
-        *tables.requirement_table(results, list(LISTS), noises), "",
-        "Rotation errors of the priors: " + "; ".join(
-            f"noise {n}: median {np.median(e):.3f}°, worst {np.max(e):.3f}°" for n, e in priors.items()) + ".",
-        "", "## COLMAP on the same eight pictures", "", *_colmap(colmap, why_not),
-        "", "## Scene by scene", *tables.scene_tables(results, names), "",
     ]  # fmt: skip
+    if results:
+        lines += [*tables.requirement_table(results, list(LISTS), noises), ""]
+        lines += ["Rotation errors of the priors: " + "; ".join(
+            f"noise {n}: median {np.median(e):.3f}°, worst {np.max(e):.3f}°" for n, e in priors.items()) + ".", "",
+        ]  # fmt: skip
+    if "colmap" in args.parts:
+        lines += ["## COLMAP on the same eight pictures", ""]
+        lines += [f"Left out: {why_not}."] if why_not else tables.pose_table(poses)
+        lines.append("")
+    if results:
+        lines += ["## Scene by scene", *tables.scene_tables(results, names), ""]
     if samples:
         lines += ["## Growth", "", f"![time and memory]({_PLOT})", "", *tables.growth_table(samples), ""]
         lines.append("Dotted: linear growth from the first point. Memory: what the run added at its peak.")
     return lines
-
-
-def _colmap(colmap, why_not) -> List[str]:
-    if why_not is not None:
-        return [f"Left out: {why_not}."]
-    lines = ["| scene | placed | rotation error, median | worst | seconds |", "|---|---|---|---|---|"]
-    for name, r in colmap:
-        if isinstance(r, str):
-            lines.append(f"| {name} | {r} | – | – | – |")
-        else:
-            median, worst = np.median(r.errors_deg), np.max(r.errors_deg)
-            lines.append(f"| {name} | {r.placed} of {r.pictures} | {median:.3f}° | {worst:.3f}° | {r.seconds:.1f} |")
-    return [*lines, "", "From the pictures and the focal length alone: no priors, and so no scale."]
 
 
 def _scene(text: str) -> SceneName:
@@ -111,8 +115,12 @@ def _parse(argv):
     parser.add_argument("--methods", nargs="+", choices=sorted(METHODS), default=sorted(METHODS, reverse=True))
     parser.add_argument("--clean", action="store_true", help="pictures without the camera's noise and blur")
     parser.add_argument("--no-growth", action="store_true", help="leave time and memory against size out")
-    parser.add_argument("--out", default="docs/benchmarks.md")
+    parser.add_argument("--only", nargs="+", choices=_PARTS, help="these parts; printed, unless --out is given")
+    parser.add_argument("--out", help="the page; docs/benchmarks.md, where all is measured")
     args = parser.parse_args(argv)
+    args.parts = set(args.only or _PARTS) - ({"growth"} if args.no_growth else set())
+    if not args.only and not args.out:
+        args.out = "docs/benchmarks.md"
     args.given = sys.argv[1:] if argv is None else list(argv)
     return args
 

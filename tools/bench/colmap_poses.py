@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""COLMAP's structure from motion on the bench's pictures, for comparison; runs as a process of its own.
+"""COLMAP's structure from motion on the bench's pictures, beside our refinement; COLMAP as a process of its own.
+
+Both get the same pictures and the camera's true intrinsics, which stay; ours gets priors with noise besides, from which
+it has its scale. Rotations are compared relative to the reference, places after the similarity that fits all best.
 
 python -m bench.colmap_poses FOLDER     FOLDER/images/*.png and FOLDER/camera.json; prints poses as JSON
 """
@@ -17,17 +20,21 @@ import cv2
 import numpy as np
 
 from bench.measure import relative_rotations_deg
-from bench.scenes import Scene
+from bench.scenes import NOISES, Scene
+from fcsv_stereo.refinement import refine
 
 
 @dataclass(frozen=True)
-class ColmapResult:
-    """Rotation errors (deg) of the pictures that it placed, and the seconds that it took."""
+class PosesFound:
+    """Rotation errors (deg) of the pictures placed, the error of their places (m, rms) with turn, shift and scale taken
+    off, and the seconds that it took: on the wall, and of the processor."""
 
     errors_deg: List[float]
+    places_rms_m: float
     placed: int
     pictures: int
     seconds: float
+    cpu_seconds: float
 
 
 def missing() -> Optional[str]:
@@ -40,7 +47,34 @@ def missing() -> Optional[str]:
     return f"pycolmap cannot be imported ({last}); pip install -r tools/bench/requirements.txt"
 
 
-def colmap_on(scene: Scene) -> Union[ColmapResult, str]:
+def ours_on(scene: Scene) -> PosesFound:
+    """Refinement alone, with the bench's smaller noise on the priors."""
+    others = [c.others[0] for c in scene.given(scene.baselines, NOISES[0]).configurations]
+    started, started_cpu = time.perf_counter(), time.process_time()
+    found = refine(scene.reference, others)
+    seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - started_cpu
+    poses = {r.picture.name: r.picture.T_home_cam for r in found.others if r.refined}
+    poses[scene.reference.name] = scene.reference.T_home_cam
+    return _judged(scene, poses, seconds, cpu_seconds)
+
+
+def _judged(scene: Scene, poses: Dict[str, np.ndarray], seconds: float, cpu_seconds: float) -> PosesFound:
+    true = scene.true_poses()
+    errors = relative_rotations_deg(poses, scene.reference.name, true)
+    places = np.array([(poses[n][:3, 3], true[n][:3, 3]) for n in poses])
+    return PosesFound(errors, similarity_rms(places[:, 0], places[:, 1]), len(poses), len(true), seconds, cpu_seconds)
+
+
+def similarity_rms(found: np.ndarray, true: np.ndarray) -> float:
+    """Rms distance of points (N,3) after the turn, shift and scale that fit best (Umeyama 1991)."""
+    a, b = found - found.mean(axis=0), true - true.mean(axis=0)
+    U, S, Vt = np.linalg.svd(b.T @ a)
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    scale = float((S * sign).sum() / max(np.square(a).sum(), 1e-12))
+    return float(np.sqrt(np.square(b - scale * a @ (U @ np.diag(sign) @ Vt).T).sum(axis=1).mean()))
+
+
+def colmap_on(scene: Scene) -> Union[PosesFound, str]:
     """Poses of all pictures of a scene from the pictures alone; a text that says why where it failed."""
     pictures = [scene.reference, *scene.others]
     names = {f"{i:02d}.png": p.name for i, p in enumerate(pictures)}
@@ -58,17 +92,17 @@ def colmap_on(scene: Scene) -> Union[ColmapResult, str]:
     poses = {names[n]: np.array(T) for n, T in found["poses"].items()}
     if scene.reference.name not in poses:
         return "COLMAP did not place the reference picture"
-    errors = relative_rotations_deg(poses, scene.reference.name, scene.true_poses())
-    return ColmapResult(errors, len(poses), len(pictures), found["seconds"])
+    return _judged(scene, poses, found["seconds"], found["cpu_seconds"])
 
 
 def _reconstruct(folder: Path) -> Dict:
     import pycolmap
 
     pycolmap.logging.minloglevel = 2
+    pycolmap.set_random_seed(1)
     fx, fy, cx, cy = json.loads((folder / "camera.json").read_text())
     database = folder / "database.db"
-    started = time.perf_counter()
+    started, started_cpu = time.perf_counter(), time.process_time()
     reader = pycolmap.ImageReaderOptions(camera_model="PINHOLE", camera_params=f"{fx},{fy},{cx},{cy}")
     pycolmap.extract_features(
         database, folder / "images", camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader
@@ -89,7 +123,8 @@ def _reconstruct(folder: Path) -> Dict:
         if image.has_pose:
             T_cam_world = np.vstack([image.cam_from_world().matrix(), [0.0, 0.0, 0.0, 1.0]])
             poses[image.name] = np.linalg.inv(T_cam_world).tolist()
-    return {"seconds": time.perf_counter() - started, "poses": poses}
+    seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - started_cpu
+    return {"seconds": seconds, "cpu_seconds": cpu_seconds, "poses": poses}
 
 
 if __name__ == "__main__":

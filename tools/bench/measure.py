@@ -47,10 +47,11 @@ def method_options(name: str):
 def with_depth_steps(options, steps: int):
     """Options with a number of depth (or disparity) steps; None where a method has no such thing."""
     names = {f.name for f in fields(options)}
-    if "depth_steps" in names:
-        return replace(options, depth_steps=steps)
-    if "window" in names:
-        return replace(options, window=DisparityWindow(options.window.least_px, options.window.least_px + steps))
+    if "window" in names:  # Quasi-Dense, the default, grows from seeds and searches no window: SGBM does
+        window = DisparityWindow(options.window.least_px, options.window.least_px + steps)
+        return replace(options, window=window, matcher="sgbm")
+    if "matching" in names:
+        return replace(options, matching=replace(options.matching, most_levels=steps))
     return None
 
 

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/benchmarks.md out of figures."""
 
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from bench.colmap_poses import PosesFound
 from bench.growth import Sample, exponent
 from bench.measure import Figures, mean, ratio
+from bench.scenes import SceneName
 
 #: method, list, noise -> figures by scene, in the scenes' order
 Results = Dict[Tuple[str, str, str], List[Figures]]
@@ -73,6 +75,38 @@ def scene_tables(results: Results, scenes: Sequence[str]) -> List[str]:
             if len(rows) > 1:
                 lines.append(f"| **`{method}`, mean** | {_cells(mean(rows))} |")
     return lines
+
+
+def pose_table(poses: Sequence[Tuple[SceneName, Union[PosesFound, str], PosesFound]]) -> List[str]:
+    """COLMAP's poses beside those of our refinement, scene by scene and over all."""
+    lines = ["| scene | by | placed | rotation error, median | worst | places, rms | seconds (of the processor) |",
+             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    by: Dict[str, List[PosesFound]] = {"COLMAP": [], "ours": []}
+    for name, *found in poses:
+        for who, f in zip(by, found):
+            if isinstance(f, str):
+                lines.append(f"| {name} | {who} | {f} | – | – | – | – |")
+                continue
+            by[who].append(f)
+            lines.append(f"| {name} | {who} | {f.placed} of {f.pictures} | {_poses(f)} |")
+    for who, rows in by.items():
+        if len(rows) > 1:
+            errors = [e for r in rows for e in r.errors_deg]
+            means = [float(np.mean([getattr(r, n) for r in rows])) for n in ("places_rms_m", "seconds", "cpu_seconds")]
+            counts = (sum(r.placed for r in rows), sum(r.pictures for r in rows))
+            both = PosesFound(errors, means[0], *counts, *means[1:])
+            lines.append(f"| **all** | {who} | {counts[0]} of {counts[1]} | {_poses(both)} |")
+    return [
+        *lines, "",
+        "COLMAP: from the pictures and the focal length alone, no priors, and so no scale. Ours: refinement alone,",
+        "before joint matching adjusts poses to the pixels (the table above has them after it), with priors of the",
+        "smaller noise. Rotations relative to the reference; places after the similarity that fits best.",
+    ]  # fmt: skip
+
+
+def _poses(f: PosesFound) -> str:
+    median, worst = (_degrees(float(pick(f.errors_deg))) for pick in (np.median, np.max))
+    return f"{median} | {worst} | {100 * f.places_rms_m:.1f} cm | {f.seconds:.1f} ({f.cpu_seconds:.1f})"
 
 
 def growth_table(samples: Sequence[Sample]) -> List[str]:

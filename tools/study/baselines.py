@@ -93,7 +93,7 @@ def _above(depths, titles):
         z = depth[::2, ::2]
         x = np.broadcast_to(u[::2], z.shape) * z
         ax.scatter(x, z, s=0.3, c="#1f4e79", linewidths=0)
-        ax.set(xlim=(-130, 130), ylim=(0, 450), title=title)
+        ax.set(xlim=(-130, 130), ylim=(0, 450), title=title, xlabel="to the right (m)")
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("ahead (m)")
     figure.tight_layout()

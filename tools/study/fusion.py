@@ -40,7 +40,7 @@ def trimming(page: Page) -> None:
     titles = ["reference", "truth", "not trimmed (nearest point)"] + [
         "trimmed (3.2)" if n == "thesis" else n for n in methods.names()
     ]
-    page.figure(panels(shown, titles, 3), "3_11_trimming", "Depth trimmed and not")
+    page.figure(panels(shown, titles, 2), "3_11_trimming", "Depth trimmed and not")
 
 
 def axes(page: Page) -> None:

@@ -14,6 +14,8 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from PIL import Image
 
+from fcsv_stereo.report.figures import round_numbers
+
 _NONE = "#20242b"
 
 
@@ -50,7 +52,7 @@ class Page:
         self.path.write_text("\n".join(self.lines).rstrip() + "\n")
 
 
-def panels(images: Sequence[np.ndarray], titles: Sequence[str], columns: int, limits=(8.0, 480.0), label="m"):
+def panels(images: Sequence[np.ndarray], titles: Sequence[str], columns: int, limits=(8.0, 480.0), label="depth (m)"):
     """Pictures (H,W,3) as they are, depth (H,W) in colour over ``limits`` (logarithmic), dark where there is none."""
     rows = int(np.ceil(len(images) / columns))
     size = (3.5 * columns, 2.8 * rows)
@@ -66,7 +68,7 @@ def panels(images: Sequence[np.ndarray], titles: Sequence[str], columns: int, li
             drawn = ax.imshow(image, cmap=colors, norm=LogNorm(*limits))
         ax.set_title(title, fontsize=9)
     if drawn is not None:
-        figure.colorbar(drawn, ax=axes, label=label, shrink=0.7, pad=0.01)
+        round_numbers(figure.colorbar(drawn, ax=axes, label=label, shrink=0.7, pad=0.01).ax.yaxis)
     return figure
 
 

@@ -13,6 +13,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.inputs import FLOWN, ConfigurationInput, MapInput, Picture
+from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.result import Configuration, MapResult
 
 
@@ -193,6 +194,13 @@ class Corrections:
             for c in given.configurations
         ]
         return replace(given, configurations=better)
+
+
+def remembering(options, known: KnownFeatures):
+    """A method's options with a memory for the features of pictures that come again with every configuration."""
+    if not hasattr(options, "refinement"):  # the method takes poses as they are
+        return options
+    return replace(options, refinement=replace(options.refinement, known=known))
 
 
 def _nearest(pictures, stamp_s: float, apart_s: float) -> Optional[LivePicture]:

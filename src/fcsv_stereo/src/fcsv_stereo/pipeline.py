@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Callable, Dict, Optional, Sequence, Union
 
 from fcsv_stereo import colmap, output
+from fcsv_stereo.contradiction import doubt_contradicted
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.inputs import MapInput
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint
+from fcsv_stereo.motion import leave_out_moved
 from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
@@ -24,7 +26,7 @@ Options = Union[ThesisOptions, JointOptions]
 
 
 def _joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
-    result = map_joint(given, options, progress)
+    result = doubt_contradicted(given, leave_out_moved(given, map_joint(given, options, progress)))
     return require_evidence(result) if options.refine_poses else result  # else who asks vouches for the poses
 
 

@@ -103,6 +103,7 @@ class MapResult:
     cloud: Cloud
     timing_s: Dict[str, float] = field(default_factory=dict)
     warnings: List[str] = field(default_factory=list)
+    watched: List[str] = field(default_factory=list)  # other pictures before which nothing can have moved unseen
 
     @property
     def coverage(self) -> float:

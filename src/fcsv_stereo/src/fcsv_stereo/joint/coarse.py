@@ -19,6 +19,8 @@ _TEXTURE = 9.0  # variance of grey levels in 5x5
 _LEAST_LEVELS = 8
 _LEAST_GOOD = 50  # px
 _REACH = 0.08  # of the picture's height
+_LEAST_FALL, _CLEAR_FALL = 0.01, 0.05  # of a ray, per metre of depth: it meets the ground; clearly so
+_LOW, _ABOVE_GROUND = 25, 1.5  # percentile of a row's inverse depths, share of inverse height
 _LEAST_BITS = 5  # set in a census code that tells something
 
 
@@ -32,16 +34,43 @@ class Coarse:
     levels: np.ndarray
 
 
-def coarse(found: Views, nearest: np.ndarray, most_levels: int, pool: ThreadPoolExecutor) -> Coarse:
-    """By semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m)."""
+def coarse(found: Views, nearest: np.ndarray, highest: float, most_levels: int, pool: ThreadPoolExecutor) -> Coarse:
+    """By semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m), no
+    level windows above an inverse height of ``highest`` (1/m) under the camera."""
     levels = inverse_depths(found, STEP_PX, most_levels, float(nearest.max()))
-    volume = cost_volume(found, levels, nearest, pool)
-    total = aggregate(volume, found.reference, P1, P2, pool)
+    volume = cost_volume(found, levels, nearest, highest, pool)
+    total = aggregate(volume, found.reference, P1, P2, level_drift(found, levels), pool)
     w = np.empty(found.shape, np.float32)
     cost = np.empty(found.shape, np.uint8)
     margin = np.empty(found.shape, np.float32)
     _minima(total, volume, levels, w, cost, margin)
     return Coarse(w, cost, margin, levels)
+
+
+def highest_level(found: Coarse, small: Views) -> float:
+    """Inverse height under the camera (1/m) above which no level surfaces are to be looked for: half as high again as
+    what lies lowest in a smaller picture's rows, inf where no row is below the horizon."""
+    falls = small.falls
+    below = falls > _CLEAR_FALL
+    if not below.any():
+        return np.inf
+    return float(_ABOVE_GROUND * np.median(np.percentile(found.w[below], _LOW, axis=1) / falls[below]))
+
+
+def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
+    """(2,H,D) float32: how many levels a level surface of each row and level differs in the row above, and below.
+
+    A level plane at height h under the camera has inverse depth ``s / h``, where ``s`` is by how much the pixel's ray
+    falls per metre of depth. Rows at and above the horizon have none.
+    """
+    falls = found.falls
+    out = np.zeros((2, len(falls), len(levels)), np.float32)
+    for k, neighbour in enumerate((np.roll(falls, 1), np.roll(falls, -1))):
+        ratio = np.where((falls > _LEAST_FALL) & (neighbour > _LEAST_FALL), neighbour / np.maximum(falls, 1e-9), 1.0)
+        there = np.interp(ratio[:, None] * levels, levels, np.arange(len(levels)))
+        out[k] = there - np.arange(len(levels))
+    out[0, 0] = out[1, -1] = 0.0
+    return out
 
 
 def nearest_inverse_depth(found: Coarse, grey: np.ndarray, height: int) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import confidence
-from fcsv_stereo.joint.coarse import Coarse, coarse, nearest_inverse_depth
+from fcsv_stereo.joint.coarse import Coarse, coarse, highest_level, nearest_inverse_depth
 from fcsv_stereo.joint.direct import adjust
 from fcsv_stereo.joint.fine import Fine, refine
 from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
@@ -137,13 +137,13 @@ def _coarse(reference: Picture, chosen, poses, greys, scale: float, options: Mat
     adjusted = options.adjust_poses and all(p is not None for p in poses)
     prior = poses
     small = views(reference, chosen, scale / 2.0, greys)
-    rough = coarse(small, np.full(small.shape[0], np.inf), options.most_levels, pool)
+    rough = coarse(small, np.full(small.shape[0], np.inf), np.inf, options.most_levels, pool)
     if adjusted:
         known, r = _trusted(rough, small, pool)
         chosen, poses, _ = adjust(reference, chosen, prior, detail(small), rough.w, known, _ADJUSTMENTS)
     found = views(reference, chosen, scale, greys)
     nearest = nearest_inverse_depth(rough, small.reference, found.shape[0])
-    result: Coarse = coarse(found, nearest, options.most_levels, pool)
+    result: Coarse = coarse(found, nearest, highest_level(rough, small), options.most_levels, pool)
     known, r = _trusted(result, found, pool)
     _equalise(greys, r, found, result.w, pool)
     if adjusted:

@@ -34,6 +34,7 @@ class JointPair:
         self.reference_name, self.other_name = reference.name, other.name
         self.candidates: List[Tuple[str, float]] = [(other.name, self.match_rate)]
         self.T_home_cam_reference, self.T_home_cam_other = reference.T_home_cam, other.T_home_cam
+        self.camera_other = other.camera
         self._pictures = reference, other
         self._level = level
 

@@ -40,7 +40,7 @@ def detail(found: Views) -> Views:
     others = np.zeros_like(found.others)
     for o, g, (h, w) in zip(others, found.others, found.sizes):
         o[:h, :w] = without_mean(np.ascontiguousarray(g[:h, :w]))
-    return Views(without_mean(found.reference), others, found.sizes, found.projections)
+    return Views(without_mean(found.reference), others, found.sizes, found.projections, found.falling)
 
 
 def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residuals:

@@ -16,6 +16,7 @@ from numba import njit
 
 from fcsv_stereo.joint.bits import differing_bits
 from fcsv_stereo.joint.candidates import MOST, Candidates, candidates, for_rows
+from fcsv_stereo.joint.colour import add_likeness, alike_bits, settle
 from fcsv_stereo.joint.photometric import sample
 from fcsv_stereo.joint.sweep import Views
 from fcsv_stereo.joint.volume import census, pair_weights
@@ -24,7 +25,6 @@ _BITS, _BRIGHTNESS = 0.75, 8.0 / 30.0  # what a bit of 32 and a grey level count
 _MOST_GREY = 30.0
 _CUT = 18.0  # the most that one pair objects
 _UNSEEN = 8.0  # what a pair counts that cannot see the place
-_COLOUR, _MOST_COLOUR, _NO_COLOUR = 0.1, 40.0, 10.0  # per grey level from the plane's place; at most; where it has none
 _P1, _P2, _EDGE = 2.0, 40.0, 10.0  # price of planes that do not meet, at most; grey levels that halve the latter
 _MEET = 0.02  # share of inverse depth that counts as P1
 _STEP = 0.05  # a step of inverse depth between neighbours, as a share of the nearer
@@ -40,12 +40,12 @@ def choose_surfaces(
     """
     fastest = float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max())
     given = candidates(w, known, found.shape, fastest, pool)
-    cost = _evidence(found, fronts(coarser, w, known), given, pool)
-    near = cv2.medianBlur(cv2.resize(image, w.shape[::-1], interpolation=cv2.INTER_AREA), 3).reshape(-1, 3)
-    for_rows(pool, found.shape[0], lambda y0, y1: _add_colour(image, near, *_of(given), given.source, y0, y1, cost))
+    cost = _evidence(found, fronts(coarser, w, known), given, image, pool)
+    add_likeness(image, w.shape, given, pool, cost)
     total = _aggregate(found.reference, given, cost, pool)
     best, margin = np.empty(found.shape, np.float32), np.empty(found.shape, np.float32)
     _pick(*_of(given), given.w, total, best, margin)
+    settle(image, given, best)
     return best, margin
 
 
@@ -69,16 +69,17 @@ def _of(given: Candidates):
     return given.start, given.count
 
 
-def _evidence(found: Views, in_front: np.ndarray, given: Candidates, pool: ThreadPoolExecutor) -> np.ndarray:
+def _evidence(found: Views, in_front: np.ndarray, given: Candidates, image, pool: ThreadPoolExecutor) -> np.ndarray:
     """(N,) cost of each candidate by the pictures; the pairs' costs sorted, the better ones weigh more."""
     codes = np.zeros(found.others.shape, np.uint32)
     for c, other, (h, w) in zip(codes, found.others, found.sizes):
         c[:h, :w] = census(np.ascontiguousarray(other[:h, :w]))
-    views = found.reference, census(found.reference), found.others, codes, found.sizes, found.projections
+    here = found.reference, census(found.reference), *alike_bits(image, pool)
+    there = found.others, codes, found.sizes, found.projections, in_front
     weights, cost = pair_weights(len(found)), np.zeros(len(given.w), np.float32)
 
     def run(y0, y1):
-        _judge(*views, in_front, *_of(given), given.w, weights, y0, y1, cost)
+        _judge(*here, *there, *_of(given), given.w, weights, y0, y1, cost)
 
     for_rows(pool, found.shape[0], run)
     return cost
@@ -110,7 +111,24 @@ def _draw(w, known, p, size, front):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _judge(reference, code, others, codes, sizes, projections, in_front, start, count, values, weights, y0, y1, cost):
+def _judge(
+    reference,
+    code,
+    mask,
+    scale,
+    others,
+    codes,
+    sizes,
+    projections,
+    in_front,
+    start,
+    count,
+    values,
+    weights,
+    y0,
+    y1,
+    cost,
+):
     pairs = others.shape[0]
     ranked = np.empty(pairs, np.float32)
     for y in range(y0, y1):
@@ -120,7 +138,18 @@ def _judge(reference, code, others, codes, sizes, projections, in_front, start, 
             for k in range(start[y, x], start[y, x] + count[y, x]):
                 for i in range(pairs):
                     ranked[i] = _unlike(
-                        reference, code, others[i], codes[i], sizes[i], projections[i], in_front[i], y, x, values[k]
+                        reference,
+                        code,
+                        mask,
+                        scale,
+                        others[i],
+                        codes[i],
+                        sizes[i],
+                        projections[i],
+                        in_front[i],
+                        y,
+                        x,
+                        values[k],
                     )
                     for j in range(i, 0, -1):
                         if ranked[j] < ranked[j - 1]:
@@ -132,7 +161,7 @@ def _judge(reference, code, others, codes, sizes, projections, in_front, start, 
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _unlike(reference, code, image, codes, size, p, front, y, x, w):
+def _unlike(reference, code, mask, scale, image, codes, size, p, front, y, x, w):
     """How unlike one pair is at inverse depth w, or what counts where it cannot see the place."""
     half = np.float32(0.5)
     z = p[6] * x + p[7] * y + p[8] + w * p[11]
@@ -146,27 +175,11 @@ def _unlike(reference, code, image, codes, size, p, front, y, x, w):
     c = min(int((a + half) * front.shape[1] / image.shape[1]), front.shape[1] - 1)
     if front[r, c] > w * np.float32(_FRONT) + np.float32(1e-4):
         return np.float32(_UNSEEN)
-    bits = differing_bits(code[y, x], codes[int(b + half), int(a + half)])
+    alike, there = mask[y, x], codes[int(b + half), int(a + half)]
+    bits = scale[y, x] * differing_bits(np.uint32(code[y, x] & alike), np.uint32(there & alike))
     step = abs(reference[y, x] - sample(image, size[0], size[1], np.float32(a), np.float32(b)))
     value = np.float32(_BITS) * bits + np.float32(_BRIGHTNESS) * min(step, np.float32(_MOST_GREY))
     return min(value, np.float32(_CUT))
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _add_colour(image, near, start, count, source, y0, y1, cost):
-    """A plane is likely whose place looks like the pixel."""
-    for y in range(y0, y1):
-        for x in range(image.shape[1]):
-            if count[y, x] < 2:
-                continue
-            for k in range(start[y, x], start[y, x] + count[y, x]):
-                step = np.float32(_NO_COLOUR)
-                if source[k] >= 0:
-                    step = np.float32(0.0)
-                    for c in range(3):
-                        step += abs(np.float32(image[y, x, c]) - np.float32(near[source[k], c]))
-                    step /= np.float32(3.0)
-                cost[k] += np.float32(_COLOUR) * min(step, np.float32(_MOST_COLOUR))
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -20,17 +20,25 @@ class Views:
 
     ``reference`` is HxW float32; ``others`` NxHoxWo float32 (the largest size, ``sizes`` Nx2 holds each one's height
     and width). ``projections`` is Nx12 float32: a 3x3 matrix A by rows and a vector b, so that the reference's pixel
-    (u, v) at inverse depth w (1/m) is at ``A @ [u, v, 1] + w b`` (homogeneous) in the other picture.
+    (u, v) at inverse depth w (1/m) is at ``A @ [u, v, 1] + w b`` (homogeneous) in the other picture. ``falling`` (3,)
+    says how level planes lie: one at height h (m) under the reference has inverse depth ``falling @ [u, v, 1] / h``.
     """
 
     reference: np.ndarray
     others: np.ndarray
     sizes: np.ndarray
     projections: np.ndarray
+    falling: np.ndarray
 
     @property
     def shape(self) -> Tuple[int, int]:
         return self.reference.shape
+
+    @property
+    def falls(self) -> np.ndarray:
+        """(H,) by how much the rays of the rows' middles fall per metre of depth; not above 0 above the horizon."""
+        height, width = self.shape
+        return self.falling @ np.stack([np.full(height, (width - 1) / 2), np.arange(height), np.ones(height)])
 
     def __len__(self) -> int:
         return len(self.others)
@@ -55,7 +63,8 @@ def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Se
         projection(reference, o, K, scaled_camera(o.camera, g.shape)) for o, g in zip(others, small[1:])
     ]  # fmt: skip
     sizes = np.array([g.shape for g in small[1:]], np.int64).reshape(-1, 2)
-    return Views(small[0], stack, sizes, np.array(projections, np.float32).reshape(-1, 12))
+    falling = -reference.T_home_cam[2, :3] @ np.linalg.inv(K)
+    return Views(small[0], stack, sizes, np.array(projections, np.float32).reshape(-1, 12), falling)
 
 
 def projection(reference: Picture, other: Picture, K_reference: np.ndarray, K_other: np.ndarray) -> np.ndarray:
@@ -154,5 +163,15 @@ def _rate(p: np.ndarray, grid: np.ndarray, size: np.ndarray, w: np.ndarray) -> n
     dw = 1e-4 * w[-1]
     speed = np.linalg.norm(_project(p, grid, w + dw) - uv, axis=-2) / dw
     inside = _inside(uv, size) & np.isfinite(speed)
-    fast = np.array([np.percentile(s[i], 90) if i.any() else 0.0 for s, i in zip(speed, inside)])
+    fast = _percentile(speed, inside, 0.9)
     return np.where(inside.mean(axis=-1) >= LEAST_SEEN, fast, 0.0)
+
+
+def _percentile(values: np.ndarray, chosen: np.ndarray, share: float) -> np.ndarray:
+    """Of the chosen ones of each row, 0 where there are none."""
+    rows = np.sort(np.where(chosen, values, np.inf), axis=1)
+    at = share * np.maximum(chosen.sum(axis=1) - 1, 0)
+    low = np.floor(at).astype(int)
+    low, high = (np.take_along_axis(rows, i[:, None], 1)[:, 0] for i in (low, np.ceil(at).astype(int)))
+    with np.errstate(invalid="ignore"):
+        return np.where(chosen.any(axis=1), low + (at - np.floor(at)) * (high - low), 0.0)

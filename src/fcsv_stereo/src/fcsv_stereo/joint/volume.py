@@ -25,22 +25,34 @@ CUT = 16.0  # bits of 32, after weighing: half of them differ between unrelated 
 UNSEEN = 9.0  # bits that a pair counts with where it does not see the point: more than a match, less than none
 POWER = 1.0
 _SCALE = 10.0  # volume units per bit
-NOISE = 1.5  # grey levels: smaller steps are no texture
+NOISE = 0.75  # grey levels: smaller steps are no texture
+LEVEL_PRICE = 8.0  # volume units by which an upright surface is preferred
+_LEAST_TILT = 0.12  # px per row by which a level surface shears the fastest pair; less, and upright windows do
+_LEAST_FALL = 0.01  # of a ray, per metre of depth
+_NO_SKY, _INFINITE = 5, 2  # volume units that a depth counts above the horizon; levels that are as good as infinite
 _BAND = 40
 _BLOCK = 32
 
 
-def cost_volume(found: Views, w: np.ndarray, nearest: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
+def cost_volume(
+    found: Views, w: np.ndarray, nearest: np.ndarray, highest: float, pool: ThreadPoolExecutor
+) -> np.ndarray:
     """HxWxD uint8, tenths of bits: the cost of every inverse depth ``w`` (1/m) at every pixel.
 
     The pairs' costs are sorted and the better ones weigh more (4, 3, 2, 1 of four): where some are occluded, the rest
     decides. Above a row's ``nearest`` (H, 1/m) the cost is the largest: there is more to see far away than near.
+    A window may lie in a level plane as well as in an upright one (Gallup et al. 2007: sweeps in several directions):
+    the ground shears by the baseline over the height from row to row. ``highest`` (1/m) is the inverse height under the
+    camera above which no level planes are tried. Above the horizon, where nothing tells of a depth, there is none.
     """
     height, width = found.shape
     volume = np.empty((height, width, len(w)), np.uint8)
     codes = census(found.reference)
     weights = pair_weights(len(found))
     bands = [(y, min(y + _BAND, height)) for y in range(0, height, _BAND)]
+
+    fastest = float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max())
+    heights = np.float32([_LEAST_TILT / max(fastest * float(np.hypot(*found.falling[:2])), 1e-9), highest])
 
     def run(band):
         count = int(np.searchsorted(w, nearest[slice(*band)].max(), side="right"))
@@ -49,6 +61,12 @@ def cost_volume(found: Views, w: np.ndarray, nearest: np.ndarray, pool: ThreadPo
             volume,
         )  # fmt: skip
         volume[slice(*band), :, count:] = int(CUT * _SCALE)
+        for y in np.flatnonzero(found.falls[slice(*band)] <= 0.0) + band[0]:
+            volume[y, :, _INFINITE:count] += np.uint8(_NO_SKY)
+        _sweep_level(
+            codes, found.others, found.sizes, found.projections, found.falling.astype(np.float32), w[:count], *heights,
+            OFFSETS, weights, np.float32(UNSEEN), *band, volume,
+        )  # fmt: skip
 
     list(pool.map(run, bands))
     return volume
@@ -130,30 +148,42 @@ def _weigh(ranked, weights, total):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
+def _rank(reference, others, sizes, projections, w, offsets, unseen, y0, scratch, ranked):
+    """The pairs' costs of a band of rows on one plane, sorted, into ``ranked`` (rows, N, W)."""
+    warped, seen, codes, costs = scratch
+    rows, pairs, width = ranked.shape
+    for i in range(pairs):
+        for r in range(rows + 2 * RADIUS):
+            v = np.float32(y0 - RADIUS + r)
+            _warp_row(others[i], sizes[i], projections[i], w, v, -RADIUS, warped[r], seen[r])
+        for r in range(rows):
+            _census_row(warped, r + RADIUS, offsets, codes)
+            inside = seen[r + RADIUS, RADIUS : RADIUS + width]
+            for x in range(width):
+                bits = differing_bits(codes[x], reference[y0 + r, x])
+                costs[x] = bits if inside[x] > np.float32(0.5) else unseen
+            _insert(ranked[r], i, costs)
+
+
+@njit(cache=True, nogil=True)
+def _scratch(rows, width):
+    shape = (rows + 2 * RADIUS, width + 2 * RADIUS)
+    return (
+        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(width, np.uint32),
+        np.empty(width, np.float32),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, fastmath=True)
 def _sweep_band(reference, others, sizes, projections, w, offsets, weights, unseen, y0, y1, volume):
-    width = reference.shape[1]
-    rows = y1 - y0
-    pairs = others.shape[0]
-    warped = np.empty((rows + 2 * RADIUS, width + 2 * RADIUS), np.float32)
-    seen = np.empty((rows + 2 * RADIUS, width + 2 * RADIUS), np.float32)
-    codes = np.empty(width, np.uint32)
-    costs, total = np.empty(width, np.float32), np.empty(width, np.float32)
-    ranked = np.empty((rows, pairs, width), np.float32)
+    width, rows = reference.shape[1], y1 - y0
+    scratch, total = _scratch(rows, width), np.empty(width, np.float32)
+    ranked = np.empty((rows, others.shape[0], width), np.float32)
     block = np.empty((rows, width, _BLOCK), np.uint8)
     for k0 in range(0, w.shape[0], _BLOCK):
         k1 = min(k0 + _BLOCK, w.shape[0])
         for k in range(k0, k1):
-            for i in range(pairs):
-                for r in range(rows + 2 * RADIUS):
-                    v = np.float32(y0 - RADIUS + r)
-                    _warp_row(others[i], sizes[i], projections[i], w[k], v, -RADIUS, warped[r], seen[r])
-                for r in range(rows):
-                    _census_row(warped, r + RADIUS, offsets, codes)
-                    inside = seen[r + RADIUS, RADIUS : RADIUS + width]
-                    for x in range(width):
-                        bits = differing_bits(codes[x], reference[y0 + r, x])
-                        costs[x] = bits if inside[x] > np.float32(0.5) else unseen
-                    _insert(ranked[r], i, costs)
+            _rank(reference, others, sizes, projections, w[k], offsets, unseen, y0, scratch, ranked)
             for r in range(rows):
                 _weigh(ranked[r], weights, total)
                 for x in range(width):
@@ -162,3 +192,48 @@ def _sweep_band(reference, others, sizes, projections, w, offsets, weights, unse
             for x in range(width):
                 for k in range(k1 - k0):
                     volume[y0 + r, x, k0 + k] = block[r, x, k]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _sweep_level(
+    reference, others, sizes, projections, falling, w, farthest, highest, offsets, weights, unseen, y0, y1, volume
+):
+    """Lowers the costs of ``_sweep_band`` to those in level planes, whose inverse heights lie in a range.
+
+    A level plane's inverse depth is its inverse height times the fall of the pixel's ray: still a homography. Each is
+    taken where the band's lowest row has the inverse depth ``w[k]``; in the rows above, some meet in one of w.
+    """
+    width, rows = reference.shape[1], y1 - y0
+    lowest = falling[0] * np.float32(0.5) * np.float32(width - 1) + falling[1] * np.float32(y1 - 1) + falling[2]
+    if lowest < np.float32(_LEAST_FALL):
+        return
+    scratch, total = _scratch(rows, width), np.empty(width, np.float32)
+    ranked = np.empty((rows, others.shape[0], width), np.float32)
+    planes = projections.copy()
+    for k in range(w.shape[0]):
+        inverse_height = w[k] / lowest
+        if inverse_height < farthest or inverse_height > highest:
+            continue
+        for i in range(others.shape[0]):
+            for a in range(9):
+                planes[i, a] = projections[i, a] + projections[i, 9 + a // 3] * falling[a % 3] * inverse_height
+        _rank(reference, others, sizes, planes, np.float32(0.0), offsets, unseen, y0, scratch, ranked)
+        for r in range(rows):
+            _weigh(ranked[r], weights, total)
+            _lower(total, inverse_height * falling, y0 + r, w, k, volume[y0 + r])
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _lower(total, plane, y, w, k, costs):
+    """Costs (WxD) of a row to those on a plane (inverse depth along x, y, 1) at the inverse depths nearest to it."""
+    last = w.shape[0] - 1
+    for x in range(total.shape[0]):
+        at = plane[0] * np.float32(x) + plane[1] * np.float32(y) + plane[2]
+        if at < w[1]:
+            continue
+        while k < last and w[k + 1] - at < at - w[k]:
+            k += 1
+        while k > 0 and at - w[k - 1] < w[k] - at:
+            k -= 1
+        value = min(total[x], np.float32(CUT)) * np.float32(_SCALE) + np.float32(LEVEL_PRICE)
+        costs[x, k] = min(costs[x, k], np.uint8(value))

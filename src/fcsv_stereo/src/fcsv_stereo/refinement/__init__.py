@@ -2,7 +2,8 @@
 """Refinement of the poses of all pictures of a session against their priors, in one adjustment."""
 
 from fcsv_stereo.inputs import PosePrior
+from fcsv_stereo.refinement.features import KnownFeatures
 from fcsv_stereo.refinement.refine import refine
 from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptions
 
-__all__ = ["PosePrior", "RefineOptions", "RefinedPicture", "Refinement", "refine"]
+__all__ = ["KnownFeatures", "PosePrior", "RefineOptions", "RefinedPicture", "Refinement", "refine"]

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Features of one picture: SIFT on a reduced picture to find correspondences, corners to measure them."""
 
-from dataclasses import dataclass
+import threading
+import weakref
+from dataclasses import dataclass, replace
+from typing import Dict, Tuple
 
 import cv2
 import numpy as np
@@ -35,6 +38,35 @@ class View:
 def rays_of(camera: PinholeCamera, uv: np.ndarray) -> np.ndarray:
     """Directions (N, 3) with z = 1 of pixels (N, 2) of an undistorted picture."""
     return np.column_stack([(uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy, np.ones(len(uv))])
+
+
+class KnownFeatures:
+    """Views of pictures that are refined again, as when a map grows: by the identity of their pixels, while these live.
+
+    Safe to use from several threads; whoever keeps one must not change a picture's pixels in place.
+    """
+
+    def __init__(self):
+        self._views: Dict[Tuple, Tuple[weakref.ref, View]] = {}
+        self._lock = threading.Lock()
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def prepare(self, picture: Picture, features: int) -> View:
+        """As ``prepare``, without doing again what was done."""
+        key = (id(picture.image), picture.camera, features)
+        with self._lock:
+            image, view = self._views.get(key, (None, None))
+        if image is not None and image() is picture.image:
+            return replace(view, picture=picture)
+        view = prepare(picture, features)
+        if view.gray is picture.image:  # it would keep alive what it is to be forgotten with
+            return view
+        with self._lock:
+            gone = weakref.ref(picture.image, lambda _: self._views.pop(key, None))
+            self._views[key] = (gone, replace(view, picture=replace(picture, image=None)))
+        return view
 
 
 def prepare(picture: Picture, features: int) -> View:

@@ -33,7 +33,8 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
     _check(reference, others)
     clock = _Clock()
     with ThreadPoolExecutor(options.threads) as pool:
-        views = list(pool.map(lambda p: prepare(p, _SIFT_FEATURES), [reference, *others]))
+        look = prepare if options.known is None else options.known.prepare
+        views = list(pool.map(lambda p: look(p, _SIFT_FEATURES), [reference, *others]))
         clock.lap("features")
         direct, between = link_all(views, options, pool)
         trusted = [l for l in direct.values() if not l.reason] + between

@@ -2,13 +2,14 @@
 """What refinement takes and gives back."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List
+from typing import Dict, List, Optional
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.inputs import Picture, PosePrior
+from fcsv_stereo.refinement.features import KnownFeatures
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,9 @@ class RefineOptions:
     features: int = 3500  # corners in the reference picture, spread over it
     least_inliers: int = 25  # fewer and a picture keeps its prior
     pair_others: bool = True  # also match the others with each other where the reference does not see
+    known: Optional[KnownFeatures] = field(
+        default=None, repr=False
+    )  # of earlier refinements, where pictures come again
     threads: int = 2
 
     def __post_init__(self):

@@ -9,20 +9,21 @@ import numpy as np
 from fcsv_stereo.report.evidence import PairEvidence, correction
 from fcsv_stereo.result import MapResult
 
-_STEPS = ("load", "refine", "match", "fuse", "write")
+#: of a run, in their order
+STEPS = ("load", "refine", "match", "fuse", "write")
 
 
 def timing(result: MapResult):
     """One bar, a colour a step."""
     figure, axes = plt.subplots(figsize=(12, 1.5))
     left = 0.0
-    for i, name in enumerate(s for s in _STEPS if result.timing_s.get(s)):
+    for i, name in enumerate(s for s in STEPS if result.timing_s.get(s)):
         seconds = result.timing_s[name]
         axes.barh(0, seconds, left=left, color=f"C{i}", label=f"{name} {seconds:.2f} s")
         left += seconds
     axes.set_yticks([])
     axes.set_xlabel("s")
-    axes.legend(ncol=len(_STEPS), fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    axes.legend(ncol=len(STEPS), fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
     return figure
 
 

@@ -13,6 +13,7 @@ from fcsv_stereo.result import ImageEntry, MapResult, PairResult
 _FAR_M = 1e5  # where a pixel without depth is taken to look
 _STEP_PX = 4  # of the grid on which overlap is counted
 _CORNERS = 600
+_LEAST_CORNERS = 20  # about a seam, for each pair
 _SEAM_SHARE = 0.15  # half-width of the range about a trim point in which two pairs are compared
 
 
@@ -32,7 +33,10 @@ class PairEvidence:
 
 @dataclass(frozen=True)
 class Seam:
-    """Two pairs about the range at which one takes over from the other: median of longer over shorter, less one."""
+    """Two pairs about the range at which one takes over from the other: median of longer over shorter, less one.
+
+    ``pixels`` that both saw; corners, where the method gives one depth for all pairs.
+    """
 
     shorter: str
     longer: str
@@ -81,14 +85,20 @@ def epipolar_offsets(p: PairResult) -> np.ndarray:
     Where the disparity says, the corner is looked for by optical flow, forth and back: what is left across the line is
     the offset.
     """
+    _, left = followed(p)
+    return left[:, 1 - _along(p)]
+
+
+def followed(p: PairResult) -> Tuple[np.ndarray, np.ndarray]:
+    """Disparities (N,) px of corners, and how far (N,2) px from where these say they are in the other picture."""
     a, b = (cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (p.reference_rectified, p.other_rectified))
     known = np.isfinite(p.disparity)
     if a.shape != b.shape or known.shape != a.shape or not known.any():
-        return np.empty(0)
+        return np.empty(0), np.empty((0, 2))
     found = cv2.goodFeaturesToTrack(a, _CORNERS, 0.01, 6, mask=known.astype(np.uint8))
     if found is None:
-        return np.empty(0)
-    along = 0 if p.configuration.axis == "horizontal" else 1
+        return np.empty(0), np.empty((0, 2))
+    along = _along(p)
     start = found.reshape(-1, 2)
     u, v = np.rint(start).astype(int).T
     guess = start.copy()
@@ -98,7 +108,11 @@ def epipolar_offsets(p: PairResult) -> np.ndarray:
     back, good_back, _ = cv2.calcOpticalFlowPyrLK(b, a, there, start.copy(), **window)
     kept = (good.ravel() == 1) & (good_back.ravel() == 1) & (np.hypot(*(back - start).T) < 0.5)
     kept &= np.abs(there - guess)[:, along] < 3.0
-    return (there - start)[kept, 1 - along].astype(float)
+    return p.disparity[v, u][kept].astype(float), (there - guess)[kept].astype(float)
+
+
+def _along(p: PairResult) -> int:
+    return 0 if p.configuration.axis == "horizontal" else 1
 
 
 def seams(result: MapResult) -> List[Seam]:
@@ -111,12 +125,30 @@ def seams(result: MapResult) -> List[Seam]:
             at_m = a.effective_range_m[1]
             if not np.isfinite(at_m):
                 continue
+            if result.method == "joint":
+                found += _seam_of_shared_depth(result, a, b, at_m)
+                continue
             with np.errstate(invalid="ignore"):
                 near = (np.abs(a.depth / at_m - 1) < _SEAM_SHARE) & (np.abs(b.depth / at_m - 1) < _SEAM_SHARE)
             if near.sum() >= 50:
                 step = float(np.median(b.depth[near] / a.depth[near]) - 1.0)
                 found.append(Seam(a.configuration.name, b.configuration.name, at_m, int(near.sum()), step))
     return found
+
+
+def _seam_of_shared_depth(result: MapResult, a: PairResult, b: PairResult, at_m: float) -> List[Seam]:
+    """Both pairs gave one depth: what each alone would have made of corners about ``at_m``, as they are displaced."""
+    ratios = []
+    for p in (a, b):
+        disparity, left = followed(p)
+        focal_px = (result.reference.camera.fx, result.reference.camera.fy)[_along(p)]
+        near = np.abs(np.abs(disparity) * at_m / (focal_px * p.configuration.baseline_m) - 1.0) < _SEAM_SHARE
+        ratios.append(disparity[near] / (disparity[near] - left[near, _along(p)]))
+    count = min(map(len, ratios))
+    if count < _LEAST_CORNERS:
+        return []
+    step = float(np.median(ratios[1]) / np.median(ratios[0]) - 1.0)
+    return [Seam(a.configuration.name, b.configuration.name, at_m, count, step)]
 
 
 def correction(e: ImageEntry) -> Tuple[float, float]:

@@ -55,8 +55,7 @@ def depth(image: np.ndarray, title: str, label: str = "m"):
     axes.set_title(title, fontsize=10)
     axes.axis("off")
     bar = figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)
-    for formatter in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
-        formatter(FuncFormatter(_round_number))
+    round_numbers(bar.ax.yaxis)
     return figure
 
 
@@ -131,15 +130,24 @@ def errors_by_range(result: MapResult, truth: np.ndarray, evaluation: Evaluation
 
 def histogram(result: MapResult):
     """How far the mapped pixels are."""
-    values = result.depth[np.isfinite(result.depth)]
+    values = result.depth[np.isfinite(result.depth) & (result.depth > 0)]
     figure, axes = plt.subplots(figsize=(7.2, 3.2))
-    axes.hist(values, bins=80, color="#3a6ea5")
+    if values.size:
+        axes.hist(values, bins=np.geomspace(values.min(), values.max() * 1.001, 80), color="#3a6ea5")
+        axes.set_xscale("log")
+        round_numbers(axes.xaxis)
     for p in result.pairs:
         if values.size and p.effective_range_m[1] < values.max():
             axes.axvline(p.effective_range_m[1], color="#c0392b", lw=0.8, ls="--")
-    axes.set_xlabel("depth (m); dashed: trim points")
+    axes.set_xlabel("depth (m); dashed: where effective ranges end (3.1)")
     axes.set_ylabel("pixels")
     return figure
+
+
+def round_numbers(axis) -> None:
+    """Plain numbers on a logarithmic axis (of an Axes or a colour bar) of matplotlib."""
+    axis.set_major_formatter(FuncFormatter(_round_number))
+    axis.set_minor_formatter(FuncFormatter(_round_number))
 
 
 def _round_number(value: float, _position) -> str:

@@ -45,7 +45,7 @@ def _of_pairs(result: MapResult, evidence: Sequence[PairEvidence]) -> List[str]:
         poor += [f"{name} ({p.match_rate:.0%})"] if p.match_rate < LEAST_MATCHED else []
         rms = e.epipolar_rms_px
         off += [f"{name} ({rms:.1f} px)"] if rms is not None and rms > MOST_EPIPOLAR_PX else []
-        apart += [f"{name} ({apart_s:.1f} s)"] if apart_s > MOST_APART_S else []
+        apart += [f"{name} ({apart_s:.1f} s)"] if apart_s > MOST_APART_S and p.other_name not in result.watched else []
     said = (
         (narrow, "The other camera sees too little of the reference picture; tilt it inwards"),
         (poor, "Few pixels matched, so these baselines add little"),

@@ -63,7 +63,8 @@ def timing(data: ReportData) -> List[str]:
     """Seconds by step."""
     if not any(data.result.timing_s.values()):
         return [note("not measured")]
-    rows = [(html.escape(k), f"{v:.2f} s") for k, v in data.result.timing_s.items()]
+    order = [*charts.STEPS, *(k for k in data.result.timing_s if k not in charts.STEPS)]  # as they came, then the sum
+    rows = [(html.escape(k), f"{data.result.timing_s[k]:.2f} s") for k in order if k in data.result.timing_s]
     return [image(charts.timing(data.result)), table(("step", "time"), rows)]
 
 
@@ -135,10 +136,10 @@ def seams(data: ReportData) -> List[str]:
         (f"{html.escape(s.shorter)} → {html.escape(s.longer)}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}")
         for s in data.seams
     ]
-    said = (
-        "Step: median of the longer baseline's depth over the shorter's, less one, of the pixels near it that both saw."
-    )
-    return [table(("from → to", "at", "pixels", "step"), rows), note(said)]
+    shared = data.result.method == "joint"
+    of = "corners near it, as each pair alone would place them" if shared else "pixels near it that both saw"
+    said = f"Step: median of the longer baseline's depth over the shorter's, less one, of the {of}."
+    return [table(("from → to", "at", "corners" if shared else "pixels", "step"), rows), note(said)]
 
 
 def truth(data: ReportData) -> List[str]:

@@ -17,8 +17,9 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
 from fcsv_stereo.inputs import MapInput
-from fcsv_stereo.live import Corrections, LivePicture, LiveSession
+from fcsv_stereo.live import Corrections, LivePicture, LiveSession, remembering
 from fcsv_stereo.pipeline import METHODS, OPTIONS, QUICK_OPTIONS
+from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.result import MapResult
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
 from fcsv_stereo.ros.session_messages import odoms_in_home, window_of
@@ -138,8 +139,9 @@ class LiveNode:
         """Maps what is new until ROS shuts the node down."""
         p = self._parameters
         method = METHODS[p.method]
-        quick = QUICK_OPTIONS[p.method]
-        options = quick if p.monitor else OPTIONS[p.method]()
+        known = KnownFeatures()
+        quick = remembering(QUICK_OPTIONS[p.method], known)
+        options = quick if p.monitor else remembering(OPTIONS[p.method](), known)
         for each in [quick] if p.monitor else [quick, options]:
             warm_up(method, each)
         next_s, unfinished = 0.0, None
