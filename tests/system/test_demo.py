@@ -108,7 +108,7 @@ def test_ctrl_c_lands_and_cleans_up(tmp_path, words):
 
 
 def phase(machine) -> str:
-    command = ["timeout", "5", "rostopic", "echo", "-n", "1", "/mission/state/phase_name"]
+    command = ["timeout", "--kill-after", "2", "5", "rostopic", "echo", "-n", "1", "/mission/state/phase_name"]
     return subprocess.run(command, env=machine.env, capture_output=True, text=True).stdout
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import CAMERA, camera_pose, photograph, picture, true_depth
 
-from bench import growth, measure, tables
+from bench import colmap_poses, growth, measure, tables
 from bench.__main__ import main
 from bench.scenes import HORIZONTAL, NOISES, Scene, SceneName, smaller
 from fcsv_geometry import transforms
@@ -93,7 +93,8 @@ def test_growth_exponents_and_options():
     assert growth.exponent(samples, "cpu_seconds") == pytest.approx(1.5)
     assert growth.exponent(samples, "memory_mib") == pytest.approx(0.0, abs=1e-9)
     options = measure.with_depth_steps(measure.method_options("thesis"), 100)
-    assert options.window.most_px - options.window.least_px == 100
+    assert options.window.most_px - options.window.least_px == 100 and options.matcher == "sgbm"
+    assert measure.with_depth_steps(measure.method_options("joint"), 100).matching.most_levels == 100
 
 
 def test_smaller_pictures_keep_their_rays(scene):
@@ -111,3 +112,37 @@ def test_the_page(tmp_path):
     text = out.read_text()
     for words in ("| figure (mean of the scenes) |", "field 1", "## COLMAP", "rotation error, worst", "noise 0.5°"):
         assert words in text
+
+
+def test_places_are_compared_without_turn_shift_and_scale():
+    random = np.random.default_rng(1)
+    true = random.normal(0.0, 3.0, (8, 3))
+    T = transforms.from_xyz_rpy([5.0, -2.0, 1.0], [0.3, -0.4, 2.0])
+    found = 0.2 * true @ T[:3, :3].T + T[:3, 3]
+    assert colmap_poses.similarity_rms(found, true) < 1e-9
+    scattered = true + random.normal(0.0, 0.01, (8, 3))
+    # of 24 errors of 1 cm the similarity takes 7: rms of sqrt(17 / 8) cm, to within three times 1 / sqrt(2 x 17)
+    expected = 0.01 * np.sqrt(17.0 / 8.0)
+    assert colmap_poses.similarity_rms(scattered, true) == pytest.approx(expected, rel=0.5)
+
+
+def test_the_table_of_poses_and_what_failed():
+    def found(errors, placed):
+        return colmap_poses.PosesFound(errors, 0.01, placed, 8, 4.0, 6.0)
+
+    street, field = SceneName("street", 1), SceneName("field", 1)
+    ours = found([0.01, 0.02, 0.03], 8)
+    lines = tables.pose_table([(street, found([0.05] * 3, 7), ours), (field, "COLMAP failed: no model came out", ours)])
+    assert "| street 1 | COLMAP | 7 of 8 | 0.050° | 0.050° | 1.0 cm | 4.0 (6.0) |" in lines
+    assert "| field 1 | COLMAP | COLMAP failed: no model came out | – | – | – | – |" in lines
+    assert "| **all** | ours | 16 of 16 | 0.020° | 0.030° | 1.0 cm | 4.0 (6.0) |" in lines
+
+
+def test_parts_alone_are_printed_and_leave_the_page_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    sample = growth.Sample("size", "joint", 0.3, 4.0, 6.0, 160.0)
+    monkeypatch.setattr(growth, "measure_growth", lambda methods, quick: [sample, replace(sample, x=0.6)])
+    assert main(["--only", "growth"]) == 0
+    said = capsys.readouterr().out
+    assert "## Growth" in said and "## COLMAP" not in said and "figure (mean" not in said
+    assert [str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.*")] == ["docs/pictures/growth.png"]
