@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.sgm import aggregate
-from fcsv_stereo.joint.sweep import Views, inverse_depths
+from fcsv_stereo.joint.sweep import LEAST_FALL, Views, inverse_depths
 from fcsv_stereo.joint.volume import census, cost_volume
 
 P1, P2 = 20.0, 500.0
@@ -19,7 +19,7 @@ _TEXTURE = 9.0  # variance of grey levels in 5x5
 _LEAST_LEVELS = 8
 _LEAST_GOOD = 50  # px
 _REACH = 0.08  # of the picture's height
-_LEAST_FALL, _CLEAR_FALL = 0.01, 0.05  # of a ray, per metre of depth: it meets the ground; clearly so
+_CLEAR_FALL = 0.05  # of a ray, per metre of depth: it clearly meets the ground
 _LOW, _ABOVE_GROUND = 25, 1.5  # percentile of a row's inverse depths, share of inverse height
 _LEAST_BITS = 5  # set in a census code that tells something
 
@@ -66,7 +66,7 @@ def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
     falls = found.falls
     out = np.zeros((2, len(falls), len(levels)), np.float32)
     for k, neighbour in enumerate((np.roll(falls, 1), np.roll(falls, -1))):
-        ratio = np.where((falls > _LEAST_FALL) & (neighbour > _LEAST_FALL), neighbour / np.maximum(falls, 1e-9), 1.0)
+        ratio = np.where((falls > LEAST_FALL) & (neighbour > LEAST_FALL), neighbour / np.maximum(falls, 1e-9), 1.0)
         there = np.interp(ratio[:, None] * levels, levels, np.arange(len(levels)))
         out[k] = there - np.arange(len(levels))
     out[0, 0] = out[1, -1] = 0.0

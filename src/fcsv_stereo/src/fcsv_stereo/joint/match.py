@@ -99,7 +99,7 @@ def match_jointly(
             if options.stretch_last and scale == 1.0:
                 w = stretched(w, found.shape)
             else:
-                w, _ = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
+                w = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
             fine = refine(detail(found), w, step, options.iterations if scale == 1.0 else 1, pool)
             w = fine.w

@@ -33,8 +33,8 @@ _FRONT = 1.08  # by which something must be nearer to hide
 
 def choose_surfaces(
     found: Views, coarser: Views, w: np.ndarray, known: np.ndarray, image: np.ndarray, pool: ThreadPoolExecutor
-) -> Tuple[np.ndarray, np.ndarray]:
-    """Inverse depth (HxW, 1/m) and by how much the plane chosen beats the next (HxW, inf where there is none).
+) -> np.ndarray:
+    """Inverse depth (HxW, 1/m) of the plane that each pixel chose.
 
     ``w`` and ``known`` are the ``coarser`` pictures' map; ``image`` is the finer reference in colour (HxWx3).
     """
@@ -43,10 +43,10 @@ def choose_surfaces(
     cost = _evidence(found, fronts(coarser, w, known), given, image, pool)
     add_likeness(image, w.shape, given, pool, cost)
     total = _aggregate(found.reference, given, cost, pool)
-    best, margin = np.empty(found.shape, np.float32), np.empty(found.shape, np.float32)
-    _pick(*_of(given), given.w, total, best, margin)
+    best = np.empty(found.shape, np.float32)
+    _pick(*_of(given), given.w, total, best)
     settle(image, given, best)
-    return best, margin
+    return best
 
 
 def stretched(w: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
@@ -112,23 +112,9 @@ def _draw(w, known, p, size, front):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _judge(
-    reference,
-    code,
-    mask,
-    scale,
-    others,
-    codes,
-    sizes,
-    projections,
-    in_front,
-    start,
-    count,
-    values,
-    weights,
-    y0,
-    y1,
-    cost,
-):
+    reference, code, mask, scale, others, codes, sizes, projections, in_front,
+    start, count, values, weights, y0, y1, cost,
+):  # fmt: skip
     pairs = others.shape[0]
     ranked = np.empty(pairs, np.float32)
     for y in range(y0, y1):
@@ -138,19 +124,9 @@ def _judge(
             for k in range(start[y, x], start[y, x] + count[y, x]):
                 for i in range(pairs):
                     ranked[i] = _unlike(
-                        reference,
-                        code,
-                        mask,
-                        scale,
-                        others[i],
-                        codes[i],
-                        sizes[i],
-                        projections[i],
-                        in_front[i],
-                        y,
-                        x,
-                        values[k],
-                    )
+                        reference, code, mask, scale, others[i], codes[i], sizes[i], projections[i], in_front[i],
+                        y, x, values[k],
+                    )  # fmt: skip
                     for j in range(i, 0, -1):
                         if ranked[j] < ranked[j - 1]:
                             ranked[j], ranked[j - 1] = ranked[j - 1], ranked[j]
@@ -269,14 +245,11 @@ def _horizontal(grey, start, count, values, slope_x, slope_y, cost, step, y0, y1
 
 
 @njit(cache=True, nogil=True)
-def _pick(start, count, values, total, best, margin):
+def _pick(start, count, values, total, best):
     for y in range(best.shape[0]):
         for x in range(best.shape[1]):
-            first = start[y, x]
-            k, second = first, np.float32(np.inf)
-            for j in range(first + 1, first + count[y, x]):
+            k = start[y, x]
+            for j in range(k + 1, k + count[y, x]):
                 if total[j] < total[k]:
-                    second, k = total[k], j
-                else:
-                    second = min(second, total[j])
-            best[y, x], margin[y, x] = values[k], second - total[k]
+                    k = j
+            best[y, x] = values[k]

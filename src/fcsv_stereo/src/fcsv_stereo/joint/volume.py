@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.bits import differing_bits, or_if
-from fcsv_stereo.joint.sweep import Views
+from fcsv_stereo.joint.sweep import LEAST_FALL, Views
 
 RADIUS = 4
 #: (dy, dx) that the centre is compared with: 5x5, and eight further out.
@@ -28,7 +28,6 @@ _SCALE = 10.0  # volume units per bit
 NOISE = 0.75  # grey levels: smaller steps are no texture
 LEVEL_PRICE = 8.0  # volume units by which an upright surface is preferred
 _LEAST_TILT = 0.12  # px per row by which a level surface shears the fastest pair; less, and upright windows do
-_LEAST_FALL = 0.01  # of a ray, per metre of depth
 _NO_SKY, _INFINITE = 5, 2  # volume units that a depth counts above the horizon; levels that are as good as infinite
 _BAND = 40
 _BLOCK = 32
@@ -205,7 +204,7 @@ def _sweep_level(
     """
     width, rows = reference.shape[1], y1 - y0
     lowest = falling[0] * np.float32(0.5) * np.float32(width - 1) + falling[1] * np.float32(y1 - 1) + falling[2]
-    if lowest < np.float32(_LEAST_FALL):
+    if lowest < np.float32(LEAST_FALL):
         return
     scratch, total = _scratch(rows, width), np.empty(width, np.float32)
     ranked = np.empty((rows, others.shape[0], width), np.float32)

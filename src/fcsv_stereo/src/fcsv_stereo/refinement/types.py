@@ -24,9 +24,7 @@ class RefineOptions:
     features: int = 3500  # corners in the reference picture, spread over it
     least_inliers: int = 25  # fewer and a picture keeps its prior
     pair_others: bool = True  # also match the others with each other where the reference does not see
-    known: Optional[KnownFeatures] = field(
-        default=None, repr=False
-    )  # of earlier refinements, where pictures come again
+    known: Optional[KnownFeatures] = field(default=None, repr=False)  # of earlier ones, where pictures come again
     threads: int = 2
 
     def __post_init__(self):
