@@ -10,7 +10,7 @@ import pytest
 import scenes
 
 from fcsv_stereo.joint.candidates import MOST, candidates
-from fcsv_stereo.joint.surfaces import choose_surfaces, fronts
+from fcsv_stereo.joint.surfaces import choose_surfaces, fronts, stretched
 from fcsv_stereo.joint.sweep import grey, views
 
 PX_PER_W = 1000.0
@@ -61,8 +61,11 @@ def walls():
 
 
 def choose(found, coarser, w, known, reference, pool):
-    image = np.repeat(reference.image[..., None], 3, 2) if reference.image.ndim == 2 else reference.image
-    return choose_surfaces(found, coarser, w, known, image, pool)
+    return choose_surfaces(found, coarser, w, known, colour(reference), pool)
+
+
+def colour(reference):
+    return np.repeat(reference.image[..., None], 3, 2) if reference.image.ndim == 2 else reference.image
 
 
 def test_a_near_surface_that_was_carried_over_its_edge_moves_back(pool):
@@ -74,6 +77,18 @@ def test_a_near_surface_that_was_carried_over_its_edge_moves_back(pool):
     before = np.abs(cv2.resize(fat, true.shape[::-1], interpolation=cv2.INTER_NEAREST) / true - 1.0) > 0.1
     after = np.abs(chosen / true - 1.0) > 0.1
     assert before.mean() > 0.01 and after.mean() < 0.4 * before.mean()
+
+
+def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change():
+    """Two colours meet; the coarse map's near surface reaches over the line by a pixel of its own."""
+    near, far = np.float32(0.1), np.float32(0.02)
+    image = np.full((60, 80, 3), 40.0, np.float32)
+    image[:, 41:] = 200.0
+    coarse = np.full((30, 40), near, np.float32)
+    coarse[:, 22:] = far
+    true = np.where(image[..., 0] < 100.0, near, far)
+    assert (stretched(coarse, image, False) != true).mean() > 0.02
+    assert np.allclose(stretched(coarse, image, True), true, rtol=0.03)
 
 
 def test_what_is_not_known_follows_its_surroundings(pool):

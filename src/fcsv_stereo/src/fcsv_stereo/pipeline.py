@@ -37,7 +37,7 @@ OPTIONS = {"joint": JointOptions, "thesis": ThesisOptions}
 QUICK_OPTIONS = {
     "joint": JointOptions(
         refinement=RefineOptions(features=1500),
-        matching=MatchOptions(volume_pixels=20000, iterations=1, stretch_last=True),
+        matching=MatchOptions(volume_pixels=20000, iterations=1, stretch=True),
     ),
     "thesis": ThesisOptions(matcher="bm"),
 }

@@ -36,17 +36,27 @@ def add_likeness(
 
 
 def settle(image: np.ndarray, given: Candidates, best: np.ndarray) -> None:
-    """Gives a pixel the surface that those about it of its colour have (weighted median; Ma et al. 2013); in place.
+    """Gives a pixel the candidate nearest to what those about it of its colour have; in place."""
+    _nearest(given.start, given.count, given.w, _of_its_colour(image, best), best)
+
+
+def settled(image: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Inverse depth (HxW, 1/m), where another surface's, as those about a pixel of its colour in ``image`` have it."""
+    target = _of_its_colour(image, w)
+    return np.where((w > _OTHER * target) | (target > _OTHER * w), target, w)
+
+
+def _of_its_colour(image: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """HxW float32, 1/m: the median of ``w`` about each pixel weighted by likeness of colour (Ma et al. 2013).
 
     Windows take up more than one surface where these meet; the pixels' colours tell them apart.
     """
-    log_w = np.log(np.maximum(best, 1e-5))
+    log_w = np.log(np.maximum(w, 1e-5))
     low, scale = log_w.min(), 255.0 / max(float(np.ptp(log_w)), 1e-6)
     steps = np.round((log_w - low) * scale).astype(np.uint8)
     guide = np.clip(image, 0.0, 255.0).astype(np.uint8)
     median = cv2.ximgproc.weightedMedianFilter(guide, steps, _SETTLE_PX, _SETTLE_COLOUR, cv2.ximgproc.WMF_EXP)
-    target = np.exp(median / scale + low).astype(np.float32)
-    _nearest(given.start, given.count, given.w, target, best)
+    return np.exp(median / scale + low).astype(np.float32)
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -34,7 +34,7 @@ class MatchOptions:
     iterations: int = 2  # of the sub-pixel step at full size
     most_relative_sigma: float = 0.4  # a depth less certain than this is none (the sky is one such)
     threads: int = 2
-    stretch_last: bool = False  # the last step of size is interpolated instead of chosen: quicker, edges less sharp
+    stretch: bool = False  # after the volume's size surfaces are interpolated, not chosen: quicker, edges less sharp
     adjust_poses: bool = False  # to the pictures, where covariances are given
 
     def __post_init__(self):
@@ -96,10 +96,11 @@ def match_jointly(
         chosen, poses, w, levels, known, found = _coarse(reference, chosen, poses, greys, scales[0], options, pool)
         for scale in scales[1:]:
             coarser, found = found, views(reference, chosen, scale, greys)
-            if options.stretch_last and scale == 1.0:
-                w = stretched(w, found.shape)
+            image = _colour(reference, found.shape)
+            if options.stretch:  # settling at the full size as well costs more than it mends
+                w = stretched(w, image, scale < 1.0)
             else:
-                w = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
+                w = choose_surfaces(found, coarser, w, known, image, pool)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
             fine = refine(detail(found), w, step, options.iterations if scale == 1.0 else 1, pool)
             w = fine.w
