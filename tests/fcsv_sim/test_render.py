@@ -6,7 +6,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from apriltag import apriltag
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
@@ -21,6 +20,7 @@ from fcsv_sim.world.materials import CONCRETE, GROUND
 from fcsv_sim.world.mesh import MeshBuilder, Placement
 from fcsv_sim.world.plan import TownPlan
 from fcsv_sim.world.town import Town
+from fcsv_tracking.tags import TagDetector
 
 PINHOLE = PinholeCamera.from_fov(640, 480, np.radians(56))
 DISTORTED = CameraParameters().model
@@ -133,20 +133,19 @@ def test_tags_are_found_where_they_are(town):
     """At 3.5 m a tag is 27 px wide. The detector (pixel centres at 0.5) must show no bias of the corners beyond
     0.03 px in any direction or in size, and a scatter like that of real pictures, about 0.1 px."""
     random = np.random.default_rng(4)
-    camera = SimulatedCamera(town, FORWARD, CameraParameters(), 1)
-    detector, front = apriltag("tag36h11", refine_edges=True), vehicle()
-    h = 0.08
+    camera, h = SimulatedCamera(town, FORWARD, CameraParameters(), 1), 0.08
+    detector, front = TagDetector({1: 2 * h}), vehicle()
     corners_tag = np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])  # lb, rb, rt, lt: y is down
     errors, outward = [], []
     for i in range(30):
         T_world_body = transforms.from_xyz_rpy([0, 0, 8] + random.normal(0, 0.2, 3), random.normal(0, 0.03, 3))
         T_world_front = transforms.from_xyz_rpy([3.5, 0, 8] + random.normal(0, 0.25, 3), random.normal(0, 0.08, 3))
         shot = camera.shoot(0.2 * i, T_world_body, [Body(front, T_world_front)], samples=1)
-        found = detector.detect(cv2.cvtColor(shot.rgb, cv2.COLOR_RGB2GRAY))
-        assert [d["id"] for d in found] == [1]
+        found = detector.detect(cv2.cvtColor(shot.rgb, cv2.COLOR_RGB2GRAY), camera.model)
+        assert [d.id for d in found] == [1]
         T_cam_tag = transforms.invert(shot.T_world_cam) @ T_world_front @ front.T_body_tag
         true = camera.model.project(transforms.apply(T_cam_tag, corners_tag))
-        errors.append(found[0]["lb-rb-rt-lt"] - 0.5 - true)
+        errors.append(found[0].corners_px - true)
         out = true - true.mean(0)
         outward.append((errors[-1] * out).sum(1) / np.linalg.norm(out, axis=1))
     errors = np.array(errors)
@@ -157,12 +156,12 @@ def test_tags_are_found_where_they_are(town):
 
 
 def test_a_vehicle_hides_what_is_behind_it_and_is_hidden_by_what_is_in_front(plain):
-    detector = apriltag("tag36h11", refine_edges=True)
+    detector = TagDetector({1: 0.16, 2: 0.16})
     pose = looking_ahead(0, 0, 2.5)
 
     def seen(*bodies):
         rgb, depth = plain.render(pose, PINHOLE, bodies=bodies)
-        return sorted(d["id"] for d in detector.detect(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))), depth
+        return sorted(d.id for d in detector.detect(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), PINHOLE)), depth
 
     def at(x, y, tag_id):
         return Body(vehicle(tag_id), transforms.from_xyz_yaw([x, y, 2.48], 0.0))

@@ -2,6 +2,7 @@
 """Tag detection: the detector's pixel convention, poses, and photographs of printed tags."""
 
 import re
+import threading
 
 import cv2
 import numpy as np
@@ -111,3 +112,29 @@ class TestPhotographs:
         for path in sorted((shared_data / "apriltags").glob("test_image_multiple_*.png")):
             ids = [t.id for t in detector.detect(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), camera)]
             assert len(ids) >= 4 and len(set(ids)) == len(ids), (path.name, ids)
+
+
+def test_others_run_while_it_looks():
+    """A node's readings and commands go on meanwhile: a large picture takes tens of times as long as one of them."""
+    camera = PinholeCamera(1920, 1080, 5000.0, 5000.0, 960.0, 540.0)
+    noise = np.random.default_rng(0).integers(0, 256, (1080, 1920)).astype(np.uint8)
+    detector, turns, done = TagDetector({1: 0.08}), [0], threading.Event()
+
+    def turn():
+        while not done.wait(0.001):
+            turns[0] += 1
+
+    other = threading.Thread(target=turn)
+    other.start()
+    begun = turns[0]
+    detector.detect(noise, camera)
+    during = turns[0] - begun
+    done.set()
+    other.join()
+    assert during >= 3
+
+
+def test_many_detectors_come_and_go():
+    gray = np.zeros((48, 64), np.uint8)
+    for _ in range(20):
+        assert TagDetector({1: 0.08}).detect(gray, PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)) == []

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """AprilTags (tag36h11) in a picture: corners by the AprilRobotics detector, pose by IPPE and refinement."""
 
-import os
 from dataclasses import dataclass
 from typing import Dict, List, Mapping, Optional, Tuple
 
 import cv2
 import numpy as np
-from apriltag import apriltag
+from pupil_apriltags import Detector
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
@@ -16,7 +15,7 @@ from fcsv_tracking.errors import TagError
 FAMILY = "tag36h11"
 #: The detector puts pixel centres at (0.5, 0.5); ours are at whole numbers (tests/fcsv_tracking/test_tags.py).
 _PIXEL_CENTRE_PX = 0.5
-_LEAST_MARGIN = 20.0
+_LEAST_MARGIN = 10.0
 _MOST_RMS_PX, _MOST_RMS_SHARE = 1.0, 0.03  # of the best plane's corners; the larger of the two counts
 
 
@@ -53,7 +52,9 @@ class TagDetector:
         self._sizes_m = dict(sizes_m)
         #: Why quads were passed over, and how often.
         self.rejected: Dict[str, int] = {}
-        self._detector = apriltag(FAMILY, threads=threads, decimate=decimate, refine_edges=True, maxhamming=1)
+        # this binding lets other threads run while it looks, for up to half a second
+        self._detector = Detector(families=FAMILY, nthreads=threads, quad_decimate=decimate, refine_edges=True)
+        self._detector.tag_families.clear()  # else its end frees a family that the C detector still uses
 
     def detect(self, gray: np.ndarray, camera: PinholeCamera) -> List[TagObservation]:
         """Observations in an undistorted or distorted picture (HxW uint8) of ``camera``.
@@ -69,17 +70,16 @@ class TagDetector:
                 f"calibrate at the size that is used"
             )
         found = []
-        os.path.exists("")  # the binding takes an old EAGAIN of this thread for its own: leave another errno there
         for raw in self._detector.detect(np.ascontiguousarray(gray)):
-            size_m = self._sizes_m.get(raw["id"])
+            size_m = self._sizes_m.get(raw.tag_id)
             if size_m is None:
                 self._reject("unknown id")
-            elif raw["hamming"] > 1 or raw["margin"] < _LEAST_MARGIN:
+            elif raw.hamming > 1 or raw.decision_margin < _LEAST_MARGIN:
                 self._reject("unsure")
             else:
-                corners_px = np.array(raw["lb-rb-rt-lt"], float) - _PIXEL_CENTRE_PX
-                sure = float(raw["margin"]), int(raw["hamming"])
-                found.append(observation(int(raw["id"]), size_m, corners_px, camera, *sure))
+                corners_px = raw.corners - _PIXEL_CENTRE_PX
+                sure = float(raw.decision_margin), int(raw.hamming)
+                found.append(observation(int(raw.tag_id), size_m, corners_px, camera, *sure))
         return self._good([o for o in found if [p.id for p in found].count(o.id) == 1], len(found))
 
     def _good(self, single: List[TagObservation], found: int) -> List[TagObservation]:
