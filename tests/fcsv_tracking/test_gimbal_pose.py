@@ -190,3 +190,16 @@ def test_a_tag_seen_nearly_edge_on_does_not_spoil_the_others():
         sight = see_body(found, {t.id: t for t in tags}, camera.model.fx, PoseRules(), R_prior)
         poses.append(np.linalg.norm((T_ground_cam @ sight.T_cam_body - T)[:3, 3]))
     assert beside >= 2 and len(poses) >= 10 and max(poses) < 0.01
+
+
+def test_a_start_that_runs_away_does_not_take_the_pose_along():
+    """Seen in flight: from the second planar pose of a distant tag the adjustment left for infinity, and raised."""
+    T_G_D, tags = body(), sides()
+    T_cam_body = tf.invert(camera_at(T_G_D)) @ T_G_D
+    away = tf.transform(np.eye(3), np.array([0.0, 0.0, 1e200]))
+    observations = [dataclasses.replace(o, T_cam_tag_other=away) for o in seen(tags, T_cam_body)]
+    found = see_body(observations, {t.id: t for t in tags}, CAMERA.fx, RULES)
+    assert np.allclose(found.T_cam_body, T_cam_body, atol=1e-6)
+    nowhere = [dataclasses.replace(o, T_cam_tag=away) for o in observations]
+    with pytest.raises(SampleRejected, match="fit no pose"):
+        see_body(nowhere, {t.id: t for t in tags}, CAMERA.fx, RULES)

@@ -202,3 +202,15 @@ class TestSystem:
         assert system.relative("tello1", "tello2", stamp_s + 1.0) is None
         with pytest.raises(PoseUnavailable):
             system.body_at("tello1", stamp_s + 1.0)
+
+
+def test_a_vehicle_just_lost_is_looked_for_first_where_it_should_be(loop):
+    """A slow machine takes longer for a whole picture than `lost_s`; without this it would never be quicker again."""
+    loop.picture(body())
+    u, v = CAMERA.project(tf.apply(tf.invert(GIMBAL.T_ground_cam(loop.angles)), middle(body())))[0]
+    loop.readings(2.0)
+    window = loop.tracker.window(loop.now_s - 0.02)
+    assert window.u0 < u < window.u1 and window.v0 < v < window.v1
+    assert (window.u1 - window.u0) * (window.v1 - window.v0) < 0.75 * CAMERA.width * CAMERA.height
+    loop.readings(2.0)
+    assert loop.tracker.window(loop.now_s - 0.02) is None

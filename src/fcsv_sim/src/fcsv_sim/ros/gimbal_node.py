@@ -66,7 +66,7 @@ class GimbalNode:
     def _serve(self) -> None:
         due_s = time.time()
         while not rospy.is_shutdown():
-            due_s = max(due_s + 1.0 / _READ_HZ, time.time() - 0.05)
+            due_s = max(due_s + 1.0 / _READ_HZ, time.time())
             time.sleep(max(0.0, due_s - time.time()))
             with self._lock:
                 self._loop.pass_once()

@@ -72,18 +72,21 @@ class _Model:
         self._sigma2 = sigma**2
         self._place = np.array([rules.tag_m**2] * 3 + [np.radians(rules.tag_deg) ** 2] * 3)
 
-    def fit(self, T: np.ndarray) -> _Fit:
-        """Gauss-Newton from a start."""
-        for _ in range(_STEPS):
-            N, g, _, _ = self._normal(T)
-            step = np.linalg.solve(N, -g)
-            T = transforms.transform(
-                transforms.Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3]
-            )
-            if step @ step < _DONE**2:
-                break
-        N, _, cost, rms = self._normal(T)
-        return _Fit(T, cost, np.linalg.inv(N), rms)
+    def fit(self, T: np.ndarray) -> Optional[_Fit]:
+        """Gauss-Newton from a start; None where that runs away, as from a mirrored pose of a distant tag it may."""
+        try:
+            for _ in range(_STEPS):
+                N, g, _, _ = self._normal(T)
+                step = np.linalg.solve(N, -g)
+                T = transforms.transform(
+                    transforms.Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3]
+                )
+                if step @ step < _DONE**2:
+                    break
+            N, _, cost, rms = self._normal(T)
+            return _Fit(T, cost, np.linalg.inv(N), rms)
+        except np.linalg.LinAlgError:
+            return None
 
     def _normal(self, T: np.ndarray):
         """Normal matrix, gradient, cost, rms at T."""
@@ -138,12 +141,12 @@ def _flatness(o: TagObservation) -> float:
 
 def _fits(model: _Model, own: Sequence[TagObservation], tags: Mapping[int, BodyTag]) -> List[_Fit]:
     """Distinct poses, best first."""
-    found: List[_Fit] = []
+    found: List[Optional[_Fit]] = []
     for o in own:
         T_tag_body = transforms.invert(tags[o.id].T_body_tag)
         found += [model.fit(T @ T_tag_body) for T in (o.T_cam_tag, o.T_cam_tag_other) if T is not None]
     distinct: List[_Fit] = []
-    for fit in sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: f.cost):
+    for fit in sorted((f for f in found if f is not None and np.isfinite(f.cost)), key=lambda f: f.cost):
         if fit.T[2, 3] > 0 and all(transforms.rotation_angle(fit.T, other.T) > _SAME_RAD for other in distinct):
             distinct.append(fit)
     if not distinct:

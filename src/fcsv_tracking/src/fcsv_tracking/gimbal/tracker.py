@@ -25,6 +25,8 @@ from fcsv_tracking.mocap.equations import moved_covariance
 from fcsv_tracking.tags import TagObservation
 
 _BLIND_DEGPS = 30.0  # smears a tag over several of its modules
+_EXPECTED_S, _MOST_STRAYED_M = 3.0, 0.2  # so long after its last sight a vehicle is looked for first where it should be
+_SPEED_MPS, _ACCELERATION_MPS2 = 0.5, 3.0  # by which it may move otherwise than it did
 _POSITION_M = 0.005  # of a sight, for weighing sights against each other
 
 
@@ -210,16 +212,22 @@ class GimbalTracker:
         return True
 
     def window(self, stamp_s: float) -> Optional[Window]:
-        """Where in the picture of ``stamp_s`` the vehicle should be; None where that is not known."""
+        """Where in the picture of ``stamp_s`` the vehicle should be; None where that is not known.
+
+        Also for a while after it was lost: where the whole picture takes longer than that, it would stay lost else.
+        """
         target = self.target()
-        if target is None or self._lost(stamp_s):
+        if target is None or abs(stamp_s - target.stamp_s) > _EXPECTED_S:
             return None
         try:
             T_G_C = self._geometry.T_ground_cam(self._angles.at(stamp_s)[0])
         except PoseUnavailable:
             return None
-        radius_m = self._rules.follow.target_radius_m + 0.05 + 2.0 * abs(stamp_s - target.stamp_s)
-        return window_about(transforms.invert(T_G_C), target.at(stamp_s), radius_m, self._camera)
+        age_s = abs(stamp_s - target.stamp_s)
+        strayed_m = min(0.05 + _SPEED_MPS * age_s + 0.5 * _ACCELERATION_MPS2 * age_s**2, _MOST_STRAYED_M)
+        radius_m = self._rules.follow.target_radius_m + strayed_m
+        p_ground_m = target.at(min(stamp_s, target.stamp_s + self._rules.follow.lost_s))
+        return window_about(transforms.invert(T_G_C), p_ground_m, radius_m, self._camera)
 
     def command(self, now_s: float) -> Optional[Angles]:
         """Where to turn now; None to stand still."""
