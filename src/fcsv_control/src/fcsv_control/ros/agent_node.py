@@ -77,8 +77,7 @@ class AgentNode:
         }
         for waiting in (self._jobs, self._stops):
             threading.Thread(target=self._work, args=(waiting,), name="commands", daemon=True).start()
-        period = rospy.Duration(1.0 / self._parameters.set_point_rate_hz)
-        self._timer = rospy.Timer(period, self._stream)
+        self._timer = node.every(1.0 / self._parameters.set_point_rate_hz, self._stream)
         rospy.Subscriber("mavros/state", State, self._on_state, queue_size=5)
         rospy.Subscriber("mavros/statustext/recv", StatusText, self._on_text, queue_size=20)
         rospy.Subscriber("mavros/local_position/pose", PoseStamped, self._on_pose, queue_size=5, tcp_nodelay=True)

@@ -74,7 +74,7 @@ class FlightLinkNode:
         rospy.Service("mavros/cmd/takeoff", CommandTOL, self._take_off)
         rospy.Service("mavros/cmd/land", CommandTOL, self._land)
         rospy.Service("~odometry_reset", Trigger, self._odometry_reset)
-        self._timer = rospy.Timer(rospy.Duration(_WATCH_S), self._watch)
+        self._timer = node.every(_WATCH_S, self._watch)
         rospy.Subscriber("mavros/vision_pose/pose", PoseStamped, self._on_vision, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber(
             "mavros/setpoint_position/local", PoseStamped, self._on_set_point, queue_size=1, tcp_nodelay=True

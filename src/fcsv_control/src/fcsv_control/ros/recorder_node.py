@@ -32,7 +32,7 @@ class RecorderNode:
         topics = plan(p)
         status = "recorder/status" if p.role == "vehicle" else f"/{p.name}/recorder/status"
         self._status = rospy.Publisher(status, RecorderStatus, queue_size=2)
-        self._timer = rospy.Timer(rospy.Duration(1.0), self._publish_status)
+        self._timer = node.every(1.0, self._publish_status)
         rospy.Subscriber("recorder/pictures", Bool, self._on_pictures, queue_size=1)
         for topic in topics.always:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, topic, queue_size=100, buff_size=1 << 20)

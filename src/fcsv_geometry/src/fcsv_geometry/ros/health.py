@@ -9,6 +9,8 @@ import diagnostic_updater
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from fcsv_geometry.ros import node
+
 
 class Health:
     """Published once a second. ``flows`` maps a flow's name to the rate (Hz) below which it is a warning."""
@@ -24,7 +26,7 @@ class Health:
         self._updater = diagnostic_updater.Updater()
         self._updater.setHardwareID(hardware_id)
         self._updater.add("health", self._report)
-        self._timer = rospy.Timer(rospy.Duration(1.0), lambda _event: self._updater.update())
+        self._timer = node.every(1.0, lambda _event: self._updater.update())
 
     def tick(self, flow: str) -> None:
         """One message of a flow went through."""

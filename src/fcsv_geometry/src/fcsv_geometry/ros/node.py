@@ -3,6 +3,7 @@
 
 import dataclasses
 import logging
+import traceback
 from typing import Any, Callable, Dict, Sequence, Type, TypeVar
 
 import rospy
@@ -13,6 +14,7 @@ from fcsv_geometry.vehicle import VehicleGeometry, load_vehicles
 
 T = TypeVar("T")
 CANNOT_RUN = 2
+_LOG_EVERY_S = 5.0
 
 
 def run(name: str, make: Callable[[], Any]) -> int:
@@ -30,6 +32,22 @@ def run(name: str, make: Callable[[], Any]) -> int:
         return CANNOT_RUN
     getattr(node, "spin", rospy.spin)()
     return 0
+
+
+def every(period_s: float, work: Callable[[Any], None]) -> rospy.Timer:
+    """Call ``work`` with the timer's event again and again, in a thread of its own, until ROS shuts the node down.
+
+    A defect in it costs one turn and is logged; rospy's own timer would end without a word.
+    """
+
+    def turn(event) -> None:
+        try:
+            work(event)
+        except Exception:
+            if not rospy.is_shutdown():  # topics are closed then
+                rospy.logerr_throttle(_LOG_EVERY_S, f"{rospy.get_name()}: {traceback.format_exc()}")
+
+    return rospy.Timer(rospy.Duration(period_s), turn)
 
 
 def parameters(cls: Type[T]) -> T:

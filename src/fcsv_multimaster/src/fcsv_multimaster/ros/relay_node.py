@@ -84,7 +84,7 @@ class RelayNode:
             options = {"queue_size": longest, "buff_size": 1 << 22, "tcp_nodelay": True}
             subscribers.append(rospy.Subscriber(topic, rospy.AnyMsg, on, topic, **options))
         if self._tf["/tf"]:
-            self._tf_timer = rospy.Timer(rospy.Duration(1.0 / _TF_HZ), lambda _event: self._send_tf("/tf"))
+            self._tf_timer = node.every(1.0 / _TF_HZ, lambda _event: self._send_tf("/tf"))
         return subscribers
 
     def _definition(self, source: str, type_name: str):

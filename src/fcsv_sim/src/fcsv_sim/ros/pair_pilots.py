@@ -12,6 +12,7 @@ from std_msgs.msg import Empty
 from fcsv_control.mission.places import body_set_point
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.ros import node
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_msgs.msg import State
 from fcsv_sim.ros.pair_cameras import PairCamera
@@ -49,7 +50,7 @@ class PairPilots:
                         for n in vehicles for what in ("takeoff", "land")}  # fmt: skip
         for n in vehicles:
             rospy.Subscriber(f"/{n}/tello/state", State, self._on_state, n, queue_size=2)
-        self._timer = rospy.Timer(rospy.Duration(1.0 / _RATE_HZ), self._fly)
+        self._timer = node.every(1.0 / _RATE_HZ, self._fly)
 
     def _on_state(self, message: State, name: str) -> None:
         self.states[name] = message

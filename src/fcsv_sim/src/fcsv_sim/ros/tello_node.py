@@ -21,7 +21,7 @@ class TelloNode:
         p = node.parameters(TelloParameters)
         self._tello = SimulatedTello(p, time.time())
         self._state = rospy.Publisher("tello/state", State, queue_size=2)
-        self._timer = rospy.Timer(rospy.Duration(1.0 / _STATE_HZ), self._publish)
+        self._timer = node.every(1.0 / _STATE_HZ, self._publish)
         rospy.Subscriber("tello/takeoff", Empty, lambda _: self._tello.take_off(), queue_size=1)
         rospy.Subscriber("tello/land", Empty, lambda _: self._tello.land(), queue_size=1)
         rospy.Subscriber("tello/cmd_vel", Twist, self._on_sticks, queue_size=1, tcp_nodelay=True)

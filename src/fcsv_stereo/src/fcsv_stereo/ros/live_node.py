@@ -75,7 +75,7 @@ class LiveNode:
         self._reference = rospy.Publisher("/map/reference", Image, **latched)
         self._states = rospy.Publisher("/map/state", MapState, **latched)
         self._static = tf2_ros.StaticTransformBroadcaster()
-        self._timer = rospy.Timer(rospy.Duration(_STATE_PERIOD_S), lambda _event: self._say())
+        self._timer = node.every(_STATE_PERIOD_S, lambda _event: self._say())
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
         rospy.Subscriber("/mission/capture", Capture, self._on_capture, queue_size=50)

@@ -71,7 +71,7 @@ class ClockControl:
         }
         for name in parameters.vehicles:
             rospy.Subscriber(f"/{name}/clock/pong", ClockEcho, self._on_pong, name, queue_size=5, tcp_nodelay=True)
-        self._timer = rospy.Timer(rospy.Duration(parameters.period_s), self._ask)
+        self._timer = node.every(parameters.period_s, self._ask)
 
     def _ask(self, _event) -> None:
         for name, publisher in self._pings.items():

@@ -64,7 +64,7 @@ class FramesNode:
         self._cameras = {
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
         }
-        self._timer = rospy.Timer(rospy.Duration(0.1), self._publish_home)
+        self._timer = node.every(0.1, self._publish_home)
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
         for name in self._names:

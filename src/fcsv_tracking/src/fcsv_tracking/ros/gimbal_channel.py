@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import Gimbal
@@ -54,7 +54,7 @@ class GimbalChannel:
         rospy.Subscriber(f"{at}/camera/image_raw", Image, self._on_picture, queue_size=1, buff_size=8 << 20)
         self._thread = threading.Thread(target=self._look, daemon=True)
         self._thread.start()
-        self._timer = rospy.Timer(rospy.Duration(1.0 / _COMMAND_HZ), self._follow)
+        self._timer = node.every(1.0 / _COMMAND_HZ, self._follow)
 
     def _on_info(self, message: CameraInfo) -> None:
         try:

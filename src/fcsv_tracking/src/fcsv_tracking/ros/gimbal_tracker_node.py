@@ -67,8 +67,8 @@ class GimbalTrackerNode:
             GimbalChannel(gimbals[n], p.rules, p.decimate, self._health, self._on_tracker, self._on_pose)
             for n in p.vehicles
         ]
-        self._view_timer = rospy.Timer(rospy.Duration(0.1), self._publish_gimbals)
-        self._slow_timer = rospy.Timer(rospy.Duration(1.0), self._report)
+        self._view_timer = node.every(0.1, self._publish_gimbals)
+        self._slow_timer = node.every(1.0, self._report)
 
     def _on_tracker(self, name: str, tracker: GimbalTracker) -> None:
         with self._lock:

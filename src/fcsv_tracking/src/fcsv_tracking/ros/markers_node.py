@@ -78,7 +78,7 @@ class MarkersNode:
             topic = f"/{name}/camera_pose"
             rospy.Subscriber(topic, PoseWithCovarianceStamped, self._on_camera, name, queue_size=1)
             rospy.Subscriber(f"/{name}/gimbal/camera/camera_info", CameraInfo, self._on_gimbal, name, queue_size=1)
-        self._timer = rospy.Timer(rospy.Duration(1.0), self._publish)
+        self._timer = node.every(1.0, self._publish)
 
     def _on_calibration(self, message: Calibration) -> None:
         self._calibration = message

@@ -60,8 +60,8 @@ class MocapTrackerNode:
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
         }
         self._home = HomeService(self._names, parameters.mocap_frame, fixed, self._set_home)
-        self._timer = rospy.Timer(rospy.Duration(1.0 / parameters.rate_hz), self._publish)
-        self._slow_timer = rospy.Timer(rospy.Duration(1.0), self._report)
+        self._timer = node.every(1.0 / parameters.rate_hz, self._publish)
+        self._slow_timer = node.every(1.0, self._report)
         self._pairs = [self._listen(n) for n in self._names]
 
     def _listen(self, name: str) -> message_filters.TimeSynchronizer:

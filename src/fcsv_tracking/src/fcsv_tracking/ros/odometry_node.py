@@ -58,7 +58,7 @@ class OdometryNode:
         self._vision_publisher = rospy.Publisher(
             "mavros/vision_pose/pose", PoseStamped, queue_size=10, tcp_nodelay=True
         )
-        self._timer = rospy.Timer(rospy.Duration(1.0), lambda _: self._updater.force_update())
+        self._timer = node.every(1.0, lambda _: self._updater.force_update())
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("t265/odom/sample", Odometry, self._on_sample, queue_size=50, tcp_nodelay=True)
 
