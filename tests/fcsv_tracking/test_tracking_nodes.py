@@ -33,7 +33,7 @@ class Listener:
         self.messages = []
         self._subscriber = rospy.Subscriber(topic, kind, self.messages.append, queue_size=100)
 
-    def wait(self, condition=lambda m: True, seconds=20.0):
+    def wait(self, condition=lambda m: True, seconds=60.0):  # a busy machine starts nodes slowly
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             for message in list(self.messages):
@@ -75,7 +75,7 @@ def talk(ros_master):
         publisher.unregister()
 
 
-def connected(*publishers, seconds=20.0):
+def connected(*publishers, seconds=60.0):  # a busy machine starts nodes slowly
     deadline = time.monotonic() + seconds
     while any(p.get_num_connections() < 1 for p in publishers) and time.monotonic() < deadline:
         time.sleep(0.05)
