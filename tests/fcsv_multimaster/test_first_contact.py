@@ -14,7 +14,7 @@ from fcsv_multimaster.exchange import Exchange
 from fcsv_multimaster.links import load_links
 from fcsv_sim.machines import free_port
 
-until = within(10.0)
+until = within(30.0)
 LINKS = """
 classes:
   critical: {link: datagram, priority: real_time, reliable: true, max_age_s: 5.0}

@@ -12,7 +12,7 @@ from waiting import within
 from fcsv_sim.machines import Machine, free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
-until = within(40.0)
+until = within(90.0)
 
 
 class Net:
