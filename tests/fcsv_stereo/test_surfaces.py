@@ -10,6 +10,7 @@ import pytest
 import scenes
 
 from fcsv_stereo.joint.candidates import MOST, candidates
+from fcsv_stereo.joint.colour import settled
 from fcsv_stereo.joint.surfaces import choose_surfaces, fronts, stretched
 from fcsv_stereo.joint.sweep import grey, views
 
@@ -87,8 +88,9 @@ def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change():
     coarse = np.full((30, 40), near, np.float32)
     coarse[:, 22:] = far
     true = np.where(image[..., 0] < 100.0, near, far)
-    assert (stretched(coarse, image, False) != true).mean() > 0.02
-    assert np.allclose(stretched(coarse, image, True), true, rtol=0.03)
+    larger = stretched(coarse, true.shape)
+    assert (larger != true).mean() > 0.02
+    assert np.allclose(settled(image, larger), true, rtol=0.03)
 
 
 def test_what_is_not_known_follows_its_surroundings(pool):

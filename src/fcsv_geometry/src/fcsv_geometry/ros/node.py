@@ -50,6 +50,12 @@ def every(period_s: float, work: Callable[[Any], None]) -> rospy.Timer:
     return rospy.Timer(rospy.Duration(period_s), turn)
 
 
+def defect(error: Exception) -> str:
+    """Call where an exception that nobody expected is caught: its traceback goes to the log, the words to the user."""
+    rospy.logerr("%s", traceback.format_exc())
+    return f"a defect of this program ({error}); see its log"
+
+
 def parameters(cls: Type[T]) -> T:
     """The node's private parameters as a frozen dataclass. Raises ConfigError naming node and parameter; logs them."""
     name = rospy.get_name()

@@ -12,6 +12,7 @@ from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import confidence
 from fcsv_stereo.joint.coarse import Coarse, coarse, highest_level, nearest_inverse_depth
+from fcsv_stereo.joint.colour import settled
 from fcsv_stereo.joint.direct import adjust
 from fcsv_stereo.joint.fine import Fine, refine
 from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
@@ -96,11 +97,12 @@ def match_jointly(
         chosen, poses, w, levels, known, found = _coarse(reference, chosen, poses, greys, scales[0], options, pool)
         for scale in scales[1:]:
             coarser, found = found, views(reference, chosen, scale, greys)
-            image = _colour(reference, found.shape)
-            if options.stretch:  # settling at the full size as well costs more than it mends
-                w = stretched(w, image, scale < 1.0)
+            if not options.stretch:
+                w = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
             else:
-                w = choose_surfaces(found, coarser, w, known, image, pool)
+                w = stretched(w, found.shape)
+                if scale < 1.0:  # at the full size it costs more than it mends
+                    w = settled(_colour(reference, found.shape), w)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
             fine = refine(detail(found), w, step, options.iterations if scale == 1.0 else 1, pool)
             w = fine.w

@@ -8,6 +8,7 @@ from plane to plane: a slanted surface goes on without a price.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Tuple
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from numba import njit
 
 from fcsv_stereo.joint.bits import differing_bits
 from fcsv_stereo.joint.candidates import MOST, Candidates, candidates, for_rows
-from fcsv_stereo.joint.colour import add_likeness, alike_bits, settle, settled
+from fcsv_stereo.joint.colour import add_likeness, alike_bits, settle
 from fcsv_stereo.joint.photometric import sample
 from fcsv_stereo.joint.sweep import Views
 from fcsv_stereo.joint.volume import census, pair_weights
@@ -48,14 +49,12 @@ def choose_surfaces(
     return best
 
 
-def stretched(w: np.ndarray, image: np.ndarray, settling: bool) -> np.ndarray:
-    """A coarser map (1/m) at the size of the finer ``image`` (HxWx3) without asking the other pictures: interpolated,
-    but not across steps; ``settling``: these go to where the colours change."""
-    size = image.shape[1::-1]
+def stretched(w: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
+    """A coarser map (1/m) at a finer ``shape`` without asking the pictures: interpolated, but not across steps."""
+    size = shape[::-1]
     near, far = (cv2.resize(f(w, np.ones((3, 3), np.uint8)), size) for f in (cv2.dilate, cv2.erode))
     own = cv2.resize(w, size, interpolation=cv2.INTER_NEAREST)
-    w = np.where(near - far > _STEP * near, own, cv2.resize(w, size, interpolation=cv2.INTER_LINEAR))
-    return settled(image, w) if settling else w
+    return np.where(near - far > _STEP * near, own, cv2.resize(w, size, interpolation=cv2.INTER_LINEAR))
 
 
 def fronts(found: Views, w: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -3,7 +3,6 @@
 
 import threading
 import time
-import traceback
 from dataclasses import dataclass, replace
 from typing import List, Optional
 
@@ -206,8 +205,7 @@ class LiveNode:
             self._say("failed", str(error), given.warnings)
             return None
         except Exception as error:  # a defect must not take the map away from a flight: the next configuration may do
-            rospy.logerr("%s", traceback.format_exc())
-            self._say("failed", f"a defect of this program ({error}); see its log", given.warnings)
+            self._say("failed", node.defect(error), given.warnings)
             return None
         self._publish(result)
         newest_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))

@@ -84,7 +84,7 @@ class _Model:
                 if step @ step < _DONE**2:
                     break
             N, _, cost, rms = self._normal(T)
-            return _Fit(T, cost, np.linalg.inv(N), rms)
+            return _Fit(T, cost, np.linalg.inv(N), rms) if np.isfinite(cost) else None
         except np.linalg.LinAlgError:
             return None
 
@@ -146,7 +146,7 @@ def _fits(model: _Model, own: Sequence[TagObservation], tags: Mapping[int, BodyT
         T_tag_body = transforms.invert(tags[o.id].T_body_tag)
         found += [model.fit(T @ T_tag_body) for T in (o.T_cam_tag, o.T_cam_tag_other) if T is not None]
     distinct: List[_Fit] = []
-    for fit in sorted((f for f in found if f is not None and np.isfinite(f.cost)), key=lambda f: f.cost):
+    for fit in sorted((f for f in found if f is not None), key=lambda f: f.cost):
         if fit.T[2, 3] > 0 and all(transforms.rotation_angle(fit.T, other.T) > _SAME_RAD for other in distinct):
             distinct.append(fit)
     if not distinct:

@@ -3,7 +3,6 @@
 
 import threading
 import time
-import traceback
 from typing import Callable, Optional
 
 import rospy
@@ -108,8 +107,7 @@ class GimbalChannel:
             except FcsvError as error:
                 self._health.drop(f"{self.name} picture", str(error))
             except Exception as error:  # a defect costs one picture: a thread that died never finds the vehicle again
-                rospy.logerr("%s", traceback.format_exc())
-                self._health.drop(f"{self.name} picture", f"a defect of this program ({error}); see its log")
+                self._health.drop(f"{self.name} picture", node.defect(error))
 
     def _process(self, message: Image) -> None:
         stamp_s, tracker, camera = message.header.stamp.to_sec(), self.tracker, self._camera
