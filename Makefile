@@ -6,7 +6,8 @@ SEED ?= 1
 WORLD ?= street
 RVIZ ?=
 LIVE ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE
+SPEED ?= auto
+export SYSTEM MISSION SEED WORLD RVIZ LIVE SPEED
 
 .PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link study
 setup build:

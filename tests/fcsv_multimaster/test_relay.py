@@ -37,7 +37,7 @@ class Net:
         path.write_text("import rospy, sys, time\nrospy.init_node('t', anonymous=True)\n" + textwrap.dedent(code))
         return self.machines[name].run([sys.executable, str(path)], path.stem)
 
-    def hears(self, name, topic, timeout_s=6.0):
+    def hears(self, name, topic, timeout_s=15.0):
         """The next message of a topic on a machine as text, or "" when none comes."""
         command = ["timeout", str(timeout_s), "rostopic", "echo", "-n", "1", topic]
         return subprocess.run(command, env=self.machines[name].env, capture_output=True, text=True).stdout
@@ -77,7 +77,7 @@ HOME = """
 def test_listed_topics_cross_and_others_do_not(net):
     net.python("uav1", STATE.format(mode="GUIDED"))
     assert 'mode: "GUIDED"' in net.hears("control", "/uav1/mavros/state")
-    assert net.hears("control", "/uav1/secret", 2.0) == ""
+    assert net.hears("control", "/uav1/secret", 6.0) == ""
 
 
 def test_latched_events_reach_who_comes_late_and_nothing_echoes(net):
@@ -85,7 +85,7 @@ def test_latched_events_reach_who_comes_late_and_nothing_echoes(net):
     net.python("control", HOME)
     time.sleep(1.0)
     net.relays["uav1"] = net.relay("uav1")
-    assert "uav1" in net.hears("uav1", "/home", 8.0)
+    assert "uav1" in net.hears("uav1", "/home")
     env = net.machines["control"].env
     count = subprocess.run(["rosnode", "list"], env=env, capture_output=True, text=True).stdout
     info = subprocess.run(["rostopic", "info", "/home"], env=env, capture_output=True, text=True)
@@ -129,9 +129,7 @@ def test_a_restarted_master_is_told_again(net):
     time.sleep(1.0)
     net.machines["uav1"].start_master()
     net.python("uav1", STATE.format(mode="BRAKE"))  # the old publisher is lost with its master, a new one comes
-    deadline = time.monotonic() + 15
-    while "BRAKE" not in net.hears("control", "/uav1/mavros/state", 2.0):
-        assert time.monotonic() < deadline
+    until(lambda: "BRAKE" in net.hears("control", "/uav1/mavros/state"), what="the state of who came after the restart")
     assert net.relays["uav1"].returncode is None
 
 
@@ -145,7 +143,7 @@ def test_another_version_of_a_message_is_named_and_dropped(net):
             p.publish(State('x')); time.sleep(0.05)
     """)  # fmt: skip
     until(lambda: "another" in net.relays["control"].log.read_text(), what="a line that names the version")
-    assert net.hears("control", "/uav1/mavros/state", 4.0) == ""
+    assert net.hears("control", "/uav1/mavros/state", 6.0) == ""
 
 
 def test_a_wrong_links_file_ends_the_relay_with_one_line(net, tmp_path):
@@ -153,4 +151,4 @@ def test_a_wrong_links_file_ends_the_relay_with_one_line(net, tmp_path):
     net.links = tmp_path / "links.yaml"
     net.links.write_text("classes: {}\nto_control: [{topic: /x, class: nope}]")
     relay = net.relay("control")
-    assert relay.wait(10.0) == 2 and "to_control[0].class" in relay.log.read_text()
+    assert relay.wait(60.0) == 2 and "to_control[0].class" in relay.log.read_text()

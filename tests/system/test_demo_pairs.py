@@ -16,7 +16,7 @@ from fcsv_geometry.ros import conversions
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_stereo.truth import load_truth
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800)]
 
 NAMES = ("tello1", "tello2")
 MISSIONS = {
@@ -43,7 +43,7 @@ def flown(request, tmp_path_factory):
     out = tmp_path_factory.mktemp(request.param)
     demo = start_demo(out, "--system", request.param, "--mission", short_mission(out, request.param))
     try:
-        status = demo.wait(800)
+        status = demo.wait(1200)
     finally:
         demo.kill()
     assert status == 0, said(out)[-4000:]
@@ -111,7 +111,7 @@ def test_ctrl_c_lands_and_closes_the_bags(tmp_path):
         wait_for(tmp_path, "SET_HOME", demo)
         time.sleep(1.0)
         demo.send_signal(signal.SIGINT)
-        assert demo.wait(120) == 130, said(tmp_path)[-3000:]
+        assert demo.wait(300) == 130, said(tmp_path)[-3000:]
     finally:
         demo.kill()
     assert left_behind(tmp_path) == [] and not list((tmp_path / "session").glob("*.active"))

@@ -6,7 +6,9 @@ import subprocess
 
 import pytest
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(900)]
+from fcsv_sim.slow_motion import slow_motion
+
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 def test_a_mission_over_a_bad_radio_ends_with_the_same_map(flown, bench_link, tmp_path, root):
@@ -16,7 +18,9 @@ def test_a_mission_over_a_bad_radio_ends_with_the_same_map(flown, bench_link, tm
 
     _, radio = bench_link
     plan = FleetPlan(tmp_path, root / "config" / "missions" / "short.yaml", seed=1)
-    lines = flight.fly(plan, radio.Conditions(loss=0.05, delay_s=0.01), 10.0, "CONFIGURATIONS 2/4")
+    with slow_motion() as page:
+        conditions = radio.Conditions(loss=0.05, delay_s=0.01)
+        lines = flight.fly(plan, conditions, 10.0, "CONFIGURATIONS 2/4", clock=page.now_s)
     assert any(line.startswith("CONFIGURATIONS 2/4") and "check the radio" in line for line in lines), lines
     assert sum(line.startswith("captured") for line in lines) == 4
     clean = json.loads((flown / "map" / "report.json").read_text())["truth"]

@@ -10,7 +10,7 @@ import psutil
 import pytest
 from waiting import within
 
-until = within(40.0)
+until = within(120.0)
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_a_bench_that_is_ended_leaves_nothing_behind(begin, tmp_path, number, be
     tree = inside(bench) + psutil.Process(bench.pid).children(recursive=True)
     bench.send_signal(number)
     bench.send_signal(number)  # impatience must not stop the tidying
-    assert bench.wait(40.0) == 128 + number and number.name in bench.stderr.read()
+    assert bench.wait(120.0) == 128 + number and number.name in bench.stderr.read()
     assert not namespaces(bench) and not [p for p in tree if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
     assert not list(tmp_path.glob("bench-link-*"))
 

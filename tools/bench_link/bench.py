@@ -260,9 +260,6 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=0.0, help="of endurance; 0: not measured")
     parser.add_argument("--write", action="store_true", help="the table into docs/multimaster.md")
     a = parser.parse_args()
-    if not can_emulate():
-        print("bench-link: needs root, /dev/net/tun and network namespaces", file=sys.stderr)
-        return 2
     measure = {
         "first": lambda rows: first_message(rows),
         "clean": lambda rows: latency(rows, a.seconds, 0.0, 0.0),
@@ -279,6 +276,9 @@ def main() -> int:
         parser.error(f"unknown part '{sorted(unknown)[0]}'; known: {', '.join(PARTS)}")
     rows: List = []
     with clean_end():
+        if not can_emulate():
+            print("bench-link: needs root, /dev/net/tun and network namespaces", file=sys.stderr)
+            return 2
         for part in filter(None, a.parts.split(",")):
             measure[part](rows)
         if a.minutes:

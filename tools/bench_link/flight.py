@@ -16,7 +16,7 @@ import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Dict, List, Tuple
+from typing import Callable, Dict, List, Tuple
 
 from machines import PORT, NamespaceMachine
 from radio import Conditions, Radio, in_namespace
@@ -93,10 +93,14 @@ def _udp(address=None) -> socket.socket:
     return opened
 
 
-def fly(plan: FleetPlan, conditions: Conditions, cut_s: float, cut_at: str, limit_s: float = 420.0) -> List[str]:
+def fly(
+    plan: FleetPlan, conditions: Conditions, cut_s: float, cut_at: str, limit_s: float = 420.0,
+    clock: Callable[[], float] = time.monotonic,
+) -> List[str]:  # fmt: skip
     """Fly a plan's mission, with nothing carried for ``cut_s`` seconds once its state begins with ``cut_at``.
 
-    Returns what the mission said, line by line. Raises MachineError where it does not end, or not well.
+    ``clock`` is that of the fleet, where it flies in slow motion. Returns what the mission said, line by line. Raises
+    MachineError where it does not end, or not well.
     """
     from fcsv_sim.demo.demo import build_world  # not for the watch
 
@@ -106,13 +110,13 @@ def fly(plan: FleetPlan, conditions: Conditions, cut_s: float, cut_at: str, limi
         try:
             fleet.start()
             watch = fleet.control.run([sys.executable, __file__, *plan.vehicles], "watch")
-            deadline, mended_s = time.monotonic() + limit_s, None
-            while watch.returncode is None and time.monotonic() < deadline:
+            deadline, mended_s = clock() + limit_s, None
+            while watch.returncode is None and clock() < deadline:
                 time.sleep(0.1)
                 if mended_s is None and f"\n{cut_at}" in "\n" + watch.tail(3):
                     radio.cut()
-                    mended_s = time.monotonic() + cut_s
-                elif mended_s is not None and time.monotonic() > mended_s:
+                    mended_s = clock() + cut_s
+                elif mended_s is not None and clock() > mended_s:
                     radio.mend()
             if watch.returncode != 0:
                 raise MachineError(f"the mission did not end well ({watch.returncode}):\n{watch.tail(20)}")

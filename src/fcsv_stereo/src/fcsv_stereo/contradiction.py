@@ -27,7 +27,8 @@ _LEAST_SHARE = 3e-4  # of the picture: smaller spots are edges and noise
 def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
     """The result with sigma at least a fifth of the depth where one axis agrees with it and the other does not.
 
-    Denied: two pairs of an axis (or its only one) see a place that nothing of the map hides, and none agrees.
+    Denied: two pairs of an axis (or its only one) see a place that nothing of the map hides, and none agrees; and what
+    is connected to it that only one of them sees (the picture ends there for the others), if that one does not agree.
     Pictures that were taken when a reference picture was do not need it: ``motion`` compares these.
     """
     if len({p.configuration.axis for p in result.pairs}) < 2 or _of_one_moment(given):
@@ -51,7 +52,7 @@ def _of_one_moment(given: MapInput) -> bool:
 
 def _denied(result: MapResult, step: int) -> np.ndarray:
     """At every ``step``-th pixel, bool."""
-    reference, seen, agreed = result.reference, {}, {}
+    reference, seen, surely, agreed = result.reference, {}, {}, {}
     by_axis: Dict[str, List] = {}
     for pair in result.pairs:
         by_axis.setdefault(pair.configuration.axis, []).append(pair)
@@ -62,13 +63,22 @@ def _denied(result: MapResult, step: int) -> np.ndarray:
             other = pair.camera_other
             uv, z = seen_from(result.depth, reference.camera, T, other, step)
             views.append(visible(uv, z, (other.height, other.width), step))
-        seen[axis] = np.sum(views, axis=0) >= min(2, len(pairs))
+        seen[axis], surely[axis] = (np.sum(views, axis=0) >= least for least in (1, min(2, len(pairs))))
         agreed[axis] = np.any([np.isfinite(p.depth[::step, ::step]) for p in pairs], axis=0)
-    a, b = by_axis
-    denied = (seen[a] & ~agreed[a] & agreed[b]) | (seen[b] & ~agreed[b] & agreed[a])
-    denied &= np.isfinite(result.depth[::step, ::step])
-    dense = (cv2.blur(denied.astype(np.float32), _WINDOW) > _SHARE).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(dense, connectivity=8)
-    large = stats[:, cv2.CC_STAT_AREA] >= _LEAST_SHARE * dense.size
+    known = np.isfinite(result.depth[::step, ::step])
+    denied, sure = (_dense(known & _by_one_axis(by, agreed)) for by in (seen, surely))
+    _, labels = cv2.connectedComponents(denied.astype(np.uint8), connectivity=8)
+    large = np.bincount(labels[sure & denied], minlength=labels.max() + 1) >= _LEAST_SHARE * labels.size
     large[0] = False
     return cv2.dilate(large[labels].astype(np.uint8), _MARGIN) > 0
+
+
+def _by_one_axis(seen: Dict[str, np.ndarray], agreed: Dict[str, np.ndarray]) -> np.ndarray:
+    """HxW bool: seen by an axis that does not agree, while the other does."""
+    a, b = seen
+    return (seen[a] & ~agreed[a] & agreed[b]) | (seen[b] & ~agreed[b] & agreed[a])
+
+
+def _dense(denied: np.ndarray) -> np.ndarray:
+    """HxW bool: most of the surroundings are denied."""
+    return cv2.blur(denied.astype(np.float32), _WINDOW) > _SHARE

@@ -14,6 +14,7 @@ from typing import List, Optional
 
 from fcsv_control.mission.config import load_mission
 from fcsv_geometry.errors import FcsvError
+from fcsv_sim import slow_motion
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.flights import bringup
@@ -25,11 +26,17 @@ from fcsv_sim.world.town import WORLDS
 from fcsv_stereo.truth import load_truth
 
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
+_REAL_TIME = 0.97  # of it, or more: not worth a word
 
 
 def main(argv: Optional[List[str]] = None) -> int:
     """Fly and map; exit status 0 only where a map came out."""
     args = _parse(argv)
+    try:
+        slow_motion.begin_again_in(slow_motion.parse_rate(args.speed))
+    except FcsvError as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return 2
     started = time.monotonic()
 
     def say(line: str) -> None:
@@ -52,7 +59,9 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     """The whole story: a world, a flight in it, its truth, a map, a table."""
     _empty(plan.folder)
     build_world(plan, say)
+    begun = slow_motion.both_clocks()
     flight_s, moved_m = system.fly(plan, say)
+    speed = slow_motion.share_of_real_time(begun)
     export_truth(plan.sim_folder, plan.session_folder, plan.vehicles)
     say(f"session: {plan.session_folder}")
     if fly_only:
@@ -61,7 +70,8 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     for each in maps:
         _map(plan, each, say)
         _print_end(plan, plan.folder / each.folder)
-    print(f"flown {flight_s:.0f} s, moved {moved_m:.1f} m while configurations were flown")
+    slowly = "" if speed > _REAL_TIME else f" (at {speed:.2f} of real time)"
+    print(f"flown {flight_s:.0f} s{slowly}, moved {moved_m:.1f} m while configurations were flown")
     return 0
 
 
@@ -79,7 +89,8 @@ def build_world(plan: FleetPlan, say) -> None:
 def _map(plan: FleetPlan, each: MapRun, say) -> None:
     say(" ".join(["mapping", *each.arguments]))
     command = ["rosrun", "fcsv_stereo", "map", str(plan.session_folder), "-o", str(plan.folder / each.folder)]
-    child = subprocess.Popen([*command, *each.arguments], preexec_fn=os.setpgrp)
+    env = slow_motion.in_real_time(dict(os.environ))
+    child = subprocess.Popen([*command, *each.arguments], preexec_fn=os.setpgrp, env=env)
     try:
         status = child.wait()
     except interrupt.Interrupted:
@@ -140,6 +151,10 @@ def _parse(argv):
     parser.add_argument(
         "--live", default="", help="1 maps in flight, 0 does not; default: where there are more than two cores"
     )
+    parser.add_argument(
+        "--speed", default=slow_motion.AUTO,
+        help="share of real time at which all is simulated; default: auto, slower while the machine is too busy for 1",
+    )  # fmt: skip
     parser.add_argument("--fly-only", action="store_true", help="leave the session, make no map")
     return parser.parse_args(argv)
 

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whole programs in slow motion: every wait lasts longer, by one clock, and nothing notices."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from fcsv_sim import slow_motion
+from fcsv_sim.slow_motion import LEAST_RATE, Page, SlowMotionError, in_real_time, next_rate, parse_rate
+
+WAITS = """
+import queue, select, socket, subprocess, sys, threading, time
+a, b = socket.socketpair()
+poll, epoll = select.poll(), select.epoll()
+poll.register(a, select.POLLIN), epoll.register(a, select.EPOLLIN)
+condition = threading.Condition()
+lock = threading.Lock()
+lock.acquire()
+def wait_for_condition():
+    with condition:
+        condition.wait(0.3)
+def wait_for_queue():
+    try:
+        queue.Queue().get(timeout=0.3)
+    except queue.Empty:
+        pass
+def wait_for_socket():
+    a.settimeout(0.3)
+    try:
+        a.recv(1)
+    except socket.timeout:
+        pass
+waits = dict(
+    sleep=lambda: time.sleep(0.3), condition=wait_for_condition, queue=wait_for_queue, socket=wait_for_socket,
+    event=lambda: threading.Event().wait(0.3), lock=lambda: lock.acquire(timeout=0.3),
+    select=lambda: select.select([a], [], [], 0.3), poll=lambda: poll.poll(300), epoll=lambda: epoll.poll(0.3),
+    child=lambda: subprocess.run(["sleep", "0.3"]),
+)
+wait = waits[sys.argv[1]]
+since = time.monotonic(), time.time()
+wait()
+print(time.monotonic() - since[0], time.time() - since[1])
+"""
+NOW = "import time; print(time.monotonic(), time.time())"
+
+
+def run(*command, **options):
+    return [float(x) for x in subprocess.check_output([sys.executable, "-c", *command], text=True, **options).split()]
+
+
+@pytest.mark.parametrize(
+    "wait", ["sleep", "condition", "queue", "socket", "event", "lock", "select", "poll", "epoll", "child"]
+)
+def test_a_wait_is_as_long_as_it_says_by_its_own_clocks_and_longer_by_ours(wait):
+    with slow_motion.slow_motion(0.5):
+        began_s = time.monotonic()
+        monotonic_s, wall_s = run(WAITS, wait)
+        took_s = time.monotonic() - began_s
+    assert monotonic_s >= 0.295 and wall_s >= 0.295  # poll counts whole milliseconds
+    assert took_s >= 0.59
+
+
+def test_programs_share_one_time_that_lags_on_every_clock():
+    with slow_motion.slow_motion(0.5) as page:
+        time.sleep(1.0)
+        first = run(NOW)
+        before_s, wall_s = time.monotonic(), time.time()
+        second = run(NOW)
+        after_s = time.monotonic()
+    assert first < second
+    assert page.lag_s(before_s) >= 0.5
+    assert before_s - page.lag_s(before_s) <= second[0] <= after_s - page.lag_s(after_s)
+    assert wall_s - page.lag_s(before_s) <= second[1] <= wall_s + (after_s - before_s) - page.lag_s(after_s) + 0.01
+
+
+def test_time_of_the_processor_is_not_slowed():
+    burn = "import time; a = time.thread_time(), time.monotonic()\nwhile time.thread_time() - a[0] < 0.4: pass\n"
+    with slow_motion.slow_motion(0.5):
+        assert run(burn + "print(time.thread_time() - a[0], time.thread_time_ns() * 1e-9)")[0] >= 0.4
+
+
+def test_a_sleep_goes_by_the_rate_as_it_changes():
+    ready = (
+        "import time; print('ready', flush=True); t = time.monotonic(); time.sleep(1.0); print(time.monotonic() - t)"
+    )
+    with slow_motion.slow_motion(1.0) as page:
+        sleeper = subprocess.Popen([sys.executable, "-c", ready], stdout=subprocess.PIPE, text=True)
+        assert sleeper.stdout.readline() == "ready\n"
+        began_s = time.monotonic()
+        page.set_rate(0.5, began_s)
+        slept_s = float(sleeper.stdout.readline())
+        assert sleeper.wait() == 0 and slept_s >= 1.0
+        assert time.monotonic() - began_s >= 1.6  # the first look at the clock may have been before the change
+
+
+def test_a_program_begins_again_once_and_knows_how_fast_its_time_passed(tmp_path):
+    script = tmp_path / "again.py"
+    script.write_text("""
+import os, time
+from fcsv_sim import slow_motion
+print(os.getpid())
+slow_motion.begin_again_in(0.5)
+began = slow_motion.both_clocks()
+time.sleep(0.5)
+print(slow_motion.share_of_real_time(began), os.environ["FCSV_SLOW_MOTION"])
+""")
+    said = subprocess.check_output([sys.executable, "-u", str(script)], text=True).split()
+    assert said[0] == said[1] and len(said) == 4  # the same process, from its beginning
+    assert float(said[2]) == pytest.approx(0.5, abs=1e-6)
+    deadline = time.monotonic() + 10.0
+    while os.path.exists(said[3]):  # its keeper removes it
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    assert slow_motion.share_of_real_time((0.0, 0.0)) == 1.0  # here: real time
+
+
+def test_the_environment_is_given_back_and_the_page_removed():
+    before = dict(os.environ)
+    with slow_motion.slow_motion(0.5):
+        path = os.environ["FCSV_SLOW_MOTION"]
+        assert in_real_time(dict(os.environ)) == before and os.path.exists(path)
+    assert dict(os.environ) == before and not os.path.exists(path)
+
+
+def test_a_page_goes_on_without_a_jump(tmp_path):
+    page, reader = Page(tmp_path / "page", create=True), Page(tmp_path / "page")
+    page.set_rate(0.5, 100.0)
+    page.set_rate(0.25, 110.0)
+    assert reader.lag_s(110.0) == pytest.approx(5.0)
+    assert reader.lag_s(114.0) == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize("word", ["0", "1.5", "-1", "nan", "fast", ""])
+def test_a_speed_that_cannot_be_is_refused_by_name(word):
+    with pytest.raises(SlowMotionError, match="auto or a share"):
+        parse_rate(word)
+
+
+def test_the_rate_follows_the_load_and_stays_in_its_bounds():
+    assert next_rate(1.0, 0.3) == 1.0 and next_rate(LEAST_RATE, 1.0) == LEAST_RATE
+    assert LEAST_RATE < next_rate(0.8, 1.0) < 0.8 < next_rate(0.8, 0.5) < 1.0
+    rate = 1.0
+    for _ in range(200):
+        rate = next_rate(rate, min(1.0, 1.6 * rate))  # work for 1.6 machines in real time
+    assert 1.6 * rate == pytest.approx(0.85, abs=0.01)
+
+
+def test_a_workspace_without_the_library_is_named(monkeypatch):
+    monkeypatch.setenv("CMAKE_PREFIX_PATH", "/nowhere")
+    with pytest.raises(SlowMotionError, match="make setup"), slow_motion.slow_motion(0.5):
+        pass
