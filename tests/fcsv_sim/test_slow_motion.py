@@ -9,7 +9,7 @@ import time
 import pytest
 
 from fcsv_sim import slow_motion
-from fcsv_sim.slow_motion import LEAST_RATE, Page, SlowMotionError, in_real_time, next_rate, parse_rate
+from fcsv_sim.slow_motion import LEAST_RATE, Page, SlowMotionError, in_real_time, next_rate, parse_rate, shared_time
 
 WAITS = """
 import queue, select, socket, subprocess, sys, threading, time
@@ -121,6 +121,7 @@ def test_the_environment_is_given_back_and_the_page_removed():
     before = dict(os.environ)
     with slow_motion.slow_motion(0.5):
         path = os.environ["FCSV_SLOW_MOTION"]
+        assert set(shared_time(dict(os.environ))) == {"LD_PRELOAD", "FCSV_SLOW_MOTION"}
         assert in_real_time(dict(os.environ)) == before and os.path.exists(path)
     assert dict(os.environ) == before and not os.path.exists(path)
 

@@ -21,7 +21,7 @@ from typing import Dict, Iterator, List, Optional, Tuple
 from fcsv_geometry.errors import FcsvError
 
 AUTO = "auto"
-LEAST_RATE = 0.35
+LEAST_RATE = 0.5
 _LIBRARY = "libfcsv_slow_motion.so"
 _PRELOAD, _PAGE = "LD_PRELOAD", "FCSV_SLOW_MOTION"
 _INDEX, _PART = struct.Struct("=I4x"), struct.Struct("=qqd")  # as struct page in slow_motion.c
@@ -122,9 +122,14 @@ def share_of_real_time(since: Tuple[float, float]) -> float:
     return (now[0] - slow_s) / (now[1] - real_s)
 
 
+def shared_time(env: Dict[str, str]) -> Dict[str, str]:
+    """Of an environment what makes a program share its time; empty in real time."""
+    return {name: env[name] for name in (_PRELOAD, _PAGE) if _PAGE in env}
+
+
 def in_real_time(env: Dict[str, str]) -> Dict[str, str]:
     """An environment whose programs are not slowed: those that measure how long they take."""
-    return {name: value for name, value in env.items() if name not in (_PRELOAD, _PAGE)}
+    return {name: value for name, value in env.items() if name not in shared_time(env)}
 
 
 def _changes(rate: Optional[float]) -> Dict[str, str]:

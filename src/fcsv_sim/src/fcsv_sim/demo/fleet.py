@@ -3,6 +3,7 @@
 vehicle and the control PC, or a pair of Tellos before a tracker, all on one."""
 
 import json
+import os
 import socket
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Dict, List, Sequence, Tuple
 from fcsv_control.mission.config import load_mission
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.machines import Machine, MachineError, Process, free_port
+from fcsv_sim.slow_motion import shared_time
 
 CONTROL = "control"
 
@@ -86,8 +88,11 @@ class Machines:
             raise MachineError(f"{name} stopped by itself: {self.launches[name].log}\n{self.launches[name].tail(5)}")
 
     def _write_description(self) -> None:
-        """run/fleet.json: how to attach a tool to a machine while it runs (export its ROS_MASTER_URI)."""
-        description = {n: {"ROS_MASTER_URI": m.master_uri, "folder": str(m.folder)} for n, m in self.machines.items()}
+        """run/fleet.json: how to attach a tool to a machine while it runs (export what is in capitals)."""
+        time = shared_time(dict(os.environ))
+        description = {
+            n: {"ROS_MASTER_URI": m.master_uri, **time, "folder": str(m.folder)} for n, m in self.machines.items()
+        }
         (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
 
 
