@@ -47,6 +47,15 @@ print(time.monotonic() - since[0], time.time() - since[1])
 NOW = "import time; print(time.monotonic(), time.time())"
 
 
+@pytest.fixture
+def kept_by_hand(monkeypatch, tmp_path):
+    """A page that no process writes but the test, and the environment of who reads it."""
+    with slow_motion.slow_motion(1.0):
+        preload = os.environ["LD_PRELOAD"]
+    page = Page(tmp_path / "page", create=True)
+    return page, dict(os.environ, LD_PRELOAD=preload, FCSV_SLOW_MOTION=str(tmp_path / "page"))
+
+
 def run(*command, **options):
     return [float(x) for x in subprocess.check_output([sys.executable, "-c", *command], text=True, **options).split()]
 
@@ -67,13 +76,12 @@ def test_programs_share_one_time_that_lags_on_every_clock():
     with slow_motion.slow_motion(0.5) as page:
         time.sleep(1.0)
         first = run(NOW)
-        before_s, wall_s = time.monotonic(), time.time()
+        before_s, lag_s = page.now_s(), time.monotonic() - page.now_s()
         second = run(NOW)
-        after_s = time.monotonic()
-    assert first < second
-    assert page.lag_s(before_s) >= 0.5
-    assert before_s - page.lag_s(before_s) <= second[0] <= after_s - page.lag_s(after_s)
-    assert wall_s - page.lag_s(before_s) <= second[1] <= wall_s + (after_s - before_s) - page.lag_s(after_s) + 0.01
+        after_s, wall_s = page.now_s(), time.time()
+    assert first[0] < second[0] and first[1] < second[1]
+    assert lag_s >= 0.45 and before_s <= second[0] <= after_s
+    assert wall_s - second[1] >= lag_s
 
 
 def test_time_of_the_processor_is_not_slowed():
@@ -82,18 +90,31 @@ def test_time_of_the_processor_is_not_slowed():
         assert run(burn + "print(time.thread_time() - a[0], time.thread_time_ns() * 1e-9)")[0] >= 0.4
 
 
-def test_a_sleep_goes_by_the_rate_as_it_changes():
+def test_a_sleep_goes_by_the_rate_as_it_changes(kept_by_hand):
     ready = (
         "import time; print('ready', flush=True); t = time.monotonic(); time.sleep(1.0); print(time.monotonic() - t)"
     )
-    with slow_motion.slow_motion(1.0) as page:
-        sleeper = subprocess.Popen([sys.executable, "-c", ready], stdout=subprocess.PIPE, text=True)
-        assert sleeper.stdout.readline() == "ready\n"
-        began_s = time.monotonic()
-        page.set_rate(0.5, began_s)
-        slept_s = float(sleeper.stdout.readline())
-        assert sleeper.wait() == 0 and slept_s >= 1.0
-        assert time.monotonic() - began_s >= 1.6  # the first look at the clock may have been before the change
+    page, env = kept_by_hand
+    page.write(time.monotonic(), 1.0)
+    sleeper = subprocess.Popen([sys.executable, "-c", ready], stdout=subprocess.PIPE, text=True, env=env)
+    assert sleeper.stdout.readline() == "ready\n"
+    began_s = time.monotonic()
+    page.write(began_s, 0.5)
+    slept_s = float(sleeper.stdout.readline())
+    assert sleeper.wait() == 0 and slept_s >= 1.0
+    assert time.monotonic() - began_s >= 1.6  # the first look at the clock may have been before the change
+
+
+@pytest.mark.parametrize("wait", ["sleep", "condition", "socket", "select", "poll", "epoll", "lock"])
+def test_nothing_is_over_before_time_goes_on_after_a_halt(kept_by_hand, wait):
+    page, env = kept_by_hand
+    page.write(time.monotonic(), 1.0, ahead_s=0.1)
+    waiter = subprocess.Popen([sys.executable, "-c", WAITS, wait], stdout=subprocess.PIPE, text=True, env=env)
+    time.sleep(1.5)
+    assert waiter.poll() is None and page.slow_s(time.monotonic() + 100.0) == page.now_s()
+    page.write(time.monotonic(), 1.0)
+    took_s = float(waiter.communicate(timeout=60.0)[0].split()[0])
+    assert waiter.returncode == 0 and 0.295 <= took_s
 
 
 def test_a_program_begins_again_once_and_knows_how_fast_its_time_passed(tmp_path):
@@ -109,12 +130,12 @@ print(slow_motion.share_of_real_time(began), os.environ["FCSV_SLOW_MOTION"])
 """)
     said = subprocess.check_output([sys.executable, "-u", str(script)], text=True).split()
     assert said[0] == said[1] and len(said) == 4  # the same process, from its beginning
-    assert float(said[2]) == pytest.approx(0.5, abs=1e-6)
+    assert 0.1 <= float(said[2]) <= 0.55  # a busy machine's ticks come late
     deadline = time.monotonic() + 10.0
     while os.path.exists(said[3]):  # its keeper removes it
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    assert slow_motion.share_of_real_time((0.0, 0.0)) == 1.0  # here: real time
+    assert slow_motion.share_of_real_time((0.0, 0.0)) == pytest.approx(1.0, abs=1e-3)  # here: real time
 
 
 def test_the_environment_is_given_back_and_the_page_removed():
@@ -128,10 +149,12 @@ def test_the_environment_is_given_back_and_the_page_removed():
 
 def test_a_page_goes_on_without_a_jump(tmp_path):
     page, reader = Page(tmp_path / "page", create=True), Page(tmp_path / "page")
-    page.set_rate(0.5, 100.0)
-    page.set_rate(0.25, 110.0)
-    assert reader.lag_s(110.0) == pytest.approx(5.0)
-    assert reader.lag_s(114.0) == pytest.approx(8.0)
+    page.write(100.0, 0.5)
+    page.write(110.0, 0.25, ahead_s=2.0)
+    assert reader.rate == 0.25
+    assert [reader.slow_s(t) for t in (110.0, 114.0, 118.0, 130.0)] == pytest.approx([105.0, 106.0, 107.0, 107.0])
+    page.write(130.0, 1.0)  # the halt is over
+    assert [reader.slow_s(t) for t in (130.0, 131.0)] == pytest.approx([107.0, 108.0])
 
 
 @pytest.mark.parametrize("word", ["0", "1.5", "-1", "nan", "fast", ""])

@@ -17,7 +17,7 @@ import subprocess
 import threading
 import time
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Set, Tuple
+from typing import Callable, Dict, List, Optional, Set, Tuple
 
 _TUNSETIFF = 0x400454CA
 _IFF_TUN, _IFF_NO_PI = 0x0001, 0x1000
@@ -49,9 +49,16 @@ def can_emulate() -> bool:
 
 
 class Radio:
-    """Namespaces NAME-PID with addresses 10.77.0.N; closes by itself at the end of a with block."""
+    """Namespaces NAME-PID with addresses 10.77.0.N; closes by itself at the end of a with block.
 
-    def __init__(self, machines, conditions: Optional[Conditions] = None, seed: int = 1, congestion: str = ""):
+    Delays go by ``clock`` (s), which may be slower than real time, never faster.
+    """
+
+    def __init__(
+        self, machines, conditions: Optional[Conditions] = None, seed: int = 1, congestion: str = "",
+        clock: Callable[[], float] = time.monotonic,
+    ):  # fmt: skip
+        self._clock = clock
         self._random = random.Random(seed)
         self.conditions = conditions or Conditions()
         self._cut: Set[Tuple[str, str]] = set()
@@ -126,7 +133,7 @@ class Radio:
     def _run(self) -> None:
         names = {fd: name for name, fd in self._fds.items()}
         while True:
-            wait_s = max(0.0, self._queue[0][0] - time.monotonic()) if self._queue else None
+            wait_s = max(0.0, self._queue[0][0] - self._clock()) if self._queue else None
             ready, _, _ = select.select([*names, self._stop], [], [], wait_s)
             if self._stop in ready:
                 return
@@ -137,7 +144,7 @@ class Radio:
                     except BlockingIOError:
                         break
                     self._take(names[fd], packet)
-            now_s = time.monotonic()
+            now_s = self._clock()
             while self._queue and self._queue[0][0] <= now_s:
                 _, _, target, packet = heapq.heappop(self._queue)
                 self._put(target, packet)
@@ -159,7 +166,7 @@ class Radio:
         if (source, target) in self._cut or self._random.random() < c.loss:
             self.lost += 1
             return
-        now_s = at_s = time.monotonic()
+        now_s = at_s = self._clock()
         if c.rate_bit_s:
             free_s = max(now_s, self._free_s.get(source, 0.0))
             if free_s - now_s > c.queue_s:

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /* Slow motion for whole programs: preloaded (LD_PRELOAD), it lets clocks pass more slowly and waits last longer, at a
  * rate that may change while they run. All programs that read one page of memory (FCSV_SLOW_MOTION: its file) share one
- * time, which lags behind that of the computer by the same amount on every clock. fcsv_sim/slow_motion.py writes it.
+ * time, which lags behind that of the computer by the same amount on every clock. fcsv_sim/slow_motion.py writes it, many
+ * times a second; where it cannot, because the whole machine was halted, time stands still at the horizon of the page.
  *
  * Not slowed: what the kernel times by itself (alarm, timerfd, SO_RCVTIMEO, TCP), and time of the processor.
  */
@@ -27,14 +28,14 @@
 #define SLICE_NS (NS / 5) /* of a sleep: then the rate may be another */
 #define DATED_S 1000000000L /* a moment of more seconds than this is one of CLOCK_REALTIME */
 
-/* The writer fills the part that is not in use, then points to it; it changes at most every tenth of a second. */
 struct part {
     int64_t since_ns, lag_ns; /* CLOCK_MONOTONIC, and how far behind all clocks were then */
+    int64_t horizon_ns;       /* the slow CLOCK_MONOTONIC goes no further */
     double rate;
 };
+/* The writer fills the part that is not in use, then counts: the last bit says which is. */
 struct page {
-    _Atomic uint32_t used;
-    uint32_t unused;
+    _Atomic uint64_t count;
     struct part part[2];
 };
 
@@ -42,7 +43,6 @@ static const struct page *page;
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static int (*real_gettime)(clockid_t, struct timespec *);
 static int (*real_nanosleep)(clockid_t, int, const struct timespec *, struct timespec *);
-static int (*real_select)(int, fd_set *, fd_set *, fd_set *, struct timeval *);
 static int (*real_pselect)(int, fd_set *, fd_set *, fd_set *, const struct timespec *, const sigset_t *);
 static int (*real_poll)(struct pollfd *, nfds_t, int);
 static int (*real_ppoll)(struct pollfd *, nfds_t, const struct timespec *, const sigset_t *);
@@ -66,7 +66,6 @@ static void *next_cond_timedwait(void) {
 static void open_all(void) {
     real_gettime = dlsym(RTLD_NEXT, "clock_gettime");
     real_nanosleep = dlsym(RTLD_NEXT, "clock_nanosleep");
-    real_select = dlsym(RTLD_NEXT, "select");
     real_pselect = dlsym(RTLD_NEXT, "pselect");
     real_poll = dlsym(RTLD_NEXT, "poll");
     real_ppoll = dlsym(RTLD_NEXT, "ppoll");
@@ -94,8 +93,15 @@ static struct timespec spec(int64_t t) {
 }
 
 static struct part now_used(void) {
-    const struct part real_time = {0, 0, 1.0};
-    return page ? page->part[atomic_load_explicit(&page->used, memory_order_acquire) & 1] : real_time;
+    struct part found = {0, 0, INT64_MAX, 1.0};
+    uint64_t count;
+    if (!page) return found;
+    do {
+        count = atomic_load_explicit(&page->count, memory_order_acquire);
+        found = page->part[count & 1];
+        atomic_thread_fence(memory_order_acquire);
+    } while (atomic_load_explicit(&page->count, memory_order_relaxed) != count); /* may be half of the next */
+    return found;
 }
 
 static double rate(void) {
@@ -107,7 +113,9 @@ static int64_t lag_ns(void) {
     struct timespec t;
     struct part p = now_used();
     real_gettime(CLOCK_MONOTONIC, &t);
-    return p.lag_ns + (int64_t)((ns(&t) - p.since_ns) * (1.0 - p.rate));
+    int64_t lag = p.lag_ns + (int64_t)((ns(&t) - p.since_ns) * (1.0 - p.rate));
+    int64_t beyond = ns(&t) - lag - p.horizon_ns;
+    return beyond > 0 ? lag + beyond : lag;
 }
 
 static int slowed(clockid_t clock) {
@@ -191,51 +199,87 @@ unsigned int sleep(unsigned int s) {
     return nanosleep(&wish, &left) == 0 ? 0 : (unsigned int)(left.tv_sec + (left.tv_nsec >= NS / 2));
 }
 
-static int real_ms(int ms) {
-    double longer = ms / rate() + 0.999;
-    return ms <= 0 ? ms : longer > 2e9 ? 2000000000 : (int)longer;
+/* Waits for files end at the moment that they were to end at, however the rate changes meanwhile. Negative: never. */
+static int64_t end_of(int64_t wait_ns) { return wait_ns < 0 ? -1 : moment(CLOCK_MONOTONIC) + wait_ns; }
+
+static int64_t real_ns_until(int64_t end_ns) {
+    int64_t to_go = end_ns - moment(CLOCK_MONOTONIC);
+    return to_go > 0 ? (int64_t)(to_go / rate()) + 1 : 0;
 }
 
-static struct timespec real_wait(const struct timespec *t) { return spec((int64_t)(ns(t) / rate())); }
+static int real_ms_until(int64_t end_ns) {
+    if (end_ns < 0) return -1;
+    int64_t ms = (real_ns_until(end_ns) + NS / 1000 - 1) / (NS / 1000);
+    return ms > 1000000000 ? 1000000000 : (int)ms;
+}
+
+static int over(int64_t end_ns) { return end_ns >= 0 && moment(CLOCK_MONOTONIC) >= end_ns; }
 
 int poll(struct pollfd *files, nfds_t count, int ms) {
     begin();
-    return real_poll(files, count, real_ms(ms));
+    int64_t end_ns = end_of(ms < 0 ? -1 : ms * (NS / 1000));
+    int found;
+    while ((found = real_poll(files, count, real_ms_until(end_ns))) == 0 && !over(end_ns)) continue;
+    return found;
 }
 
 int ppoll(struct pollfd *files, nfds_t count, const struct timespec *wait, const sigset_t *mask) {
     begin();
-    struct timespec longer = wait ? real_wait(wait) : spec(0);
-    return real_ppoll(files, count, wait ? &longer : NULL, mask);
+    int64_t end_ns = end_of(wait ? ns(wait) : -1);
+    int found;
+    do {
+        struct timespec longer = spec(wait ? real_ns_until(end_ns) : 0);
+        found = real_ppoll(files, count, wait ? &longer : NULL, mask);
+    } while (found == 0 && !over(end_ns));
+    return found;
 }
 
 int epoll_wait(int file, struct epoll_event *events, int most, int ms) {
     begin();
-    return real_epoll(file, events, most, real_ms(ms));
+    int64_t end_ns = end_of(ms < 0 ? -1 : ms * (NS / 1000));
+    int found;
+    while ((found = real_epoll(file, events, most, real_ms_until(end_ns))) == 0 && !over(end_ns)) continue;
+    return found;
 }
 
 int epoll_pwait(int file, struct epoll_event *events, int most, int ms, const sigset_t *mask) {
     begin();
-    return real_epoll_p(file, events, most, real_ms(ms), mask);
+    int64_t end_ns = end_of(ms < 0 ? -1 : ms * (NS / 1000));
+    int found;
+    while ((found = real_epoll_p(file, events, most, real_ms_until(end_ns), mask)) == 0 && !over(end_ns)) continue;
+    return found;
+}
+
+static int selected(int count, fd_set *sets[3], int64_t end_ns, const sigset_t *mask) {
+    fd_set wished[3];
+    for (int i = 0; i < 3; i++)
+        if (sets[i]) wished[i] = *sets[i];
+    for (;;) {
+        struct timespec longer = spec(end_ns < 0 ? 0 : real_ns_until(end_ns));
+        int found = real_pselect(count, sets[0], sets[1], sets[2], end_ns < 0 ? NULL : &longer, mask);
+        if (found != 0 || over(end_ns)) return found;
+        for (int i = 0; i < 3; i++)
+            if (sets[i]) *sets[i] = wished[i];
+    }
 }
 
 int select(int count, fd_set *readable, fd_set *writable, fd_set *other, struct timeval *wait) {
     begin();
-    if (!wait) return real_select(count, readable, writable, other, NULL);
-    double r = rate();
-    int64_t us = (int64_t)((wait->tv_sec * 1000000LL + wait->tv_usec) / r);
-    struct timeval longer = {us / 1000000, us % 1000000};
-    int found = real_select(count, readable, writable, other, &longer);
-    us = (int64_t)((longer.tv_sec * 1000000LL + longer.tv_usec) * r);
-    *wait = (struct timeval){us / 1000000, us % 1000000}; /* as Linux does: what is left of it */
+    fd_set *sets[3] = {readable, writable, other};
+    int64_t end_ns = end_of(wait ? wait->tv_sec * NS + wait->tv_usec * 1000LL : -1);
+    int found = selected(count, sets, end_ns, NULL);
+    if (wait) { /* as Linux does: what is left of it */
+        struct timespec left = spec(end_ns - moment(CLOCK_MONOTONIC));
+        *wait = (struct timeval){left.tv_sec, left.tv_nsec / 1000};
+    }
     return found;
 }
 
 int pselect(int count, fd_set *readable, fd_set *writable, fd_set *other, const struct timespec *wait,
             const sigset_t *mask) {
     begin();
-    struct timespec longer = wait ? real_wait(wait) : spec(0);
-    return real_pselect(count, readable, writable, other, wait ? &longer : NULL, mask);
+    fd_set *sets[3] = {readable, writable, other};
+    return selected(count, sets, end_of(wait ? ns(wait) : -1), mask);
 }
 
 int sem_clockwait(sem_t *semaphore, clockid_t clock, const struct timespec *at) {
@@ -256,7 +300,7 @@ int sem_timedwait(sem_t *semaphore, const struct timespec *at) {
     }
 }
 
-/* Too early by a change of rate: a condition may wake for no reason, and who waits looks again. */
+/* Too early, by a change of rate or a halt: a condition may wake for no reason, and who waits looks again. */
 static int woken(int failed, clockid_t clock, const struct timespec *at) {
     return failed == ETIMEDOUT && moment(clock) < ns(at) ? 0 : failed;
 }

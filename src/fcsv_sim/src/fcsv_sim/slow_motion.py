@@ -2,8 +2,9 @@
 """A simulation that takes the time it needs: where the machine is too slow for real time, time itself passes slowly.
 
 Everything simulated, autopilots, cameras, nodes and masters, then runs at a fraction of real time, all by one clock,
-and none is starved. A library that is preloaded (slow_motion/slow_motion.c) slows the clocks and waits of whole
-programs by a page of memory that this module writes; programs without it, such as the map's, are in real time.
+and none is starved; where the machine itself is halted for a while, time stands still. A library that is preloaded
+(slow_motion/slow_motion.c) slows the clocks and waits of whole programs by a page of memory that this module writes;
+programs without it, such as the map's, are in real time.
 """
 
 import argparse
@@ -21,13 +22,15 @@ from typing import Dict, Iterator, List, Optional, Tuple
 from fcsv_geometry.errors import FcsvError
 
 AUTO = "auto"
-LEAST_RATE = 0.5
+LEAST_RATE = 0.25
 _LIBRARY = "libfcsv_slow_motion.so"
 _PRELOAD, _PAGE = "LD_PRELOAD", "FCSV_SLOW_MOTION"
-_INDEX, _PART = struct.Struct("=I4x"), struct.Struct("=qqd")  # as struct page in slow_motion.c
+_COUNT, _PART = struct.Struct("=Q"), struct.Struct("=qqqd")  # as struct page in slow_motion.c
+_NO_HORIZON_NS = 2**63 - 1
+_TICK_S, _AHEAD_S = 0.02, 0.08  # without a tick time stands still so much later
 _PERIOD_S = 0.5
 _BUSY = 0.85  # of the processors: what more is wanted, waits
-_MOST_DOWN, _MOST_UP = 0.9, 1.05  # in a period: waits that began at another rate end nearly when they should
+_MOST_DOWN, _MOST_UP = 0.9, 1.05  # in a period: what is timed by one rate and ends at another is little off
 
 
 class SlowMotionError(FcsvError):
@@ -35,36 +38,45 @@ class SlowMotionError(FcsvError):
 
 
 class Page:
-    """The clock that programs share: since when (s, CLOCK_MONOTONIC), how far it lagged then (s), and its rate."""
+    """The clock that programs share. One process writes, any number read."""
 
     def __init__(self, path, create: bool = False):
         if create:
-            Path(path).write_bytes(_INDEX.pack(0) + 2 * _PART.pack(0, 0, 1.0))
+            Path(path).write_bytes(_COUNT.pack(0) + 2 * _PART.pack(0, 0, _NO_HORIZON_NS, 1.0))
         with open(path, "r+b") as file:
             self._map = mmap.mmap(file.fileno(), 0)
 
-    def read(self) -> Tuple[float, float, float]:
-        used = _INDEX.unpack_from(self._map)[0]
-        since_ns, lag_ns, rate = _PART.unpack_from(self._map, _INDEX.size + used * _PART.size)
-        return 1e-9 * since_ns, 1e-9 * lag_ns, rate
+    @property
+    def rate(self) -> float:
+        return self._read()[3]
 
-    def lag_s(self, now_s: float) -> float:
-        """How far the slow clocks lag behind at a moment of the real CLOCK_MONOTONIC."""
-        since_s, lag_s, rate = self.read()
-        return lag_s + (now_s - since_s) * (1.0 - rate)
+    def slow_s(self, now_s: float) -> float:
+        """The slow time.monotonic() at a moment of the real one."""
+        since_ns, lag_ns, horizon_ns, rate = self._read()
+        return min(now_s - 1e-9 * lag_ns - (now_s - 1e-9 * since_ns) * (1.0 - rate), 1e-9 * horizon_ns)
 
     def now_s(self) -> float:
         """The slow time.monotonic(), for a process in real time."""
-        now_s = time.monotonic()
-        return now_s - self.lag_s(now_s)
+        return self.slow_s(time.monotonic())
 
-    def set_rate(self, rate: float, now_s: float) -> None:
-        """From ``now_s`` on; called in real time."""
-        part = _PART.pack(int(1e9 * now_s), int(1e9 * self.lag_s(now_s)), rate)
-        free = 1 - _INDEX.unpack_from(self._map)[0]
-        at = _INDEX.size + free * _PART.size
-        self._map[at : at + _PART.size] = part
-        self._map[:4] = struct.pack("=I", free)
+    def write(self, now_s: float, rate: float, ahead_s: Optional[float] = None) -> None:
+        """Real ``now_s``: from there on at ``rate``, and no further than ``ahead_s`` (slow) before the next write."""
+        slow_s = self.slow_s(now_s)
+        horizon_ns = _NO_HORIZON_NS if ahead_s is None else int(1e9 * (slow_s + ahead_s))
+        count = _COUNT.unpack_from(self._map)[0] + 1
+        _PART.pack_into(self._map, self._place(count), int(1e9 * now_s), int(1e9 * (now_s - slow_s)), horizon_ns, rate)
+        _COUNT.pack_into(self._map, 0, count)
+
+    def _read(self) -> Tuple[int, int, int, float]:
+        while True:
+            count = _COUNT.unpack_from(self._map)[0]
+            found = _PART.unpack_from(self._map, self._place(count))
+            if _COUNT.unpack_from(self._map)[0] == count:  # else it may be half of the next
+                return found
+
+    @staticmethod
+    def _place(count: int) -> int:
+        return _COUNT.size + (count & 1) * _PART.size
 
 
 def parse_rate(word: str) -> Optional[float]:
@@ -108,12 +120,8 @@ def begin_again_in(rate: Optional[float]) -> None:
 
 
 def both_clocks() -> Tuple[float, float]:
-    """This process's time.monotonic(), which may be slow, and the real one (s)."""
-    now_s = time.monotonic()
-    if _PAGE not in os.environ:
-        return now_s, now_s
-    since_s, lag_s, rate = Page(os.environ[_PAGE]).read()
-    return now_s, (now_s + lag_s - since_s * (1.0 - rate)) / rate  # now = real - (lag + (real - since)(1 - rate))
+    """This process's time.monotonic(), which may be slow, and the time since the machine started, which is not (s)."""
+    return time.monotonic(), float(Path("/proc/uptime").read_text().split()[0])
 
 
 def share_of_real_time(since: Tuple[float, float]) -> float:
@@ -137,7 +145,7 @@ def _changes(rate: Optional[float]) -> Dict[str, str]:
     library = _library()
     handle, path = tempfile.mkstemp(prefix="fcsv-slow-motion-")
     os.close(handle)
-    Page(path, create=True).set_rate(1.0 if rate is None else rate, time.monotonic())
+    Page(path, create=True).write(time.monotonic(), 1.0 if rate is None else rate)
     keeper = [sys.executable, "-m", "fcsv_sim.slow_motion", path, str(os.getpid()), *([] if rate else [AUTO])]
     subprocess.Popen(keeper, start_new_session=True)
     return {_PRELOAD: str(library), _PAGE: path}
@@ -165,8 +173,17 @@ def _busy_and_all() -> Tuple[int, int]:
     return sum(times) - times[3] - times[4], sum(times)
 
 
+def serve_first() -> None:
+    """This process before others, where that is allowed: while it waits, time stands still for all of them."""
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, -20)
+        Path("/proc/self/autogroup").write_text("-20")
+    except OSError:
+        return
+
+
 def main() -> int:
-    """The keeper of a page, in real time: adapts its rate where asked, and removes it once its process is no more."""
+    """The keeper of a page: adapts its rate where asked, and removes it once its process is no more."""
     parser = argparse.ArgumentParser(prog="slow_motion", description=main.__doc__)
     parser.add_argument("page")
     parser.add_argument("pid", type=int)
@@ -176,12 +193,15 @@ def main() -> int:
         page, last = Page(args.page), _busy_and_all()
     except FileNotFoundError:
         return 0  # it was over before this began
+    serve_first()
+    rate, due_s = page.rate, time.monotonic() + _PERIOD_S
     while os.getppid() == args.pid and os.path.exists(args.page):
-        time.sleep(_PERIOD_S)
-        now = _busy_and_all()
-        if args.rate == AUTO and now[1] > last[1]:
-            page.set_rate(next_rate(page.read()[2], (now[0] - last[0]) / (now[1] - last[1])), time.monotonic())
-        last = now
+        page.write(time.monotonic(), rate, _AHEAD_S)
+        time.sleep(_TICK_S)
+        if args.rate == AUTO and time.monotonic() > due_s:
+            now = _busy_and_all()
+            rate = next_rate(rate, (now[0] - last[0]) / max(now[1] - last[1], 1))
+            last, due_s = now, time.monotonic() + _PERIOD_S
     Path(args.page).unlink(missing_ok=True)
     return 0
 
