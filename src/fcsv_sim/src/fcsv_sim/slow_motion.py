@@ -22,7 +22,7 @@ from typing import Dict, Iterator, List, Optional, Tuple
 from fcsv_geometry.errors import FcsvError
 
 AUTO = "auto"
-LEAST_RATE = 0.25
+LEAST_RATE = 0.35
 _LIBRARY = "libfcsv_slow_motion.so"
 _PRELOAD, _PAGE = "LD_PRELOAD", "FCSV_SLOW_MOTION"
 _COUNT, _PART = struct.Struct("=Q"), struct.Struct("=qqqd")  # as struct page in slow_motion.c
