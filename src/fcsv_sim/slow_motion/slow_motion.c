@@ -25,6 +25,7 @@
 
 #define NS 1000000000LL
 #define LEAST_RATE 0.01
+#define DESERTED_NS (10 * NS) /* without a tick: nobody writes the page any more */
 #define SLICE_NS (NS / 5) /* of a sleep: then the rate may be another */
 #define DATED_S 1000000000L /* a moment of more seconds than this is one of CLOCK_REALTIME */
 
@@ -115,7 +116,8 @@ static int64_t lag_ns(void) {
     real_gettime(CLOCK_MONOTONIC, &t);
     int64_t lag = p.lag_ns + (int64_t)((ns(&t) - p.since_ns) * (1.0 - p.rate));
     int64_t beyond = ns(&t) - lag - p.horizon_ns;
-    return beyond > 0 ? lag + beyond : lag;
+    int64_t deserted = ns(&t) - p.since_ns - DESERTED_NS; /* then time goes on: who waits with a limit must end */
+    return beyond <= 0 ? lag : lag + beyond - (deserted > 0 ? deserted : 0);
 }
 
 static int slowed(clockid_t clock) {

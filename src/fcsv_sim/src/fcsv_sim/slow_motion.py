@@ -202,6 +202,7 @@ def main() -> int:
             now = _busy_and_all()
             rate = next_rate(rate, (now[0] - last[0]) / max(now[1] - last[1], 1))
             last, due_s = now, time.monotonic() + _PERIOD_S
+    page.write(time.monotonic(), 1.0)  # what is left behind must be able to end
     Path(args.page).unlink(missing_ok=True)
     return 0
 
