@@ -50,13 +50,14 @@ class Net:
 @pytest.fixture
 def net(tmp_path, root):
     net = Net(tmp_path, root)
-    until(
-        lambda: all("is there" in r.log.read_text() for r in net.relays.values()),
-        timeout_s=60.0,
-        what="relays that hear each other",
-    )
-    yield net
-    net.stop()
+    try:
+        until(
+            lambda: all("is there" in r.log.read_text() for r in net.relays.values()),
+            what="relays that hear each other",
+        )
+        yield net
+    finally:
+        net.stop()
 
 
 STATE = """

@@ -7,6 +7,7 @@ process that holds the machine dies (the kernel then interrupts the children).
 
 import ctypes
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -18,6 +19,7 @@ from typing import Dict, List, Optional, Sequence
 from fcsv_geometry.errors import FcsvError
 
 _PR_SET_PDEATHSIG = 1
+_PORTS = 15000, 32000  # below Linux's ip_local_port_range
 _LIBC = ctypes.CDLL(None, use_errno=True)  # loaded once: nothing may be imported between fork and exec
 
 
@@ -26,10 +28,19 @@ class MachineError(FcsvError):
 
 
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A port on loopback that nobody listened on a moment ago."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """A port on loopback that nobody listened on a moment ago, and that no connection is given for its own end.
+
+    Raises MachineError where a hundred are taken.
+    """
+    for _ in range(100):
+        port = random.randrange(*_PORTS)
+        with socket.socket(socket.AF_INET, kind) as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
+    raise MachineError(f"no free port on 127.0.0.1 among those tried from {_PORTS[0]} to {_PORTS[1]}")
 
 
 class Process:

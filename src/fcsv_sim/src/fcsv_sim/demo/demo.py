@@ -30,10 +30,15 @@ _REAL_TIME = 0.97  # of it, or more: not worth a word
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Fly and map; exit status 0 only where a map came out."""
+    """Fly and map; exit status 0 only where a map came out.
+
+    Without ``argv`` this is the program itself, which may begin again in slow motion.
+    """
     args = _parse(argv)
     try:
-        slow_motion.begin_again_in(slow_motion.parse_rate(args.speed))
+        rate = slow_motion.parse_rate(args.speed)
+        if argv is None:
+            slow_motion.begin_again_in(rate)
     except FcsvError as error:
         print(f"demo: {error}", file=sys.stderr)
         return 2
