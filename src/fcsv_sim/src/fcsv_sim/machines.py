@@ -33,7 +33,7 @@ def free_port(kind: int = socket.SOCK_STREAM) -> int:
     Raises MachineError where a hundred are taken.
     """
     for _ in range(100):
-        port = random.randrange(*_PORTS)
+        port = random.SystemRandom().randrange(*_PORTS)  # tests seed the usual one
         with socket.socket(socket.AF_INET, kind) as probe:
             try:
                 probe.bind(("127.0.0.1", port))

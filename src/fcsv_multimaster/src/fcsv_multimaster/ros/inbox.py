@@ -10,14 +10,15 @@ from typing import Callable, Dict, List, Optional
 import roslib.message
 import rospy
 
+from fcsv_geometry.ros import node
 from fcsv_multimaster import wire
 from fcsv_multimaster.links import TF_TOPICS
 from fcsv_multimaster.parcel import Parcel
-from fcsv_multimaster.ros.master_watch import subscribers
 from fcsv_multimaster.ros.pictures import PictureUnpacker
 from fcsv_multimaster.ros.tf_merge import TfIn
 
 _CONNECT_S = 1.0  # who subscribed before has connected by then, or is no more
+_NO_MORE_S = 0.3  # after the last connection no other comes
 _SETTLE_S = 0.01
 _QUIET_S = 2.0  # a topic whose old type was silent for so long may have a new one
 
@@ -30,11 +31,19 @@ class _Entry:
     publisher: rospy.Publisher
     used_s: float
     held: Optional[List[Parcel]] = None  # until who subscribed before is connected
+    until_s: Optional[float] = None  # none: newest wins, nothing is lost that was worth keeping
     connections: int = 0
-    until_s: float = 0.0
 
     def settled(self) -> bool:
-        return self.publisher.get_num_connections() >= self.connections or time.monotonic() > self.until_s
+        """Whether who subscribed before is connected. The master tells how many they are only in answer to another
+        registration, after which a subscriber connects twice and loses what went by its first connection.
+        """
+        if self.until_s is None:
+            return True
+        connections, now_s = self.publisher.get_num_connections(), time.monotonic()
+        if connections != self.connections:
+            self.connections, self.until_s = connections, now_s + _NO_MORE_S
+        return now_s > self.until_s
 
 
 class Inbox:
@@ -69,10 +78,10 @@ class Inbox:
                 "message of another type", f"{parcel.topic} of {parcel.source} is {entry.type}, not {parcel.type}"
             )
             return
-        if parcel.topic not in self._waiting:
-            self._waiting[parcel.topic] = []
+        new = parcel.topic not in self._waiting
+        _keep_in(self._waiting.setdefault(parcel.topic, []), parcel)
+        if new:
             self._new.put(parcel.topic)
-        _keep_in(self._waiting[parcel.topic], parcel)
 
     def _publish(self, entry: _Entry, parcel: Parcel) -> bool:
         data = parcel.data
@@ -99,16 +108,27 @@ class Inbox:
             except queue.Empty:
                 pass
             else:
-                entry = self._advertise(self._waiting[topic][-1])
-                with self._lock:
-                    waiting = self._waiting.pop(topic)
-                    if entry is not None:
-                        self._entries[topic] = entry
-                        entry.held = [p for p in waiting if (p.type, p.md5) == (entry.type, entry.md5)]
-                        unsettled.append(entry)
+                unsettled += self._begin(topic)
             for entry in [e for e in unsettled if e.settled()]:
                 unsettled.remove(entry)
                 self._publish_held(entry)
+
+    def _begin(self, topic: str) -> List[_Entry]:
+        """The publisher of a topic that messages wait for; none where it cannot be."""
+        with self._lock:
+            newest = self._waiting[topic][-1]
+        try:
+            entry = self._advertise(newest)
+        except Exception as error:  # this thread serves all topics
+            self._drop("topic that cannot be published", f"{topic} of {newest.source}: {node.defect(error)}")
+            entry = None
+        with self._lock:
+            waiting = self._waiting.pop(topic)
+            if entry is None:
+                return []
+            entry.held = [p for p in waiting if (p.type, p.md5) == (entry.type, entry.md5)]
+            self._entries[topic] = entry
+        return [entry]
 
     def _publish_held(self, entry: _Entry) -> None:
         with self._lock:  # what comes meanwhile comes after it
@@ -143,9 +163,8 @@ class Inbox:
         publisher = rospy.Publisher(
             parcel.topic, cls, queue_size=traffic.queue_size, latch=traffic.latched, tcp_nodelay=True
         )
-        whole = traffic.reliable and not traffic.latched
-        connections = subscribers(parcel.topic, parcel.type) if whole else 0
-        return _Entry(parcel.type, parcel.md5, cls, publisher, now_s, None, connections, now_s + _CONNECT_S)
+        until_s = now_s + _CONNECT_S if traffic.reliable and not traffic.latched else None
+        return _Entry(parcel.type, parcel.md5, cls, publisher, now_s, until_s=until_s)
 
 
 def _keep_in(kept: List[Parcel], parcel: Parcel) -> None:

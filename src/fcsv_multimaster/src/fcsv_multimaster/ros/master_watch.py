@@ -21,24 +21,15 @@ class _Transport(xmlrpc.client.Transport):
 
 
 def master_knows_us() -> Optional[bool]:
-    """None where the master does not answer, be it down or hung."""
-    try:
-        master = xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport())
-        return master.lookupNode(rospy.get_name(), rospy.get_name())[0] == 1
-    except (OSError, socket.timeout, http.client.HTTPException, xmlrpc.client.Error):
-        return None
+    """None where the master does not answer, be it down or hung.
 
-
-def subscribers(topic: str, kind: str) -> int:
-    """How many nodes subscribe to a topic that this node publishes; 0 where the master does not answer.
-
-    The answer to a registration; the master has no other call for one topic alone.
+    Asked by a service that every rospy node has: by its mere name a new master may know a node that reads a parameter.
     """
     try:
         master = xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport())
-        return len(master.registerPublisher(rospy.get_name(), topic, kind, rospy.get_node_uri())[2])
+        return master.lookupService(rospy.get_name(), f"{rospy.get_name()}/get_loggers")[0] == 1
     except (OSError, socket.timeout, http.client.HTTPException, xmlrpc.client.Error):
-        return 0
+        return None
 
 
 def register_again() -> None:
