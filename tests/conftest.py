@@ -2,6 +2,7 @@
 """What all tests share: where things are, real data that may be absent, and a ROS master of their own."""
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +13,39 @@ ROOT = Path(__file__).resolve().parents[1]
 
 settings.register_profile("fcsv", deadline=None)  # a busy machine is no failure
 settings.load_profile("fcsv")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    from fcsv_sim.slow_motion import shared_time
+
+    if not shared_time(os.environ):
+        items[:] = [InSlowMotion.of(item) if item.get_closest_marker("slow_motion") else item for item in items]
+
+
+class InSlowMotion(pytest.Item):
+    """A test in a pytest of its own, so that all its clocks and nodes share a time that a busy machine slows."""
+
+    @classmethod
+    def of(cls, item):
+        new = cls.from_parent(item.parent, name=item.name)
+        new.own_markers, new.place = item.own_markers, item.reportinfo()
+        return new
+
+    def runtest(self):
+        from fcsv_sim.slow_motion import slow_motion
+
+        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", self.nodeid]
+        with slow_motion():
+            done = subprocess.run(command, cwd=self.config.rootpath, capture_output=True, text=True)
+        last = done.stdout.rstrip().rsplit("\n", 1)[-1]
+        if done.returncode:
+            pytest.fail(done.stdout + done.stderr, pytrace=False)
+        if "1 passed" not in last:
+            pytest.skip(last)
+
+    def reportinfo(self):
+        return self.place
 
 
 @pytest.fixture(scope="session")

@@ -109,6 +109,7 @@ def arm_in_guided(pc):
     raise AssertionError(reason)
 
 
+@pytest.mark.slow_motion
 def test_a_flight_by_command_and_a_dead_tracker(vehicle):
     pc = vehicle
     until(lambda: pc.state.connected, 40.0, "autopilot")
@@ -141,6 +142,7 @@ def test_a_flight_by_command_and_a_dead_tracker(vehicle):
     until(lambda: not pc.state.armed, 60.0, "the ground")
 
 
+@pytest.mark.slow_motion
 def test_landing_overtakes_what_waits(vehicle):
     """A service that hangs must not keep a vehicle in the air."""
     import rospy

@@ -167,6 +167,7 @@ def folder(tmp_path, root):
     return tmp_path
 
 
+@pytest.mark.slow_motion
 def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, folder):
     geometry = load_vehicles(folder, NAMES)
     lever = geometry[NAMES[0]].T_body_cam[:3, 3]

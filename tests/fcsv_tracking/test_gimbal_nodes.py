@@ -53,6 +53,7 @@ def robot_file(root):
     return str(root / "config" / "gimbal" / "ground_robot.yaml")
 
 
+@pytest.mark.slow_motion
 def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, robot_file, tmp_path):
     import rospy
     import tf2_ros

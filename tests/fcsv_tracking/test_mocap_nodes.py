@@ -11,7 +11,7 @@ from fcsv_geometry import transforms as tf
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_sim.truth import TruthReader, TruthWriter
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.slow_motion]
 NAMES = ("tello1", "tello2")
 T_WORLD_MOCAP = tf.from_xyz_rpy([0.0, 0.0, 0.3], np.radians([0.0, -45.0, 0.0]))
 
