@@ -40,9 +40,9 @@ def namespaces(bench):
 
 def inside(bench):
     """What runs in the namespaces of a bench."""
-    commands = [["ip", "netns", "pids", name] for name in namespaces(bench)]
-    pids = [pid for c in commands for pid in subprocess.run(c, capture_output=True, text=True).stdout.split()]
-    return [psutil.Process(int(pid)) for pid in pids if psutil.pid_exists(int(pid))]
+    import ending
+
+    return [process for name in namespaces(bench) for process in ending.processes_in(name)]
 
 
 def relays(bench):

@@ -6,10 +6,13 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Iterator, List
 
+import psutil
+
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+_END_S = 30.0
 _NAME = re.compile(r"fcsv-.+-(\d+)")
 
 
@@ -17,8 +20,8 @@ _NAME = re.compile(r"fcsv-.+-(\d+)")
 def clean_end() -> Iterator[None]:
     """A signal ends the block as an error would, so that everything in it closes; a second one does not hinder that.
 
-    What a signal in the middle of a constructor left open is swept away last, and so is, before the beginning, what a
-    run that was killed left.
+    What a signal in the middle of a constructor left open is swept away last, also a process that nobody knows of as
+    the signal came while it was made; and, before the beginning, what a run that was killed left.
     """
     sweep()
     for number in SIGNALS:
@@ -28,6 +31,7 @@ def clean_end() -> Iterator[None]:
     finally:
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
+        _end_all(psutil.Process().children(recursive=True))
         sweep()
 
 
@@ -36,13 +40,26 @@ def sweep() -> List[str]:
     listed = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True).stdout.splitlines()
     names = [line.split()[0] for line in listed if line and _is_over(line.split()[0])]
     for name in names:
-        for pid in subprocess.run(["ip", "netns", "pids", name], capture_output=True, text=True).stdout.split():
-            try:
-                os.kill(int(pid), signal.SIGKILL)
-            except ProcessLookupError:
-                continue  # it ended meanwhile
+        _end_all(processes_in(name))
         subprocess.run(["ip", "netns", "del", name], capture_output=True)
     return names
+
+
+def processes_in(namespace: str) -> List[psutil.Process]:
+    """What runs in a network namespace."""
+    found = []
+    for pid in subprocess.run(["ip", "netns", "pids", namespace], capture_output=True, text=True).stdout.split():
+        with suppress(psutil.NoSuchProcess):  # it ended meanwhile
+            found.append(psutil.Process(int(pid)))
+    return found
+
+
+def _end_all(processes: List[psutil.Process]) -> None:
+    """They are no more when this returns: one that is killed may take its time on a busy machine."""
+    for process in processes:
+        with suppress(psutil.NoSuchProcess):  # it ended meanwhile
+            process.kill()
+    psutil.wait_procs(processes, _END_S)
 
 
 def _is_over(namespace: str) -> bool:
