@@ -23,7 +23,7 @@ def sides(lean_deg=10.0, size_m=0.08, first=20):
 
 
 def seen(tags, T_cam_body, random=None, noise_px=0.0, only=None):
-    """Observations of the tags that face the camera and lie in the picture."""
+    """Observations of the tags that face the camera and lie in the picture; ``noise_px`` of corners seen face on."""
     found = []
     for tag in tags:
         T_cam_tag = T_cam_body @ tag.T_body_tag
@@ -34,7 +34,7 @@ def seen(tags, T_cam_body, random=None, noise_px=0.0, only=None):
         if only is not None and tag.id not in only:
             continue
         if random is not None:
-            uv = uv + random.normal(0.0, noise_px, uv.shape)
+            uv = uv + random.normal(0.0, noise_px / facing, uv.shape)
         found.append(observation(tag.id, tag.size_m, uv, CAMERA))
     return found
 

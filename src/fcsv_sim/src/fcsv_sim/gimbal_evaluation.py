@@ -46,7 +46,7 @@ class Setup:
     servo: ServoErrors = field(default_factory=ServoErrors)
     mount: MountErrors = field(default_factory=MountErrors)
     decimate: float = 2.0
-    corners_px: float = 0.0  # above nought: no pictures are drawn, corners have this noise (for long runs)
+    corners_px: float = 0.0  # above nought: no pictures are drawn, corners seen face on have this noise (long runs)
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,8 @@ class _Ear:
         found, model = [], self._eye.model
         for tag, T_cam_tag in self._eye.tags_in(T_cam_body):
             uv = model.project(transforms.apply(T_cam_tag, corner_points(tag.size_m)))
-            uv += self._random.normal(0.0, self._corners_px, uv.shape)
+            facing = T_cam_tag[:3, 2] @ T_cam_tag[:3, 3] / np.linalg.norm(T_cam_tag[:3, 3])
+            uv += self._random.normal(0.0, self._corners_px / facing, uv.shape)
             found.append(observation(tag.id, tag.size_m, uv, model))
         return found
 

@@ -104,7 +104,7 @@ class LiveSession:
         return lines
 
     def inputs(self, most_per_vehicle: int = 3) -> MapInput:
-        """All windows that are complete, the middle ``most_per_vehicle`` pictures of each; broken ones are named.
+        """All windows that are complete, ``most_per_vehicle`` pictures of each about its middle; broken ones are named.
 
         Raises InputError where there is none, or where a vehicle's place in home is not known.
         """
@@ -148,15 +148,17 @@ class LiveSession:
 
     def _middle(self, index: int, vehicle: str, most: int, problems: List[str]) -> List[Picture]:
         kept = self._kept[index][vehicle]
-        first = max(0, (len(kept) - most) // 2)
+        middle = (len(kept) - 1) / 2
         T_home_odom = self._T_home_odom_of(vehicle)
-        pictures = []
-        for picture in kept[first : first + most]:
+        pictures: List[Picture] = []
+        for _, picture in sorted(enumerate(kept), key=lambda entry: abs(entry[0] - middle)):
             try:
                 pictures.append(picture.picture(T_home_odom))
             except InputError as error:
                 problems.append(f"left out: {error}")
-        return pictures
+            if len(pictures) == most:
+                break
+        return sorted(pictures, key=lambda p: p.stamp_s)
 
     def _posed(self, picture: LivePicture) -> Picture:
         return picture.picture(self._T_home_odom_of(picture.vehicle))

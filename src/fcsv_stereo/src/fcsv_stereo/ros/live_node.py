@@ -26,6 +26,7 @@ from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0
 _REFINE_EVERY = 10  # depth images while monitoring
+_FIRST_LOOK_PICTURES = 1  # of each vehicle and configuration: who flies waits for it
 
 
 @dataclass(frozen=True)
@@ -143,19 +144,21 @@ class LiveNode:
         options = quick if p.monitor else remembering(OPTIONS[p.method](), known)
         for each in [quick] if p.monitor else [quick, options]:
             warm_up(method, each)
-        next_s, unfinished = 0.0, None
+        next_s, unfinished = 0.0, False
         while not rospy.is_shutdown():
             time.sleep(max(0.0, next_s - time.monotonic()))  # before looking: what is taken then is the newest
             given = self._next_input()
             if p.monitor and given is not None:
                 next_s = time.monotonic() + 1.0 / p.monitor_rate_hz
                 self._watch(method, options, given)
-            elif given is not None:  # a quick look first: whoever flies waits for it
+            elif given is not None:  # a quick look first
                 self._map(method, quick, given, "partial")
-                unfinished = given
-            elif unfinished is not None:
-                self._map(method, options, unfinished)
-                unfinished = None
+                unfinished = True
+            elif unfinished:
+                unfinished = False
+                given = self._whole_input()
+                if given is not None:
+                    self._map(method, options, given)
 
     def _watch(self, method, options, given: MapInput) -> None:
         result = self._map(method, *self._with_known_poses(options, given))
@@ -179,9 +182,17 @@ class LiveNode:
                 complete = {i for i in self._session.windows if self._session.complete(i)}
                 if complete <= self._mapped:
                     return None
-                given = self._session.inputs()
+                given = self._session.inputs(_FIRST_LOOK_PICTURES)
                 self._mapped = complete
                 return given
+            except FcsvError as error:
+                self._say("failed", str(error))
+                return None
+
+    def _whole_input(self) -> Optional[MapInput]:
+        with self._changed:
+            try:
+                return self._session.inputs()
             except FcsvError as error:
                 self._say("failed", str(error))
                 return None

@@ -24,14 +24,14 @@ _STEPS, _DONE = 10, 1e-8
 
 @dataclass(frozen=True)
 class PoseRules:
-    """``corner_px`` is a corner's standard deviation in a sharp picture, ``tag_m`` and ``tag_deg`` how a tag sits on
-    its body other than told."""
+    """``corner_px`` is the standard deviation of the corners of a tag seen face on in a sharp picture; it grows as one
+    over the cosine of the angle. ``tag_m`` and ``tag_deg``: how a tag sits on its body other than told."""
 
-    corner_px: float = 0.07
-    blur_share: float = 0.015  # of the way that it moved in the picture while the shutter was open, likewise
+    corner_px: float = 0.042
+    blur_share: float = 0.012  # of the way that it moved in the picture while the shutter was open, likewise
     tag_m: float = 0.0005
     tag_deg: float = 0.3
-    ambiguous: float = 12.0  # a second pose that fits worse by less than this (squared sigmas) may be the true one
+    ambiguous: float = 25.0  # a second pose that fits worse by less than this (squared sigmas) may be the true one
     prior_deg: float = 20.0  # the true one is so near to the last known attitude, the other is not
     flattest: float = 0.28  # cosine to a tag's face; seen more flatly its corners are off by a pixel
     misfit: float = 8.0  # standard deviations above what noise does: tags that contradict each other
@@ -63,13 +63,13 @@ class _Fit:
 class _Model:
     """Corners of every tag seen, and what is known of them; units are those of the normalised picture."""
 
-    def __init__(self, own: Sequence[TagObservation], tags: Mapping[int, BodyTag], sigma: float, rules: PoseRules):
+    def __init__(self, own: Sequence[TagObservation], tags: Mapping[int, BodyTag], sigmas, rules: PoseRules):
         self.image = np.stack([o.corners_normalized for o in own])  # (K, 4, 2)
         T_body_tag = np.stack([tags[o.id].T_body_tag for o in own])
         corners = np.stack([corner_points(o.size_m) for o in own])
         self.arms = np.einsum("kij,knj->kni", T_body_tag[:, :3, :3], corners)  # about each tag's centre, body axes
         self.points = self.arms + T_body_tag[:, None, :3, 3]
-        self._sigma2 = sigma**2
+        self._variances = np.square(sigmas)  # (K,)
         self._place = np.array([rules.tag_m**2] * 3 + [np.radians(rules.tag_deg) ** 2] * 3)
 
     def fit(self, T: np.ndarray) -> Optional[_Fit]:
@@ -91,12 +91,12 @@ class _Model:
     def _normal(self, T: np.ndarray):
         """Normal matrix, gradient, cost, rms at T."""
         N, g, cost, squares = np.zeros((6, 6)), np.zeros(6), 0.0, 0.0
-        for image, points, arms in zip(self.image, self.points, self.arms):
+        for image, points, arms, variance in zip(self.image, self.points, self.arms, self._variances):
             J = projection_jacobian(T, points)
             p = transforms.apply(T, points)
             r = (p[:, :2] / p[:, 2:] - image).ravel()
             B = projection_jacobian(T, points, arms)
-            S = self._sigma2 * np.eye(8) + (B * self._place) @ B.T
+            S = variance * np.eye(8) + (B * self._place) @ B.T
             weighed = np.linalg.solve(S, np.column_stack([J, r]))
             N, g = N + J.T @ weighed[:, :6], g + J.T @ weighed[:, 6]
             cost, squares = cost + float(r @ weighed[:, 6]), squares + float(r @ r)
@@ -115,8 +115,9 @@ def see_body(
     own = [o for o in observations if o.id in tags]
     if not own:
         raise SampleRejected("no tag", "no tag of the body in the picture")
-    own = [o for o in own if _flatness(o) >= rules.flattest] or own
-    model = _Model(own, tags, float(np.hypot(rules.corner_px, rules.blur_share * blur_px)) / focal_px, rules)
+    own = [o for o in own if _facing(o) >= rules.flattest] or own
+    facing = np.array([max(_facing(o), rules.flattest) for o in own])
+    model = _Model(own, tags, np.hypot(rules.corner_px / facing, rules.blur_share * blur_px) / focal_px, rules)
     fits = _fits(model, own, tags)
     free = 8 * len(own) - 6
     if fits[0].cost > free + rules.misfit * np.sqrt(2.0 * free):
@@ -129,7 +130,7 @@ def see_body(
     return BodySight(best.T, best.covariance, best.rms * focal_px, tuple(o.id for o in own))
 
 
-def _flatness(o: TagObservation) -> float:
+def _facing(o: TagObservation) -> float:
     """How a tag is seen: one face on, nought edge on; the cosine of the angle between, but for the perspective.
 
     Ratio of the singular values of the map from the tag's plane to the picture.
