@@ -82,7 +82,7 @@ def latency(seeds):
     cv2.setNumThreads(1)
     flight = Formation(0, FormationParameters())
     pictures = [cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR) for _, gray in flight.pictures(1)]
-    camera, detector, took_ms = flight.parameters.camera.model, TagDetector({1: 0.16}), []
+    camera, detector, took_ms = flight.parameters.camera.model, TagDetector({1: 0.16}, 1.5, sharp=True), []
     cpu_ms = []
     for _ in range(max(1, seeds // 2)):
         for bgr in pictures:

@@ -78,6 +78,21 @@ def test_mirrored_or_hidden_tags_are_not_found():
     assert TagDetector({1: 0.16}).detect(picture, CAMERA) == []
 
 
+@pytest.mark.parametrize("distance_m, yaw_deg, roll_deg", [(2.0, 20, 5), (3.5, -30, 10), (4.0, 25, -7)])
+def test_sought_in_a_smaller_picture_and_looked_at_again_corners_are_the_same(distance_m, yaw_deg, roll_deg):
+    picture = render(pose(distance_m, yaw_deg, roll_deg=roll_deg))
+    whole, shrunk, sharp = (
+        TagDetector({1: 0.16}, *how).detect(picture, CAMERA)[0].corners_px for how in ((), (1.5,), (1.5, True))
+    )
+    assert np.abs(sharp - whole).max() < 0.01 and not np.allclose(shrunk, whole, atol=0.01)
+
+
+def test_a_tag_at_the_edge_of_the_picture_keeps_what_was_found():
+    picture = render(pose(1.0, x=-0.43))
+    (found,) = TagDetector({1: 0.16}, 1.5, True).detect(picture, CAMERA)
+    assert found.corners_px[:, 0].min() < 20
+
+
 def test_wrong_pictures_are_refused():
     with pytest.raises(TagError, match="HxW uint8"):
         TagDetector({1: 0.16}).detect(np.zeros((480, 640, 3), np.uint8), CAMERA)

@@ -135,7 +135,7 @@ class Formation:
     def seen(self, child: int, parent: int) -> List[Detection]:
         """What the tag detector finds of ``parent`` in the child's rendered pictures."""
         vehicle = self.vehicles[parent]
-        detector = TagDetector({vehicle.tag_id: vehicle.tag_size_m})
+        detector = TagDetector({vehicle.tag_id: vehicle.tag_size_m}, 1.5, sharp=True)  # as on board
         camera = self.parameters.camera.model
         return [
             self._detection(child, parent, t_s, tag.corners_normalized)

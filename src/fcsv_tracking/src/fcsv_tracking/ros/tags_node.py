@@ -37,7 +37,7 @@ class TagsParameters:
     vehicles_dir: str
     rate_hz: float = 6.0
     search_rate_hz: float = 2.0
-    decimate: float = 1.0
+    decimate: float = 1.5
     sending: SendingParameters = field(default_factory=SendingParameters)
 
     def __post_init__(self):
@@ -64,7 +64,7 @@ class TagsNode:
         self._sender = PictureSender(self._name, parameters.sending, self._health)
         self._others = [n for n in vehicles if n != self._name]
         sizes_m = {v.tag_id: v.tag_size_m for n, v in vehicles.items() if n != self._name}
-        self._detector = TagDetector(sizes_m, parameters.decimate)
+        self._detector = TagDetector(sizes_m, parameters.decimate, sharp=True)
         self._track = Trajectory(gap_s=0.1, keep_s=3.0)
         self._track_grew = threading.Condition()
         self._camera: Optional[PinholeCamera] = None
@@ -131,12 +131,14 @@ class TagsNode:
         if not look and not send:
             return
         picture = conversions.image_to_array(message, "bgr8")
-        self._sender.preview(message, picture)
-        if look:
-            observations = self._detect(picture, stamp_s)
-        T_odom_cam = self._body_at(stamp_s) @ self._T_body_cam
-        if look:
-            self._publish(observations, T_odom_cam, stamp_s)
+        try:
+            if look:
+                observations = self._detect(picture, stamp_s)
+            T_odom_cam = self._body_at(stamp_s) @ self._T_body_cam
+            if look:
+                self._publish(observations, T_odom_cam, stamp_s)
+        finally:
+            self._sender.preview(message, picture)  # last: nobody flies by it
         if send:
             self._sender.capture(message, picture, self._info, T_odom_cam)
 
