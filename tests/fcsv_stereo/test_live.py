@@ -136,3 +136,18 @@ def test_corrections_carry_over_to_later_pictures_of_a_vehicle_that_holds(sessio
 def camera_poses():
     tilted = transforms.from_xyz_rpy([0.01, -2.03, 0.02], np.radians([0.4, 0.5, -0.3]))
     return transforms.from_xyz_yaw([0.0, -2.0, 0.0], 0.0) @ R_OPTICAL, tilted @ R_OPTICAL
+
+
+def test_where_the_middle_picture_is_broken_its_neighbour_serves_a_first_look(session):
+    whole = picture("uav2", 10.5)
+    for t in (10.0, 10.5, 11.0):
+        session.add_picture(picture("uav1", t))
+    session.add_picture(picture("uav2", 10.0))
+    session.add_picture(LivePicture("uav2", 10.5, b"no jpeg", whole.camera, whole.T_odom_cam))
+    session.add_picture(picture("uav2", 11.2))
+    session.add_window(window(0, 9.0, 11.5))
+    given = session.inputs(1)
+    (c,) = given.configurations
+    assert [p.stamp_s for p in c.references] == [10.5] and [p.stamp_s for p in c.others] == [10.0]
+    assert any("uav2 at 10.500 is not a JPEG" in line for line in given.warnings)
+    assert session.last_picture_s() == 11.2  # the delay of a map counts from here, whatever it is made of

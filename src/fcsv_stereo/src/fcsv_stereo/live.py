@@ -94,6 +94,11 @@ class LiveSession:
         """Whether both vehicles' pictures of a window have come."""
         return len(self._kept.get(index, {})) == 2
 
+    def last_picture_s(self) -> float:
+        """Stamp of the newest picture of the windows that are complete; of which a map may take others."""
+        complete = [kept for index, kept in self._kept.items() if self.complete(index)]
+        return max(pictures[-1].stamp_s for kept in complete for pictures in kept.values())
+
     def missing(self) -> List[str]:
         """One line for each window that cannot be mapped yet."""
         lines = []

@@ -66,6 +66,7 @@ class LiveNode:
         self._news = False
         self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
         self._mapped: set = set()  # indices of windows
+        self._last_s = 0.0  # stamp of the newest picture that is in what is mapped
         self._state = MapState(state="waiting", detail="waiting for the first configuration")
         self._health = Health("map", {"pictures": 0.0})
         latched = {"queue_size": 1, "latch": True}
@@ -178,12 +179,13 @@ class LiveNode:
                     given = self._session.newest(reference, others, self._parameters.apart_s, self._watched_s)
                     if given is not None:
                         self._watched_s = given.configurations[0].references[0].stamp_s
+                        self._last_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
                     return given
                 complete = {i for i in self._session.windows if self._session.complete(i)}
                 if complete <= self._mapped:
                     return None
                 given = self._session.inputs(_FIRST_LOOK_PICTURES)
-                self._mapped = complete
+                self._mapped, self._last_s = complete, self._session.last_picture_s()
                 return given
             except FcsvError as error:
                 self._say("failed", str(error))
@@ -219,10 +221,9 @@ class LiveNode:
             self._say("failed", node.defect(error), given.warnings)
             return None
         self._publish(result)
-        newest_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
         state = self._state
         state.configurations, state.points, state.coverage = len(result.pairs), result.points, result.coverage
-        state.processing_s, state.latency_s = time.monotonic() - started, rospy.get_time() - newest_s
+        state.processing_s, state.latency_s = time.monotonic() - started, rospy.get_time() - self._last_s
         self._say(state_after, names, result.warnings)
         return result
 
