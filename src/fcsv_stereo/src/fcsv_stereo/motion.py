@@ -69,7 +69,8 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[np.
         return None
     uv, z = seen_from(still.depth, reference.camera, T_later_ref, later.camera)
     here, there = still.image, cv2.remap(later.image.astype(np.float32), *uv, cv2.INTER_CUBIC)
-    comparable = visible(uv, z, later.image.shape[:2])
+    full = _full(reference.image) & (cv2.remap(_full(later.image).astype(np.uint8), *uv, cv2.INTER_NEAREST) > 0)
+    comparable = visible(uv, z, later.image.shape[:2]) & full
     difference = np.abs(here - _same_exposure(here, there, comparable)).mean(axis=2)
     grey = here.mean(axis=2)
     slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
@@ -77,6 +78,16 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[np.
     explained = 2.0 * noise + cv2.blur(slope * _off_px(reference, T_later_ref, still), _WINDOW)
     unlike = (cv2.blur(difference, _WINDOW) > _CHANGED * explained) & comparable
     return _spots(unlike)
+
+
+def _full(image: np.ndarray) -> np.ndarray:
+    """HxW bool: not near the black that taking out the distortion leaves along the borders."""
+    dark = image == 0 if image.ndim == 2 else (image == 0).all(axis=2)
+    inside = np.zeros(dark.shape, bool)
+    inside[1:-1, 1:-1] = True
+    _, labels = cv2.connectedComponents(dark.astype(np.uint8), connectivity=8)
+    empty = dark & np.isin(labels, np.unique(labels[dark & ~inside]))
+    return cv2.dilate(empty.astype(np.uint8), np.ones(_WINDOW, np.uint8), iterations=2) == 0
 
 
 def _off_px(reference: Reference, T_later_ref: np.ndarray, still: _Still) -> np.ndarray:
