@@ -149,6 +149,7 @@ def test_a_vehicle_that_no_gimbal_follows_is_refused(start_node, root, robot_fil
     assert process.returncode == 2 and "no gimbal follows uav1; it has tello1, tello2" in process.tail(20)
 
 
+@pytest.mark.slow_motion
 def test_servos_on_a_simulated_bus(start_node, robot_file):
     """The driver's node, the protocol on a pseudo-terminal, and the MX-12W behind it: command in, joints out."""
     import rospy

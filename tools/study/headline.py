@@ -44,7 +44,10 @@ def headline(page: Page, demo: Optional[Path]) -> None:
     document = json.loads((demo / "map" / "report.json").read_text())
     process_s = document["timing_s"]["total"]
     reach_m = float(np.nanpercentile(np.load(demo / "map" / "depth.npy"), 99))
-    page.text("A whole flight in simulation in real time, from the first set-point to the map:")
+    page.text(
+        "A whole flight in simulation, from the first set-point to the map; the flight by its own clock, which a busy "
+        "machine slows (`SPEED`), the processing in real time:"
+    )
     page.table(
         ("", "thesis (7.1)", f"this flight, `{document['method']}`"),
         [("first set-point to last recording", "–", f"{flight_s:.1f} s"),
