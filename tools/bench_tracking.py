@@ -159,25 +159,32 @@ def _show(flight, pictures, image, info, body, heard):
     return took_ms
 
 
+def with_rows(table, rows):
+    """The table with these rows in place of those of the same first cell."""
+    new = {row.split("|")[1]: row for row in rows}
+    return "\n".join(new.get((line.split("|") + [""])[1], line) for line in table.split("\n"))
+
+
 ROWS = {"two": two_vehicles, "chain": chain, "latency": latency}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--only", nargs="+", choices=sorted(ROWS), help="print these rows; the document is left alone")
+    parser.add_argument("--only", nargs="+", choices=sorted(ROWS), help="these rows; only they change in the document")
     args = parser.parse_args()
     lines = ["| figure | bound | measured | normalised squared error (95 % band) |", "|---|---|---|---|"]
     for name in args.only or ROWS:
         lines += ROWS[name](args.seeds)
         print("\n".join(lines[-3:]), flush=True)
+    before, rest = DOCUMENT.read_text().split(BEGIN)
+    table, after = rest.split(END)
     if args.only:
-        return
-    text = DOCUMENT.read_text()
-    before, rest = text.split(BEGIN)
-    after = rest.split(END)[1]
-    note = f"{time.strftime('%Y-%m-%d')}, {args.seeds} seeds, {platform.machine()}, {os.cpu_count()} cores, shared."
-    DOCUMENT.write_text(before + BEGIN + f"\n\n{note}\n\n" + "\n".join(lines) + "\n\n" + END + after)
+        table = with_rows(table, lines[2:])
+    else:
+        note = f"{time.strftime('%Y-%m-%d')}, {args.seeds} seeds, {platform.machine()}, {os.cpu_count()} cores, shared."
+        table = f"\n\n{note}\n\n" + "\n".join(lines) + "\n\n"
+    DOCUMENT.write_text(before + BEGIN + table + END + after)
     print(f"wrote {DOCUMENT}")
 
 

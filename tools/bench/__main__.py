@@ -79,11 +79,15 @@ def _page(args, scenes, results, priors, poses, why_not, samples) -> List[str]:
         "# Benchmarks", "",
         f"`{command}`, {time.strftime('%Y-%m-%d')}, {platform.machine()} with {os.cpu_count()} cores shared with other "
         f"work, Python {platform.python_version()}.", "",
-        f"Every method on the same pictures in the same run: {', '.join(names)} (kinds of the simulator's world and",
-        f"seeds), {lens} the simulated camera's noise and blur, f = 602 px at 640x480; places scattered by 3 cm and",
-        "1°, noise on every pose but the reference's (rotation per axis, position as a share of the baseline).",
-        "Figures are of the pixels with truth up to 400 m; rotation errors are relative to the reference.", "",
     ]  # fmt: skip
+    if {"methods", "colmap"} & args.parts:
+        lines += [
+            f"Every method on the same pictures in the same run: {', '.join(names)} (kinds of the simulator's world",
+            f"and seeds), {lens} the simulated camera's noise and blur, f = 602 px at 640x480; places scattered by",
+            "3 cm and 1°, noise on every pose but the reference's (rotation per axis, position as a share of the",
+            "baseline). Figures are of the pixels with truth up to 400 m; rotation errors are relative to the",
+            "reference.", "",
+        ]  # fmt: skip
     if results:
         lines += [*tables.requirement_table(results, list(LISTS), noises), ""]
         lines += ["Rotation errors of the priors: " + "; ".join(
