@@ -21,7 +21,7 @@ from fcsv_sim.formation import Formation, FormationParameters
 from fcsv_sim.machines import Machine
 from fcsv_tracking.calibration import calibrate_link
 from fcsv_tracking.chain import places_in_home
-from fcsv_tracking.tags import TagDetector
+from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "tracking.md"
 BEGIN, END = "<!-- table: tools/bench_tracking.py -->", "<!-- end of table -->"
@@ -82,8 +82,8 @@ def latency(seeds):
     cv2.setNumThreads(1)
     flight = Formation(0, FormationParameters())
     pictures = [cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR) for _, gray in flight.pictures(1)]
-    camera, detector, took_ms = flight.parameters.camera.model, TagDetector({1: 0.16}, 1.5, sharp=True), []
-    cpu_ms = []
+    camera, detector = flight.parameters.camera.model, TagDetector({1: 0.16}, ON_BOARD_DECIMATE, sharp=True)
+    took_ms, cpu_ms = [], []
     for _ in range(max(1, seeds // 2)):
         for bgr in pictures:
             begin_s, begin_cpu_s = time.perf_counter(), time.thread_time()

@@ -9,7 +9,6 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import motion
 from fcsv_stereo.inputs import Picture
-from fcsv_stereo.refinement.features import corners
 from fcsv_stereo.result import Reference
 
 CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -35,8 +34,7 @@ def changed(first, second):
     T_second = transforms.from_xyz_rpy([0.0, 0.0, 0.0], [0.0, np.arctan(TURNED_PX / 300.0), 0.0])
     depth = np.full((240, 320), 20.0, np.float32)
     reference = Reference("a", 0.0, "uav1", first, CAMERA, np.eye(4))
-    grey = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
-    still = motion._Still(first.astype(np.float32), depth, 0.01 * depth, corners(grey, 800))
+    still = motion._still(reference, depth, 0.01 * depth)
     return motion.changes(reference, Picture("b", "uav1", 1.0, second, CAMERA, T_second), still)
 
 

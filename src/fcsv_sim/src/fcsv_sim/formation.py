@@ -18,7 +18,7 @@ from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.t265 import T265, T265Errors
 from fcsv_sim.world.town import Town
 from fcsv_tracking.detection import Detection
-from fcsv_tracking.tags import TagDetector, corner_points
+from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, corner_points
 
 _ODOMETRY_HZ, _STATE_EVERY = 200.0, 7  # what the vehicle has of itself, and every which of it the radio carries
 _VIBRATION_HZ = np.array([23.0, 31.0, 47.0])
@@ -135,7 +135,7 @@ class Formation:
     def seen(self, child: int, parent: int) -> List[Detection]:
         """What the tag detector finds of ``parent`` in the child's rendered pictures."""
         vehicle = self.vehicles[parent]
-        detector = TagDetector({vehicle.tag_id: vehicle.tag_size_m}, 1.5, sharp=True)  # as on board
+        detector = TagDetector({vehicle.tag_id: vehicle.tag_size_m}, ON_BOARD_DECIMATE, sharp=True)
         camera = self.parameters.camera.model
         return [
             self._detection(child, parent, t_s, tag.corners_normalized)

@@ -68,6 +68,11 @@ class _Face:
         return transforms.apply(self.T_body_tag, np.array([[-h, -h, 0], [h, -h, 0], [h, h, 0], [-h, h, 0.0]]))
 
 
+def facing(T_cam_tag: np.ndarray) -> float:
+    """How a tag is seen: the cosine of the angle between its face and the line of sight; one: face on."""
+    return float(T_cam_tag[:3, 2] @ T_cam_tag[:3, 3] / np.linalg.norm(T_cam_tag[:3, 3]))
+
+
 class GimbalCamera:
     """shoot() in order of time. Poses are functions of time: camera and body move during the exposure."""
 
@@ -105,9 +110,8 @@ class GimbalCamera:
         for face in self._faces:
             uv = self.model.project(transforms.apply(T_cam_body, face.corners))
             T = T_cam_body @ face.T_body_tag
-            facing = T[:3, 2] @ T[:3, 3] / np.linalg.norm(T[:3, 3])
             inside = (uv > 0).all() and (uv < [self.model.width - 1, self.model.height - 1]).all()
-            if facing > np.cos(np.radians(72.0)) and inside:
+            if facing(T) > np.cos(np.radians(72.0)) and inside:
                 found.append((face.tag, T))
         return found
 

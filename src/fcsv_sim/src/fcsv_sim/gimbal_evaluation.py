@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_sim.gimbal import MountErrors, ServoErrors, SimulatedGimbal
-from fcsv_sim.gimbal_camera import GimbalCamera, GimbalCameraParameters
+from fcsv_sim.gimbal_camera import GimbalCamera, GimbalCameraParameters, facing
 from fcsv_sim.mocap_flight import STEP_HZ, Truth, attitudes, vibration
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import Gimbal
@@ -171,8 +171,7 @@ class _Ear:
         found, model = [], self._eye.model
         for tag, T_cam_tag in self._eye.tags_in(T_cam_body):
             uv = model.project(transforms.apply(T_cam_tag, corner_points(tag.size_m)))
-            facing = T_cam_tag[:3, 2] @ T_cam_tag[:3, 3] / np.linalg.norm(T_cam_tag[:3, 3])
-            uv += self._random.normal(0.0, self._corners_px / facing, uv.shape)
+            uv += self._random.normal(0.0, self._corners_px / facing(T_cam_tag), uv.shape)
             found.append(observation(tag.id, tag.size_m, uv, model))
         return found
 

@@ -39,6 +39,7 @@ class _Still:
     depth: np.ndarray
     sigma: np.ndarray
     corners: np.ndarray
+    full: np.ndarray  # HxW bool: there is picture
 
 
 def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
@@ -46,7 +47,7 @@ def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
 
     Without reference pictures of later configurations (photographs) there is nothing to go by: the result as it is.
     """
-    still = _still(result)
+    still = _still(result.reference, result.depth, result.sigma)
     changed: Dict[int, np.ndarray] = {}
     watched = []
     for k, pair in enumerate(result.pairs):
@@ -69,7 +70,7 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[np.
         return None
     uv, z = seen_from(still.depth, reference.camera, T_later_ref, later.camera)
     here, there = still.image, cv2.remap(later.image.astype(np.float32), *uv, cv2.INTER_CUBIC)
-    full = _full(reference.image) & (cv2.remap(_full(later.image).astype(np.uint8), *uv, cv2.INTER_NEAREST) > 0)
+    full = still.full & (cv2.remap(_full(later.image).astype(np.uint8), *uv, cv2.INTER_NEAREST) > 0)
     comparable = visible(uv, z, later.image.shape[:2]) & full
     difference = np.abs(here - _same_exposure(here, there, comparable)).mean(axis=2)
     grey = here.mean(axis=2)
@@ -82,7 +83,7 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[np.
 
 def _full(image: np.ndarray) -> np.ndarray:
     """HxW bool: not near the black that taking out the distortion leaves along the borders."""
-    dark = image == 0 if image.ndim == 2 else (image == 0).all(axis=2)
+    dark = (image == 0).reshape(*image.shape[:2], -1).all(axis=2)
     inside = np.zeros(dark.shape, bool)
     inside[1:-1, 1:-1] = True
     _, labels = cv2.connectedComponents(dark.astype(np.uint8), connectivity=8)
@@ -96,11 +97,11 @@ def _off_px(reference: Reference, T_later_ref: np.ndarray, still: _Still) -> np.
     return _OFF_PX + reference.camera.fx * float(np.linalg.norm(T_later_ref[:3, 3])) * off_1_m
 
 
-def _still(result: MapResult) -> _Still:
-    image = result.reference.image
+def _still(reference: Reference, depth: np.ndarray, sigma: np.ndarray) -> _Still:
+    image = reference.image
     image = image if image.ndim == 3 else image[..., None]
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.shape[2] == 3 else image[..., 0]
-    return _Still(image.astype(np.float32), result.depth, result.sigma, corners(grey, _CORNERS))
+    return _Still(image.astype(np.float32), depth, sigma, corners(grey, _CORNERS), _full(image))
 
 
 def _reference_of(configurations: List[ConfigurationInput], other_name: str) -> Optional[Picture]:

@@ -13,6 +13,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_tracking.errors import TagError
 
 FAMILY = "tag36h11"
+ON_BOARD_DECIMATE = 1.5  # finds what the whole picture shows, 3 to 4 m away, in half of its time (docs/tracking.md)
 #: The detector puts pixel centres at (0.5, 0.5); ours are at whole numbers (tests/fcsv_tracking/test_tags.py).
 _PIXEL_CENTRE_PX = 0.5
 _LEAST_MARGIN = 10.0
@@ -38,7 +39,12 @@ class TagObservation:
     @property
     def edge_px(self) -> float:
         """Longest edge in the picture."""
-        return float(np.linalg.norm(self.corners_px - np.roll(self.corners_px, 1, axis=0), axis=1).max())
+        return longest_edge(self.corners_px)
+
+
+def longest_edge(corners: np.ndarray) -> float:
+    """Of a tag's corners (4,2)."""
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max())
 
 
 def corner_points(size_m: float) -> np.ndarray:
@@ -91,8 +97,7 @@ class TagDetector:
 
     def _look_again(self, gray: np.ndarray, raw: Detection) -> Detection:
         """The same tag in the picture as it came; as it was found, where it is not seen there."""
-        edge_px = np.linalg.norm(raw.corners - np.roll(raw.corners, 1, axis=0), axis=1).max()
-        margin_px = _LEAST_MARGIN_PX + _MARGIN_EDGES * edge_px
+        margin_px = _LEAST_MARGIN_PX + _MARGIN_EDGES * longest_edge(raw.corners)
         low = np.maximum(raw.corners.min(axis=0) - margin_px, 0).astype(int) // _TILE_PX * _TILE_PX
         high = (raw.corners.max(axis=0) + margin_px).astype(int)
         part = np.ascontiguousarray(gray[low[1] : high[1], low[0] : high[0]])

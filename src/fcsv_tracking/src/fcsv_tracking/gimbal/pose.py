@@ -115,9 +115,12 @@ def see_body(
     own = [o for o in observations if o.id in tags]
     if not own:
         raise SampleRejected("no tag", "no tag of the body in the picture")
-    own = [o for o in own if _facing(o) >= rules.flattest] or own
-    facing = np.array([max(_facing(o), rules.flattest) for o in own])
-    model = _Model(own, tags, np.hypot(rules.corner_px / facing, rules.blur_share * blur_px) / focal_px, rules)
+    facing = np.array([_facing(o) for o in own])
+    clear = facing >= rules.flattest
+    if clear.any():
+        own, facing = [o for o, is_clear in zip(own, clear) if is_clear], facing[clear]
+    sharp_px = rules.corner_px / np.maximum(facing, rules.flattest)
+    model = _Model(own, tags, np.hypot(sharp_px, rules.blur_share * blur_px) / focal_px, rules)
     fits = _fits(model, own, tags)
     free = 8 * len(own) - 6
     if fits[0].cost > free + rules.misfit * np.sqrt(2.0 * free):

@@ -20,7 +20,7 @@ from fcsv_geometry.trajectory import Trajectory
 from fcsv_msgs.msg import TagDetection, TagDetections
 from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.ros.picture_sender import PictureSender, SendingParameters
-from fcsv_tracking.tags import TagDetector, TagObservation
+from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, TagObservation
 
 _WAIT_FOR_ODOMETRY_S = 0.15
 _FOLLOW_S = 2.0  # how long after a tag was seen every picture is looked at
@@ -37,7 +37,7 @@ class TagsParameters:
     vehicles_dir: str
     rate_hz: float = 6.0
     search_rate_hz: float = 2.0
-    decimate: float = 1.5
+    decimate: float = ON_BOARD_DECIMATE
     sending: SendingParameters = field(default_factory=SendingParameters)
 
     def __post_init__(self):
