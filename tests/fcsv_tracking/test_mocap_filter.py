@@ -93,7 +93,7 @@ def test_noise_much_larger_about_one_axis_leaves_level_alone():
     spread = axes @ so3.exp(np.array([0.4, 0.4, 0.0])) @ np.diag(np.radians([0.05, 1.0, 1.5]))
     off = []
     for seed in range(4):
-        random, core = np.random.default_rng(seed), MocapFilter(noise, T_M_D, T_O_D, 0.07)
+        random, core = np.random.default_rng(seed), MocapFilter(noise, T_M_D, T_O_D, np.zeros(3), 0.07)
         for k in range(960):
             core.predict(np.zeros(3), force, 1.0 / 120.0)
             turn = so3.exp(spread @ random.standard_normal(3))
@@ -132,7 +132,7 @@ def test_rotation_vectors_near_nothing_and_near_half_a_turn():
 def test_odometry_that_began_anew_leaves_the_pose_and_keeps_level():
     T_M_D = tf.from_xyz_rpy([2.0, 1.0, 0.5], [0.02, -0.75, 0.4])
     T_M_O = tf.from_xyz_rpy([0.4, 0.3, -1.0], [0.01, -0.8, 1.2])
-    core = MocapFilter(FilterNoise(), T_M_D, tf.invert(T_M_O) @ T_M_D, 0.07)
+    core = MocapFilter(FilterNoise(), T_M_D, tf.invert(T_M_O) @ T_M_D, np.zeros(3), 0.07)
     turned = tf.from_xyz_yaw([3.0, -2.0, 0.1], 2.0) @ tf.invert(T_M_O) @ T_M_D
     pose_before, up_before = core.state.T_M_D, core.state.R_M_O[:, 2].copy()
     C_before = core.covariance.copy()

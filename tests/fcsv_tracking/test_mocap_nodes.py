@@ -16,28 +16,35 @@ NAMES = ("tello1", "tello2")
 T_WORLD_MOCAP = tf.from_xyz_rpy([0.0, 0.0, 0.3], np.radians([0.0, -45.0, 0.0]))
 
 
+AHEAD_S = 0.5  # of its time the truth is written, so that a test that is kept waiting does not hold up the world
+
+
 class Hovering:
-    """Two bodies that sway in view; the second leaves the view at ``leaves_s``."""
+    """Two bodies that sway in view; the second leaves the view after leave()."""
 
     def __init__(self, folder):
-        self.leaves_s = np.inf
+        self._leaves_s = np.inf
         self._writers = {n: TruthWriter(folder, n) for n in NAMES}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._fly, daemon=True)
         self._thread.start()
 
+    def leave(self):
+        self._leaves_s = time.time() + AHEAD_S
+
     def _fly(self):
-        before = {}
+        before, began_s = {}, time.time()
         while not self._stop.wait(0.0025):
-            t = time.time()
-            share = min(1.0, max(0.0, t - self.leaves_s) / 4.0)
+            stamp_s = time.time() + AHEAD_S
+            share = min(1.0, max(0.0, stamp_s - self._leaves_s) / 4.0)
+            t = stamp_s - began_s
             offset_m = 2.5 * (10 * share**3 - 15 * share**4 + 6 * share**5)
             for i, name in enumerate(NAMES):
                 p = np.array([2.0 + 0.25 * np.sin(0.9 * t + i), (0.7 - 1.4 * i) / 2 + 0.25 * np.cos(0.7 * t), 2.0])
                 p += [0.0, -offset_m * i, 0.0]
                 T = tf.from_xyz_rpy(p, [0.02 * np.sin(t), 0.02 * np.cos(t), 0.1 * np.sin(0.3 * t)])
                 last_t, last_p = before.get(name, (t - 0.004, p))
-                self._writers[name].write(t, T, (p - last_p) / (t - last_t))
+                self._writers[name].write(stamp_s, T, (p - last_p) / (t - last_t))
                 before[name] = (t, p)
 
     def stop(self):
@@ -110,7 +117,7 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     time.sleep(4.0)
     print(diagnostics)
     check(got, vehicles, tmp_path, 0.02)
-    hovering.leaves_s = time.time()
+    hovering.leave()
     time.sleep(7.0)
     print(diagnostics)
     check(got, vehicles, tmp_path, 0.15)  # 2.5 m at 2 %, and where home was a moment ago

@@ -49,9 +49,9 @@ def long_in_view():
     return recorded(24.0)
 
 
-def take(tracker, message):
+def take(tracker, message, now_s=None):
     try:
-        mocap_flight.feed(tracker, message)
+        mocap_flight.feed(tracker, message, now_s)
     except SampleRejected:
         return False
     return True
@@ -275,6 +275,71 @@ def test_swapped_markers_and_turned_bodies_do_no_harm(seed):
     assert len(poses) > 300 and poses[-1].stamp_s > evaluation.START_S + 29.5
     sure = [p for p in poses if p.stamp_s > evaluation.START_S + 12.0]
     assert max(normalised(p, truth)[0] for p in sure) < 0.05
+
+
+@pytest.mark.parametrize("seed", [5, 8])
+def test_swapped_markers_while_the_odometry_is_silent(seed):
+    """Then nothing says at once that the body did not turn: the pose may be absent, never wrong."""
+    errors = FlightErrors(mocap=dataclasses.replace(V120DuoErrors(), swaps_per_s=1.0, flips_per_s=0.1))
+    messages, truth = recorded(30.0, seed, errors)
+    random = np.random.default_rng(seed)
+    gaps, begins_s = [], 8.0
+    while begins_s < 30.0:
+        gaps.append((begins_s, begins_s + random.uniform(0.25, 0.8)))
+        begins_s += random.uniform(1.0, 2.5)
+
+    def silent(m):
+        return [] if isinstance(m, TelloSample) and any(a < since_start(m) < b for a, b in gaps) else [m]
+
+    _, poses = run(messages, truth, silent)
+    assert len(poses) > 700
+
+
+def to_and_fro(leg_s, seed):
+    """As recorded(), of a vehicle that flies 0.6 m to and fro from the first message on, at times out of view."""
+    places = [(2.0 + dx, 0.3 * (-1) ** i, 2.0, leg_s) for i, dx in enumerate([0.0, 0.1, -0.1, 0.1] * 3)]
+    truth = mocap_flight.fly(places, np.radians(20.0), seed, evaluation.START_S)
+    return [m for _, _, m in mocap_flight.messages({"a": truth}, FlightErrors(), seed)], truth
+
+
+def kept_waiting(messages, longest_s, seed):
+    """(now s, message): either stream or both stand still now and then, as in a process that is not served."""
+    random = np.random.default_rng(seed)
+    until_s, delivered, next_s = {}, [], messages[0].arrival_s + 3.0
+    for m in messages:
+        if m.arrival_s > next_s:
+            end_s = next_s + longest_s * random.uniform(0.3, 1.0)
+            until_s.update(dict.fromkeys(((True,), (False,), (True, False))[random.integers(3)], end_s))
+            next_s += random.exponential(1.0)
+        delivered.append((max(m.arrival_s, until_s.get(isinstance(m, TelloSample), 0.0)), m))
+    return sorted(delivered, key=lambda x: x[0])
+
+
+@pytest.mark.parametrize("longest_s, seed", [(0.2, 3), (0.4, 4), (0.4, 8)])
+def test_messages_that_come_in_bursts(longest_s, seed):
+    """A frame that comes a little after the filter went on without it is of its own moment, not of now."""
+    messages, truth = to_and_fro(2.5, seed)
+    tracker, last_s = MocapTracker(), 0.0
+    for now_s, message in kept_waiting(messages, longest_s, seed):
+        take(tracker, message, now_s)
+        pose = tracker.pose(now_s)
+        if pose is not None and pose.stamp_s > last_s:
+            assert normalised(pose, truth)[1] < chi2.ppf(1 - 1e-6, 6)
+            last_s = pose.stamp_s
+    assert last_s > messages[-1].arrival_s - 0.5
+    assert tracker.counts["anchored"] == 1 and 0 < tracker.counts["too late"] < 500
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_begun_in_motion(seed):
+    """What is anchored at 0.5 m/s knows its speed at once; else the delay is learned wrong, and the place with it."""
+    messages, truth = to_and_fro(1.5, seed)
+    tracker, worst_m = MocapTracker(), 0.0
+    for message in messages:
+        take(tracker, message)
+        pose = tracker.pose(message.arrival_s)
+        worst_m = worst_m if pose is None else max(worst_m, normalised(pose, truth)[0])
+    assert tracker.counts["anchored"] == 1 and 0.0 < worst_m < 0.03  # 0.06 where it begins as if it stood
 
 
 def test_a_body_taken_the_wrong_way_round_from_the_start_has_no_pose(in_view):

@@ -6,7 +6,7 @@ The tracker stands on the ground and looks up at 45 degrees (thesis 5.7).
 
 import heapq
 from dataclasses import dataclass, field
-from typing import Dict, Iterator, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -110,17 +110,18 @@ def messages(truths: Dict[str, Truth], errors: FlightErrors, seed: int, hidden=l
             yield arrival_s, name, message
 
 
-def feed(tracker, message) -> None:
-    """A message into a MocapTracker. Raises SampleRejected."""
+def feed(tracker, message, now_s: Optional[float] = None) -> None:
+    """A message into a MocapTracker, at ``now_s`` where that is later than its stamp. Raises SampleRejected."""
+    now_s = message.arrival_s if now_s is None else now_s
     if isinstance(message, TelloSample):
         T = message.T_O_D
         tracker.feed_vehicle(
-            message.arrival_s, message.arrival_s, T[:3, 3], transforms.quaternion_xyzw(T),
+            now_s, message.arrival_s, T[:3, 3], transforms.quaternion_xyzw(T),
             T[:3, :3].T @ message.v_O_mps, message.gyro_radps, message.accel_mps2,
         )  # fmt: skip
     else:
         T = message.T_M_D
-        tracker.feed_mocap(message.arrival_s, message.arrival_s, T[:3, 3], transforms.fast_quaternion_xyzw(T))
+        tracker.feed_mocap(now_s, message.arrival_s, T[:3, 3], transforms.fast_quaternion_xyzw(T))
 
 
 def _minimum_jerk(s: np.ndarray) -> np.ndarray:

@@ -58,8 +58,8 @@ class MocapNode:
         while not rospy.is_shutdown():
             due_s = max(due_s + 1.0 / self._parameters.rate_hz, time.time() - 0.05)
             time.sleep(max(0.0, due_s - time.time()))
-            self._expose(time.time() - MOCAP_DELAY_S / 2)
-            self._publish(time.time())
+            self._expose(due_s - MOCAP_DELAY_S / 2)
+            self._publish(due_s)  # its own clock: that this process was kept waiting is no delay of the tracker's
 
     def _expose(self, until_s: float) -> None:
         self._frame_s = max(self._frame_s, until_s - 0.1)

@@ -63,7 +63,7 @@ class TelloSensorsNode:
         self._on_the_way.extend(self._sensors.advance(stamp_s, T_world_body, v_world))
 
     def _publish(self, sample: TelloSample) -> None:
-        name, T, stamp_s = self._name, sample.T_O_D, time.time()
+        name, T, stamp_s = self._name, sample.T_O_D, sample.arrival_s  # not now: this process may be kept waiting
         q = Quaternion(*transforms.fast_quaternion_xyzw(T))
         odometry = Odometry(
             header=conversions.header(stamp_s, frames.odom(name)), child_frame_id=frames.base_link(name)

@@ -13,7 +13,9 @@ from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_tracking.mocap import measurements, so3
 from fcsv_tracking.mocap.markers import MarkerNoise, MarkerRules
-from fcsv_tracking.mocap.state import BA, DELAY, PHI, PO, SIZE, TH, B, P, State, V, advance, advance_jacobian
+from fcsv_tracking.mocap.state import BA, DELAY, G_MPS2, PHI, PO, SIZE, TH, B, P, State, V, advance, advance_jacobian
+
+PERIOD_S = 0.05  # of the vehicle's packets
 
 
 @dataclass(frozen=True)
@@ -47,29 +49,46 @@ class FilterNoise:
 class MocapFilter:
     """State and covariance (22,22). Every correction returns its squared Mahalanobis distance before it is taken."""
 
-    def __init__(self, noise: FilterNoise, T_M_D: np.ndarray, T_O_D: np.ndarray, delay_s: float):
+    def __init__(self, noise: FilterNoise, T_M_D: np.ndarray, T_O_D: np.ndarray, v_O: np.ndarray, delay_s: float):
         self._noise = n = noise
         self._markers = MarkerNoise(n.markers)
         T_M_O = T_M_D @ transforms.invert(T_O_D)
         zero = np.zeros(3)
         self.state = State(
-            T_M_D[:3, 3].copy(), zero, T_M_D[:3, :3].copy(), T_M_O[:3, 3], T_M_O[:3, :3], zero, zero, delay_s
+            T_M_D[:3, 3].copy(),
+            T_M_O[:3, :3] @ v_O,
+            T_M_D[:3, :3].copy(),
+            T_M_O[:3, 3],
+            T_M_O[:3, :3],
+            zero,
+            zero,
+            delay_s,
         )
         deg = np.pi / 180.0
         begin = [0.02, 0.5, 3 * deg, 0.1, 3 * deg, n.drift_share / np.sqrt(3.0), 0.05]
         self.covariance = np.diag([*np.repeat(begin, 3), n.delay_s]) ** 2
 
-    def predict(self, rate_radps: np.ndarray, accel_mps2: np.ndarray, dt_s: float, coasting: bool = False) -> None:
-        """Move on by ``dt_s`` under an IMU sample; ``coasting``: there is none, the one given is that of hovering."""
+    def predict(self, rate_radps: np.ndarray, accel_mps2: np.ndarray, dt_s: float, apart_s: float = PERIOD_S) -> None:
+        """Move on by ``dt_s`` between two samples of the IMU that are ``apart_s`` apart."""
+        n, apart_s = self._noise, max(apart_s, PERIOD_S)
+        # what lies between two samples errs alike until the next: as white noise that is its density; and of a force
+        # that changes, a straight line between them knows the less the further apart they are
+        accel_mps2_off = n.accel_mps2 * apart_s / PERIOD_S
+        turn_density = np.radians(n.turn_deg) ** 2 / PERIOD_S
+        self._move_on(rate_radps, accel_mps2, dt_s, accel_mps2_off**2 * apart_s * dt_s, turn_density * dt_s)
+
+    def coast(self, dt_s: float, silent_s: float) -> None:
+        """Move on by ``dt_s`` without an IMU, as if hovering; by then nothing has been heard for ``silent_s``."""
+        # 2 m/s2 that change, 60 deg/s that last: between two frames of the mocap no body turns as swapped markers do
+        turned = np.radians(60.0) ** 2 * (2.0 * silent_s - dt_s) * dt_s
+        self._move_on(np.zeros(3), np.array([0.0, 0.0, G_MPS2]), dt_s, 4.0 * dt_s, turned)
+
+    def _move_on(self, rate_radps, accel_mps2, dt_s: float, velocity_variance: float, turn_variance: float) -> None:
         n, s = self._noise, self.state
         F = advance_jacobian(s, rate_radps, accel_mps2, dt_s, n.drift_length_m)
         self.state = advance(s, rate_radps, accel_mps2, dt_s, n.drift_length_m)
         q = np.zeros(SIZE)
-        # a sample that is held errs alike until the next, 50 ms: as white noise that is its density
-        q[V] = n.accel_mps2**2 * 0.05 * dt_s
-        q[TH] = np.radians(n.turn_deg) ** 2 / 0.05 * dt_s
-        if coasting:
-            q[V], q[TH] = 4.0 * dt_s, 0.3 * dt_s  # 2 m/s2 and 30 deg/s for a second
+        q[V], q[TH] = velocity_variance, turn_variance
         q[PHI] = np.radians(n.level_walk_deg_per_sqrt_s) ** 2 * dt_s
         q[PHI.start + 2] = np.radians(n.heading_walk_deg_per_sqrt_s) ** 2 * dt_s
         moved_m = float(np.sqrt(s.v_M @ s.v_M)) * dt_s

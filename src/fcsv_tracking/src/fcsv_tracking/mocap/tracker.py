@@ -18,12 +18,13 @@ from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.mocap import so3
 from fcsv_tracking.mocap.anchor import Anchor
 from fcsv_tracking.mocap.blend import Blend
-from fcsv_tracking.mocap.filter import FilterNoise, MocapFilter
+from fcsv_tracking.mocap.filter import PERIOD_S, FilterNoise, MocapFilter
 from fcsv_tracking.mocap.samples import InputRules, MocapInput, VehicleInput, VehicleSample
 
-_HOVER = (np.zeros(3), np.array([0.0, 0.0, 9.81]))
 _LONGEST_STEP_S = 0.05
+_LATEST_S = 0.02  # how long after the filter's moment a sample may come: motion is straight for so long
 _UNPROVEN_S = 0.1  # how long odometry alone is followed before movement has proven its heading
+_CONTRADICTION = "odometry and IMU contradict each other, or mocap: who is right is not known"
 _UNPROVEN = "its heading is not proven yet: move it 0.3 m sideways in the mocap's view"
 
 
@@ -36,6 +37,7 @@ class TrackerRules:
     mocap_wait_s: float = 0.03  # how much later a pose may come before odometry goes on without it
     hold_s: float = 0.25  # likewise for odometry: several packets that Wi-Fi loses
     coast_s: float = 0.5  # without odometry and mocap for longer than this there is no pose
+    coast_deg: float = 6.0  # a frame of the mocap that turns the body by more while odometry is silent: other markers
     bridge_s: float = 2.0  # odometry silent for longer, out of view: it may have begun anew, the offset is lost
     gate_6: float = 30.0  # squared Mahalanobis distances: one in 25 000 by chance
     gate_3: float = 24.0
@@ -131,14 +133,16 @@ class MocapTracker:
         self._forget("the clock was set back")
 
     def _take(self, moment_s: float, what) -> None:
-        if self._filter is not None and moment_s < self._time_s - 0.02:
+        if self._filter is not None and moment_s < self._time_s - _LATEST_S:
             self.counts["too late"] += 1
             return
         self._advance(moment_s)
+        late_s = max(0.0, self._time_s - moment_s)
         if isinstance(what, tuple):
-            self._take_vehicle(moment_s, *what)
+            sample, delay_s, continues = what
+            self._take_vehicle(moment_s, late_s, sample, delay_s, continues)
         else:
-            self._take_mocap(moment_s, what)
+            self._take_mocap(moment_s, late_s, what)
 
     # -- the filter's day -------------------------------------------------------------------------------------------
 
@@ -149,27 +153,34 @@ class MocapTracker:
         while moment_s - self._time_s > 1e-9:
             dt_s = min(moment_s - self._time_s, _LONGEST_STEP_S)
             imu = self._imu_at(self._time_s + 0.5 * dt_s)
-            self._filter.predict(*(imu or _HOVER), dt_s, coasting=imu is None)
             self._time_s += dt_s
+            self._coasting = imu is None
+            if imu is None:
+                self._filter.coast(dt_s, self._time_s - max(self._mocap_s, self._vehicle_s))
+            else:
+                rate_radps, accel_mps2, apart_s = imu
+                self._filter.predict(rate_radps, accel_mps2, dt_s, apart_s)
         if self._time_s - max(self._mocap_s, self._vehicle_s) > self._rules.coast_s:
             self._forget("neither odometry nor mocap")
 
     def _imu_at(self, moment_s: float):
-        """Gyro and accelerometer between the last sample and the next, which is mostly there already."""
+        """Rate, force and the seconds between the last sample and the next, which is mostly there already; or None."""
         while self._coming and self._coming[0][0] <= self._vehicle_s:
             self._coming.popleft()
         last, following = self._imu, self._coming[0] if self._coming else None
         if last is None or following is None or not 0.0 < following[0] - self._vehicle_s < self._rules.hold_s:
             return None  # silent: what the last packet said of turning and pushing holds for 50 ms at most
         if not following[2]:
-            return last.gyro_radps, last.accel_mps2
+            return last.gyro_radps, last.accel_mps2, PERIOD_S
         gap_s, after = following[0] - self._vehicle_s, following[1]
         share = min(1.0, max(0.0, (moment_s - self._vehicle_s) / gap_s))
         # the turn between two attitudes, not the gyro's momentary reading: at 20 Hz that is vibration
         rate = so3.log(last.T_O_D[:3, :3].T @ after.T_O_D[:3, :3]) / gap_s
-        return rate, (1 - share) * last.accel_mps2 + share * after.accel_mps2
+        return rate, (1 - share) * last.accel_mps2 + share * after.accel_mps2, gap_s
 
-    def _take_vehicle(self, moment_s: float, sample: VehicleSample, delay_s: float, continues: bool) -> None:
+    def _take_vehicle(
+        self, moment_s: float, late_s: float, sample: VehicleSample, delay_s: float, continues: bool
+    ) -> None:
         silent_s = moment_s - self._vehicle_s
         self._vehicle_s, self._imu = moment_s, sample
         if self._filter is None:
@@ -180,7 +191,7 @@ class MocapTracker:
         if not continues or silent_s > self._rules.bridge_s:
             self._filter.move_odometry(sample.T_O_D, 0.05 + silent_s * 0.1, np.radians(1.0))
             return
-        self._correct_by_odometry(moment_s, sample, delay_s)
+        self._correct_by_odometry(moment_s, sample, delay_s - late_s)
 
     def _correct_by_odometry(self, moment_s: float, sample: VehicleSample, delay_s: float) -> None:
         before = self._filter.state.T_M_D
@@ -190,26 +201,33 @@ class MocapTracker:
             if self._odometry_off_s is None:
                 self._odometry_off_s = moment_s
             elif moment_s - self._odometry_off_s > self._rules.dispute_s:
-                self._forget("odometry and IMU contradict each other, or mocap: who is right is not known")
+                self._forget(_CONTRADICTION)
             return
         self._odometry_off_s = None
         odometry.apply()
         attitude = self._filter.attitude(sample.T_O_D[:3, :3], sample.gyro_radps, delay_s)
         if attitude.distance2 > self._rules.gate_3:
             self.counts["odometry: attitude off what was predicted"] += 1
+            if self._attitude_off_s is None:
+                self._attitude_off_s = moment_s
+            elif moment_s - self._attitude_off_s > self._rules.dispute_s:
+                self._forget(_CONTRADICTION)
+                return
         else:
+            self._attitude_off_s = None
             attitude.apply()
         self._blend.corrected(before, self._filter.state.T_M_D)
 
-    def _take_mocap(self, moment_s: float, T_M_D: np.ndarray) -> None:
+    def _take_mocap(self, moment_s: float, late_s: float, T_M_D: np.ndarray) -> None:
         if self._filter is None:
             T_M_D = self._anchor.add(moment_s, T_M_D, self._odometry)
-            if T_M_D is not None:
+            if T_M_D is not None and self._imu is not None:
                 self._begin(moment_s, T_M_D)
             return
-        correction = self._filter.mocap(T_M_D)
-        if correction.distance2 > self._rules.gate_6:
-            self._doubt(moment_s, T_M_D, correction)
+        correction = self._filter.mocap(self._moved_on(T_M_D, late_s))
+        turned = self._coasting and float(np.linalg.norm(correction.residual[3:])) > np.radians(self._rules.coast_deg)
+        if turned or correction.distance2 > self._rules.gate_6:
+            self._doubt(moment_s, correction, turned)
             return
         before = self._filter.state.T_M_D
         correction.apply()
@@ -219,10 +237,16 @@ class MocapTracker:
         if float(np.hypot(moved_O[0], moved_O[1])) > self._rules.confirm_m:
             self._heading_confirmed, self.absent_because = True, ""
 
-    def _doubt(self, moment_s: float, T_M_D: np.ndarray, correction) -> None:
+    def _moved_on(self, T_M_D: np.ndarray, late_s: float) -> np.ndarray:
+        """A pose of a little before the filter's moment, as it would be now."""
+        rate_radps = self._imu.gyro_radps if late_s and self._imu is not None else np.zeros(3)
+        turned = T_M_D[:3, :3] @ so3.exp(rate_radps * late_s)
+        return transforms.transform(turned, T_M_D[:3, 3] + self._filter.state.v_M * late_s)
+
+    def _doubt(self, moment_s: float, correction, turned: bool) -> None:
         """A pose that the gate keeps out: whose fault, and for how long already?"""
         place_off = correction.part(slice(0, 3))[0] > self._rules.gate_3
-        heading_off = correction.part(slice(3, 6))[0] > self._rules.gate_3
+        heading_off = turned or correction.part(slice(3, 6))[0] > self._rules.gate_3
         self.counts[f"mocap: {'place' if place_off else ''}{' and ' if place_off and heading_off else ''}"
                     f"{'rotation' if heading_off else ''} off what was predicted"] += 1  # fmt: skip
         if heading_off and not place_off and self._heading_confirmed:
@@ -239,7 +263,7 @@ class MocapTracker:
 
     def _begin(self, moment_s: float, T_M_D: np.ndarray) -> None:
         self._filter = MocapFilter(
-            self._rules.noise, T_M_D, self._odometry.at(moment_s), self._rules.odometry_latency_s
+            self._rules.noise, T_M_D, self._odometry.at(moment_s), self._imu.v_O_mps, self._rules.odometry_latency_s
         )
         self._time_s = self._mocap_s = moment_s
         self._began_p_M = T_M_D[:3, 3].copy()
@@ -254,8 +278,9 @@ class MocapTracker:
         self._vehicle_s = getattr(self, "_vehicle_s", -np.inf)
         self._imu: Optional[VehicleSample] = getattr(self, "_imu", None)
         self._blend = Blend(self._rules.blend_mps, np.radians(self._rules.blend_degps))
-        self._heading_confirmed = False
-        self._doubt_since_s = self._place_doubt_since_s = self._odometry_off_s = None
+        self._heading_confirmed = self._coasting = False
+        self._doubt_since_s = self._place_doubt_since_s = None
+        self._odometry_off_s = self._attitude_off_s = None
         self.absent_because = why
 
     # -- what comes out ---------------------------------------------------------------------------------------------
@@ -272,7 +297,9 @@ class MocapTracker:
     def pose(self, now_s: float) -> Optional[TrackedPose]:
         """The newest pose, None where there is none to be trusted (``absent_because``)."""
         found = self.guess(now_s)
-        return found if found is not None and found.heading_confirmed else None
+        if found is None or not found.heading_confirmed or self._attitude_off_s is not None:
+            return None
+        return found
 
     def guess(self, now_s: float) -> Optional[TrackedPose]:
         """The same, and before movement has proven the heading a pose that may stand turned over in its right place."""
