@@ -16,6 +16,7 @@ NAMES = ("tello1", "tello2")
 T_WORLD_MOCAP = tf.from_xyz_rpy([0.0, 0.0, 0.3], np.radians([0.0, -45.0, 0.0]))
 
 
+STEP_S = 0.0025
 AHEAD_S = 0.5  # of its time the truth is written, so that a test that is kept waiting does not hold up the world
 
 
@@ -33,19 +34,22 @@ class Hovering:
         self._leaves_s = time.time() + AHEAD_S
 
     def _fly(self):
-        before, began_s = {}, time.time()
-        while not self._stop.wait(0.0025):
-            stamp_s = time.time() + AHEAD_S
-            share = min(1.0, max(0.0, stamp_s - self._leaves_s) / 4.0)
-            t = stamp_s - began_s
-            offset_m = 2.5 * (10 * share**3 - 15 * share**4 + 6 * share**5)
-            for i, name in enumerate(NAMES):
-                p = np.array([2.0 + 0.25 * np.sin(0.9 * t + i), (0.7 - 1.4 * i) / 2 + 0.25 * np.cos(0.7 * t), 2.0])
-                p += [0.0, -offset_m * i, 0.0]
-                T = tf.from_xyz_rpy(p, [0.02 * np.sin(t), 0.02 * np.cos(t), 0.1 * np.sin(0.3 * t)])
-                last_t, last_p = before.get(name, (t - 0.004, p))
-                self._writers[name].write(stamp_s, T, (p - last_p) / (t - last_t))
-                before[name] = (t, p)
+        began_s = stamp_s = time.time()
+        before = {}
+        while not self._stop.wait(STEP_S):
+            while stamp_s < time.time() + AHEAD_S:
+                stamp_s += STEP_S
+                self._step(stamp_s, stamp_s - began_s, before)
+
+    def _step(self, stamp_s, t, before):
+        share = min(1.0, max(0.0, stamp_s - self._leaves_s) / 4.0)
+        offset_m = 2.5 * (10 * share**3 - 15 * share**4 + 6 * share**5)
+        for i, name in enumerate(NAMES):
+            p = np.array([2.0 + 0.25 * np.sin(0.9 * t + i), (0.7 - 1.4 * i) / 2 + 0.25 * np.cos(0.7 * t), 2.0])
+            p += [0.0, -offset_m * i, 0.0]
+            T = tf.from_xyz_rpy(p, [0.02 * np.sin(t), 0.02 * np.cos(t), 0.1 * np.sin(0.3 * t)])
+            self._writers[name].write(stamp_s, T, (p - before.get(name, p)) / STEP_S)
+            before[name] = p
 
     def stop(self):
         self._stop.set()
