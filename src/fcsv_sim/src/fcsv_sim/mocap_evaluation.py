@@ -13,8 +13,8 @@ from fcsv_sim import mocap_flight
 from fcsv_sim.mocap_flight import T_WORLD_MOCAP, FlightErrors, Truth
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.mocap import equations
+from fcsv_tracking.mocap.rules import TrackerRules
 from fcsv_tracking.mocap.system import MocapSystem
-from fcsv_tracking.mocap.tracker import TrackerRules
 
 RATE_HZ = 30.0
 AWAY_M = 20.0

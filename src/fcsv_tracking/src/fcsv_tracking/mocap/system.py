@@ -10,7 +10,8 @@ from fcsv_geometry import transforms
 from fcsv_tracking.chain import home_of
 from fcsv_tracking.errors import HomeRefused, SampleRejected
 from fcsv_tracking.mocap import equations
-from fcsv_tracking.mocap.tracker import MocapTracker, TrackerRules
+from fcsv_tracking.mocap.rules import TrackerRules
+from fcsv_tracking.mocap.tracker import MocapTracker
 
 _BODY_M = 0.15  # two vehicles cannot be nearer than this to each other
 _AS_FAR = 6.0  # of that: a vehicle that seems further away is not in a place

@@ -7,50 +7,26 @@ is 10 ms late, a Tello's packets 70 ms and more, and the filter learns how much 
 
 import heapq
 from collections import Counter, deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Deque, List, Optional, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.config import require_positive
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.mocap import so3
 from fcsv_tracking.mocap.anchor import Anchor
 from fcsv_tracking.mocap.blend import Blend
-from fcsv_tracking.mocap.filter import PERIOD_S, FilterNoise, MocapFilter
-from fcsv_tracking.mocap.samples import InputRules, MocapInput, VehicleInput, VehicleSample
+from fcsv_tracking.mocap.disputes import Disputes
+from fcsv_tracking.mocap.filter import PERIOD_S, MocapFilter
+from fcsv_tracking.mocap.rules import TrackerRules
+from fcsv_tracking.mocap.samples import MocapInput, VehicleInput, VehicleSample
 
 _LONGEST_STEP_S = 0.05
 _LATEST_S = 0.02  # how long after the filter's moment a sample may come: motion is straight for so long
 _UNPROVEN_S = 0.1  # how long odometry alone is followed before movement has proven its heading
 _CONTRADICTION = "odometry and IMU contradict each other, or mocap: who is right is not known"
 _UNPROVEN = "its heading is not proven yet: move it 0.3 m sideways in the mocap's view"
-
-
-@dataclass(frozen=True)
-class TrackerRules:
-    """How one vehicle is tracked."""
-
-    mocap_latency_s: float = 0.011  # the tracker's frame to the stamp of its pose: exposure, network, half a period
-    odometry_latency_s: float = 0.07  # first guess; the filter learns it in view
-    mocap_wait_s: float = 0.03  # how much later a pose may come before odometry goes on without it
-    hold_s: float = 0.25  # likewise for odometry: several packets that Wi-Fi loses
-    coast_s: float = 0.5  # without odometry and mocap for longer than this there is no pose
-    coast_deg: float = 6.0  # a frame of the mocap that turns the body by more while odometry is silent: other markers
-    bridge_s: float = 2.0  # odometry silent for longer, out of view: it may have begun anew, the offset is lost
-    gate_6: float = 30.0  # squared Mahalanobis distances: one in 25 000 by chance
-    gate_3: float = 24.0
-    dispute_s: float = 0.5  # place in dispute, heading not, for so long: who is right is not known
-    dispute_all_s: float = 2.0  # both in dispute: mocap takes something else for the body, until this long
-    confirm_m: float = 0.3  # horizontal movement in view that proves the heading
-    blend_mps: float = 0.25
-    blend_degps: float = 10.0
-    input: InputRules = field(default_factory=InputRules)
-    noise: FilterNoise = field(default_factory=FilterNoise)
-
-    def __post_init__(self):
-        require_positive(self)
 
 
 @dataclass(frozen=True)
@@ -84,6 +60,7 @@ class MocapTracker:
         self._newest = {"mocap": -np.inf, "vehicle": -np.inf}
         self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
         self._anchor = Anchor()
+        self._disputes = Disputes(rules, self.counts)
         self._forget("not seen yet: fly it into the mocap's view")
 
     # -- samples ----------------------------------------------------------------------------------------------------
@@ -196,25 +173,18 @@ class MocapTracker:
     def _correct_by_odometry(self, moment_s: float, sample: VehicleSample, delay_s: float) -> None:
         before = self._filter.state.T_M_D
         odometry = self._filter.odometry(sample.T_O_D[:3, 3], sample.v_O_mps, delay_s)
-        if odometry.distance2 > self._rules.gate_6:
-            self.counts["odometry: off what was predicted"] += 1
-            if self._odometry_off_s is None:
-                self._odometry_off_s = moment_s
-            elif moment_s - self._odometry_off_s > self._rules.dispute_s:
-                self._forget(_CONTRADICTION)
+        off = odometry.distance2 > self._rules.gate_6
+        if self._disputes.odometry(moment_s, off):
+            self._forget(_CONTRADICTION)
+        if off:
             return
-        self._odometry_off_s = None
         odometry.apply()
         attitude = self._filter.attitude(sample.T_O_D[:3, :3], sample.gyro_radps, delay_s)
-        if attitude.distance2 > self._rules.gate_3:
-            self.counts["odometry: attitude off what was predicted"] += 1
-            if self._attitude_off_s is None:
-                self._attitude_off_s = moment_s
-            elif moment_s - self._attitude_off_s > self._rules.dispute_s:
-                self._forget(_CONTRADICTION)
-                return
-        else:
-            self._attitude_off_s = None
+        off = attitude.distance2 > self._rules.gate_3
+        if self._disputes.attitude(moment_s, off):
+            self._forget(_CONTRADICTION)
+            return
+        if not off:
             attitude.apply()
         self._blend.corrected(before, self._filter.state.T_M_D)
 
@@ -225,14 +195,15 @@ class MocapTracker:
                 self._begin(moment_s, T_M_D)
             return
         correction = self._filter.mocap(self._moved_on(T_M_D, late_s))
-        turned = self._coasting and float(np.linalg.norm(correction.residual[3:])) > np.radians(self._rules.coast_deg)
-        if turned or correction.distance2 > self._rules.gate_6:
-            self._doubt(moment_s, correction, turned)
+        if self._disputes.keeps_out(correction, self._coasting):
+            if self._disputes.mocap(moment_s, correction, self._coasting, self._heading_confirmed):
+                self._forget("mocap and odometry contradict each other: who is right is not known")
             return
         before = self._filter.state.T_M_D
         correction.apply()
         self._blend.corrected(before, self._filter.state.T_M_D)
-        self._mocap_s, self._doubt_since_s, self._place_doubt_since_s = moment_s, None, None
+        self._mocap_s = moment_s
+        self._disputes.mocap_agrees()
         moved_O = self._filter.state.R_M_O.T @ (T_M_D[:3, 3] - self._began_p_M)
         if float(np.hypot(moved_O[0], moved_O[1])) > self._rules.confirm_m:
             self._heading_confirmed, self.absent_because = True, ""
@@ -242,24 +213,6 @@ class MocapTracker:
         rate_radps = self._imu.gyro_radps if late_s and self._imu is not None else np.zeros(3)
         turned = T_M_D[:3, :3] @ so3.exp(rate_radps * late_s)
         return transforms.transform(turned, T_M_D[:3, 3] + self._filter.state.v_M * late_s)
-
-    def _doubt(self, moment_s: float, correction, turned: bool) -> None:
-        """A pose that the gate keeps out: whose fault, and for how long already?"""
-        place_off = correction.part(slice(0, 3))[0] > self._rules.gate_3
-        heading_off = turned or correction.part(slice(3, 6))[0] > self._rules.gate_3
-        self.counts[f"mocap: {'place' if place_off else ''}{' and ' if place_off and heading_off else ''}"
-                    f"{'rotation' if heading_off else ''} off what was predicted"] += 1  # fmt: skip
-        if heading_off and not place_off and self._heading_confirmed:
-            return  # markers taken for one another; odometry carries on
-        if self._doubt_since_s is None:
-            self._doubt_since_s = moment_s
-        if heading_off and place_off:
-            self._place_doubt_since_s = None
-        elif self._place_doubt_since_s is None:
-            self._place_doubt_since_s = moment_s
-        alone_s = moment_s - (moment_s if self._place_doubt_since_s is None else self._place_doubt_since_s)
-        if alone_s > self._rules.dispute_s or moment_s - self._doubt_since_s > self._rules.dispute_all_s:
-            self._forget("mocap and odometry contradict each other: who is right is not known")
 
     def _begin(self, moment_s: float, T_M_D: np.ndarray) -> None:
         self._filter = MocapFilter(
@@ -279,8 +232,7 @@ class MocapTracker:
         self._imu: Optional[VehicleSample] = getattr(self, "_imu", None)
         self._blend = Blend(self._rules.blend_mps, np.radians(self._rules.blend_degps))
         self._heading_confirmed = self._coasting = False
-        self._doubt_since_s = self._place_doubt_since_s = None
-        self._odometry_off_s = self._attitude_off_s = None
+        self._disputes.clear()
         self.absent_because = why
 
     # -- what comes out ---------------------------------------------------------------------------------------------
@@ -297,7 +249,7 @@ class MocapTracker:
     def pose(self, now_s: float) -> Optional[TrackedPose]:
         """The newest pose, None where there is none to be trusted (``absent_because``)."""
         found = self.guess(now_s)
-        if found is None or not found.heading_confirmed or self._attitude_off_s is not None:
+        if found is None or not found.heading_confirmed or self._disputes.about_attitude:
             return None
         return found
 

@@ -19,8 +19,9 @@ from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_tracking.errors import SampleRejected
+from fcsv_tracking.mocap.rules import TrackerRules
 from fcsv_tracking.mocap.system import CameraPose, MocapSystem
-from fcsv_tracking.mocap.tracker import TrackedPose, TrackerRules
+from fcsv_tracking.mocap.tracker import TrackedPose
 from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.home_service import HomeService
 from fcsv_tracking.ros.static_frames import fixed_parts
