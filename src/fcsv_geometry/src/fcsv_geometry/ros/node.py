@@ -30,7 +30,11 @@ def run(name: str, make: Callable[[], Any]) -> int:
     except FcsvError as error:
         rospy.logfatal("%s", error)
         return CANNOT_RUN
-    getattr(node, "spin", rospy.spin)()
+    try:
+        getattr(node, "spin", rospy.spin)()
+    except rospy.ROSException:  # "publish() to a closed topic", and interrupted sleep
+        if not rospy.is_shutdown():
+            raise
     return 0
 
 

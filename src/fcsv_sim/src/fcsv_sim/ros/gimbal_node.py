@@ -61,15 +61,11 @@ class GimbalNode:
         self._infos = rospy.Publisher(f"{at}/camera_info", CameraInfo, queue_size=2)
         self._lock = threading.Lock()
         self._loop = ServoLoop(p.vehicle, self._servos, self._health)
-        threading.Thread(target=self._serve, daemon=True).start()
+        self._timer = node.every(1.0 / _READ_HZ, self._serve)
 
-    def _serve(self) -> None:
-        due_s = time.time()
-        while not rospy.is_shutdown():
-            due_s = max(due_s + 1.0 / _READ_HZ, time.time())
-            time.sleep(max(0.0, due_s - time.time()))
-            with self._lock:
-                self._loop.pass_once()
+    def _serve(self, _event) -> None:
+        with self._lock:
+            self._loop.pass_once()
 
     def spin(self) -> None:
         """Until ROS shuts the node down."""
