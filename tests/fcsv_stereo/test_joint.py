@@ -12,12 +12,13 @@ from test_photographs import fountain, motorcycle
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import cli, colmap
-from fcsv_stereo.errors import MatchingError, StereoError
+from fcsv_stereo.errors import InputError, MatchingError, StereoError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly
 from fcsv_stereo.joint.pairs import nearest_useful_m
 from fcsv_stereo.joint.sweep import grey, inverse_depths, projection, views
+from fcsv_stereo.pipeline import METHODS
 
 UNREFINED = JointOptions(refine_poses=False)
 FOCAL_PX = scenes.CAMERA.fx
@@ -217,6 +218,24 @@ def test_the_map_of_a_session():
         expected = p.configuration.baseline_m * FOCAL_PX / 20.0  # of the far wall, 2.5
         assert np.nanmedian(np.abs(p.disparity)) == pytest.approx(expected, rel=0.1)
     assert set(result.timing_s) == {"refine", "match", "fuse"} and max(result.cloud.baseline_index) <= 2
+
+
+def test_depth_of_half_the_size():
+    given = scenes.given(((0, -0.5, 0), "horizontal"), ((0, -1.0, 0), "horizontal"), ((0, 0, 1.0), "vertical"))
+    last = given.configurations[2]
+    given.configurations[2] = replace(last, references=[replace(p, name="later") for p in last.references])
+    result = METHODS["joint"](given, JointOptions(scale=0.5), quiet)
+    camera = scenes.CAMERA.resized(160, 120)
+    assert result.reference.camera == camera and result.reference.image.shape == (120, 160, 3)
+    truth = cv2.resize(scenes.true_depth(result.reference.T_home_cam), (160, 120), interpolation=cv2.INTER_NEAREST)
+    assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.85
+    x = result.cloud.points_home_m[:, 0]
+    assert np.median(np.minimum(np.abs(x - 20.0), np.abs(x - 12.0))) < 0.2
+    assert len(result.watched) == 1 and not any(
+        "moved" in w for w in result.warnings
+    )  # compared in pictures of that size, too
+    with pytest.raises(InputError, match="scale is 0.05"):
+        JointOptions(scale=0.05)
 
 
 @pytest.mark.parametrize("words, option", [

@@ -170,6 +170,7 @@ def test_monitoring_answers_again_and_again(fleet):
             break
     until(lambda: len(f.depths) >= 3, what="three depth images")
     assert f.last("ready").configurations == 2
+    assert {(d.width, d.height) for d in f.depths} == {(CAMERA.width // 2, CAMERA.height // 2)}
     given = [round(d.header.stamp.to_sec(), 3) for d in f.depths]
     assert len(set(given)) == len(given) and set(given) <= {round(s, 3) for s in stamps}
 

@@ -49,6 +49,16 @@ class PinholeCamera:
         """3x3 camera matrix."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
+    def resized(self, width: int, height: int) -> "PinholeCamera":
+        """The camera of its picture resized; pixel centres are at whole numbers.
+
+        >>> PinholeCamera(640, 480, 600.0, 600.0, 319.5, 239.5).resized(320, 240).cx
+        159.5
+        """
+        sx, sy = width / self.width, height / self.height
+        cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
+        return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=cx, cy=cy)
+
     def undistorted(self) -> "PinholeCamera":
         """The same camera without distortion: what the picture from undistort() belongs to."""
         return replace(self, distortion=(0.0,) * len(self.distortion))

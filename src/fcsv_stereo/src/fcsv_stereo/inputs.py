@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a mapping method starts from, whatever it was read from."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import List, Optional
 
+import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
@@ -22,6 +23,12 @@ class Picture:
     image: np.ndarray
     camera: PinholeCamera
     T_home_cam: np.ndarray
+
+    def shrunk(self, scale: float) -> "Picture":
+        """The picture at a share of its size."""
+        height, width = (max(1, round(n * scale)) for n in self.image.shape[:2])
+        image = cv2.resize(self.image, (width, height), interpolation=cv2.INTER_AREA)
+        return replace(self, image=image, camera=self.camera.resized(width, height))
 
 
 @dataclass(frozen=True)

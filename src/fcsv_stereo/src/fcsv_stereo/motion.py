@@ -53,7 +53,8 @@ def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
     for k, pair in enumerate(result.pairs):
         later = _reference_of(given.configurations, pair.other_name)
         if later is not None and later.name != result.reference.name:
-            seen = changes(result.reference, later, still)
+            scale = result.reference.camera.width / later.camera.width
+            seen = changes(result.reference, later.shrunk(scale) if scale < 1.0 else later, still)
             if seen is None:
                 continue
             watched.append(pair.other_name)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_stereo.inputs import Picture
-from fcsv_stereo.joint.sweep import Views, scaled_camera
+from fcsv_stereo.joint.sweep import Views, camera_matrix
 
 _CELL = 4  # px: one correction of inverse depth each
 _HUBER = 3.0  # grey levels
@@ -98,7 +98,7 @@ def _prior(reference: Picture, others: Sequence[Picture], covariances: Sequence[
 def _linear(reference: Picture, other: Picture, found: Views, i: int, w: np.ndarray, known: np.ndarray):
     """Weight, difference, slope by w (HxW) and by the pose (HxWx6) of one pair."""
     height, width = found.sizes[i]
-    K_ref, K = scaled_camera(reference.camera, w.shape), scaled_camera(other.camera, (height, width))
+    K_ref, K = camera_matrix(reference.camera, w.shape), camera_matrix(other.camera, (height, width))
     T = transforms.invert(other.T_home_cam) @ reference.T_home_cam
     v, u = np.indices(w.shape, np.float32)
     rays = np.stack([(u - K_ref[0, 2]) / K_ref[0, 0], (v - K_ref[1, 2]) / K_ref[1, 1], np.ones_like(u)], axis=-1)

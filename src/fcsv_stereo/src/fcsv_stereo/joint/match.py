@@ -24,6 +24,7 @@ from fcsv_stereo.joint.trust import consistent, trusted
 _LEAST_BASELINE_M = 1e-6
 _LEAST_PIXELS = 16
 _ADJUSTMENTS = 4
+_SETTLED_PIXELS = 100000
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def match_jointly(
                 w = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
             else:
                 w = stretched(w, found.shape)
-                if scale < 1.0:  # at the full size it costs more than it mends
+                if scale < 1.0 or w.size <= _SETTLED_PIXELS:  # at a large full size it costs more than it mends
                     w = settled(_colour(reference, found.shape), w)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
             fine = refine(detail(found), w, step, options.iterations if scale == 1.0 else 1, pool)

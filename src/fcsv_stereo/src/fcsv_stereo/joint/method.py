@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_stereo.depth import points_from_depth
 from fcsv_stereo.equations import ErrorThreshold, farthest
-from fcsv_stereo.errors import MatchingError
+from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
@@ -22,12 +22,20 @@ _MOST_POSE_PX = 1.5
 @dataclass(frozen=True)
 class JointOptions:
     """Choices of the method. An input that says how good its poses are overrules the refinement's prior;
-    ``threshold`` is for equation 3.1's farthest depth in the report alone."""
+    ``threshold`` is for equation 3.1's farthest depth in the report alone.
+
+    Poses are refined in whole pictures; depth is that of the reference picture at ``scale`` of its size.
+    """
 
     refine_poses: bool = True
     refinement: RefineOptions = field(default_factory=RefineOptions)
     matching: MatchOptions = field(default_factory=MatchOptions)
     threshold: ErrorThreshold = field(default_factory=lambda: ErrorThreshold(0.1, True))
+    scale: float = 1.0
+
+    def __post_init__(self):
+        if not 0.1 <= self.scale <= 1.0:
+            raise InputError(f"scale is {self.scale}; it must lie in 0.1 to 1 of the pictures' size")
 
 
 def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
@@ -47,6 +55,8 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     kept = _fit_to_match(refined, warnings)
     pictures = [refined[i].picture for i in kept]
     matching = replace(options.matching, adjust_poses=options.refine_poses)
+    if options.scale < 1.0:
+        reference, pictures = reference.shrunk(options.scale), [p.shrunk(options.scale) for p in pictures]
     found = match_jointly(reference, pictures, matching, [refined[i].covariance for i in kept])
     for i, picture in zip(found.used, found.pictures):
         pictures[i] = picture

@@ -59,9 +59,9 @@ def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Se
     stack = np.zeros((len(others), *shape), np.float32)
     for s, g in zip(stack, small[1:]):
         s[: g.shape[0], : g.shape[1]] = g
-    K = scaled_camera(reference.camera, small[0].shape)
+    K = camera_matrix(reference.camera, small[0].shape)
     projections = [
-        projection(reference, o, K, scaled_camera(o.camera, g.shape)) for o, g in zip(others, small[1:])
+        projection(reference, o, K, camera_matrix(o.camera, g.shape)) for o, g in zip(others, small[1:])
     ]  # fmt: skip
     sizes = np.array([g.shape for g in small[1:]], np.int64).reshape(-1, 2)
     falling = -reference.T_home_cam[2, :3] @ np.linalg.inv(K)
@@ -117,13 +117,9 @@ def _resize(image: np.ndarray, scale: float) -> np.ndarray:
     return cv2.resize(image, tuple(size), interpolation=cv2.INTER_AREA)
 
 
-def scaled_camera(camera: PinholeCamera, shape: Tuple[int, int]) -> np.ndarray:
-    """K of the resized picture; pixel centres at whole numbers."""
-    sx, sy = shape[1] / camera.width, shape[0] / camera.height
-    return np.array([
-        [camera.fx * sx, 0.0, (camera.cx + 0.5) * sx - 0.5], [0.0, camera.fy * sy, (camera.cy + 0.5) * sy - 0.5],
-        [0.0, 0.0, 1.0],
-    ])  # fmt: skip
+def camera_matrix(camera: PinholeCamera, shape: Tuple[int, int]) -> np.ndarray:
+    """K of the picture resized to ``shape``."""
+    return camera.resized(shape[1], shape[0]).K
 
 
 def _grid(shape: Tuple[int, int]) -> np.ndarray:

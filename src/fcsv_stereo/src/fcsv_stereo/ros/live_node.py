@@ -4,7 +4,7 @@
 import threading
 import time
 from dataclasses import dataclass, replace
-from typing import List, Optional
+from typing import Callable, List, Optional
 
 import rospy
 import tf2_ros
@@ -17,7 +17,7 @@ from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
 from fcsv_stereo.inputs import MapInput
 from fcsv_stereo.live import Corrections, LivePicture, LiveSession, remembering
-from fcsv_stereo.pipeline import METHODS, OPTIONS, QUICK_OPTIONS
+from fcsv_stereo.pipeline import METHODS, MONITOR_OPTIONS, OPTIONS, QUICK_OPTIONS
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.result import MapResult
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
@@ -25,7 +25,7 @@ from fcsv_stereo.ros.session_messages import odoms_in_home, window_of
 from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0
-_REFINE_EVERY = 10  # depth images while monitoring
+_REFINE_EVERY = 20  # depth images while monitoring
 _FIRST_LOOK_PICTURES = 1  # of each vehicle and configuration: who flies waits for it
 
 
@@ -34,7 +34,8 @@ class LiveParameters:
     """Parameters of the node; ``vehicles`` with the reference first.
 
     ``monitor``: instead of one map of a mission, depth of what the vehicles see now, at most ``monitor_rate_hz``
-    times a second, from pictures at most ``apart_s`` apart (vehicles hold, the scene may move).
+    times a second, from pictures at most ``apart_s`` apart (vehicles hold, the scene may move); of ``joint`` at half
+    the pictures' size, with the camera_info of that size.
     """
 
     vehicles: List[str]
@@ -141,7 +142,7 @@ class LiveNode:
         p = self._parameters
         method = METHODS[p.method]
         known = KnownFeatures()
-        quick = remembering(QUICK_OPTIONS[p.method], known)
+        quick = remembering((MONITOR_OPTIONS if p.monitor else QUICK_OPTIONS)[p.method], known)
         options = quick if p.monitor else remembering(OPTIONS[p.method](), known)
         for each in [quick] if p.monitor else [quick, options]:
             warm_up(method, each)
@@ -173,31 +174,34 @@ class LiveNode:
             if not self._news:
                 return None
             self._news = False
-            try:
-                if self._parameters.monitor:
-                    reference, *others = self._parameters.vehicles
-                    given = self._session.newest(reference, others, self._parameters.apart_s, self._watched_s)
-                    if given is not None:
-                        self._watched_s = given.configurations[0].references[0].stamp_s
-                        self._last_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
-                    return given
-                complete = {i for i in self._session.windows if self._session.complete(i)}
-                if complete <= self._mapped:
-                    return None
-                given = self._session.inputs(_FIRST_LOOK_PICTURES)
-                self._mapped, self._last_s = complete, self._session.last_picture_s()
-                return given
-            except FcsvError as error:
-                self._say("failed", str(error))
-                return None
+            return self._given(self._newest if self._parameters.monitor else self._first_look)
 
     def _whole_input(self) -> Optional[MapInput]:
         with self._changed:
-            try:
-                return self._session.inputs()
-            except FcsvError as error:
-                self._say("failed", str(error))
-                return None
+            return self._given(self._session.inputs)
+
+    def _given(self, take: Callable[[], Optional[MapInput]]) -> Optional[MapInput]:
+        try:
+            return take()
+        except FcsvError as error:
+            self._say("failed", str(error))
+            return None
+
+    def _newest(self) -> Optional[MapInput]:
+        reference, *others = self._parameters.vehicles
+        given = self._session.newest(reference, others, self._parameters.apart_s, self._watched_s)
+        if given is not None:
+            self._watched_s = given.configurations[0].references[0].stamp_s
+            self._last_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
+        return given
+
+    def _first_look(self) -> Optional[MapInput]:
+        complete = {i for i in self._session.windows if self._session.complete(i)}
+        if complete <= self._mapped:
+            return None
+        given = self._session.inputs(_FIRST_LOOK_PICTURES)
+        self._mapped, self._last_s = complete, self._session.last_picture_s()
+        return given
 
     def _with_known_poses(self, options, given: MapInput):
         """Poses are refined now and then, and corrected as found in between."""
