@@ -249,7 +249,10 @@ class MocapTracker:
     def pose(self, now_s: float) -> Optional[TrackedPose]:
         """The newest pose, None where there is none to be trusted (``absent_because``)."""
         found = self.guess(now_s)
-        if found is None or not found.heading_confirmed or self._disputes.about_attitude:
+        if found is None or not found.heading_confirmed:
+            return None
+        if self._disputes.about_attitude:
+            self.absent_because = "its own attitude contradicts the pose"
             return None
         return found
 
