@@ -231,9 +231,8 @@ def test_depth_of_half_the_size():
     assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.85
     x = result.cloud.points_home_m[:, 0]
     assert np.median(np.minimum(np.abs(x - 20.0), np.abs(x - 12.0))) < 0.2
-    assert len(result.watched) == 1 and not any(
-        "moved" in w for w in result.warnings
-    )  # compared in pictures of that size, too
+    # later pictures were compared at that size, too
+    assert len(result.watched) == 1 and not any("moved" in w for w in result.warnings)
     with pytest.raises(InputError, match="scale is 0.05"):
         JointOptions(scale=0.05)
 
