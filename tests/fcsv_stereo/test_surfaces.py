@@ -11,8 +11,10 @@ import scenes
 
 from fcsv_stereo.joint.candidates import MOST, candidates
 from fcsv_stereo.joint.colour import settled
-from fcsv_stereo.joint.surfaces import choose_surfaces, fronts, stretched
+from fcsv_stereo.joint.photometric import detail, residuals
+from fcsv_stereo.joint.surfaces import Map, choose_surfaces, fronts, stretched
 from fcsv_stereo.joint.sweep import grey, views
+from fcsv_stereo.joint.trust import relied_on
 
 PX_PER_W = 1000.0
 
@@ -44,6 +46,14 @@ def test_a_slanted_plane_is_one_candidate_and_goes_on(pool):
     assert given.count.max() <= MOST and given.count.sum() == len(given.w)
 
 
+def test_only_near_a_step_of_depth_there_is_a_choice(pool):
+    w = np.full((40, 60), 0.02, np.float32)
+    w[:, 30:] = 0.05
+    given = candidates(w, np.ones(w.shape, bool), (80, 120), PX_PER_W, pool)
+    assert (given.count[:, 50:70] == 2).any(axis=1).all() and (given.count[:, :50] == 1).all()
+    assert (given.count[:, 70:] == 1).all()
+
+
 def test_nothing_known_leaves_each_pixel_its_own(pool):
     w = np.random.default_rng(1).uniform(0.01, 0.1, (20, 30)).astype(np.float32)
     given = candidates(w, np.zeros(w.shape, bool), (40, 60), PX_PER_W, pool)
@@ -61,8 +71,10 @@ def walls():
     return reference, true, half, views(reference, [other], 1.0, greys), views(reference, [other], 0.5, greys)
 
 
-def choose(found, coarser, w, known, reference, pool):
-    return choose_surfaces(found, coarser, w, known, colour(reference), pool)
+def choose(found, coarser, w, known, reference, pool, certain=None):
+    return choose_surfaces(
+        found, Map(coarser, w, known, known if certain is None else certain), colour(reference), pool
+    )
 
 
 def colour(reference):
@@ -103,6 +115,13 @@ def test_what_is_not_known_follows_its_surroundings(pool):
     chosen = choose(found, coarser, broken, known, reference, pool)
     here = (slice(2 * rows.start, 2 * rows.stop), slice(2 * columns.start, 2 * columns.stop))
     assert (np.abs(chosen[here] / true[here] - 1.0) < 0.1).mean() > 0.9
+
+
+def test_where_the_pictures_agree_a_map_is_relied_on(pool):
+    _, true, _, found, _ = walls()
+    for w, least, most in ((true, 0.7, 1.0), (1.3 * true, 0.0, 0.2)):
+        known, certain = relied_on(found, w, residuals(detail(found), w, pool))
+        assert least <= certain.mean() <= known.mean() <= most and not (certain & ~known).any()
 
 
 def test_fronts_show_the_nearest_known(pool):

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Tuple
 
+import cv2
 import numpy as np
 from numba import njit
 
@@ -21,6 +22,7 @@ _DIRECTIONS = np.array(
 _MOST_DISTANT = 10
 _INWARD = 3  # px from the edge of what is known: the first place may be a mixed one
 _ALIKE, _ALIKE_PX = 0.02, 0.6  # candidates nearer to each other than this (share, px of movement) are one
+_BY_A_STEP, _STEP, _FARTHEST = 3, 0.1, 1e-5  # px, share of inverse depth, 1/m
 _STRETCH = 1.33  # by which a plane may change over a ring
 _FAR_STRETCH = 3.0  # and over the way to what is not known
 #: A plane's surroundings (px about it), what share of inverse depth is still the same surface, and its stiffness.
@@ -49,6 +51,7 @@ def candidates(
 ) -> Candidates:
     """For a picture of ``shape`` from a coarser map ``w`` (hxw, 1/m) that is ``known`` (hxw bool) at places.
 
+    Where it is known and far from every step of depth its own plane is the only one.
     ``px_per_w`` is how fast a pixel of the finer picture moves at most with inverse depth (px times metres).
     """
     step = np.float32(_ALIKE_PX / px_per_w)
@@ -58,11 +61,11 @@ def candidates(
         wide = _planes(w, known, *_FAR_FIT, pool)
         for_rows(pool, w.shape[0], lambda y0, y1: _distant(*wide, known, _DIRECTIONS, step, y0, y1, distant))
     count = np.zeros(shape, np.int32)
-    rings = _ring_offsets()
+    rings, open_ = _ring_offsets(), _undecided(w, known)
 
     def collect(y0, y1):
         found = np.empty((4, (y1 - y0) * shape[1] * MOST), np.float32)
-        n = _collect(*planes, known, rings, distant, step, y0, y1, count, found)
+        n = _collect(*planes, known, open_, rings, distant, step, y0, y1, count, found)
         return found[:, :n].copy()
 
     parts = np.concatenate(for_rows(pool, shape[0], collect), axis=1)
@@ -83,6 +86,12 @@ def _ring_offsets() -> np.ndarray:
         d = int(round(r * np.sqrt(0.5)))
         out += [(-r, 0), (r, 0), (0, -r), (0, r), (-d, -d), (-d, d), (d, -d), (d, d)]
     return np.array(out, np.int64)
+
+
+def _undecided(w: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """HxW bool: where more than one surface is possible."""
+    near = np.ones((2 * _BY_A_STEP + 1,) * 2, np.uint8)
+    return ~known | (cv2.dilate(w, near) > (1.0 + _STEP) * np.maximum(cv2.erode(w, near), _FARTHEST))
 
 
 def _planes(w: np.ndarray, known: np.ndarray, radius: int, same: float, stiffness: float, pool: ThreadPoolExecutor):
@@ -156,7 +165,7 @@ def _distant(w, slope_x, slope_y, known, directions, step, y0, y1, out):
 
 
 @njit(cache=True, nogil=True)
-def _collect(w, slope_x, slope_y, known, rings, distant, step, y0, y1, count, found):
+def _collect(w, slope_x, slope_y, known, open_, rings, distant, step, y0, y1, count, found):
     """All candidates of rows y0 to y1 into ``found`` (w, slopes, source; 4xN), their number into ``count``."""
     h, width_coarse = w.shape
     height, width = count.shape
@@ -170,7 +179,7 @@ def _collect(w, slope_x, slope_y, known, rings, distant, step, y0, y1, count, fo
             fx = (x + half) * sx - half
             c0 = min(max(int(fx + half), 0), width_coarse - 1)
             values, n = found[0, total : total + MOST], 0
-            for k in range(rings.shape[0]):
+            for k in range(rings.shape[0] if open_[r0, c0] else 1):
                 r, c = r0 + rings[k, 0], c0 + rings[k, 1]
                 if n == MOST or r < 0 or c < 0 or r >= h or c >= width_coarse or (k > 0 and not known[r, c]):
                     continue

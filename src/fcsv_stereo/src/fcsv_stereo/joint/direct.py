@@ -6,6 +6,7 @@ picture's corners tells them apart. Features are too few for it, the whole pictu
 Engel, Koltun and Cremers 2018, with the inverse depth of small cells eliminated by Schur's complement).
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import List, Sequence, Tuple
 
@@ -31,7 +32,7 @@ _LOOSENED = np.repeat([3.0, 1.0], 3)
 
 def adjust(
     reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray], found: Views, w: np.ndarray,
-    known: np.ndarray, iterations: int,
+    known: np.ndarray, iterations: int, pool: ThreadPoolExecutor,
 ) -> Tuple[List[Picture], List[np.ndarray], np.ndarray]:  # fmt: skip
     """The others with adjusted poses, their 6x6 covariances (rad in camera axes, m in home's), and ``w`` with them.
 
@@ -45,7 +46,8 @@ def adjust(
     if known.sum() < _LEAST_CELLS * _CELL**2:
         return pictures, out, w
     for _ in range(iterations):
-        terms = [_linear(reference, o, found, i, w, known) for i, o in enumerate(pictures)]
+        jobs = [pool.submit(_linear, reference, o, i, found, w, known) for i, o in enumerate(pictures)]
+        terms = [job.result() for job in jobs]
         H, g, energy, solve_w = _reduced(terms, w.shape)
         information = H / (energy * _CORRELATED)
         step = np.linalg.solve(information + prior, g / (energy * _CORRELATED) - prior @ total)
@@ -95,7 +97,7 @@ def _prior(reference: Picture, others: Sequence[Picture], covariances: Sequence[
     return prior + np.outer(held, held) / _SCALE**2, scale, float(min(variances))
 
 
-def _linear(reference: Picture, other: Picture, found: Views, i: int, w: np.ndarray, known: np.ndarray):
+def _linear(reference: Picture, other: Picture, i: int, found: Views, w: np.ndarray, known: np.ndarray):
     """Weight, difference, slope by w (HxW) and by the pose (HxWx6) of one pair."""
     height, width = found.sizes[i]
     K_ref, K = camera_matrix(reference.camera, w.shape), camera_matrix(other.camera, (height, width))

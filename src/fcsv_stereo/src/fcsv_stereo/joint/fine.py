@@ -26,7 +26,10 @@ class Fine:
 
 
 def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool: ThreadPoolExecutor) -> Fine:
-    """Gauss-Newton over all pairs; ``step`` (HxW, 1/m) is what the coarse map was uncertain by."""
+    """Gauss-Newton over all pairs; ``step`` (HxW, 1/m) is what the coarse map was uncertain by.
+
+    With no ``iterations`` it is ``w`` itself, its variance 0 and not to be used.
+    """
     w = w.astype(np.float32)
     variance, spread = np.zeros_like(w), np.zeros_like(w)
     for _ in range(iterations):

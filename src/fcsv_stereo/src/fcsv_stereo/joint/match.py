@@ -17,9 +17,9 @@ from fcsv_stereo.joint.direct import adjust
 from fcsv_stereo.joint.fine import Fine, refine
 from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
 from fcsv_stereo.joint.sky import sky
-from fcsv_stereo.joint.surfaces import choose_surfaces, stretched
+from fcsv_stereo.joint.surfaces import Map, choose_surfaces, stretched
 from fcsv_stereo.joint.sweep import Views, grey, inverse_depths, views
-from fcsv_stereo.joint.trust import consistent, trusted
+from fcsv_stereo.joint.trust import consistent, relied_on, trusted
 
 _LEAST_BASELINE_M = 1e-6
 _LEAST_PIXELS = 16
@@ -93,21 +93,18 @@ def match_jointly(
     chosen = [others[i] for i in used]
     poses = [covariances[i] for i in used] if covariances else [None] * len(used)
     greys = [grey(p) for p in (reference, *chosen)]
-    scales = _scales(greys[0].size, options.volume_pixels)
+    scales = _scales(greys[0].size, options.volume_pixels, 1 if options.stretch else 2)
     with ThreadPoolExecutor(options.threads) as pool:
-        chosen, poses, w, levels, known, found = _coarse(reference, chosen, poses, greys, scales[0], options, pool)
+        chosen, poses, levels, coarsest = _coarse(reference, chosen, poses, greys, scales[0], options, pool)
+        now = coarsest
         for scale in scales[1:]:
-            coarser, found = found, views(reference, chosen, scale, greys)
-            if not options.stretch:
-                w = choose_surfaces(found, coarser, w, known, _colour(reference, found.shape), pool)
-            else:
-                w = stretched(w, found.shape)
-                if scale < 1.0 or w.size <= _SETTLED_PIXELS:  # at a large full size it costs more than it mends
-                    w = settled(_colour(reference, found.shape), w)
+            found = views(reference, chosen, scale, greys)
+            w = _finer(found, now, _colour(reference, found.shape), scale, options, pool)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
-            fine = refine(detail(found), w, step, options.iterations if scale == 1.0 else 1, pool)
-            w = fine.w
-            known = cv2.resize(known.astype(np.uint8), w.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+            fine = refine(detail(found), w, step, _iterations(scale, options), pool)
+            if scale < 1.0:
+                now = Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
+    known = cv2.resize(coarsest.known.astype(np.uint8), fine.w.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     geometry = confidence.geometry_sigma(reference, chosen, poses, fine)
     sigma_w = np.hypot(confidence.matching_sigma(fine, known), geometry)
     return _answer(fine, known, sigma_w, used, left_out, chosen, options)
@@ -129,22 +126,36 @@ def usable(reference: Picture, others: Sequence[Picture]):
     return used, left_out
 
 
-def _scales(pixels: int, volume_pixels: int) -> List[float]:
-    """From the volume's size to the full one, each at most twice the one before; at least two."""
+def _scales(pixels: int, volume_pixels: int, least_steps: int) -> List[float]:
+    """From the volume's size to the full one in even steps, each at most twice the one before."""
     first = min(0.5, float(np.sqrt(volume_pixels / pixels)))
-    steps = int(np.ceil(-np.log2(first)))
-    return [2.0 ** -(steps * (1 - k / steps) * -np.log2(first) / steps) for k in range(steps)] + [1.0]
+    steps = max(least_steps, int(np.ceil(-np.log2(first))))
+    return [first ** (1.0 - k / steps) for k in range(steps)] + [1.0]
+
+
+def _finer(found: Views, coarser: Map, image: np.ndarray, scale: float, options: MatchOptions, pool) -> np.ndarray:
+    """Inverse depth (1/m) in the finer pictures ``found``, whose reference in colour is ``image``."""
+    if not options.stretch:
+        return choose_surfaces(found, coarser, image, pool)
+    w = stretched(coarser.w, found.shape)
+    settles = scale < 1.0 or w.size <= _SETTLED_PIXELS  # at a large full size it costs more than it mends
+    return settled(image, w) if settles else w
+
+
+def _iterations(scale: float, options: MatchOptions) -> int:
+    """Of the sub-pixel step; half the size is precise enough to choose among surfaces by."""
+    return options.iterations if scale == 1.0 else int(scale < 0.5)
 
 
 def _coarse(reference: Picture, chosen, poses, greys, scale: float, options: MatchOptions, pool):
-    """Inverse depth at a reduced size, its levels, and the pictures of that size; their poses on the way."""
+    """The map at a reduced size and its levels of inverse depth; the poses on the way."""
     adjusted = options.adjust_poses and all(p is not None for p in poses)
     prior = poses
     small = views(reference, chosen, scale / 2.0, greys)
     rough = coarse(small, np.full(small.shape[0], np.inf), np.inf, options.most_levels, pool)
     if adjusted:
         known, r = _trusted(rough, small, pool)
-        chosen, poses, _ = adjust(reference, chosen, prior, detail(small), rough.w, known, _ADJUSTMENTS)
+        chosen, poses, _ = adjust(reference, chosen, prior, detail(small), rough.w, known, _ADJUSTMENTS, pool)
     found = views(reference, chosen, scale, greys)
     nearest = nearest_inverse_depth(rough, small.reference, found.shape[0])
     result: Coarse = coarse(found, nearest, highest_level(rough, small), options.most_levels, pool)
@@ -152,11 +163,11 @@ def _coarse(reference: Picture, chosen, poses, greys, scale: float, options: Mat
     _equalise(greys, r, found, result.w, pool)
     if adjusted:
         found = views(reference, chosen, scale, greys)
-        chosen, poses, w = adjust(reference, chosen, prior, detail(found), result.w, known, _ADJUSTMENTS)
+        chosen, poses, w = adjust(reference, chosen, prior, detail(found), result.w, known, _ADJUSTMENTS, pool)
         found = views(reference, chosen, scale, greys)
         result = replace(result, w=w)
     w = np.where(sky(result.w, r, _colour(reference, found.shape)), np.float32(0.0), result.w)
-    return chosen, poses, w, result.levels, known, found
+    return chosen, poses, result.levels, Map(found, w, known, known)
 
 
 def _colour(picture: Picture, shape) -> np.ndarray:

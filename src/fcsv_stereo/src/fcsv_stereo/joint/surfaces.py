@@ -8,6 +8,7 @@ from plane to plane: a slanted surface goes on without a price.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Tuple
 
 import cv2
@@ -31,17 +32,26 @@ _STEP = 0.05  # a step of inverse depth between neighbours, as a share of the ne
 _FRONT = 1.08  # by which something must be nearer to hide
 
 
-def choose_surfaces(
-    found: Views, coarser: Views, w: np.ndarray, known: np.ndarray, image: np.ndarray, pool: ThreadPoolExecutor
-) -> np.ndarray:
-    """Inverse depth (HxW, 1/m) of the plane that each pixel chose.
+@dataclass(frozen=True)
+class Map:
+    """Inverse depth ``w`` (HxW, 1/m) in the pictures ``found``.
 
-    ``w`` and ``known`` are the ``coarser`` pictures' map; ``image`` is the finer reference in colour (HxWx3).
+    HxW bool: where it is ``known``, so that planes about it may go on, and ``certain`` enough to hide what is behind.
     """
+
+    found: Views
+    w: np.ndarray
+    known: np.ndarray
+    certain: np.ndarray
+
+
+def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
+    """Inverse depth (HxW, 1/m) of the plane that each pixel of the finer ``found`` chose; ``image`` is its reference in
+    colour (HxWx3)."""
     fastest = float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max())
-    given = candidates(w, known, found.shape, fastest, pool)
-    cost = _evidence(found, fronts(coarser, w, known), given, image, pool)
-    add_likeness(image, w.shape, given, pool, cost)
+    given = candidates(coarser.w, coarser.known, found.shape, fastest, pool)
+    cost = _evidence(found, fronts(coarser.found, coarser.w, coarser.certain), given, image, pool)
+    add_likeness(image, coarser.w.shape, given, pool, cost)
     total = _aggregate(found.reference, given, cost, pool)
     best = np.empty(found.shape, np.float32)
     _pick(*_of(given), given.w, total, best)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the coarse match can be relied on: good, unambiguous, unique and part of a surface.
+"""Where a match can be relied on: good, unambiguous, unique and part of a surface.
 
 Uniqueness: two places of the reference picture cannot both be what one place of another picture shows.
 """
+
+from typing import Tuple
 
 import cv2
 import numpy as np
@@ -16,6 +18,7 @@ _MOST_COST = 90  # volume units: nine bits of 32 differ
 _LEAST_MARGIN = 0.03
 _SPECKLE_PX, _SPECKLE_LEVELS = 60, 3
 _TOLERANCE = 0.06  # of inverse depth: the same surface
+_KNOWN, _CERTAIN = 0.2, 0.5  # trust of the pair that agrees best
 
 
 def trusted(found: Coarse, unique: np.ndarray) -> np.ndarray:
@@ -25,6 +28,13 @@ def trusted(found: Coarse, unique: np.ndarray) -> np.ndarray:
     level[~good] = -16
     cv2.filterSpeckles(level, -16, _SPECKLE_PX, 16 * _SPECKLE_LEVELS)
     return level >= 0
+
+
+def relied_on(found: Views, w: np.ndarray, r: Residuals) -> Tuple[np.ndarray, np.ndarray]:
+    """Two HxW bool by the pictures' agreement at ``w``: where it may be taken over by what is about it, and where it is
+    certain enough to hide what is behind it: one wrong surface in front speaks all that is right out of court."""
+    unique, best = consistent(found, w, r), r.trust.max(axis=0)
+    return unique & (best > _KNOWN), unique & (best > _CERTAIN)
 
 
 def consistent(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
