@@ -92,19 +92,24 @@ def match_jointly(
         raise MatchingError("no picture can be matched: " + "; ".join(left_out.values()))
     chosen = [others[i] for i in used]
     poses = [covariances[i] for i in used] if covariances else [None] * len(used)
+    prior = poses if options.adjust_poses and all(p is not None for p in poses) else None
     greys = [grey(p) for p in (reference, *chosen)]
     scales = _scales(greys[0].size, options.volume_pixels, 1 if options.stretch else 2)
     with ThreadPoolExecutor(options.threads) as pool:
-        chosen, poses, levels, coarsest = _coarse(reference, chosen, poses, greys, scales[0], options, pool)
+        chosen, poses, levels, coarsest = _coarse(reference, chosen, poses, prior, greys, scales[0], options, pool)
+        known = cv2.resize(coarsest.known.astype(np.uint8), greys[0].shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
         now = coarsest
         for scale in scales[1:]:
             found = views(reference, chosen, scale, greys)
             w = _finer(found, now, _colour(reference, found.shape), scale, options, pool)
+            if scale == 1.0 and prior:
+                certain = known & relied_on(found, w, residuals(detail(found), w, pool))[1]
+                chosen, poses, w = adjust(reference, chosen, prior, detail(found), w, certain, _ADJUSTMENTS, pool)
+                found = views(reference, chosen, scale, greys)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
             fine = refine(detail(found), w, step, _iterations(scale, options), pool)
             if scale < 1.0:
                 now = Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
-    known = cv2.resize(coarsest.known.astype(np.uint8), fine.w.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     geometry = confidence.geometry_sigma(reference, chosen, poses, fine)
     sigma_w = np.hypot(confidence.matching_sigma(fine, known), geometry)
     return _answer(fine, known, sigma_w, used, left_out, chosen, options)
@@ -147,13 +152,11 @@ def _iterations(scale: float, options: MatchOptions) -> int:
     return options.iterations if scale == 1.0 else int(scale < 0.5)
 
 
-def _coarse(reference: Picture, chosen, poses, greys, scale: float, options: MatchOptions, pool):
-    """The map at a reduced size and its levels of inverse depth; the poses on the way."""
-    adjusted = options.adjust_poses and all(p is not None for p in poses)
-    prior = poses
+def _coarse(reference: Picture, chosen, poses, prior, greys, scale: float, options: MatchOptions, pool):
+    """The map at a reduced size and its levels of inverse depth; poses adjusted on the way where there is a prior."""
     small = views(reference, chosen, scale / 2.0, greys)
     rough = coarse(small, np.full(small.shape[0], np.inf), np.inf, options.most_levels, pool)
-    if adjusted:
+    if prior:
         known, r = _trusted(rough, small, pool)
         chosen, poses, _ = adjust(reference, chosen, prior, detail(small), rough.w, known, _ADJUSTMENTS, pool)
     found = views(reference, chosen, scale, greys)
@@ -161,7 +164,7 @@ def _coarse(reference: Picture, chosen, poses, greys, scale: float, options: Mat
     result: Coarse = coarse(found, nearest, highest_level(rough, small), options.most_levels, pool)
     known, r = _trusted(result, found, pool)
     _equalise(greys, r, found, result.w, pool)
-    if adjusted:
+    if prior:
         found = views(reference, chosen, scale, greys)
         chosen, poses, w = adjust(reference, chosen, prior, detail(found), result.w, known, _ADJUSTMENTS, pool)
         found = views(reference, chosen, scale, greys)
