@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scenes
-from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.direct import _corners, adjust
@@ -40,10 +39,8 @@ def adjusted(reference, given, w, pool):
 
 
 def turns_deg(pictures, true):
-    return [
-        np.degrees(Rotation.from_matrix(t.T_home_cam[:3, :3].T @ p.T_home_cam[:3, :3]).magnitude())
-        for p, t in zip(pictures, true)
-    ]
+    rotations = [(p.T_home_cam[:3, :3], t.T_home_cam[:3, :3]) for p, t in zip(pictures, true)]
+    return [np.degrees(transforms.rotation_angle(*pair)) for pair in rotations]
 
 
 def test_turned_pictures_are_turned_back(pool):

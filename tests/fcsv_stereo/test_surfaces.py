@@ -71,10 +71,8 @@ def walls():
     return reference, true, half, views(reference, [other], 1.0, greys), views(reference, [other], 0.5, greys)
 
 
-def choose(found, coarser, w, known, reference, pool, certain=None):
-    return choose_surfaces(
-        found, Map(coarser, w, known, known if certain is None else certain), colour(reference), pool
-    )
+def choose(found, coarser, w, known, reference, pool):
+    return choose_surfaces(found, Map(coarser, w, known, known), colour(reference), pool)
 
 
 def colour(reference):

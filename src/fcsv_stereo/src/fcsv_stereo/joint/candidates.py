@@ -61,11 +61,11 @@ def candidates(
         wide = _planes(w, known, *_FAR_FIT, pool)
         for_rows(pool, w.shape[0], lambda y0, y1: _distant(*wide, known, _DIRECTIONS, step, y0, y1, distant))
     count = np.zeros(shape, np.int32)
-    rings, open_ = _ring_offsets(), _undecided(w, known)
+    rings, undecided = _ring_offsets(), _undecided(w, known)
 
     def collect(y0, y1):
         found = np.empty((4, (y1 - y0) * shape[1] * MOST), np.float32)
-        n = _collect(*planes, known, open_, rings, distant, step, y0, y1, count, found)
+        n = _collect(*planes, known, undecided, rings, distant, step, y0, y1, count, found)
         return found[:, :n].copy()
 
     parts = np.concatenate(for_rows(pool, shape[0], collect), axis=1)
@@ -165,7 +165,7 @@ def _distant(w, slope_x, slope_y, known, directions, step, y0, y1, out):
 
 
 @njit(cache=True, nogil=True)
-def _collect(w, slope_x, slope_y, known, open_, rings, distant, step, y0, y1, count, found):
+def _collect(w, slope_x, slope_y, known, undecided, rings, distant, step, y0, y1, count, found):
     """All candidates of rows y0 to y1 into ``found`` (w, slopes, source; 4xN), their number into ``count``."""
     h, width_coarse = w.shape
     height, width = count.shape
@@ -179,7 +179,7 @@ def _collect(w, slope_x, slope_y, known, open_, rings, distant, step, y0, y1, co
             fx = (x + half) * sx - half
             c0 = min(max(int(fx + half), 0), width_coarse - 1)
             values, n = found[0, total : total + MOST], 0
-            for k in range(rings.shape[0] if open_[r0, c0] else 1):
+            for k in range(rings.shape[0] if undecided[r0, c0] else 1):
                 r, c = r0 + rings[k, 0], c0 + rings[k, 1]
                 if n == MOST or r < 0 or c < 0 or r >= h or c >= width_coarse or (k > 0 and not known[r, c]):
                     continue

@@ -46,15 +46,16 @@ def adjust(
     pictures, out, now = start, list(covariances), w.astype(np.float32)
     if known.sum() < _LEAST_CELLS * _CELL**2:
         return pictures, out, now
-    corners = _corners(w.shape)
+    corners, contrast = _corners(w.shape), cv2.blur(np.abs(found.reference), (5, 5)) + _NOISE
     for _ in range(iterations):
-        jobs = [pool.submit(_pair, reference, o, i, found, now, known, corners) for i, o in enumerate(pictures)]
+        jobs = [
+            pool.submit(_pair, reference, o, i, found, contrast, now, known, corners) for i, o in enumerate(pictures)
+        ]
         middles = now[tuple(corners.T + _CELL // 2)]
         H, g, energy, solve_w, weight = _reduced([job.result() for job in jobs], middles)
         information = H / (energy * _CORRELATED)
         step = np.linalg.solve(information + prior, g / (energy * _CORRELATED) - prior @ total)
         total = total + step
-        now = now.copy()
         _add(corners, solve_w(step), now)
         pictures = [moved(o, total[6 * i : 6 * i + 6]) for i, o in enumerate(start)]
         covariance = np.linalg.inv(information + prior) + scale_variance * np.outer(scale, scale)
@@ -113,7 +114,8 @@ def _prior(reference: Picture, others: Sequence[Picture], covariances: Sequence[
 
 
 def _pair(
-    reference: Picture, other: Picture, i: int, found: Views, w: np.ndarray, known: np.ndarray, corners: np.ndarray
+    reference: Picture, other: Picture, i: int, found: Views, contrast: np.ndarray, w: np.ndarray, known: np.ndarray,
+    corners: np.ndarray,
 ) -> Tuple[np.ndarray, ...]:  # fmt: skip
     """Sums over one pair: of its pose H (6x6) and g (6,); of each cell (N, 8) own, push and mixed with the pose; and
     (2,) of weights and of weighted squares."""
@@ -132,7 +134,6 @@ def _pair(
         for d in ((1, 0), (0, 1))
     ]  # fmt: skip
     difference = found.reference - warped
-    contrast = cv2.blur(np.abs(found.reference), (5, 5)) + _NOISE
     unlike = cv2.blur(np.abs(difference), (5, 5)) / contrast / _UNLIKE
     inside = known & (x >= 1) & (y >= 1) & (x <= width - 2) & (y <= height - 2)
     weight = inside / np.square(1.0 + np.square(unlike))

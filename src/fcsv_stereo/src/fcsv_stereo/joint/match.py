@@ -103,8 +103,9 @@ def match_jointly(
             found = views(reference, chosen, scale, greys)
             w = _finer(found, now, _colour(reference, found.shape), scale, options, pool)
             if scale == 1.0 and prior:
-                certain = known & relied_on(found, w, residuals(detail(found), w, pool))[1]
-                chosen, poses, w = adjust(reference, chosen, prior, detail(found), w, certain, _ADJUSTMENTS, pool)
+                details = detail(found)
+                certain = known & relied_on(found, w, residuals(details, w, pool))[1]
+                chosen, poses, w = adjust(reference, chosen, prior, details, w, certain, _ADJUSTMENTS, pool)
                 found = views(reference, chosen, scale, greys)
             step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
             fine = refine(detail(found), w, step, _iterations(scale, options), pool)
