@@ -2,6 +2,7 @@
 """What the colours about a pixel tell of the surface that it belongs to."""
 
 from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
 from typing import Tuple
 
 import cv2
@@ -14,6 +15,7 @@ from fcsv_stereo.joint.volume import OFFSETS
 _COLOUR, _MOST_COLOUR, _NO_COLOUR = 0.1, 40.0, 10.0  # per grey level from the plane's place; at most; where it has none
 _ALIKE, _LEAST_ALIKE = 20.0, 4  # grey levels between colours of one surface; census bits
 _SETTLE_PX, _SETTLE_COLOUR = 5, 25.0  # radius, and grey levels of colour, of the surroundings whose surface wins
+_ONE_AT_A_TIME = Lock()  # OpenCV's weighted median writes beyond its memory where two threads run it
 _OTHER = 1.1  # by which an inverse depth is another surface's
 
 
@@ -55,7 +57,8 @@ def _of_its_colour(image: np.ndarray, w: np.ndarray) -> np.ndarray:
     low, scale = log_w.min(), 255.0 / max(float(np.ptp(log_w)), 1e-6)
     steps = np.round((log_w - low) * scale).astype(np.uint8)
     guide = np.clip(image, 0.0, 255.0).astype(np.uint8)
-    median = cv2.ximgproc.weightedMedianFilter(guide, steps, _SETTLE_PX, _SETTLE_COLOUR, cv2.ximgproc.WMF_EXP)
+    with _ONE_AT_A_TIME:
+        median = cv2.ximgproc.weightedMedianFilter(guide, steps, _SETTLE_PX, _SETTLE_COLOUR, cv2.ximgproc.WMF_EXP)
     return np.exp(median / scale + low).astype(np.float32)
 
 

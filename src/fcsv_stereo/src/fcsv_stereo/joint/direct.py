@@ -47,9 +47,11 @@ def adjust(
     if known.sum() < _LEAST_CELLS * _CELL**2:
         return pictures, out, now
     corners, contrast = _corners(w.shape), cv2.blur(np.abs(found.reference), (5, 5)) + _NOISE
+    slopes = list(pool.map(lambda i: _slopes(_other(found, i)), range(len(found))))
     for _ in range(iterations):
         jobs = [
-            pool.submit(_pair, reference, o, i, found, contrast, now, known, corners) for i, o in enumerate(pictures)
+            pool.submit(_pair, reference, o, i, found, slopes[i], contrast, now, known, corners)
+            for i, o in enumerate(pictures)
         ]
         middles = now[tuple(corners.T + _CELL // 2)]
         H, g, energy, solve_w, weight = _reduced([job.result() for job in jobs], middles)
@@ -113,26 +115,31 @@ def _prior(reference: Picture, others: Sequence[Picture], covariances: Sequence[
     return prior + np.outer(held, held) / _SCALE**2, scale, float(min(variances))
 
 
+def _other(found: Views, i: int) -> np.ndarray:
+    height, width = found.sizes[i]
+    return np.ascontiguousarray(found.others[i][:height, :width])
+
+
+def _slopes(image: np.ndarray) -> List[np.ndarray]:
+    """Along u and v, per pixel."""
+    return [cv2.Sobel(image, cv2.CV_32F, *d, scale=0.125) for d in ((1, 0), (0, 1))]
+
+
 def _pair(
-    reference: Picture, other: Picture, i: int, found: Views, contrast: np.ndarray, w: np.ndarray, known: np.ndarray,
-    corners: np.ndarray,
+    reference: Picture, other: Picture, i: int, found: Views, there: Sequence[np.ndarray], contrast: np.ndarray,
+    w: np.ndarray, known: np.ndarray, corners: np.ndarray,
 ) -> Tuple[np.ndarray, ...]:  # fmt: skip
-    """Sums over one pair: of its pose H (6x6) and g (6,); of each cell (N, 8) own, push and mixed with the pose; and
-    (2,) of weights and of weighted squares."""
+    """Sums over one pair, ``there`` being the other picture's slopes: of its pose H (6x6) and g (6,); of each cell
+    (N, 8) own, push and mixed with the pose; and (2,) of weights and of weighted squares."""
     height, width = found.sizes[i]
     K = camera_matrix(other.camera, (height, width))
     T = transforms.invert(other.T_home_cam) @ reference.T_home_cam
     p = projection(reference, other, camera_matrix(reference.camera, w.shape), K).astype(np.float32)
     x, y = np.empty_like(w), np.empty_like(w)
     _place(p, w, x, y)
-    image = np.ascontiguousarray(found.others[i][:height, :width])
-    warped = cv2.remap(image, x, y, cv2.INTER_LINEAR)
+    warped = cv2.remap(_other(found, i), x, y, cv2.INTER_LINEAR)
     # both pictures' slopes: their mean halves the noise and makes the steps second order
-    slopes = [
-        0.5 * (cv2.remap(cv2.Sobel(image, cv2.CV_32F, *d, scale=0.125), x, y, cv2.INTER_LINEAR)
-               + cv2.Sobel(warped, cv2.CV_32F, *d, scale=0.125))
-        for d in ((1, 0), (0, 1))
-    ]  # fmt: skip
+    slopes = [0.5 * (cv2.remap(s, x, y, cv2.INTER_LINEAR) + here) for s, here in zip(there, _slopes(warped))]
     difference = found.reference - warped
     unlike = cv2.blur(np.abs(difference), (5, 5)) / contrast / _UNLIKE
     inside = known & (x >= 1) & (y >= 1) & (x <= width - 2) & (y <= height - 2)

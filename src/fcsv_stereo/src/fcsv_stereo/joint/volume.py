@@ -82,27 +82,44 @@ def census(image: np.ndarray) -> np.ndarray:
     padded = np.pad(image, RADIUS, mode="edge")
     codes = np.zeros(image.shape, np.uint32)
     for y in range(image.shape[0]):
-        _census_row(padded, y + RADIUS, OFFSETS, codes[y])
+        _census_row(padded, y + RADIUS, 0, OFFSETS, codes[y])
     return codes
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _census_row(padded, row, offsets, codes):
-    width = codes.shape[0]
-    centre = padded[row, RADIUS : RADIUS + width]
+def _census_row(padded, row, first, offsets, codes):
+    """Of the row's pixels from ``first`` on, as many as there are ``codes``; four bits at a time."""
+    first, width = first + RADIUS, codes.shape[0]
+    centre = padded[row, first : first + width]
     codes[:] = np.uint32(0)
     bit = np.uint32(1)
-    for k in range(offsets.shape[0]):
-        near = padded[row + offsets[k, 0], RADIUS + offsets[k, 1] : RADIUS + offsets[k, 1] + width]
+    for k in range(0, offsets.shape[0], 4):
+        a, b, c, d = (
+            _beside(padded, row, first, offsets[k], width), _beside(padded, row, first, offsets[k + 1], width),
+            _beside(padded, row, first, offsets[k + 2], width), _beside(padded, row, first, offsets[k + 3], width),
+        )  # fmt: skip
+        bit_b, bit_c, bit_d = np.uint32(bit << 1), np.uint32(bit << 2), np.uint32(bit << 3)
         for x in range(width):
-            codes[x] = or_if(codes[x], near[x] > centre[x] + np.float32(NOISE), bit)
-        bit = np.uint32(bit << 1)
+            least = centre[x] + np.float32(NOISE)
+            two = or_if(or_if(codes[x], a[x] > least, bit), b[x] > least, bit_b)
+            codes[x] = or_if(or_if(two, c[x] > least, bit_c), d[x] > least, bit_d)
+        bit = np.uint32(bit << 4)
+
+
+@njit(cache=True, nogil=True)
+def _beside(padded, row, first, offset, width):
+    return padded[row + offset[0], first + offset[1] : first + offset[1] + width]
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _warp_row(image, size, p, w, v, u0, out, seen):
-    """A row of the reference's pixels (u0 on, at height v) sampled from another picture at inverse depth w."""
+def _warp_row(image, size, p, w, v, u0, at, out, seen):
+    """A row of the reference's pixels (u0 on, at height v) sampled from another picture at inverse depth w.
+
+    First where each is, then what is there: only apart does the first become vector code.
+    """
+    index, fx, fy = at
     height, width = np.float32(size[0] - 1), np.float32(size[1] - 1)
+    last_x, last_y, stride = np.int32(max(size[1] - 2, 0)), np.int32(max(size[0] - 2, 0)), np.int32(image.shape[1])
     zero, one = np.float32(0.0), np.float32(1.0)
     x0 = p[1] * v + p[2] + w * p[9]
     y0 = p[4] * v + p[5] + w * p[10]
@@ -113,16 +130,18 @@ def _warp_row(image, size, p, w, v, u0, out, seen):
         inverse = one / max(z, np.float32(1e-9))
         x = (p[0] * u + x0) * inverse
         y = (p[3] * u + y0) * inverse
-        seen[i] = one if (z > zero and x >= zero and x <= width and y >= zero and y <= height) else zero
+        seen[i] = one if (z > zero) & (x >= zero) & (x <= width) & (y >= zero) & (y <= height) else zero
         x = min(max(x, zero), width)
         y = min(max(y, zero), height)
-        xi, yi = np.int32(x), np.int32(y)
-        fx, fy = x - np.float32(xi), y - np.float32(yi)
-        xj = min(xi + 1, size[1] - 1)
-        yj = min(yi + 1, size[0] - 1)
-        top = image[yi, xi] + fx * (image[yi, xj] - image[yi, xi])
-        low = image[yj, xi] + fx * (image[yj, xj] - image[yj, xi])
-        out[i] = top + fy * (low - top)
+        xi, yi = min(np.int32(x), last_x), min(np.int32(y), last_y)
+        index[i] = yi * stride + xi
+        fx[i], fy[i] = x - np.float32(xi), y - np.float32(yi)
+    flat, right, down = image.reshape(-1), np.uintp(size[1] > 1), np.uintp(stride if size[0] > 1 else 0)
+    for i in range(out.shape[0]):
+        k = np.uintp(index[i])
+        top = flat[k] + fx[i] * (flat[k + right] - flat[k])
+        low = flat[k + down] + fx[i] * (flat[k + down + right] - flat[k + down])
+        out[i] = top + fy[i] * (low - top)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -149,28 +168,61 @@ def _weigh(ranked, weights, total):
 @njit(cache=True, nogil=True, fastmath=True)
 def _rank(reference, others, sizes, projections, w, offsets, unseen, y0, scratch, ranked):
     """The pairs' costs of a band of rows on one plane, sorted, into ``ranked`` (rows, N, W)."""
-    warped, seen, codes, costs = scratch
+    warped, seen, at, codes, costs = scratch
     rows, pairs, width = ranked.shape
     for i in range(pairs):
-        for r in range(rows + 2 * RADIUS):
-            v = np.float32(y0 - RADIUS + r)
-            _warp_row(others[i], sizes[i], projections[i], w, v, -RADIUS, warped[r], seen[r])
+        low, high = width, 0
         for r in range(rows):
-            _census_row(warped, r + RADIUS, offsets, codes)
-            inside = seen[r + RADIUS, RADIUS : RADIUS + width]
-            for x in range(width):
-                bits = differing_bits(codes[x], reference[y0 + r, x])
-                costs[x] = bits if inside[x] > np.float32(0.5) else unseen
+            a, b = _in_view(projections[i], sizes[i], w, np.float32(y0 + r), width)
+            low, high = min(low, a), max(high, b)
+        if low < high:
+            for r in range(rows + 2 * RADIUS):
+                _warp_row(
+                    others[i], sizes[i], projections[i], w, np.float32(y0 - RADIUS + r), low - RADIUS, at,
+                    warped[r, low : high + 2 * RADIUS], seen[r, low : high + 2 * RADIUS],
+                )  # fmt: skip
+        for r in range(rows):
+            costs[:] = unseen
+            if low < high:
+                _census_row(warped, r + RADIUS, low, offsets, codes[low:high])
+                inside = seen[r + RADIUS, RADIUS : RADIUS + width]
+                for x in range(low, high):
+                    bits = differing_bits(codes[x], reference[y0 + r, x])
+                    costs[x] = bits if inside[x] > np.float32(0.5) else unseen
             _insert(ranked[r], i, costs)
+
+
+@njit(cache=True, nogil=True)
+def _in_view(p, size, w, v, width):
+    """Columns of the reference's row ``v`` from the first to behind the last that another picture sees at inverse
+    depth ``w``, and up to two beside them: each of its bounds is a line in the column."""
+    z0, slope = p[7] * v + p[8] + w * p[11], p[6]
+    low, high = np.float32(-1.0), np.float32(width)
+    for k in range(5):
+        a, b = slope, z0  # in front of the camera: a u + b >= 0
+        if k > 0:
+            axis = (k - 1) // 2
+            a, b = p[3 * axis], p[3 * axis + 1] * v + p[3 * axis + 2] + w * p[9 + axis]
+            if k % 2 == 0:
+                last = np.float32(size[1 - axis] - 1)
+                a, b = last * slope - a, last * z0 - b
+        if a > 0:
+            low = max(low, -b / a)
+        elif a < 0:
+            high = min(high, -b / a)
+        elif b < 0:
+            return width, 0
+    if low > high + np.float32(1.0):
+        return width, 0
+    return min(max(int(low) - 1, 0), width), max(min(int(high) + 3, width), 0)
 
 
 @njit(cache=True, nogil=True)
 def _scratch(rows, width):
     shape = (rows + 2 * RADIUS, width + 2 * RADIUS)
-    return (
-        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(width, np.uint32),
-        np.empty(width, np.float32),
-    )  # fmt: skip
+    at = np.empty(shape[1], np.int32), np.empty(shape[1], np.float32), np.empty(shape[1], np.float32)
+    codes, costs = np.empty(width, np.uint32), np.empty(width, np.float32)
+    return np.empty(shape, np.float32), np.empty(shape, np.float32), at, codes, costs
 
 
 @njit(cache=True, nogil=True, fastmath=True)
