@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 from numba import njit
 
+from fcsv_stereo.joint.census import census
 from fcsv_stereo.joint.sgm import aggregate
 from fcsv_stereo.joint.sweep import LEAST_FALL, Views, inverse_depths
-from fcsv_stereo.joint.volume import census, cost_volume
+from fcsv_stereo.joint.volume import cost_volume
 
-P1, P2 = 20.0, 500.0
+P1, P2 = 40.0, 330.0
 STEP_PX = 1.0
 _CONFIDENT = 60  # volume units: a match whose better pairs differ in no more than six of 32 bits
 _TEXTURE = 9.0  # variance of grey levels in 5x5

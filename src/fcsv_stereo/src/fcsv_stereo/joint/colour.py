@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.candidates import Candidates, for_rows
-from fcsv_stereo.joint.volume import OFFSETS
+from fcsv_stereo.joint.census import OFFSETS
 
 _COLOUR, _MOST_COLOUR, _NO_COLOUR = 0.1, 40.0, 10.0  # per grey level from the plane's place; at most; where it has none
 _ALIKE, _LEAST_ALIKE = 20.0, 4  # grey levels between colours of one surface; census bits

@@ -17,10 +17,11 @@ from numba import njit
 
 from fcsv_stereo.joint.bits import differing_bits
 from fcsv_stereo.joint.candidates import MOST, Candidates, candidates, for_rows
+from fcsv_stereo.joint.census import census
 from fcsv_stereo.joint.colour import add_likeness, alike_bits, settle
 from fcsv_stereo.joint.photometric import sample
 from fcsv_stereo.joint.sweep import Views
-from fcsv_stereo.joint.volume import census, pair_weights
+from fcsv_stereo.joint.volume import pair_weights
 
 _BITS, _BRIGHTNESS = 0.75, 8.0 / 30.0  # what a bit of 32 and a grey level count
 _MOST_GREY = 30.0

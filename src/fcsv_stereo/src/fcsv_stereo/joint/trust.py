@@ -14,7 +14,7 @@ from fcsv_stereo.joint.coarse import Coarse
 from fcsv_stereo.joint.photometric import Residuals
 from fcsv_stereo.joint.sweep import Views
 
-_MOST_COST = 90  # volume units: nine bits of 32 differ
+_MOST_COST = 110  # volume units: eleven bits of 32 differ
 _LEAST_MARGIN = 0.03
 _SPECKLE_PX, _SPECKLE_LEVELS = 60, 3
 _TOLERANCE = 0.06  # of inverse depth: the same surface

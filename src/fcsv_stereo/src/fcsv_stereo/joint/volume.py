@@ -11,21 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.bits import differing_bits, or_if
+from fcsv_stereo.joint.bits import differing_bits
+from fcsv_stereo.joint.census import CUT, OFFSETS, RADIUS, census, census_row, unseen_bits
 from fcsv_stereo.joint.sweep import LEAST_FALL, Views
 
-RADIUS = 4
-#: (dy, dx) that the centre is compared with: 5x5, and eight further out.
-OFFSETS = np.array(
-    [(y, x) for y in range(-2, 3) for x in range(-2, 3) if (y, x) != (0, 0)]
-    + [(-4, 0), (4, 0), (0, -4), (0, 4), (-3, -3), (-3, 3), (3, -3), (3, 3)],
-    np.int64,
-)
-CUT = 16.0  # bits of 32, after weighing: half of them differ between unrelated places
-UNSEEN = 9.0  # bits that a pair counts with where it does not see the point: more than a match, less than none
 POWER = 1.0
 _SCALE = 10.0  # volume units per bit
-NOISE = 0.75  # grey levels: smaller steps are no texture
 LEVEL_PRICE = 8.0  # volume units by which an upright surface is preferred
 _LEAST_TILT = 0.12  # px per row by which a level surface shears the fastest pair; less, and upright windows do
 _NO_SKY, _INFINITE = 5, 2  # volume units that a depth counts above the horizon; levels that are as good as infinite
@@ -48,6 +39,7 @@ def cost_volume(
     volume = np.empty((height, width, len(w)), np.uint8)
     codes = census(found.reference)
     weights = pair_weights(len(found))
+    unseen = unseen_bits(found.reference)
     bands = [(y, min(y + _BAND, height)) for y in range(0, height, _BAND)]
 
     fastest = float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max())
@@ -56,7 +48,7 @@ def cost_volume(
     def run(band):
         count = int(np.searchsorted(w, nearest[slice(*band)].max(), side="right"))
         _sweep_band(
-            codes, found.others, found.sizes, found.projections, w[:count], OFFSETS, weights, np.float32(UNSEEN), *band,
+            codes, found.others, found.sizes, found.projections, w[:count], OFFSETS, weights, unseen, *band,
             volume,
         )  # fmt: skip
         volume[slice(*band), :, count:] = int(CUT * _SCALE)
@@ -64,7 +56,7 @@ def cost_volume(
             volume[y, :, _INFINITE:count] += np.uint8(_NO_SKY)
         _sweep_level(
             codes, found.others, found.sizes, found.projections, found.falling.astype(np.float32), w[:count], *heights,
-            OFFSETS, weights, np.float32(UNSEEN), *band, volume,
+            OFFSETS, weights, unseen, *band, volume,
         )  # fmt: skip
 
     list(pool.map(run, bands))
@@ -75,40 +67,6 @@ def pair_weights(pairs: int) -> np.ndarray:
     """(N,) float32 weights of the pairs' costs from the best to the worst at a pixel; their sum is 1."""
     weights = np.arange(pairs, 0, -1, dtype=np.float64) ** POWER
     return (weights / weights.sum()).astype(np.float32)
-
-
-def census(image: np.ndarray) -> np.ndarray:
-    """HxW uint32 census codes of a float32 picture; its border is repeated."""
-    padded = np.pad(image, RADIUS, mode="edge")
-    codes = np.zeros(image.shape, np.uint32)
-    for y in range(image.shape[0]):
-        _census_row(padded, y + RADIUS, 0, OFFSETS, codes[y])
-    return codes
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _census_row(padded, row, first, offsets, codes):
-    """Of the row's pixels from ``first`` on, as many as there are ``codes``; four bits at a time."""
-    first, width = first + RADIUS, codes.shape[0]
-    centre = padded[row, first : first + width]
-    codes[:] = np.uint32(0)
-    bit = np.uint32(1)
-    for k in range(0, offsets.shape[0], 4):
-        a, b, c, d = (
-            _beside(padded, row, first, offsets[k], width), _beside(padded, row, first, offsets[k + 1], width),
-            _beside(padded, row, first, offsets[k + 2], width), _beside(padded, row, first, offsets[k + 3], width),
-        )  # fmt: skip
-        bit_b, bit_c, bit_d = np.uint32(bit << 1), np.uint32(bit << 2), np.uint32(bit << 3)
-        for x in range(width):
-            least = centre[x] + np.float32(NOISE)
-            two = or_if(or_if(codes[x], a[x] > least, bit), b[x] > least, bit_b)
-            codes[x] = or_if(or_if(two, c[x] > least, bit_c), d[x] > least, bit_d)
-        bit = np.uint32(bit << 4)
-
-
-@njit(cache=True, nogil=True)
-def _beside(padded, row, first, offset, width):
-    return padded[row + offset[0], first + offset[1] : first + offset[1] + width]
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -182,13 +140,13 @@ def _rank(reference, others, sizes, projections, w, offsets, unseen, y0, scratch
                     warped[r, low : high + 2 * RADIUS], seen[r, low : high + 2 * RADIUS],
                 )  # fmt: skip
         for r in range(rows):
-            costs[:] = unseen
+            costs[:] = unseen[y0 + r]
             if low < high:
-                _census_row(warped, r + RADIUS, low, offsets, codes[low:high])
+                census_row(warped, r + RADIUS, low, offsets, codes[low:high])
                 inside = seen[r + RADIUS, RADIUS : RADIUS + width]
                 for x in range(low, high):
                     bits = differing_bits(codes[x], reference[y0 + r, x])
-                    costs[x] = bits if inside[x] > np.float32(0.5) else unseen
+                    costs[x] = bits if inside[x] > np.float32(0.5) else unseen[y0 + r, x]
             _insert(ranked[r], i, costs)
 
 
