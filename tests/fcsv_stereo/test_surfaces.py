@@ -103,6 +103,15 @@ def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change():
     assert np.allclose(settled(image, larger), true, rtol=0.03)
 
 
+def test_several_maps_may_settle_at_once_and_are_the_same_every_time(pool):
+    """OpenCV's weighted median is not made for it, and ended the whole process."""
+    rng = np.random.default_rng(3)
+    image = rng.uniform(0, 255, (120, 160, 3)).astype(np.float32)
+    maps = [rng.uniform(0.01, 0.1, (120, 160)).astype(np.float32) for _ in range(6)]
+    one_by_one = [settled(image, w) for w in maps]
+    assert np.array_equal(list(pool.map(lambda w: settled(image, w), maps)), one_by_one)
+
+
 def test_what_is_not_known_follows_its_surroundings(pool):
     reference, true, half, found, coarser = walls()
     known = np.ones(half.shape, bool)

@@ -58,6 +58,7 @@ def _of_its_colour(image: np.ndarray, w: np.ndarray) -> np.ndarray:
     steps = np.round((log_w - low) * scale).astype(np.uint8)
     guide = np.clip(image, 0.0, 255.0).astype(np.uint8)
     with _ONE_AT_A_TIME:
+        cv2.setRNGSeed(0)  # it draws the start of its clusters of colours: the same pictures shall give the same map
         median = cv2.ximgproc.weightedMedianFilter(guide, steps, _SETTLE_PX, _SETTLE_COLOUR, cv2.ximgproc.WMF_EXP)
     return np.exp(median / scale + low).astype(np.float32)
 
