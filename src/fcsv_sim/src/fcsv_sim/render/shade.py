@@ -21,6 +21,7 @@ compiled.drop_stale(__file__, "layout", "light", "noise", "patterns", "rays", "s
 _S0, _S1, _S2 = (float(v) for v in SUN)
 NO_HIT = np.uint32(0xFFFFFFFF)
 _COLUMNS = m.COLUMNS
+_LONGEST_PART, _MOST_PARTS = 3.0, 12  # of a pixel on the ground: length over width, and how many
 
 
 class Tables(NamedTuple):
@@ -37,17 +38,25 @@ class Tables(NamedTuple):
 
 @compiled.function
 def _ground_albedo(data, x, y, ax, ay, az, bx, by, bz):
-    """The ground under a pixel; a slanted pixel is long and gets two probes."""
+    """The ground under a pixel: the mean over the parts of a slanted one, which is long."""
     along, across = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
+    if across > along:
+        ax, ay, bx, by = bx, by, ax, ay
     long, short = max(along, across), min(along, across)
+    parts = min(max(int(long / (_LONGEST_PART * short)), 1), _MOST_PARTS)
+    ax, ay, long = ax / parts, ay / parts, long / parts
     lf = math.log2(max(short, 0.3 * long))
-    at = min(max(x, 0.0), BEND_SIZE - 2.0)
-    i = int(at)
-    bend = data[BEND + i] + (data[BEND + i + 1] - data[BEND + i]) * (at - i)
-    hx, hy = 0.0, 0.0
-    if long > 1.8 * short:
-        hx, hy = (0.25 * bx, 0.25 * by) if across > along else (0.25 * ax, 0.25 * ay)
-    return ground(data, x, y - bend, hx, hy, abs(ax) + abs(bx), abs(ay) + abs(by), lf)
+    hx, hy = (0.25 * ax, 0.25 * ay) if long > 1.8 * short else (0.0, 0.0)
+    r, g, b = 0.0, 0.0, 0.0
+    for part in range(parts):
+        off = part - 0.5 * (parts - 1)
+        px, py = x + off * ax, y + off * ay
+        at = min(max(px, 0.0), BEND_SIZE - 2.0)
+        i = int(at)
+        bend = data[BEND + i] + (data[BEND + i + 1] - data[BEND + i]) * (at - i)
+        pr, pg, pb = ground(data, px, py - bend, hx, hy, abs(ax) + abs(bx), abs(ay) + abs(by), lf)
+        r, g, b = r + pr, g + pg, b + pb
+    return r / parts, g / parts, b / parts
 
 
 @compiled.function
