@@ -67,7 +67,7 @@ def test_windows_in_level_planes_find_the_ground(ground, pool):
     everywhere = np.full(found.shape[0], np.inf)
     rows, columns = np.mgrid[100:156, 60:180]
     true = np.searchsorted(levels, 1.0 / depth[rows, columns]).clip(0, len(levels) - 1)
-    upright, level = (cost_volume(found, levels, everywhere, h, pool)[rows, columns] for h in (0.0, np.inf))
+    upright, level = (cost_volume(found, levels, everywhere, h, pool)[0][rows, columns] for h in (0.0, np.inf))
     at_truth = [np.take_along_axis(v, true[..., None], 2).mean() for v in (upright, level)]
     assert at_truth[1] < 0.9 * at_truth[0]
     right = [(np.abs(v.argmin(axis=2) - true) < 3).mean() for v in (upright, level)]

@@ -39,12 +39,12 @@ def coarse(found: Views, nearest: np.ndarray, highest: float, most_levels: int, 
     """By semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m), no
     level windows above an inverse height of ``highest`` (1/m) under the camera."""
     levels = inverse_depths(found, STEP_PX, most_levels, float(nearest.max()))
-    volume = cost_volume(found, levels, nearest, highest, pool)
-    total = aggregate(volume, found.reference, P1, P2, level_drift(found, levels), pool)
+    volume, counts = cost_volume(found, levels, nearest, highest, pool)
+    total = aggregate(volume, counts, found.reference, (P1, P2), level_drift(found, levels), pool)
     w = np.empty(found.shape, np.float32)
     cost = np.empty(found.shape, np.uint8)
     margin = np.empty(found.shape, np.float32)
-    _minima(total, volume, levels, w, cost, margin)
+    _minima(total, volume, counts, levels, w, cost, margin)
     return Coarse(w, cost, margin, levels)
 
 
@@ -92,10 +92,11 @@ def nearest_inverse_depth(found: Coarse, grey: np.ndarray, height: int) -> np.nd
 
 
 @njit(cache=True, nogil=True)
-def _minima(total, volume, levels, w, cost, margin):
+def _minima(total, volume, counts, levels, w, cost, margin):
     """Least sum per pixel, between the levels by a parabola."""
-    height, width, depth = total.shape
+    height, width, _ = total.shape
     for y in range(height):
+        depth = counts[y]
         for x in range(width):
             sums = total[y, x]
             k = 0

@@ -7,6 +7,7 @@ one volume (Okutomi and Kanade 1993); each pair's cost is cut off, so that one t
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Tuple
 
 import numpy as np
 from numba import njit
@@ -26,17 +27,18 @@ _BLOCK = 32
 
 def cost_volume(
     found: Views, w: np.ndarray, nearest: np.ndarray, highest: float, pool: ThreadPoolExecutor
-) -> np.ndarray:
-    """HxWxD uint8, tenths of bits: the cost of every inverse depth ``w`` (1/m) at every pixel.
+) -> Tuple[np.ndarray, np.ndarray]:
+    """HxWxD uint8, tenths of bits: the cost of every inverse depth ``w`` (1/m) at every pixel; and (H,) int64, how many
+    levels a row has: none above its ``nearest`` (H, 1/m), there is more to see far away than near.
 
     The pairs' costs are sorted and the better ones weigh more (4, 3, 2, 1 of four): where some are occluded, the rest
-    decides. Above a row's ``nearest`` (H, 1/m) the cost is the largest: there is more to see far away than near.
+    decides.
     A window may lie in a level plane as well as in an upright one (Gallup et al. 2007: sweeps in several directions):
     the ground shears by the baseline over the height from row to row. ``highest`` (1/m) is the inverse height under the
     camera above which no level planes are tried. Above the horizon, where nothing tells of a depth, there is none.
     """
     height, width = found.shape
-    volume = np.empty((height, width, len(w)), np.uint8)
+    volume, counts = np.empty((height, width, len(w)), np.uint8), np.empty(height, np.int64)
     codes = census(found.reference)
     weights = pair_weights(len(found))
     unseen = unseen_bits(found.reference)
@@ -51,7 +53,7 @@ def cost_volume(
             codes, found.others, found.sizes, found.projections, w[:count], OFFSETS, weights, unseen, *band,
             volume,
         )  # fmt: skip
-        volume[slice(*band), :, count:] = int(CUT * _SCALE)
+        counts[slice(*band)] = count
         for y in np.flatnonzero(found.falls[slice(*band)] <= 0.0) + band[0]:
             volume[y, :, _INFINITE:count] += np.uint8(_NO_SKY)
         _sweep_level(
@@ -60,7 +62,7 @@ def cost_volume(
         )  # fmt: skip
 
     list(pool.map(run, bands))
-    return volume
+    return volume, counts
 
 
 def pair_weights(pairs: int) -> np.ndarray:
