@@ -19,7 +19,6 @@ from fcsv_stereo.joint.bits import differing_bits
 from fcsv_stereo.joint.candidates import MOST, Candidates, candidates, for_rows
 from fcsv_stereo.joint.census import census
 from fcsv_stereo.joint.colour import add_likeness, alike_bits, settle
-from fcsv_stereo.joint.photometric import sample
 from fcsv_stereo.joint.sweep import Views
 from fcsv_stereo.joint.volume import pair_weights
 
@@ -135,8 +134,7 @@ def _judge(
             for k in range(start[y, x], start[y, x] + count[y, x]):
                 for i in range(pairs):
                     ranked[i] = _unlike(
-                        reference, code, mask, scale, others[i], codes[i], sizes[i], projections[i], in_front[i],
-                        y, x, values[k],
+                        reference, code, mask, scale, others, codes, sizes, projections, in_front, i, y, x, values[k]
                     )  # fmt: skip
                     for j in range(i, 0, -1):
                         if ranked[j] < ranked[j - 1]:
@@ -148,57 +146,71 @@ def _judge(
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _unlike(reference, code, mask, scale, image, codes, size, p, front, y, x, w):
-    """How unlike one pair is at inverse depth w, or what counts where it cannot see the place."""
-    half = np.float32(0.5)
-    z = p[6] * x + p[7] * y + p[8] + w * p[11]
-    if z <= 0:
+def _unlike(reference, code, mask, scale, others, codes, sizes, p, front, i, y, x, w):
+    """How unlike pair i is at inverse depth w, or what counts where it cannot see the place."""
+    half, zero, u, v = np.float32(0.5), np.float32(0.0), np.float32(x), np.float32(y)
+    z = p[i, 6] * u + p[i, 7] * v + p[i, 8] + w * p[i, 11]
+    if not z > zero:
         return np.float32(_UNSEEN)
-    a = (p[0] * x + p[1] * y + p[2] + w * p[9]) / z
-    b = (p[3] * x + p[4] * y + p[5] + w * p[10]) / z
-    if a < 0 or b < 0 or a > size[1] - 1 or b > size[0] - 1:
+    a = (p[i, 0] * u + p[i, 1] * v + p[i, 2] + w * p[i, 9]) / z
+    b = (p[i, 3] * u + p[i, 4] * v + p[i, 5] + w * p[i, 10]) / z
+    if not (a >= zero and b >= zero and a <= sizes[i, 1] - 1 and b <= sizes[i, 0] - 1):
         return np.float32(_UNSEEN)
-    r = min(int((b + half) * front.shape[0] / image.shape[0]), front.shape[0] - 1)
-    c = min(int((a + half) * front.shape[1] / image.shape[1]), front.shape[1] - 1)
-    if front[r, c] > w * np.float32(_FRONT) + np.float32(1e-4):
+    r = min(int((b + half) * front.shape[1] / others.shape[1]), front.shape[1] - 1)
+    c = min(int((a + half) * front.shape[2] / others.shape[2]), front.shape[2] - 1)
+    if front[i, r, c] > w * np.float32(_FRONT) + np.float32(1e-4):
         return np.float32(_UNSEEN)
-    alike, there = mask[y, x], codes[int(b + half), int(a + half)]
+    alike, there = mask[y, x], codes[i, int(b + half), int(a + half)]
     bits = scale[y, x] * differing_bits(np.uint32(code[y, x] & alike), np.uint32(there & alike))
-    step = abs(reference[y, x] - sample(image, size[0], size[1], np.float32(a), np.float32(b)))
+    step = abs(reference[y, x] - _between(others, i, sizes, a, b))
     value = np.float32(_BITS) * bits + np.float32(_BRIGHTNESS) * min(step, np.float32(_MOST_GREY))
     return min(value, np.float32(_CUT))
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _begin(first, n, cost, now, total):
+def _between(images, i, sizes, x, y):
+    """Picture i at a place between its pixels."""
+    c, r = int(x), int(y)
+    fx, fy = x - np.float32(c), y - np.float32(r)
+    right, below = min(c + 1, sizes[i, 1] - 1), min(r + 1, sizes[i, 0] - 1)
+    top = images[i, r, c] + fx * (images[i, r, right] - images[i, r, c])
+    low = images[i, below, c] + fx * (images[i, below, right] - images[i, below, c])
+    return top + fy * (low - top)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _begin(first, n, cost, paths, now, total):
     least = np.float32(1e9)
     for k in range(n):
-        now[k] = cost[first + k]
-        total[first + k] += now[k]
-        least = min(least, now[k])
+        paths[now, k] = cost[first + k]
+        total[first + k] += cost[first + k]
+        least = min(least, cost[first + k])
     return least
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _step(
-    first, n, first_before, n_before, dx, dy, values, slope_x, slope_y, cost, step, before, least, price, now, total
-):
-    """One pixel of one path: ``now`` from ``before``; the new least."""
+    first, n, first_before, n_before, dx, dy, values, slope_x, slope_y, cost, step, paths, before, least, price, now,
+    total,
+):  # fmt: skip
+    """One pixel of one path: row ``now`` of ``paths`` from row ``before``; the new least. (Rows are not handed over as
+    slices: those are counted references, and two threads that count wait for each other.)"""
     smallest, half = np.float32(1e9), np.float32(0.5)
     for k in range(n):
         i = first + k
         best = least + price
         for m in range(n_before):
-            if before[m] >= best:
+            if paths[before, m] >= best:
                 continue
             j = first_before + m
             ahead = values[j] + slope_x[j] * dx + slope_y[j] * dy - values[i]
             back = values[i] - slope_x[i] * dx - slope_y[i] * dy - values[j]
             gap = half * (abs(ahead) + abs(back)) / (np.float32(_MEET) * max(values[i], values[j]) + step)
-            best = min(best, before[m] + np.float32(_P1) * gap)
-        now[k] = cost[i] + best - least
-        smallest = min(smallest, now[k])
-        total[i] += now[k]
+            best = min(best, paths[before, m] + np.float32(_P1) * gap)
+        value = cost[i] + best - least
+        paths[now, k] = value
+        smallest = min(smallest, value)
+        total[i] += value
     return smallest
 
 
@@ -212,24 +224,24 @@ def _price(step):
 def _vertical(grey, start, count, values, slope_x, slope_y, cost, step, total, upward):
     """The three paths that come from the row above (or below)."""
     height, width = grey.shape
-    rows = np.zeros((2, 3, width, MOST), np.float32)
-    least = np.zeros((2, 3, width), np.float32)
+    paths = np.zeros((6 * width, MOST), np.float32)
+    least = np.zeros(6 * width, np.float32)
     dy = np.float32(-1.0) if upward else np.float32(1.0)
     for t in range(height):
         y = height - 1 - t if upward else t
         y_before = y + 1 if upward else y - 1
-        a, b = t % 2, (t + 1) % 2
+        a, b = (t % 2) * 3, ((t + 1) % 2) * 3
         for x in range(width):
             for path in range(3):
-                x_before = x + path - 1
-                now = rows[a, path, x]
+                x_before, now = x + path - 1, (a + path) * width + x
                 if t == 0 or x_before < 0 or x_before >= width:
-                    least[a, path, x] = _begin(start[y, x], count[y, x], cost, now, total)
+                    least[now] = _begin(start[y, x], count[y, x], cost, paths, now, total)
                     continue
-                least[a, path, x] = _step(
+                before = (b + path) * width + x_before
+                least[now] = _step(
                     start[y, x], count[y, x], start[y_before, x_before], count[y_before, x_before],
-                    np.float32(1 - path), dy, values, slope_x, slope_y, cost, step, rows[b, path, x_before],
-                    least[b, path, x_before], _price(grey[y, x] - grey[y_before, x_before]), now, total,
+                    np.float32(1 - path), dy, values, slope_x, slope_y, cost, step, paths, before, least[before],
+                    _price(grey[y, x] - grey[y_before, x_before]), now, total,
                 )  # fmt: skip
 
 
@@ -237,7 +249,7 @@ def _vertical(grey, start, count, values, slope_x, slope_y, cost, step, total, u
 def _horizontal(grey, start, count, values, slope_x, slope_y, cost, step, y0, y1, total):
     """The two paths along the rows."""
     width = grey.shape[1]
-    row = np.zeros((2, MOST), np.float32)
+    paths = np.zeros((2, MOST), np.float32)
     for y in range(y0, y1):
         for backward in range(2):
             least = np.float32(0.0)
@@ -245,13 +257,13 @@ def _horizontal(grey, start, count, values, slope_x, slope_y, cost, step, y0, y1
             for t in range(width):
                 x = width - 1 - t if backward else t
                 x_before = x + 1 if backward else x - 1
-                a, b = t % 2, (t + 1) % 2
                 if t == 0:
-                    least = _begin(start[y, x], count[y, x], cost, row[a], total)
+                    least = _begin(start[y, x], count[y, x], cost, paths, 0, total)
                     continue
                 least = _step(
                     start[y, x], count[y, x], start[y, x_before], count[y, x_before], dx, np.float32(0.0), values,
-                    slope_x, slope_y, cost, step, row[b], least, _price(grey[y, x] - grey[y, x_before]), row[a], total,
+                    slope_x, slope_y, cost, step, paths, (t + 1) % 2, least, _price(grey[y, x] - grey[y, x_before]),
+                    t % 2, total,
                 )  # fmt: skip
 
 
