@@ -90,7 +90,7 @@ def test_a_near_surface_that_was_carried_over_its_edge_moves_back(pool):
     assert before.mean() > 0.01 and after.mean() < 0.4 * before.mean()
 
 
-def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change():
+def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change(pool):
     """Two colours meet; the coarse map's near surface reaches over the line by a pixel of its own."""
     near, far = np.float32(0.1), np.float32(0.02)
     image = np.full((60, 80, 3), 40.0, np.float32)
@@ -100,16 +100,33 @@ def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change():
     true = np.where(image[..., 0] < 100.0, near, far)
     larger = stretched(coarse, true.shape)
     assert (larger != true).mean() > 0.02
-    assert np.allclose(settled(image, larger), true, rtol=0.03)
+    assert np.allclose(settled(image, larger, pool), true, rtol=0.03)
+
+
+def test_settling_takes_the_weighted_median_of_the_surroundings(pool):
+    """Against the definition, where surfaces are mixed; what has one surface about it stays as it is, bit by bit."""
+    rng = np.random.default_rng(3)
+    image = rng.uniform(0, 80, (40, 50, 3)).astype(np.float32)
+    w = np.where(rng.random((40, 50)) < 0.5, 0.1, 0.02).astype(np.float32)
+    w[:20] = 0.05
+    found = settled(image, w, pool)
+    assert np.array_equal(found[:14], w[:14])
+    colours, wrong = image.astype(np.int32), 0
+    for y, x in [(y, x) for y in range(26, 40) for x in range(50)]:
+        here = slice(max(y - 5, 0), y + 6), slice(max(x - 5, 0), x + 6)
+        likeness = np.exp(-np.square(colours[here] - colours[y, x]).sum(axis=-1) / (2 * 25.0**2))
+        near = likeness[w[here] == np.float32(0.1)].sum() / likeness.sum()
+        wrong += abs(near - 0.5) > 0.01 and (found[y, x] > 0.04) != (near > 0.5)
+    assert wrong == 0
 
 
 def test_several_maps_may_settle_at_once_and_are_the_same_every_time(pool):
-    """OpenCV's weighted median is not made for it, and ended the whole process."""
     rng = np.random.default_rng(3)
     image = rng.uniform(0, 255, (120, 160, 3)).astype(np.float32)
     maps = [rng.uniform(0.01, 0.1, (120, 160)).astype(np.float32) for _ in range(6)]
-    one_by_one = [settled(image, w) for w in maps]
-    assert np.array_equal(list(pool.map(lambda w: settled(image, w), maps)), one_by_one)
+    one_by_one = [settled(image, w, pool) for w in maps]
+    with ThreadPoolExecutor(2) as nodes:
+        assert np.array_equal(list(nodes.map(lambda w: settled(image, w, pool), maps)), one_by_one)
 
 
 def test_what_is_not_known_follows_its_surroundings(pool):

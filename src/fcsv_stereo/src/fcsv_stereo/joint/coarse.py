@@ -14,7 +14,6 @@ from fcsv_stereo.joint.sweep import LEAST_FALL, Views, inverse_depths
 from fcsv_stereo.joint.volume import cost_volume
 
 P1, P2 = 40.0, 330.0
-STEP_PX = 1.0
 _CONFIDENT = 60  # volume units: a match whose better pairs differ in no more than six of 32 bits
 _TEXTURE = 9.0  # variance of grey levels in 5x5
 _LEAST_LEVELS = 8
@@ -35,10 +34,13 @@ class Coarse:
     levels: np.ndarray
 
 
-def coarse(found: Views, nearest: np.ndarray, highest: float, most_levels: int, pool: ThreadPoolExecutor) -> Coarse:
+def coarse(
+    found: Views, nearest: np.ndarray, highest: float, most_levels: int, pool: ThreadPoolExecutor, step_px: float = 1.0
+) -> Coarse:
     """By semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m), no
-    level windows above an inverse height of ``highest`` (1/m) under the camera."""
-    levels = inverse_depths(found, STEP_PX, most_levels, float(nearest.max()))
+    level windows above an inverse height of ``highest`` (1/m) under the camera. A level moves the fastest pair by
+    ``step_px``."""
+    levels = inverse_depths(found, step_px, most_levels, float(nearest.max()))
     volume, counts = cost_volume(found, levels, nearest, highest, pool)
     total = aggregate(volume, counts, found.reference, (P1, P2), level_drift(found, levels), pool)
     w = np.empty(found.shape, np.float32)

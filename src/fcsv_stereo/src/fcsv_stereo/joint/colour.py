@@ -2,7 +2,6 @@
 """What the colours about a pixel tell of the surface that it belongs to."""
 
 from concurrent.futures import ThreadPoolExecutor
-from threading import Lock
 from typing import Tuple
 
 import cv2
@@ -15,7 +14,7 @@ from fcsv_stereo.joint.census import OFFSETS
 _COLOUR, _MOST_COLOUR, _NO_COLOUR = 0.1, 40.0, 10.0  # per grey level from the plane's place; at most; where it has none
 _ALIKE, _LEAST_ALIKE = 20.0, 4  # grey levels between colours of one surface; census bits
 _SETTLE_PX, _SETTLE_COLOUR = 5, 25.0  # radius, and grey levels of colour, of the surroundings whose surface wins
-_ONE_AT_A_TIME = Lock()  # OpenCV's weighted median writes beyond its memory where two threads run it
+_LIKENESS_SHIFT, _LIKENESS_BINS = 4, 512  # bits of squared distance, and how many until a weight is nothing
 _OTHER = 1.1  # by which an inverse depth is another surface's
 
 
@@ -37,30 +36,62 @@ def add_likeness(
     for_rows(pool, len(image), lambda y0, y1: _add_likeness(image, near, *planes, y0, y1, cost))
 
 
-def settle(image: np.ndarray, given: Candidates, best: np.ndarray) -> None:
+def settle(image: np.ndarray, given: Candidates, best: np.ndarray, pool: ThreadPoolExecutor) -> None:
     """Gives a pixel the candidate nearest to what those about it of its colour have; in place."""
-    _nearest(given.start, given.count, given.w, _of_its_colour(image, best), best)
+    _nearest(given.start, given.count, given.w, _of_its_colour(image, best, pool), best)
 
 
-def settled(image: np.ndarray, w: np.ndarray) -> np.ndarray:
+def settled(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
     """Inverse depth (HxW, 1/m), where another surface's, as those about a pixel of its colour in ``image`` have it."""
-    target = _of_its_colour(image, w)
+    target = _of_its_colour(image, w, pool)
     return np.where((w > _OTHER * target) | (target > _OTHER * w), target, w)
 
 
-def _of_its_colour(image: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """HxW float32, 1/m: the median of ``w`` about each pixel weighted by likeness of colour (Ma et al. 2013).
+def _of_its_colour(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
+    """HxW float32, 1/m: the median of ``w`` about each pixel weighted by likeness of colour (Ma et al. 2013), where
+    more than one surface is about it.
 
-    Windows take up more than one surface where these meet; the pixels' colours tell them apart.
+    Windows take up more than one surface where these meet; the pixels' colours tell them apart. (OpenCV has this
+    filter, of the whole picture on one core; where two threads call it, it writes beyond its memory.)
     """
     log_w = np.log(np.maximum(w, 1e-5))
     low, scale = log_w.min(), 255.0 / max(float(np.ptp(log_w)), 1e-6)
     steps = np.round((log_w - low) * scale).astype(np.uint8)
-    guide = np.clip(image, 0.0, 255.0).astype(np.uint8)
-    with _ONE_AT_A_TIME:
-        cv2.setRNGSeed(0)  # it draws the start of its clusters of colours: the same pictures shall give the same map
-        median = cv2.ximgproc.weightedMedianFilter(guide, steps, _SETTLE_PX, _SETTLE_COLOUR, cv2.ximgproc.WMF_EXP)
-    return np.exp(median / scale + low).astype(np.float32)
+    about = np.ones((2 * _SETTLE_PX + 1,) * 2, np.uint8)
+    mixed = cv2.dilate(log_w, about) - cv2.erode(log_w, about) > np.log(_OTHER)
+    colours = np.clip(image, 0.0, 255.0).astype(np.int32)
+    likeness = np.exp(np.arange(_LIKENESS_BINS) * -float(1 << _LIKENESS_SHIFT) / (2.0 * _SETTLE_COLOUR**2))
+    median = steps.copy()
+    for_rows(pool, len(w), lambda y0, y1: _median(colours, steps, mixed, likeness.astype(np.float32), y0, y1, median))
+    return np.where(mixed, np.exp(median / scale + low), w).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _median(colours, steps, mixed, likeness, y0, y1, out):
+    """Weighted medians of 8-bit ``steps``; ``likeness`` by squared distance of colour."""
+    height, width = steps.shape
+    weights = np.zeros(256, np.float32)
+    for y in range(y0, y1):
+        for x in range(width):
+            if not mixed[y, x]:
+                continue
+            weights[:] = np.float32(0.0)
+            total = np.float32(0.0)
+            for r in range(max(y - _SETTLE_PX, 0), min(y + _SETTLE_PX + 1, height)):
+                for c in range(max(x - _SETTLE_PX, 0), min(x + _SETTLE_PX + 1, width)):
+                    distance = 0
+                    for i in range(3):
+                        step = colours[y, x, i] - colours[r, c, i]
+                        distance += step * step
+                    k = distance >> _LIKENESS_SHIFT
+                    if k < _LIKENESS_BINS:
+                        weights[steps[r, c]] += likeness[k]
+                        total += likeness[k]
+            k, below = 0, weights[0]
+            while below < np.float32(0.5) * total:
+                k += 1
+                below += weights[k]
+            out[y, x] = k
 
 
 @njit(cache=True, nogil=True, fastmath=True)

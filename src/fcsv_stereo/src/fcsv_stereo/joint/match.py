@@ -14,6 +14,7 @@ from fcsv_stereo.joint import confidence
 from fcsv_stereo.joint.coarse import Coarse, coarse, highest_level, nearest_inverse_depth
 from fcsv_stereo.joint.colour import settled
 from fcsv_stereo.joint.direct import adjust
+from fcsv_stereo.joint.far import FINER, sharpened
 from fcsv_stereo.joint.fine import Fine, refine
 from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
 from fcsv_stereo.joint.sky import sky
@@ -25,6 +26,7 @@ _LEAST_BASELINE_M = 1e-6
 _LEAST_PIXELS = 16
 _ADJUSTMENTS = 4
 _SETTLED_PIXELS = 100000
+_ROUGH_STEP_PX = 1.5
 
 
 @dataclass(frozen=True)
@@ -102,12 +104,15 @@ def match_jointly(
         for scale in scales[1:]:
             found = views(reference, chosen, scale, greys)
             w = _finer(found, now, _colour(reference, found.shape), scale, options, pool)
+            sharp = np.False_
+            if scale == 1.0 and not options.stretch:
+                w, sharp = sharpened(found, w, options.most_levels, pool)
             if scale == 1.0 and prior:
                 details = detail(found)
                 certain = known & relied_on(found, w, residuals(details, w, pool))[1]
                 chosen, poses, w = adjust(reference, chosen, prior, details, w, certain, _ADJUSTMENTS, pool)
                 found = views(reference, chosen, scale, greys)
-            step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
+            step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32) * np.where(sharp, FINER, 1.0)
             fine = refine(detail(found), w, step, _iterations(scale, options), pool)
             if scale < 1.0:
                 now = Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
@@ -145,7 +150,7 @@ def _finer(found: Views, coarser: Map, image: np.ndarray, scale: float, options:
         return choose_surfaces(found, coarser, image, pool)
     w = stretched(coarser.w, found.shape)
     settles = scale < 1.0 or w.size <= _SETTLED_PIXELS  # at a large full size it costs more than it mends
-    return settled(image, w) if settles else w
+    return settled(image, w, pool) if settles else w
 
 
 def _iterations(scale: float, options: MatchOptions) -> int:
@@ -156,7 +161,7 @@ def _iterations(scale: float, options: MatchOptions) -> int:
 def _coarse(reference: Picture, chosen, poses, prior, greys, scale: float, options: MatchOptions, pool):
     """The map at a reduced size and its levels of inverse depth; poses adjusted on the way where there is a prior."""
     small = views(reference, chosen, scale / 2.0, greys)
-    rough = coarse(small, np.full(small.shape[0], np.inf), np.inf, options.most_levels, pool)
+    rough = coarse(small, np.full(small.shape[0], np.inf), np.inf, options.most_levels, pool, _ROUGH_STEP_PX)
     if prior:
         known, r = _trusted(rough, small, pool)
         chosen, poses, _ = adjust(reference, chosen, prior, detail(small), rough.w, known, _ADJUSTMENTS, pool)

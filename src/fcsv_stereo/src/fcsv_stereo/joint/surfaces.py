@@ -55,7 +55,7 @@ def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadP
     total = _aggregate(found.reference, given, cost, pool)
     best = np.empty(found.shape, np.float32)
     _pick(*_of(given), given.w, total, best)
-    settle(image, given, best)
+    settle(image, given, best, pool)
     return best
 
 

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is far, matched again at full size: edges and depths get better, nothing is found that was not chosen."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+import pytest
+
+from fcsv_stereo.joint.coarse import coarse
+from fcsv_stereo.joint.far import _band, sharpened
+from fcsv_stereo.joint.sweep import Views
+
+SIZE = 160, 200
+FAR, FARTHER, NEAR = 8.0, 4.0, 60.0  # px of movement in the fastest pair, which is one per 1/m
+
+
+@pytest.fixture(scope="module")
+def pool():
+    with ThreadPoolExecutor(2) as threads:
+        yield threads
+
+
+def world():
+    """True inverse depth, and the pictures: a far wall with small things before it, and a near strip below."""
+    w = np.full(SIZE, FARTHER, np.float32)
+    for k in range(8):
+        w[20 + 6 * k : 80, 10 + 24 * k : 18 + 24 * k] = FAR
+    w[120:] = NEAR
+    rng = np.random.default_rng(2)
+    layers = {
+        float(d): cv2.GaussianBlur(rng.uniform(0, 255, (SIZE[0], SIZE[1] + 140)), (0, 0), 0.8) for d in np.unique(w)
+    }
+    u, v = np.meshgrid(np.arange(SIZE[1]), np.arange(SIZE[0]))
+
+    def seen(share):
+        """From ``share`` of the baseline: the nearest surface wins."""
+        image = np.zeros(SIZE, np.float32)
+        for d in sorted(layers):
+            source = (u - share * d).astype(np.float32)
+            mask = cv2.remap((w == d).astype(np.float32), source, v.astype(np.float32), cv2.INTER_NEAREST) > 0
+            mask |= d == FARTHER
+            image[mask] = cv2.remap(layers[d].astype(np.float32), source + 70, v.astype(np.float32), cv2.INTER_LINEAR)[
+                mask
+            ]
+        return image
+
+    shares = (0.5, 1.0)
+    projections = [np.r_[np.eye(3).ravel(), share, 0.0, 0.0] for share in shares]
+    others = np.stack([seen(s) for s in shares])
+    sizes = np.array([SIZE] * len(shares))
+    return w, Views(seen(0.0), others, sizes, np.array(projections, np.float32), np.array([0.0, 1e-3, -0.05]))
+
+
+def test_far_depths_and_edges_get_better_and_near_ones_are_left(pool):
+    true, found = world()
+    rough = cv2.blur(true, (7, 7))
+    rough[116:] = true[116:]
+    better, where = sharpened(found, rough, 768, pool)
+    far = np.zeros(SIZE, bool)
+    far[10:100, 20:-20] = True
+    before, after = (np.abs(m / true - 1.0) for m in (rough, better))
+    assert where[far].mean() > 0.5 and not where[124:].any()
+    assert np.median(after[where]) < 0.02
+    assert (after[far] > 0.05).mean() < 0.6 * (before[far] > 0.05).mean()
+    assert np.array_equal(better[~where], rough[~where])
+
+
+def test_what_no_surface_was_chosen_for_stays_without(pool):
+    true, found = world()
+    chosen = true.copy()
+    chosen[:60] = 0.0
+    better, where = sharpened(found, chosen, 768, pool)
+    assert not where[:60].any() and np.all(better[:60] == 0.0)
+
+
+def test_where_nothing_is_far_nothing_is_done(pool):
+    _, found = world()
+    near = np.full(SIZE, NEAR, np.float32)
+    better, where = sharpened(found, near, 768, pool)
+    assert np.array_equal(better, near) and not where.any()
+
+
+def test_a_band_of_rows_is_matched_as_in_the_whole_picture(pool):
+    _, found = world()
+    rows = slice(40, 100)
+    nearest = np.full(SIZE[0], 12.0, np.float32)
+    whole = coarse(found, nearest, 0.0, 768, pool, 0.5)
+    part = coarse(_band(found, rows), nearest[rows], 0.0, 768, pool, 0.5)
+    middle = slice(20, 40)  # paths and windows end at a band's borders
+    same = np.abs(part.w[middle] - whole.w[rows][middle]) < 0.02 * whole.w[rows][middle]
+    assert same.mean() > 0.97
