@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from fcsv_stereo.joint.coarse import coarse
-from fcsv_stereo.joint.far import _band, sharpened
+from fcsv_stereo.joint.far import _band, _strips, sharpened
 from fcsv_stereo.joint.sweep import Views
 
 SIZE = 160, 200
+CELLS = 10**7
 FAR, FARTHER, NEAR = 8.0, 4.0, 60.0  # px of movement in the fastest pair, which is one per 1/m
 
 
@@ -56,7 +57,7 @@ def test_far_depths_and_edges_get_better_and_near_ones_are_left(pool):
     true, found = world()
     rough = cv2.blur(true, (7, 7))
     rough[116:] = true[116:]
-    better, where = sharpened(found, rough, 768, pool)
+    better, where = sharpened(found, rough, CELLS, pool)
     far = np.zeros(SIZE, bool)
     far[10:100, 20:-20] = True
     before, after = (np.abs(m / true - 1.0) for m in (rough, better))
@@ -70,14 +71,14 @@ def test_what_no_surface_was_chosen_for_stays_without(pool):
     true, found = world()
     chosen = true.copy()
     chosen[:60] = 0.0
-    better, where = sharpened(found, chosen, 768, pool)
+    better, where = sharpened(found, chosen, CELLS, pool)
     assert not where[:60].any() and np.all(better[:60] == 0.0)
 
 
 def test_where_nothing_is_far_nothing_is_done(pool):
     _, found = world()
     near = np.full(SIZE, NEAR, np.float32)
-    better, where = sharpened(found, near, 768, pool)
+    better, where = sharpened(found, near, CELLS, pool)
     assert np.array_equal(better, near) and not where.any()
 
 
@@ -90,3 +91,23 @@ def test_a_band_of_rows_is_matched_as_in_the_whole_picture(pool):
     middle = slice(20, 40)  # paths and windows end at a band's borders
     same = np.abs(part.w[middle] - whole.w[rows][middle]) < 0.02 * whole.w[rows][middle]
     assert same.mean() > 0.97
+
+
+def test_with_little_memory_it_is_matched_in_strips(pool):
+    """Where strips meet, paths end: most is the same, and nothing is left out."""
+    true, found = world()
+    rough = cv2.blur(true, (7, 7))
+    (whole, where), (parts, where_parts) = (sharpened(found, rough, n, pool) for n in (CELLS, 10**6))
+    strips = _strips(np.arange(120), 10**6 // (SIZE[1] * 81))
+    assert len(strips) > 2 and strips[0].start == 0 and strips[-1].stop == 120
+    assert all(a.stop == b.start for a, b in zip(strips, strips[1:]))
+    both = where & where_parts
+    assert both.sum() > 0.95 * where.sum()
+    assert (np.abs(parts / whole - 1.0)[both] < 0.02).mean() > 0.97
+
+
+def test_what_no_pair_sees_stays_as_it_is(pool):
+    true, found = world()
+    found.projections[:, 2] = 1e4
+    better, where = sharpened(found, true, CELLS, pool)
+    assert np.array_equal(better, true) and not where.any()

@@ -3,7 +3,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Tuple
+from typing import List, Tuple
 
 import numpy as np
 
@@ -12,37 +12,44 @@ from fcsv_stereo.joint.sweep import Views
 
 _FAR_PX = 40.0  # of movement in the fastest pair; what moves less is far
 _STEP_PX = 0.5
+_LEVELS = int(_FAR_PX / _STEP_PX) + 1
+_OVERLAP = 16  # rows: of strips, for windows and paths
 _MARGIN = 0.9  # share of the nearest level up to which a match counts: the volume's end draws what is beyond it
 _SAME = 0.25  # share of inverse depth by which a match may differ from the surface that was chosen
 _LEAST_SHARE = 0.01  # of a row
-_HIGHEST = 0.0
+_HIGHEST = 0.0  # windows in level planes change nothing here
 _MOST_COST, _LEAST_MARGIN = 110, 0.03  # as trust's: volume units, and share of the best sum
 #: By which what the volume leaves uncertain is less than a level of the smaller one.
 FINER = np.float32(0.4)
 
 
-def sharpened(found: Views, w: np.ndarray, most_levels: int, pool: ThreadPoolExecutor) -> Tuple[np.ndarray, np.ndarray]:
+def sharpened(found: Views, w: np.ndarray, most_cells: int, pool: ThreadPoolExecutor) -> Tuple[np.ndarray, np.ndarray]:
     """Inverse depth ``w`` (HxW, 1/m; of the pictures ``found``) with what is far matched again, and where (HxW bool).
 
-    A match has to agree with the surface that was chosen: this gives edges and depths, it finds nothing new.
+    A match has to agree with the surface that was chosen: this gives edges and depths, it finds nothing new. Volumes
+    have ``most_cells`` each, about: large pictures are matched in strips.
     """
     limit = _FAR_PX / max(float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max()), 1e-9)
-    rows = np.flatnonzero(((w > 0) & (w < limit)).mean(axis=1) > _LEAST_SHARE)
-    good = np.zeros(w.shape, np.bool_)
-    if not len(rows):
-        return w, good
-    band = slice(rows[0], rows[-1] + 1)
-    part = _band(found, band)
-    nearest = np.zeros(part.shape[0], np.float32)
-    nearest[rows - rows[0]] = limit
-    match = coarse(part, nearest, _HIGHEST, most_levels, pool, _STEP_PX)
-    good[band] = (
-        (match.w > 0) & (match.w < _MARGIN * limit) & (np.abs(match.w - w[band]) < _SAME * w[band])
-        & (match.cost < _MOST_COST) & (match.margin > _LEAST_MARGIN)
-    )  # fmt: skip
-    out = w.copy()
-    out[band] = np.where(good[band], match.w, w[band])
+    far = (w > 0) & (w < limit)
+    nearest = np.where(far.mean(axis=1) > _LEAST_SHARE, np.float32(limit), np.float32(0.0))
+    out, good = w.copy(), np.zeros(w.shape, np.bool_)
+    for rows in _strips(np.flatnonzero(nearest), most_cells // (w.shape[1] * _LEVELS)):
+        around = slice(max(rows.start - _OVERLAP, 0), rows.stop + _OVERLAP)
+        match = coarse(_band(found, around), nearest[around], _HIGHEST, _LEVELS, pool, _STEP_PX)
+        again, cost, margin = (x[rows.start - around.start :][: rows.stop - rows.start] for x in
+                               (match.w, match.cost, match.margin))  # fmt: skip
+        alike = np.abs(again - w[rows]) < _SAME * w[rows]
+        good[rows] = alike & far[rows] & (again < _MARGIN * limit) & (cost < _MOST_COST) & (margin > _LEAST_MARGIN)
+        out[rows] = np.where(good[rows], again, w[rows])
     return out, good
+
+
+def _strips(rows: np.ndarray, tall: int) -> List[slice]:
+    """Of ``tall`` rows at most from the first to the last of ``rows``; never of fewer than they overlap by."""
+    if not len(rows):
+        return []
+    tall, end = max(tall - 2 * _OVERLAP, _OVERLAP), int(rows[-1]) + 1
+    return [slice(start, min(start + tall, end)) for start in range(int(rows[0]), end, tall)]
 
 
 def _band(found: Views, rows: slice) -> Views:

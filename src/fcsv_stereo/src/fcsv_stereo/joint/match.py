@@ -106,7 +106,7 @@ def match_jointly(
             w = _finer(found, now, _colour(reference, found.shape), scale, options, pool)
             sharp = np.False_
             if scale == 1.0 and not options.stretch:
-                w, sharp = sharpened(found, w, options.most_levels, pool)
+                w, sharp = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
             if scale == 1.0 and prior:
                 details = detail(found)
                 certain = known & relied_on(found, w, residuals(details, w, pool))[1]
