@@ -60,9 +60,10 @@ def _of_its_colour(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -
     about = np.ones((2 * _SETTLE_PX + 1,) * 2, np.uint8)
     mixed = cv2.dilate(log_w, about) - cv2.erode(log_w, about) > np.log(_OTHER)
     colours = np.clip(image, 0.0, 255.0).astype(np.int32)
-    likeness = np.exp(np.arange(_LIKENESS_BINS) * -float(1 << _LIKENESS_SHIFT) / (2.0 * _SETTLE_COLOUR**2))
+    squares = np.arange(_LIKENESS_BINS) << _LIKENESS_SHIFT
+    likeness = np.exp(squares / (-2.0 * _SETTLE_COLOUR**2)).astype(np.float32)
     median = steps.copy()
-    for_rows(pool, len(w), lambda y0, y1: _median(colours, steps, mixed, likeness.astype(np.float32), y0, y1, median))
+    for_rows(pool, len(w), lambda y0, y1: _median(colours, steps, mixed, likeness, y0, y1, median))
     return np.where(mixed, np.exp(median / scale + low), w).astype(np.float32)
 
 

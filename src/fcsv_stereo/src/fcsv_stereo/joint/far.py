@@ -9,6 +9,7 @@ import numpy as np
 
 from fcsv_stereo.joint.coarse import coarse
 from fcsv_stereo.joint.sweep import Views
+from fcsv_stereo.joint.trust import well_matched
 
 _FAR_PX = 40.0  # of movement in the fastest pair; what moves less is far
 _STEP_PX = 0.5
@@ -18,7 +19,6 @@ _MARGIN = 0.9  # share of the nearest level up to which a match counts: the volu
 _SAME = 0.25  # share of inverse depth by which a match may differ from the surface that was chosen
 _LEAST_SHARE = 0.01  # of a row
 _HIGHEST = 0.0  # windows in level planes change nothing here
-_MOST_COST, _LEAST_MARGIN = 110, 0.03  # as trust's: volume units, and share of the best sum
 #: By which what the volume leaves uncertain is less than a level of the smaller one.
 FINER = np.float32(0.4)
 
@@ -36,10 +36,10 @@ def sharpened(found: Views, w: np.ndarray, most_cells: int, pool: ThreadPoolExec
     for rows in _strips(np.flatnonzero(nearest), most_cells // (w.shape[1] * _LEVELS)):
         around = slice(max(rows.start - _OVERLAP, 0), rows.stop + _OVERLAP)
         match = coarse(_band(found, around), nearest[around], _HIGHEST, _LEVELS, pool, _STEP_PX)
-        again, cost, margin = (x[rows.start - around.start :][: rows.stop - rows.start] for x in
-                               (match.w, match.cost, match.margin))  # fmt: skip
+        inner = slice(rows.start - around.start, rows.stop - around.start)
+        again, matched = match.w[inner], well_matched(match)[inner]
         alike = np.abs(again - w[rows]) < _SAME * w[rows]
-        good[rows] = alike & far[rows] & (again < _MARGIN * limit) & (cost < _MOST_COST) & (margin > _LEAST_MARGIN)
+        good[rows] = alike & matched & far[rows] & (again < _MARGIN * limit)
         out[rows] = np.where(good[rows], again, w[rows])
     return out, good
 

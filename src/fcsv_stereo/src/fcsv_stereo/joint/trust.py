@@ -23,11 +23,16 @@ _KNOWN, _CERTAIN = 0.2, 0.5  # trust of the pair that agrees best
 
 def trusted(found: Coarse, unique: np.ndarray) -> np.ndarray:
     """HxW bool: where the match is good, beats the next, is ``unique`` (HxW bool) and part of a surface."""
-    good = (found.cost < _MOST_COST) & (found.margin > _LEAST_MARGIN) & unique
+    good = well_matched(found) & unique
     level = (np.searchsorted(found.levels, found.w) * 16).astype(np.int16)
     level[~good] = -16
     cv2.filterSpeckles(level, -16, _SPECKLE_PX, 16 * _SPECKLE_LEVELS)
     return level >= 0
+
+
+def well_matched(found: Coarse) -> np.ndarray:
+    """HxW bool: where the pictures agree and the next best depth is worse."""
+    return (found.cost < _MOST_COST) & (found.margin > _LEAST_MARGIN)
 
 
 def relied_on(found: Views, w: np.ndarray, r: Residuals) -> Tuple[np.ndarray, np.ndarray]:
