@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses adjusted to the pictures: back to the truth, no further than texture tells, bounded in large ones."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +15,6 @@ from fcsv_stereo.joint.sweep import grey, views
 PRIOR = np.diag(np.repeat([np.radians(0.15), 0.01], 3) ** 2)
 PLACES = ((0, -0.5, 0), (0, -1.0, 0), (0, 0, 1.0))
 OFF_DEG = 0.1
-
-
-@pytest.fixture(scope="module")
-def pool():
-    with ThreadPoolExecutor(2) as threads:
-        yield threads
 
 
 def scene():

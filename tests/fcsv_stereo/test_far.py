@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is far, matched again at full size: edges and depths get better, nothing is found that was not chosen."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import cv2
 import numpy as np
-import pytest
 
 from fcsv_stereo.joint.coarse import coarse
 from fcsv_stereo.joint.far import _band, _strips, sharpened
@@ -14,12 +11,6 @@ from fcsv_stereo.joint.sweep import Views
 SIZE = 160, 200
 CELLS = 10**7
 FAR, FARTHER, NEAR = 8.0, 4.0, 60.0  # px of movement in the fastest pair, which is one per 1/m
-
-
-@pytest.fixture(scope="module")
-def pool():
-    with ThreadPoolExecutor(2) as threads:
-        yield threads
 
 
 def world():

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Level ground with little texture, seen from eight metres apart at eight metres height: it shears from row to row."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import cv2
 import numpy as np
 import pytest
@@ -21,12 +19,6 @@ CAMERA = PinholeCamera(240, 160, 200.0, 200.0, 119.5, 79.5)
 _PX_PER_M = 12
 _GROUND = cv2.GaussianBlur(np.random.default_rng(5).normal(size=(1600, 1600)), (0, 0), 2.0)
 _GROUND *= CONTRAST / _GROUND.std()
-
-
-@pytest.fixture(scope="module")
-def pool():
-    with ThreadPoolExecutor(2) as threads:
-        yield threads
 
 
 def rays_in_home(T_home_cam):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Semi-global aggregation against its formula, written down level by level."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 
@@ -11,12 +9,6 @@ from fcsv_stereo.joint.sgm import MOST_PRICE, aggregate
 P1, P2, LEVEL = 40.0, 330.0, 5.0
 SHAPE = 7, 9, 12
 PATHS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
-
-
-@pytest.fixture(scope="module")
-def pool():
-    with ThreadPoolExecutor(2) as threads:
-        yield threads
 
 
 def by_formula(volume, counts, grey, drift):

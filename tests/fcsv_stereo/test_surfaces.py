@@ -19,12 +19,6 @@ from fcsv_stereo.joint.trust import relied_on
 PX_PER_W = 1000.0
 
 
-@pytest.fixture(scope="module")
-def pool():
-    with ThreadPoolExecutor(2) as threads:
-        yield threads
-
-
 def of(given, y, x):
     first = given.start[y, x]
     return given.w[first : first + given.count[y, x]], given.source[first : first + given.count[y, x]]
