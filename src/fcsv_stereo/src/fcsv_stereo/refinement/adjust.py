@@ -64,7 +64,7 @@ def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> 
     graph.add(_structure_factor(structure, order, with_focal))
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(25)
-    params.setRelativeErrorTol(1e-7)
+    params.setRelativeErrorTol(1e-5)
     result = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     poses, scale = _poses(result, order), _scale(result, with_focal)
     structure.settle(poses, scale)
@@ -118,9 +118,17 @@ def _structure_factor(structure: Structure, order: List[int], with_focal: bool) 
     """
     keys = [X(k) for k in order] + ([F(0)] if with_focal else [])
     size = 6 * len(order) + int(with_focal)
+    last = {}  # the optimiser asks for the error first and, where it likes it, for the derivative at the same place
+
+    def reduced(poses, scale):
+        place = (scale, *(poses[k].tobytes() for k in order))
+        if place not in last:
+            last.clear()
+            last[place] = structure.reduced(poses, scale, order, with_focal)
+        return last[place]
 
     def evaluate(_, values, jacobians):
-        H, g, cost = structure.reduced(_poses(values, order), _scale(values, with_focal), order, with_focal)
+        H, g, cost = reduced(_poses(values, order), _scale(values, with_focal))
         value, vector = np.linalg.eigh(H)  # rounding may leave what is not known a little below zero
         value = np.sqrt(np.maximum(value, 1e-12 * value[-1] + 1e-9))
         root, error = value[:, None] * vector.T, vector.T @ g / value

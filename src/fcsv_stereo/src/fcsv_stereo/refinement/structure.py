@@ -82,7 +82,7 @@ class Structure:
 
     def weights(self, residual: np.ndarray) -> Tuple[np.ndarray, float]:
         """Weights (M,) of the Cauchy kernel in 1/px^2 and twice its cost."""
-        square = (residual**2).sum(1) / self._sigma**2 / _KERNEL**2
+        square = _dot(residual, residual) / self._sigma**2 / _KERNEL**2
         return 1.0 / (1.0 + square) / self._sigma**2, float(_KERNEL**2 * np.log1p(square).sum())
 
     def settle(self, poses: Dict[int, np.ndarray], scale: float = 1.0, rounds: int = 3) -> None:
@@ -91,8 +91,8 @@ class Structure:
         for _ in range(rounds):
             at = self.linearise(poses, scale, poses_too=False)
             weight, _ = self.weights(at.residual)
-            H = self._sum((at.to_rho**2).sum(1) * weight, count)
-            g = self._sum((at.to_rho * at.residual).sum(1) * weight, count)
+            H = self._sum(_dot(at.to_rho, at.to_rho) * weight, count)
+            g = self._sum(_dot(at.to_rho, at.residual) * weight, count)
             self.rho = self.rho - g / np.maximum(H, 1e-12)
 
     def reduced(self, poses: Dict[int, np.ndarray], scale: float, order: List[int], with_focal: bool):
@@ -119,8 +119,8 @@ class Structure:
             g[columns] += (weighted * at.residual[of][:, :, None]).sum((0, 1))
             rows = (weighted * at.to_rho[of][:, :, None]).sum(1)
             coupling[self.observations.point[of][:, None], columns] += rows
-        own = np.sqrt(np.maximum(self._sum((at.to_rho**2).sum(1) * weight, n), 1e-12))
-        left = self._sum((at.to_rho * at.residual).sum(1) * weight, n) / own
+        own = np.sqrt(np.maximum(self._sum(_dot(at.to_rho, at.to_rho) * weight, n), 1e-12))
+        left = self._sum(_dot(at.to_rho, at.residual) * weight, n) / own
         coupling /= own[:, None]
         return H - coupling.T @ coupling, g - coupling.T @ left, cost
 
@@ -130,16 +130,21 @@ class Structure:
 
 def _derivatives(R, ray, rho, p, xy, gain, f, scale):
     """Of the residual to the anchor's pose, the measuring picture's pose (m, 2, 6) and the focal scale (m, 2, 1)."""
-    m = len(rho)
-    project = np.zeros((m, 2, 3))
-    project[:, 0, 0] = project[:, 1, 1] = gain
-    project[:, :, 2] = -xy * gain[:, None]
-    eye = np.eye(3)
-    of_k = np.concatenate([_cross_matrix(p), -rho[:, None, None] * eye], axis=2)
-    of_a = np.concatenate([-R.T @ _cross_matrix(ray), rho[:, None, None] * R.T], axis=2)
-    turned = -(ray * [1.0, 1.0, 0.0] / scale) @ R
-    of_focal = (project * turned[:, None, :]).sum(2) + xy * f[:, None]
-    return project @ of_a, project @ of_k, of_focal[:, :, None]
+
+    def projected(of_p):
+        """(m, 2, k) from the derivatives of the point p in the camera (m, 3, k)."""
+        return (of_p[:, :2] - xy[:, :, None] * of_p[:, 2:]) * gain[:, None, None]
+
+    turned_ray = np.tensordot(_cross_matrix(ray), -R, axes=(1, 0)).transpose(0, 2, 1)
+    of_k = np.concatenate([_cross_matrix(p), -rho[:, None, None] * np.eye(3)], axis=2)
+    of_a = np.concatenate([turned_ray, rho[:, None, None] * R.T], axis=2)
+    of_focal = projected((-(ray * [1.0, 1.0, 0.0] / scale) @ R)[:, :, None]) + (xy * f[:, None])[:, :, None]
+    return projected(of_a), projected(of_k), of_focal
+
+
+def _dot(a, b):
+    """Row by row; sums along a short axis are slow."""
+    return np.einsum("ij,ij->i", a, b)
 
 
 def _cross_matrix(v):
