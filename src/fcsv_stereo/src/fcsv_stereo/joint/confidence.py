@@ -17,7 +17,7 @@ FLOOR_PX = 0.05  # of movement in the fastest pair that agrees: interpolation an
 #: Relative error of depth (own part, part per relative step of inverse depth in the surroundings) by how a pixel is
 #: known: a pair agrees and the coarse match was trusted; one of the two; neither, so that it is taken from its
 #: surroundings, where some pair sees the place (it is hidden) or none does (outside of their fields of view).
-AGREED, HALF_KNOWN, HIDDEN, UNSEEN = (0.0, 0.12), (0.006, 0.26), (0.18, 0.4), (0.05, 0.9)
+AGREED, HALF_KNOWN, HIDDEN, UNSEEN = (0.0, 0.12), (0.006, 0.26), (0.17, 0.38), (0.06, 0.66)
 _STEP_WINDOW = np.ones((9, 9), np.uint8)
 _MOST_STEP = 0.5
 LEAST_TRUST = 0.4
