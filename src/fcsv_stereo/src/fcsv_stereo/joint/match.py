@@ -26,6 +26,7 @@ _LEAST_BASELINE_M = 1e-6
 _LEAST_PIXELS = 16
 _ADJUSTMENTS = 4
 _SETTLED_PIXELS = 100000
+_LARGEST_VOLUME = 0.6  # of the picture's size
 _ROUGH_STEP_PX = 1.5
 
 
@@ -33,7 +34,7 @@ _ROUGH_STEP_PX = 1.5
 class MatchOptions:
     """Choices of joint matching."""
 
-    volume_pixels: int = 100000  # size of the picture that the whole cost volume is built for
+    volume_pixels: int = 115000  # size of the picture that the whole cost volume is built for
     most_levels: int = 768  # of inverse depth
     iterations: int = 2  # of the sub-pixel step at full size
     most_relative_sigma: float = 0.4  # a depth less certain than this is none (the sky is one such)
@@ -139,7 +140,7 @@ def usable(reference: Picture, others: Sequence[Picture]):
 
 def _scales(pixels: int, volume_pixels: int, least_steps: int) -> List[float]:
     """From the volume's size to the full one in even steps, each at most twice the one before."""
-    first = min(0.5, float(np.sqrt(volume_pixels / pixels)))
+    first = min(_LARGEST_VOLUME, float(np.sqrt(volume_pixels / pixels)))
     steps = max(least_steps, int(np.ceil(-np.log2(first))))
     return [first ** (1.0 - k / steps) for k in range(steps)] + [1.0]
 
