@@ -18,6 +18,8 @@ from fcsv_stereo.refinement.types import RefineOptions
 _FIRST_NOISE = 0.4  # of a feature's: what tracking is taken to leave until the residuals tell
 _LEAST_NOISE_PX = 0.05
 _LEAST_SHARE = 0.5  # of a picture's observations must fit the others'
+_FEWEST = 8  # points that a pose is from
+_LEAST_MEASURED = 0.6  # of the inliers that a link must have: what is tracked is surer than what only looks alike
 # Neighbouring patches share pixels and the same change of view, so their errors are not independent. This factor
 # makes the reported covariance agree with the errors on scenes with known truth (tools/bench_refinement.py).
 _CORRELATION = 2.5
@@ -47,10 +49,11 @@ def adjust_robustly(
     observations, rho = found
     priors = _priors(views, links, starts, options)
     refused: Dict[int, str] = {}
+    least = max(int(_LEAST_MEASURED * options.least_inliers), _FEWEST)
     poses = dict(starts)
     while priors:
         of = _among(observations, [0, *priors])
-        few = _few(of, priors, options.least_inliers)
+        few = _few(of, priors, least)
         if few:
             refused.update(few)
             priors = {k: p for k, p in priors.items() if k not in few}
@@ -64,7 +67,7 @@ def adjust_robustly(
             priors = {k: p for k, p in priors.items() if k != worst}
             continue
         of = of.select(fits)
-        few = _few(of, priors, options.least_inliers)
+        few = _few(of, priors, least)
         if few:
             refused.update(few)
             priors = {k: p for k, p in priors.items() if k not in few}
