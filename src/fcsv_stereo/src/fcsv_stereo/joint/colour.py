@@ -13,7 +13,7 @@ from fcsv_stereo.joint.census import OFFSETS
 
 _COLOUR, _MOST_COLOUR, _NO_COLOUR = 0.1, 40.0, 10.0  # per grey level from the plane's place; at most; where it has none
 _ALIKE, _LEAST_ALIKE = 20.0, 4  # grey levels between colours of one surface; census bits
-_SETTLE_PX, _SETTLE_COLOUR = 5, 18.0  # radius, and grey levels of colour, of the surroundings whose surface wins
+_SETTLE_PX, _SETTLE_COLOUR = 5, 14.0  # radius, and grey levels of colour, of the surroundings whose surface wins
 _LIKENESS_SHIFT, _LIKENESS_BINS = 4, 512  # bits of squared distance, and how many until a weight is nothing
 _OTHER = 1.1  # by which an inverse depth is another surface's
 
