@@ -139,11 +139,6 @@ def make_map(plan: FleetPlan) -> Dict:
     return json.loads((out / "report.json").read_text())
 
 
-def _say(line: str) -> None:
-    """In one piece: lines come from several threads, and print writes a line's end by itself."""
-    print(f"{line}\n", end="", flush=True)
-
-
 def whole_mission(conditions: Conditions, cut_s: float) -> Tuple[str, str]:
     """What was flown, and what came of it, for the table. Raises MachineError."""
     mission = Path(__file__).resolve().parents[2] / "config" / "missions" / "short.yaml"
@@ -163,7 +158,7 @@ def watch(vehicles: List[str]) -> int:
     """Inside the control PC's namespace: say what the mission says; 0 once it is done and everybody has landed."""
     from fcsv_sim.ros.mission_watch import MissionWatch
 
-    seen = MissionWatch(SimpleNamespace(env=os.environ), vehicles, _say)
+    seen = MissionWatch(SimpleNamespace(env=os.environ), vehicles, lambda line: print(line, flush=True))
     while not (seen.over and seen.landed):
         time.sleep(0.2)
     print(f"flown {seen.flown_s:.0f} s", flush=True)

@@ -45,7 +45,7 @@ def main(argv: Optional[List[str]] = None) -> int:
     started = time.monotonic()
 
     def say(line: str) -> None:
-        print(f"[{time.monotonic() - started:6.1f} s] {line}\n", end="", flush=True)
+        print(f"[{time.monotonic() - started:6.1f} s] {line}", flush=True)
 
     interrupt.listen()
     try:

@@ -22,11 +22,11 @@ def attach(control: Machine) -> None:
 
 
 class MissionWatch:
-    """Follows one mission on the control PC's master; ``say`` is called with each new line."""
+    """Follows one mission on the control PC's master; ``say`` is called with each new line, by one thread at once."""
 
     def __init__(self, control: Machine, vehicles: Iterable[str], say: Callable[[str], None]):
         attach(control)
-        self._say = say
+        self._tell, self._telling = say, threading.Lock()
         self._lock = threading.Lock()
         self._line = ""
         self._map = None
@@ -80,6 +80,11 @@ class MissionWatch:
                 f"{vehicle} {state.mode}{'' if state.armed else ' disarmed'} {height:4.1f} m, {pictures} pictures"
             )
         return " | ".join(words)
+
+    def _say(self, line: str) -> None:
+        """Topics come in threads of their own, and print writes a line's end by itself."""
+        with self._telling:
+            self._tell(line)
 
     def _on_mission(self, message: MissionState) -> None:
         self.phase = message.phase

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pairs' costs on one plane of the sweep, sorted, in quarters of a bit."""
+"""The pairs' costs on one plane of the sweep, sorted, in quarters of a bit.
+
+Kernels are handed a row of arrays to write on (``scratch``): allocated once for a band, not for every plane.
+"""
 
 import numpy as np
 from numba import njit
@@ -54,7 +57,7 @@ def _differ(lower, upper, reference, inside, unseen, costs):
 def scratch(rows, width):
     """What ``rank`` writes on its way."""
     shape = (rows + 2 * RADIUS, width + 2 * RADIUS)
-    places, part = np.empty(shape[1], np.int32), np.empty((2, shape[1]), np.float32)
+    places, part = np.empty(_BLOCK, np.int32), np.empty((2, _BLOCK), np.float32)
     at = places, part[0], part[1], np.arange(_BLOCK).astype(np.float32)
     lower, upper, least = np.empty(width, np.uint16), np.empty(width, np.uint16), np.empty(width, np.int16)
     warped, seen, costs = np.empty(shape, np.int16), np.empty(shape, np.float32), np.empty(width, np.uint8)

@@ -22,7 +22,7 @@ class RefineOptions:
     time_offset_sigma_s: float = 0.1
     focal_sigma: float = 0.01  # of the prior of the focal length, as a share of it
     features: int = 3500  # corners in the reference picture, spread over it
-    least_inliers: int = 25  # fewer and a picture keeps its prior
+    least_inliers: int = 25  # of a link; fewer, or fewer than 0.6 of it measured: a picture keeps its prior
     pair_others: bool = True  # also match the others with each other where the reference does not see
     known: Optional[KnownFeatures] = field(default=None, repr=False)  # of earlier ones, where pictures come again
     threads: int = 2
