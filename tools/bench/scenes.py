@@ -12,7 +12,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_sim.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.world.town import Town
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
+from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture, PosePrior
 from fcsv_stereo.result import Configuration
 
 FOV_DEG = 56.0  # f = 602 px at a width of 640
@@ -47,10 +47,15 @@ SCENES = [SceneName(*s) for s in (("street", 1), ("street", 2), ("village", 1), 
 
 @dataclass(frozen=True)
 class PoseNoise:
-    """Standard deviations of a prior: rotation per axis (rad), position as a share of the baseline."""
+    """Standard deviations of a prior: rotation per axis (rad), position (its three axes together) over baseline."""
 
     rotation_rad: float
     share: float
+
+    @property
+    def prior(self) -> PosePrior:
+        """Per axis."""
+        return PosePrior(self.rotation_rad, 0.0, self.share / np.sqrt(3.0))
 
     def __str__(self) -> str:
         return f"{np.degrees(self.rotation_rad):g}° and {self.share:.0%}"
@@ -73,19 +78,22 @@ class Scene:
     true_depth: np.ndarray
 
     def given(self, baselines: Baselines, noise: PoseNoise) -> MapInput:
-        """A session of these baselines with noise on every pose but the reference's; always the same noise."""
+        """A session of these baselines with noise on every pose but the reference's; always the same noise.
+
+        It states the noise's standard deviations, as trackers do.
+        """
         random = np.random.default_rng([*self.name.words(), round(noise.rotation_rad * 1e6), 7])
         drawn = [random.standard_normal(6) for _ in self.others]
         configurations = []
         for (axis, baseline_m), other, deviates in zip(self.baselines, self.others, drawn):
             if (axis, baseline_m) not in baselines:
                 continue
-            position_m = deviates[:3] * noise.share * baseline_m / np.sqrt(3.0)
+            position_m = deviates[:3] * noise.prior.position_sigma_m(baseline_m)
             error = transforms.from_xyz_rpy(position_m, deviates[3:] * noise.rotation_rad)
             picture = replace(other, T_home_cam=other.T_home_cam @ error)
             configuration = Configuration(axis, baseline_m, 0.0, other.name)
             configurations.append(ConfigurationInput(configuration, [self.reference], [picture]))
-        return MapInput("session", configurations)
+        return MapInput("session", configurations, prior=noise.prior)
 
     def true_poses(self) -> Dict[str, np.ndarray]:
         """True T_home_cam by picture."""
