@@ -51,10 +51,9 @@ class Net:
 def net(tmp_path, root):
     net = Net(tmp_path, root)
     try:
-        until(
-            lambda: all("is there" in r.log.read_text() for r in net.relays.values()),
-            what="relays that hear each other",
-        )
+        for name, relay in net.relays.items():
+            until(lambda r=relay: "is there" in r.log.read_text() or r.returncode is not None, what=f"{name}'s peer")
+            assert relay.returncode is None, f"{name}: {relay.tail()}"
         yield net
     finally:
         net.stop()

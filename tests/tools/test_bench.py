@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scenes import CAMERA, camera_pose, photograph, picture, true_depth
@@ -65,6 +66,20 @@ def test_noise_is_the_same_for_every_list_and_spares_the_reference(scene):
         assert np.array_equal(a.references[0].T_home_cam, scene.reference.T_home_cam)
     errors = measure.prior_errors_deg(all_, scene)
     assert 0.02 < np.median(errors) < 0.6 and len(errors) == 4  # 0.15 degrees per axis
+
+
+def test_priors_state_the_noise_that_is_on_them(scene):
+    """Over 400 worlds: rotation and position of the picture at 8 m against the standard deviations that are given."""
+    noise, shares = NOISES[1], []
+    true = scene.true_poses()["uav2/8"]
+    for seed in range(400):
+        given = replace(scene, name=SceneName("walls", seed)).given(HORIZONTAL, noise)
+        error = transforms.invert(true) @ given.configurations[3].others[0].T_home_cam
+        turn, _ = cv2.Rodrigues(error[:3, :3])
+        shares.append([*turn[:, 0] / given.prior.rotation_rad,
+                       *error[:3, 3] / given.prior.position_sigma_m(8.0)])  # fmt: skip
+    assert np.std(shares, axis=0) == pytest.approx(np.ones(6), abs=0.15)  # four times the scatter of 400 draws
+    assert given.prior.position_sigma_m(8.0) * np.sqrt(3.0) == pytest.approx(0.03 * 8.0)
 
 
 def test_a_method_that_refuses_scores_nothing(scene, monkeypatch):

@@ -14,12 +14,13 @@ import subprocess
 import time
 import xmlrpc.client
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Set
 
 from fcsv_geometry.errors import FcsvError
 
 _PR_SET_PDEATHSIG = 1
 _PORTS = 15000, 32000  # below Linux's ip_local_port_range
+_given: Set[int] = set()
 _LIBC = ctypes.CDLL(None, use_errno=True)  # loaded once: nothing may be imported between fork and exec
 
 
@@ -30,15 +31,19 @@ class MachineError(FcsvError):
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
     """A port on loopback that nobody listened on a moment ago, and that no connection is given for its own end.
 
-    Raises MachineError where a hundred are taken.
+    Never the same twice in one process: what is given is often listened on only once the next is asked for. Raises
+    MachineError where a hundred are taken.
     """
     for _ in range(100):
         port = random.SystemRandom().randrange(*_PORTS)  # tests seed the usual one
+        if port in _given:
+            continue
         with socket.socket(socket.AF_INET, kind) as probe:
             try:
                 probe.bind(("127.0.0.1", port))
             except OSError:
                 continue
+            _given.add(port)
             return port
     raise MachineError(f"no free port on 127.0.0.1 among those tried from {_PORTS[0]} to {_PORTS[1]}")
 
