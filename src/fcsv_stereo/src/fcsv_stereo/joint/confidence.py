@@ -15,11 +15,11 @@ CORRELATED = 1.8
 FLOOR_PX = 0.05  # of movement in the fastest pair that agrees: interpolation and sampling leave at least this
 
 
-#: Relative error of depth by the relative step of inverse depth in the surroundings and by how a pixel is known: one of
-#: two, that a pair agrees and that the coarse match was trusted; neither, so that it is taken from its surroundings,
-#: where some pair sees the place (it is hidden) or none does (outside of their fields of view). Where both are so, the
-#: noise of the match tells most: the first row is to be multiplied with a power of it.
-#: Fitted on 14 scenes of the simulator, held against the bench's 8 others; the last two right more often than not.
+#: Relative error of depth at each relative step of inverse depth in the surroundings (STEPS), of four kinds of pixels.
+#: AGREED: a pair agrees and the coarse match was trusted; to be multiplied with a power of the match's noise.
+#: HALF_KNOWN: only one of the two. Neither, and so taken from the surroundings: HIDDEN from the pairs in whose fields
+#: of view the place lies, or UNSEEN, outside of all.
+#: Fitted on 14 scenes of the simulator; the bench's 8 others had no part in it (docs/decisions/0007).
 STEPS = (0.003, 0.01, 0.03, 0.1, 0.25, 0.5)
 AGREED, NOISE_POWER = (0.28, 0.23, 0.23, 0.38, 0.63, 1.26), 0.69
 HALF_KNOWN = (0.006, 0.01, 0.023, 0.05, 0.1, 0.26)
