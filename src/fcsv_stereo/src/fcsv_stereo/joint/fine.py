@@ -17,11 +17,10 @@ _SAME_STEPS, _SAME = 0.7, 0.02  # steps of the coarse map, and share of inverse 
 
 @dataclass(frozen=True)
 class Fine:
-    """``w`` (1/m), its ``variance`` by the matching alone, the ``spread`` of w in its surroundings, ``residuals``."""
+    """``w`` (1/m), its ``variance`` by the matching alone, and ``residuals`` at it."""
 
     w: np.ndarray
     variance: np.ndarray
-    spread: np.ndarray
     residuals: Residuals
 
 
@@ -31,7 +30,7 @@ def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool:
     With no ``iterations`` it is ``w`` itself, its variance 0 and not to be used.
     """
     w = w.astype(np.float32)
-    variance, spread = np.zeros_like(w), np.zeros_like(w)
+    variance = np.zeros_like(w)
     for _ in range(iterations):
         r = residuals(found, w, pool)
         information, push, energy = _sums(r)
@@ -41,11 +40,11 @@ def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool:
         bands = [(y, min(y + 32, w.shape[0])) for y in range(0, w.shape[0], 32)]
 
         def run(band, arrays=(w, tau, information, push, energy, prior), out=out):
-            fit_band(*arrays, *band, out, variance, spread)
+            fit_band(*arrays, *band, out, variance)
 
         list(pool.map(run, bands))
         w = np.maximum(out, 0.0)
-    return Fine(w, variance, spread, residuals(found, w, pool))
+    return Fine(w, variance, residuals(found, w, pool))
 
 
 def _sums(r: Residuals):

@@ -8,13 +8,13 @@ _RADIUS = 3
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance, spread):
+def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance):
     """One Gauss-Newton step of a plane of inverse depth about every pixel of rows y0 to y1.
 
     ``information`` and ``push`` (HxW) are the sums over the pairs of weight slope^2 and weight slope difference: pixel
     q asks for ``w_q + push/information``. Only pixels whose ``w`` is within ``tau`` of the centre's take part: others
     are of another surface. ``residual`` is the weighted squared difference. Into ``out`` the plane's value at the
-    centre, into ``variance`` its variance (1/m^2) for the residuals found, into ``spread`` the rms of its surroundings.
+    centre and into ``variance`` its variance (1/m^2) for the residuals found.
     """
     height, width = w.shape
     for y in range(y0, y1):
@@ -22,7 +22,6 @@ def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance, 
             m00 = m10 = m01 = m20 = m11 = m02 = np.float32(0.0)
             b0 = b1 = b2 = np.float32(0.0)
             energy = weight = count = np.float32(0.0)
-            off = np.float32(0.0)
             centre, limit = w[y, x], tau[y, x]
             for r in range(max(y - _RADIUS, 0), min(y + _RADIUS + 1, height)):
                 for c in range(max(x - _RADIUS, 0), min(x + _RADIUS + 1, width)):
@@ -43,7 +42,6 @@ def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance, 
                     b2 += b * dy
                     energy += residual[r, c]
                     weight += information[r, c]
-                    off += step * step
                     count += np.float32(1.0)
             # a little stiffness of the slope: windows of one row or a few pixels have none of their own
             stiff = np.float32(0.05) * m00
@@ -56,4 +54,3 @@ def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance, 
             shift = (c00 * b0 + c01 * b1 + c02 * b2) / max(det, np.float32(1e-30))
             out[y, x] = centre + min(max(shift, -limit), limit)
             variance[y, x] = c00 / max(det, np.float32(1e-30)) * (energy / max(count, np.float32(1.0)))
-            spread[y, x] = np.sqrt(off / max(count, np.float32(1.0)))
