@@ -100,6 +100,17 @@ def test_undistort_puts_a_point_where_the_pinhole_sees_it():
     )  # whole-pixel disc
 
 
+def test_blank_is_what_a_pincushion_camera_did_not_take():
+    camera = PinholeCamera(
+        640, 480, 602.0, 602.0, 319.5, 239.5, [0.05, 0.0, 0.0, 0.0, 0.0]
+    )  # pincushion: black borders
+    picture = camera.undistort(np.full((480, 640), 200, np.uint8))
+    blank = camera.blank()
+    assert 0.005 < blank.mean() < 0.05 and not blank[10:-10, 10:-10].any()
+    assert (picture[~blank] == 200).all() and (picture[blank] < 200).mean() > 0.9
+    assert camera.undistorted().blank() is None
+
+
 @pytest.mark.parametrize("values", [(0, 480, 600, 600), (640, 480, -1, 600), (640, 480, float("nan"), 600)])
 def test_no_camera(values):
     with pytest.raises(GeometryError):

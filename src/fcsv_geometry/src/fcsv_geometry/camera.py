@@ -2,7 +2,8 @@
 """The pinhole camera with Brown-Conrady distortion ("plumb_bob"). Pixel centres are at whole numbers."""
 
 from dataclasses import dataclass, replace
-from typing import Tuple
+from functools import lru_cache
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -64,7 +65,7 @@ class PinholeCamera:
         return replace(self, distortion=(0.0,) * len(self.distortion))
 
     def undistort(self, image: np.ndarray, interpolation: int = cv2.INTER_LINEAR) -> np.ndarray:
-        """The picture as the undistorted camera would have taken it; pixels without a source are 0."""
+        """The picture as the undistorted camera would have taken it; pixels without a source (``blank()``) are 0."""
         if not any(self.distortion):
             return image
         return (
@@ -72,6 +73,10 @@ class PinholeCamera:
             if interpolation == cv2.INTER_LINEAR
             else (cv2.remap(image, *self._undistort_maps(), interpolation))
         )
+
+    def blank(self) -> Optional[np.ndarray]:
+        """HxW bool, read-only: pixels of the undistorted picture that the camera did not take; None where all are."""
+        return _blank(replace(self, distortion=tuple(self.distortion)))
 
     def _undistort_maps(self):
         return cv2.initUndistortRectifyMap(
@@ -96,3 +101,13 @@ class PinholeCamera:
         u, v = np.meshgrid(np.arange(self.width, dtype=float), np.arange(self.height, dtype=float))
         xy = self.normalize(np.stack([u, v], -1)).reshape(self.height, self.width, 2)
         return np.concatenate([xy, np.ones_like(xy[..., :1])], -1)
+
+
+@lru_cache(maxsize=16)
+def _blank(camera: PinholeCamera) -> Optional[np.ndarray]:
+    if not any(camera.distortion):
+        return None
+    x, y = camera._undistort_maps()
+    out = (x < 0) | (y < 0) | (x > camera.width - 1) | (y > camera.height - 1)
+    out.setflags(write=False)
+    return out if out.any() else None

@@ -146,7 +146,7 @@ def _load(folder: Path, posed: List[PosedImage], cameras: Dict[int, PinholeCamer
     for p in posed:
         camera = cameras[p.camera_id]
         rgb = cv2.cvtColor(exposures[p.camera_id].to_8_bit(images.pop(p.name)), cv2.COLOR_BGR2RGB)
-        pictures[p.name] = Picture(p.name, "camera", 0.0, camera.undistort(rgb), camera.undistorted(), p.T_home_cam)
+        pictures[p.name] = Picture.undistorted(p.name, "camera", 0.0, rgb, camera, p.T_home_cam)
     return pictures
 
 

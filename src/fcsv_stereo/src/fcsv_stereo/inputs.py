@@ -15,7 +15,11 @@ from fcsv_stereo.result import Configuration
 
 @dataclass(frozen=True)
 class Picture:
-    """An undistorted picture (HxWx3 uint8 RGB), its pinhole camera and the prior of its pose."""
+    """An undistorted picture (HxWx3 uint8 RGB), its pinhole camera and the prior of its pose.
+
+    ``blank`` (HxW bool) are pixels that the camera did not take, as taking out the distortion leaves them along the
+    borders; None where there are none.
+    """
 
     name: str
     vehicle: str
@@ -23,12 +27,22 @@ class Picture:
     image: np.ndarray
     camera: PinholeCamera
     T_home_cam: np.ndarray
+    blank: Optional[np.ndarray] = None
+
+    @classmethod
+    def undistorted(cls, name, vehicle, stamp_s, image, camera: PinholeCamera, T_home_cam) -> "Picture":
+        """From the picture as a ``camera`` with distortion took it."""
+        undistorted = camera.undistort(image)
+        return cls(name, vehicle, stamp_s, undistorted, camera.undistorted(), T_home_cam, camera.blank())
 
     def shrunk(self, scale: float) -> "Picture":
         """The picture at a share of its size."""
         height, width = (max(1, round(n * scale)) for n in self.image.shape[:2])
         image = cv2.resize(self.image, (width, height), interpolation=cv2.INTER_AREA)
-        return replace(self, image=image, camera=self.camera.resized(width, height))
+        blank = self.blank
+        if blank is not None:
+            blank = cv2.resize(blank.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0
+        return replace(self, image=image, camera=self.camera.resized(width, height), blank=blank)
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,8 @@ class LivePicture:
         """With its pose in home. Raises like image."""
         name = f"{self.vehicle}/{self.stamp_s:.3f}"
         T_home_cam = T_home_odom @ self.T_odom_cam
-        return Picture(name, self.vehicle, self.stamp_s, self.image, self.camera.undistorted(), T_home_cam)
+        camera, blank = self.camera.undistorted(), self.camera.blank()
+        return Picture(name, self.vehicle, self.stamp_s, self.image, camera, T_home_cam, blank)
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ def match_jointly(
                 now = Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
     geometry = confidence.geometry_sigma(reference, chosen, poses, fine)
     sigma_w = np.hypot(confidence.matching_sigma(fine, known), geometry)
-    return _answer(fine, known, sigma_w, used, left_out, chosen, options)
+    return _answer(fine, known, sigma_w, reference.blank, used, left_out, chosen, options)
 
 
 def usable(reference: Picture, others: Sequence[Picture]):
@@ -205,12 +205,14 @@ def _equalise(greys: List[np.ndarray], r: Residuals, found: Views, w: np.ndarray
 
 
 def _answer(
-    fine: Fine, known, sigma_w: np.ndarray, used, left_out, chosen, options: MatchOptions
+    fine: Fine, known, sigma_w: np.ndarray, blank: Optional[np.ndarray], used, left_out, chosen, options: MatchOptions
 ) -> JointDepth:  # fmt: skip
-    """Depth where it is certain enough; sigma of 1/w to first order."""
+    """Depth where it is certain enough and the camera saw something; sigma of 1/w to first order."""
     w = np.maximum(fine.w, 1e-9)
     relative = sigma_w / w
     none = ~(relative < options.most_relative_sigma)
+    if blank is not None:
+        none |= blank
     depth, sigma = 1.0 / w, relative / w
     depth[none], sigma[none] = np.nan, np.nan
     support = support_bits(fine.residuals, confidence.LEAST_TRUST)

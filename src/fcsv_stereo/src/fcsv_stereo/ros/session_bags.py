@@ -185,7 +185,7 @@ def _vehicle_pictures(vehicle: str, recorded: _Recorded, T_home_odom, warnings: 
             continue
         T_home_cam = T_home_odom[vehicle] @ T_odom_body @ recorded.T_body_cam[vehicle]
         name = f"{vehicle}/{stamp_s:.3f}"
-        pictures.append(Picture(name, vehicle, stamp_s, camera.undistort(image), camera.undistorted(), T_home_cam))
+        pictures.append(Picture.undistorted(name, vehicle, stamp_s, image, camera, T_home_cam))
     if lost:
         warnings.append(f"{lost} pictures of {vehicle} have no odometry at their stamp and are left out")
     return sorted(pictures, key=lambda p: p.stamp_s)

@@ -78,6 +78,8 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
     if given.kind != "session":  # independent pairs: each keeps what is near
         ranges_m = [(0.0, far_m) for _, far_m in ranges_m]
     depth, sigma, source = fuse_layers(layers, ranges_m, options.across_axes)
+    if reference.blank is not None:
+        depth[reference.blank], sigma[reference.blank] = np.nan, np.nan
     cloud = _cloud(reference, depth, sigma, source)
     timing_s["fuse"] = time.perf_counter() - started
     if len(cloud) < _LEAST_SHARE * depth.size:
