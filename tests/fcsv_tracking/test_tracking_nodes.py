@@ -326,3 +326,30 @@ class TestTags:
         self.show(out, both)
         assert health.wait(says("tags rejected: same id twice")) is not None
         assert found.messages and not any(m.detections for m in found.messages)
+
+
+def test_previews_are_pictures_again_for_who_looks(start_node, listen, talk):
+    import cv2
+    import rospy
+    from diagnostic_msgs.msg import DiagnosticArray
+    from sensor_msgs.msg import CompressedImage, Image
+
+    from fcsv_geometry.ros import conversions
+
+    sent = talk("/uav2/camera/color/image_raw/compressed", CompressedImage)
+    start_node("fcsv_tracking", "previews", params={"vehicles": ["uav1", "uav2"]})
+    health = listen("/diagnostics", DiagnosticArray)
+    seen = listen("/uav2/camera/color/image_raw", Image)
+    connected(sent)
+    bgr = np.full((48, 64, 3), (200, 100, 30), np.uint8)
+    message = CompressedImage(format="jpeg", data=cv2.imencode(".jpg", bgr)[1].tobytes())
+    message.header = conversions.header(rospy.Time.now().to_sec(), "uav2/camera_optical")
+    deadline = time.monotonic() + 60.0
+    while not seen.messages and time.monotonic() < deadline:
+        sent.publish(CompressedImage(format="jpeg", data=b"\xff\xd8 cut off"))
+        sent.publish(message)
+        time.sleep(0.2)
+    picture = seen.wait()
+    assert picture.header.frame_id == "uav2/camera_optical" and picture.header.stamp == message.header.stamp
+    assert np.abs(conversions.image_to_array(picture, "bgr8").astype(int) - bgr).max() <= 4
+    assert health.wait(says("preview")) is not None
