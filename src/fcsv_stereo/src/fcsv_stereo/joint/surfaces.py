@@ -20,6 +20,7 @@ from fcsv_stereo.joint.candidates import MOST, Candidates, candidates, for_rows
 from fcsv_stereo.joint.census import census
 from fcsv_stereo.joint.colour import add_likeness, alike_bits, settle
 from fcsv_stereo.joint.sweep import Views
+from fcsv_stereo.joint.upright import add_leaving, thin_uprights
 from fcsv_stereo.joint.volume import pair_weights
 
 _BITS, _BRIGHTNESS = 0.75, 8.0 / 30.0  # what a bit of 32 and a grey level count
@@ -52,11 +53,13 @@ def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadP
     given = candidates(coarser.w, coarser.known, found.shape, fastest, pool)
     cost = _evidence(found, fronts(coarser.found, coarser.w, coarser.certain), given, image, pool)
     add_likeness(image, coarser.w.shape, given, pool, cost)
+    add_leaving(coarser.w, given, cost)
     total = _aggregate(found.reference, given, cost, pool)
     best = np.empty(found.shape, np.float32)
     _pick(*_of(given), given.w, total, best)
+    thin, chosen = thin_uprights(best), best.copy()
     settle(image, given, best, pool)
-    return best
+    return np.where(thin, chosen, best)
 
 
 def stretched(w: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
