@@ -66,7 +66,7 @@ def walls():
 
 
 def choose(found, coarser, w, known, reference, pool):
-    return choose_surfaces(found, Map(coarser, w, known, known), colour(reference), pool)
+    return choose_surfaces(found, Map(coarser, w, known, known, known[None]), colour(reference), pool)
 
 
 def colour(reference):
@@ -138,13 +138,13 @@ def test_what_is_not_known_follows_its_surroundings(pool):
 def test_where_the_pictures_agree_a_map_is_relied_on(pool):
     _, true, _, found, _ = walls()
     for w, least, most in ((true, 0.7, 1.0), (1.3 * true, 0.0, 0.2)):
-        known, certain = relied_on(found, w, residuals(detail(found), w, pool))
+        known, certain, _ = relied_on(found, w, residuals(detail(found), w, pool))
         assert least <= certain.mean() <= known.mean() <= most and not (certain & ~known).any()
 
 
 def test_fronts_show_the_nearest_known(pool):
     _, _, half, _, coarser = walls()
     known = np.ones(half.shape, bool)
-    shown = fronts(coarser, half, known)[0]
+    shown = fronts(coarser, half, known[None])[0]
     assert shown.max() <= half.max() and (shown > 0).mean() > 0.5
-    assert not fronts(coarser, half, ~known).any()
+    assert not fronts(coarser, half, ~known[None]).any()

@@ -20,7 +20,7 @@ from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_
 from fcsv_stereo.joint.sky import sky
 from fcsv_stereo.joint.surfaces import Map, choose_surfaces, stretched
 from fcsv_stereo.joint.sweep import Views, grey, inverse_depths, views
-from fcsv_stereo.joint.trust import consistent, relied_on, trusted
+from fcsv_stereo.joint.trust import confirmed, consistent, relied_on, trusted
 
 _LEAST_BASELINE_M = 1e-6
 _LEAST_PIXELS = 16
@@ -177,7 +177,7 @@ def _coarse(reference: Picture, chosen, poses, prior, greys, scale: float, optio
         found = views(reference, chosen, scale, greys)
         result = replace(result, w=w)
     w = np.where(sky(result.w, r, _colour(reference, found.shape)), np.float32(0.0), result.w)
-    return chosen, poses, result.levels, Map(found, w, known, known)
+    return chosen, poses, result.levels, Map(found, w, known, known, confirmed(known, r))
 
 
 def _colour(picture: Picture, shape) -> np.ndarray:

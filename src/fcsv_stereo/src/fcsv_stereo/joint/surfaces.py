@@ -2,9 +2,10 @@
 """At a finer size: which of the surfaces about a pixel it belongs to, decided for all pixels together.
 
 Each candidate (``candidates``) is judged by small windows, pair by pair where the pair can see it: nothing known is in
-front of it there. A place that is hidden from all counts the same for all candidates; then its surroundings and its
-colour decide. The candidates' costs are aggregated along eight paths as in semi-global matching (Hirschmüller 2008),
-from plane to plane: a slanted surface goes on without a price.
+front of it there. In front of what a pair itself is known to show there is nothing, however alike it looks. A place
+that is hidden from all counts the same for all candidates; then its surroundings and its colour decide. The candidates'
+costs are aggregated along eight paths as in semi-global matching (Hirschmüller 2008), from plane to plane: a slanted
+surface goes on without a price.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +21,7 @@ from fcsv_stereo.joint.candidates import MOST, Candidates, candidates, for_rows
 from fcsv_stereo.joint.census import census
 from fcsv_stereo.joint.colour import add_likeness, alike_bits, settle
 from fcsv_stereo.joint.sweep import Views
+from fcsv_stereo.joint.trust import SEEN_THROUGH
 from fcsv_stereo.joint.upright import add_leaving, thin_uprights
 from fcsv_stereo.joint.volume import pair_weights
 
@@ -27,6 +29,7 @@ _BITS, _BRIGHTNESS = 0.75, 8.0 / 30.0  # what a bit of 32 and a grey level count
 _MOST_GREY = 30.0
 _CUT = 18.0  # the most that one pair objects
 _UNSEEN = 8.0  # what a pair counts that cannot see the place
+_DENIED = 60.0  # and one that sees through it
 _P1, _P2, _EDGE = 2.0, 40.0, 10.0  # price of planes that do not meet, at most; grey levels that halve the latter
 _MEET = 0.02  # share of inverse depth that counts as P1
 _STEP = 0.05  # a step of inverse depth between neighbours, as a share of the nearer
@@ -38,12 +41,14 @@ class Map:
     """Inverse depth ``w`` (HxW, 1/m) in the pictures ``found``.
 
     HxW bool: where it is ``known``, so that planes about it may go on, and ``certain`` enough to hide what is behind.
+    NxHxW bool: where pair i has ``confirmed`` it, so that nothing can be in front.
     """
 
     found: Views
     w: np.ndarray
     known: np.ndarray
     certain: np.ndarray
+    confirmed: np.ndarray
 
 
 def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
@@ -51,7 +56,9 @@ def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadP
     colour (HxWx3)."""
     fastest = float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max())
     given = candidates(coarser.w, coarser.known, found.shape, fastest, pool)
-    cost = _evidence(found, fronts(coarser.found, coarser.w, coarser.certain), given, image, pool)
+    certain = np.broadcast_to(coarser.certain, coarser.confirmed.shape)
+    in_front, shown = (fronts(coarser.found, coarser.w, which) for which in (certain, coarser.confirmed))
+    cost = _evidence(found, in_front, shown, given, image, pool)
     add_likeness(image, coarser.w.shape, given, pool, cost)
     add_leaving(coarser.w, given, cost)
     total = _aggregate(found.reference, given, cost, pool)
@@ -71,10 +78,11 @@ def stretched(w: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
 
 
 def fronts(found: Views, w: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(N,Ho,Wo) the nearest known inverse depth (1/m) that each pixel of the other pictures shows, 0 where none."""
+    """(N,Ho,Wo) the nearest inverse depth (1/m) that each pixel of the other pictures shows, of what is ``known`` to
+    its pair (NxHxW bool); 0 where none."""
     out = np.zeros(found.others.shape, np.float32)
-    for front, p, size in zip(out, found.projections, found.sizes):
-        _draw(w, known, p, size, front)
+    for front, which, p, size in zip(out, known, found.projections, found.sizes):
+        _draw(w, which, p, size, front)
     return out
 
 
@@ -82,13 +90,13 @@ def _of(given: Candidates):
     return given.start, given.count
 
 
-def _evidence(found: Views, in_front: np.ndarray, given: Candidates, image, pool: ThreadPoolExecutor) -> np.ndarray:
+def _evidence(found: Views, in_front, shown, given: Candidates, image, pool: ThreadPoolExecutor) -> np.ndarray:
     """(N,) cost of each candidate by the pictures; the pairs' costs sorted, the better ones weigh more."""
     codes = np.zeros(found.others.shape, np.uint32)
     for c, other, (h, w) in zip(codes, found.others, found.sizes):
         c[:h, :w] = census(np.ascontiguousarray(other[:h, :w]))
     here = found.reference, census(found.reference), *alike_bits(image, pool)
-    there = found.others, codes, found.sizes, found.projections, in_front
+    there = found.others, codes, found.sizes, found.projections, in_front, shown
     weights, cost = pair_weights(len(found)), np.zeros(len(given.w), np.float32)
 
     def run(y0, y1):
@@ -125,7 +133,7 @@ def _draw(w, known, p, size, front):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _judge(
-    reference, code, mask, scale, others, codes, sizes, projections, in_front,
+    reference, code, mask, scale, others, codes, sizes, projections, in_front, shown,
     start, count, values, weights, y0, y1, cost,
 ):  # fmt: skip
     pairs = others.shape[0]
@@ -137,7 +145,8 @@ def _judge(
             for k in range(start[y, x], start[y, x] + count[y, x]):
                 for i in range(pairs):
                     ranked[i] = _unlike(
-                        reference, code, mask, scale, others, codes, sizes, projections, in_front, i, y, x, values[k]
+                        reference, code, mask, scale, others, codes, sizes, projections, in_front, shown, i, y, x,
+                        values[k],
                     )  # fmt: skip
                     for j in range(i, 0, -1):
                         if ranked[j] < ranked[j - 1]:
@@ -149,7 +158,7 @@ def _judge(
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _unlike(reference, code, mask, scale, others, codes, sizes, p, front, i, y, x, w):
+def _unlike(reference, code, mask, scale, others, codes, sizes, p, front, shown, i, y, x, w):
     """How unlike pair i is at inverse depth w, or what counts where it cannot see the place."""
     half, zero, u, v = np.float32(0.5), np.float32(0.0), np.float32(x), np.float32(y)
     z = p[i, 6] * u + p[i, 7] * v + p[i, 8] + w * p[i, 11]
@@ -163,6 +172,8 @@ def _unlike(reference, code, mask, scale, others, codes, sizes, p, front, i, y, 
     c = min(int((a + half) * front.shape[2] / others.shape[2]), front.shape[2] - 1)
     if front[i, r, c] > w * np.float32(_FRONT) + np.float32(1e-4):
         return np.float32(_UNSEEN)
+    if zero < shown[i, r, c] * np.float32(SEEN_THROUGH) < w:
+        return np.float32(_DENIED)
     alike, there = mask[y, x], codes[i, int(b + half), int(a + half)]
     bits = scale[y, x] * differing_bits(np.uint32(code[y, x] & alike), np.uint32(there & alike))
     step = abs(reference[y, x] - _between(others, i, sizes, a, b))

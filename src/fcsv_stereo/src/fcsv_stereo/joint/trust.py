@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a match can be relied on: good, unambiguous, unique and part of a surface.
 
-Uniqueness: two places of the reference picture cannot both be what one place of another picture shows.
+Uniqueness: two places of the reference picture cannot both be what one place of another picture shows. Free space:
+where a picture shows something far, nothing near can be in front of it (Kutulakos and Seitz 2000).
 """
 
 from typing import Tuple
@@ -13,12 +14,15 @@ from numba import njit
 from fcsv_stereo.joint.coarse import Coarse
 from fcsv_stereo.joint.photometric import Residuals
 from fcsv_stereo.joint.sweep import Views
+from fcsv_stereo.joint.upright import thin_uprights
 
 _MOST_COST = 110  # volume units: eleven bits of 32 differ
 _LEAST_MARGIN = 0.03
 _SPECKLE_PX, _SPECKLE_LEVELS = 60, 3
 _TOLERANCE = 0.06  # of inverse depth: the same surface
 _KNOWN, _CERTAIN = 0.2, 0.5  # trust of the pair that agrees best
+SEEN_THROUGH = 1.2  # by which something must be nearer, to be denied by what is seen behind it
+_BETTER = 0.2  # trust by which that must agree better
 
 
 def trusted(found: Coarse, unique: np.ndarray) -> np.ndarray:
@@ -35,26 +39,35 @@ def well_matched(found: Coarse) -> np.ndarray:
     return (found.cost < _MOST_COST) & (found.margin > _LEAST_MARGIN)
 
 
-def relied_on(found: Views, w: np.ndarray, r: Residuals) -> Tuple[np.ndarray, np.ndarray]:
-    """Two HxW bool by the pictures' agreement at ``w``: where it may be taken over by what is about it, and where it is
-    certain enough to hide what is behind it: one wrong surface in front speaks all that is right out of court."""
+def relied_on(found: Views, w: np.ndarray, r: Residuals) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Three masks by the pictures' agreement at ``w``: where (HxW bool) it may be taken over by what is about it, as
+    any thin thing that stands; where it is certain enough to hide what is behind it: one wrong surface in front speaks
+    all that is right out of court; and what is ``confirmed``."""
     unique, best = consistent(found, w, r), r.trust.max(axis=0)
-    return unique & (best > _KNOWN), unique & (best > _CERTAIN)
+    certain = unique & (best > _CERTAIN)
+    return unique & (best > _KNOWN) | thin_uprights(w), certain, confirmed(certain, r)
+
+
+def confirmed(certain: np.ndarray, r: Residuals) -> np.ndarray:
+    """NxHxW bool: where pair i itself agrees with what is ``certain`` (HxW bool), at the pixel and all about it."""
+    about = np.ones((3, 3), np.uint8)
+    return np.stack([cv2.erode((certain & (t > _CERTAIN)).astype(np.uint8), about) > 0 for t in r.trust])
 
 
 def consistent(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
-    """HxW bool: whether in some pair that sees it no place of another depth matches the same pixel better.
+    """HxW bool: whether in some pair that sees it no place of another depth matches the same pixel better, and in none
+    something far behind it is seen there.
 
     A surface that was stretched into what it hides is told from what hides it: both land on the same pixels.
     """
-    out = np.zeros(found.shape, np.bool_)
+    unique, seen_through = np.zeros(found.shape, np.bool_), np.zeros(found.shape, np.bool_)
     for i in range(len(found)):
-        _claim(w, found.projections[i], found.sizes[i], r.trust[i], r.seen[i], np.float32(_TOLERANCE), out)
-    return out
+        _claim(w, found.projections[i], found.sizes[i], r.trust[i], r.seen[i], unique, seen_through)
+    return unique & ~seen_through
 
 
 @njit(cache=True, nogil=True)
-def _claim(w, p, size, trust, seen, tolerance, out):
+def _claim(w, p, size, trust, seen, unique, seen_through):
     height, width = w.shape
     best = np.full((size[0], size[1]), np.float32(-1.0))
     winner = np.zeros((size[0], size[1]), np.float32)
@@ -71,5 +84,10 @@ def _claim(w, p, size, trust, seen, tolerance, out):
                 if turn == 0:
                     if trust[v, u] > best[y, x]:
                         best[y, x], winner[y, x] = trust[v, u], w[v, u]
-                elif abs(winner[y, x] - w[v, u]) <= tolerance * max(winner[y, x], w[v, u]):
-                    out[v, u] = True
+                    continue
+                other, own = winner[y, x], w[v, u]
+                if abs(other - own) <= np.float32(_TOLERANCE) * max(other, own):
+                    unique[v, u] = True
+                elif other * np.float32(SEEN_THROUGH) < own:
+                    least = max(trust[v, u] + np.float32(_BETTER), np.float32(_CERTAIN))
+                    seen_through[v, u] |= best[y, x] > least
