@@ -11,8 +11,9 @@ import scenes
 
 from fcsv_stereo.joint.candidates import MOST, candidates
 from fcsv_stereo.joint.colour import _SETTLE_COLOUR, settled
+from fcsv_stereo.joint.evidence import fronts
 from fcsv_stereo.joint.photometric import detail, residuals
-from fcsv_stereo.joint.surfaces import Map, choose_surfaces, fronts, stretched
+from fcsv_stereo.joint.surfaces import Map, choose_surfaces, stretched
 from fcsv_stereo.joint.sweep import grey, views
 from fcsv_stereo.joint.trust import relied_on
 

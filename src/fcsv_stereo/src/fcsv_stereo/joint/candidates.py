@@ -55,10 +55,10 @@ def candidates(
     ``px_per_w`` is how fast a pixel of the finer picture moves at most with inverse depth (px times metres).
     """
     step = np.float32(_ALIKE_PX / px_per_w)
-    planes = _planes(w, known, *_NEAR_FIT, pool)
+    planes = _planes(w, known, np.ones_like(known), *_NEAR_FIT, pool)
     distant = np.zeros((*w.shape, 4, _MOST_DISTANT), np.float32)
     if not known.all():
-        wide = _planes(w, known, *_FAR_FIT, pool)
+        wide = _planes(w, known, _met(known), *_FAR_FIT, pool)
         for_rows(pool, w.shape[0], lambda y0, y1: _distant(*wide, known, _DIRECTIONS, step, y0, y1, distant))
     count = np.zeros(shape, np.int32)
     rings, undecided = _ring_offsets(), _undecided(w, known)
@@ -94,21 +94,38 @@ def _undecided(w: np.ndarray, known: np.ndarray) -> np.ndarray:
     return ~known | (cv2.dilate(w, near) > (1.0 + _STEP) * np.maximum(cv2.erode(w, near), _FARTHEST))
 
 
-def _planes(w: np.ndarray, known: np.ndarray, radius: int, same: float, stiffness: float, pool: ThreadPoolExecutor):
-    """Value and slopes (along u, v) of the plane about every pixel: three arrays of w's shape."""
+def _met(known: np.ndarray) -> np.ndarray:
+    """HxW bool: the places that ``_distant`` takes planes from."""
+    met = np.zeros_like(known)
+    for way in _DIRECTIONS:
+        first = known & _moved(~known, way)
+        met |= first | known & _moved(first, _INWARD * way)
+    return met
+
+
+def _moved(mask: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """A mask (HxW) moved by (rows, columns)."""
+    shift = np.array([[1, 0, by[1]], [0, 1, by[0]]], np.float32)
+    return cv2.warpAffine(mask.astype(np.uint8), shift, mask.shape[::-1], flags=cv2.INTER_NEAREST) > 0
+
+
+def _planes(w, known, wanted, radius: int, same: float, stiffness: float, pool: ThreadPoolExecutor):
+    """Value and slopes (along u, v) of the plane about each ``wanted`` pixel: three arrays of w's shape."""
     out = np.empty((3, *w.shape), np.float32)
     stiff = np.float32(stiffness * (2 * radius + 1) ** 2)
     w = np.ascontiguousarray(w, np.float32)
-    for_rows(pool, w.shape[0], lambda y0, y1: _fit(w, known, radius, np.float32(same), stiff, y0, y1, out))
+    for_rows(pool, w.shape[0], lambda y0, y1: _fit(w, known, wanted, radius, np.float32(same), stiff, y0, y1, out))
     return tuple(out)
 
 
 @njit(cache=True, nogil=True)
-def _fit(w, known, radius, same, stiff, y0, y1, out):
+def _fit(w, known, wanted, radius, same, stiff, y0, y1, out):
     """Least squares over what is known and of the same surface; ``stiff``: few pixels have no slope of their own."""
     height, width = w.shape
     for y in range(y0, y1):
         for x in range(width):
+            if not wanted[y, x]:
+                continue
             at = w[y, x]
             n = sx = sy = sw = xx = xy = yy = xw = yw = np.float32(0.0)
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
