@@ -32,6 +32,20 @@ def test_errors_on_a_house_stay_below_equation_2_12(root, tmp_path):
     assert "(p/3_6_error.png)" in text and (tmp_path / "p/3_6_error.png").stat().st_size > 5000
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_sky_of_tilted_pairs_is_not_answered(root, tmp_path):
+    """Figure 3.14. At 8 m and 8 degrees 84 px of the reference's sky lie outside the other picture: before that was
+    looked at, 12 % of the sky were answered. What is left lies along the skyline."""
+    done = study(root, "--only", "tilt", "--out", tmp_path / "study.md", "--pictures", tmp_path / "p")
+    assert done.returncode == 0, done.stderr
+    rows = re.findall(
+        r"^\| (\d) m \| (\d)° \| joint \|.*\| ([\d.]+)% \| – \|$", (tmp_path / "study.md").read_text(), re.M
+    )
+    assert [(b, t) for b, t, _ in rows] == [(b, t) for k in (0, 1) for b in "2468" for t in [str(k * int(b))]]
+    assert all(float(answered) < 4.0 for _, _, answered in rows), rows
+
+
 def flown(folder):
     """A control bag: the list begins at 100 s, uav2 flies 2 m and 4 m at 1 m/s, the last recording ends at 130 s."""
     (folder / "session").mkdir(parents=True)

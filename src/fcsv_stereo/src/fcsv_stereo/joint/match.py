@@ -19,7 +19,7 @@ from fcsv_stereo.joint.fine import Fine, refine
 from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
 from fcsv_stereo.joint.sky import sky
 from fcsv_stereo.joint.surfaces import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.sweep import Views, grey, inverse_depths, views
+from fcsv_stereo.joint.sweep import Views, grey, inverse_depths, seen_by_any, views
 from fcsv_stereo.joint.trust import confirmed, consistent, relied_on, trusted
 
 _LEAST_BASELINE_M = 1e-6
@@ -176,7 +176,8 @@ def _coarse(reference: Picture, chosen, poses, prior, greys, scale: float, optio
         chosen, poses, w = adjust(reference, chosen, prior, detail(found), result.w, known, _ADJUSTMENTS, pool)
         found = views(reference, chosen, scale, greys)
         result = replace(result, w=w)
-    w = np.where(sky(result.w, r, _colour(reference, found.shape)), np.float32(0.0), result.w)
+    infinite = sky(result.w, r, _colour(reference, found.shape), ~seen_by_any(found, 0.0))
+    w = np.where(infinite, np.float32(0.0), result.w)
     return chosen, poses, result.levels, Map(found, w, known, known, confirmed(known, r))
 
 

@@ -99,6 +99,15 @@ def seen_share(found: Views, w: float) -> List[float]:
     return [float(_inside(_project(p, grid, w), s).mean()) for p, s in zip(found.projections, found.sizes)]
 
 
+def seen_by_any(found: Views, w: float) -> np.ndarray:
+    """HxW bool: whether some pair sees the pixel if it is at inverse depth w (1/m)."""
+    height, width = found.shape
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    pixels = np.stack([u.ravel(), v.ravel(), np.ones(u.size)])
+    inside = [_inside(_project(p, pixels, w), s) for p, s in zip(found.projections, found.sizes)]
+    return np.any(inside, axis=0).reshape(found.shape)
+
+
 def epipolar_directions(found: Views) -> np.ndarray:
     """(N,2) unit vectors: where the middle of the reference picture moves in each pair as it comes nearer."""
     middle = np.array([[(found.shape[1] - 1) / 2], [(found.shape[0] - 1) / 2], [1.0]])
