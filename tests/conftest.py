@@ -17,7 +17,7 @@ settings.load_profile("fcsv")
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
-    from fcsv_sim.slow_motion import shared_time
+    from fcsv_sim.machines.slow_motion import shared_time
 
     if not shared_time(os.environ):
         items[:] = [InSlowMotion.of(item) if item.get_closest_marker("slow_motion") else item for item in items]
@@ -33,7 +33,7 @@ class InSlowMotion(pytest.Item):
         return new
 
     def runtest(self):
-        from fcsv_sim.slow_motion import slow_motion
+        from fcsv_sim.machines.slow_motion import slow_motion
 
         command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", self.nodeid]
         with slow_motion():
@@ -66,7 +66,7 @@ def shared_data() -> Path:
 @pytest.fixture(scope="session")
 def ros_master(tmp_path_factory):
     """A master on a free port; this process is a rospy node on it (once: rospy knows one master a process)."""
-    from fcsv_sim.machines import Machine
+    from fcsv_sim.machines.machines import Machine
 
     with Machine("tests", tmp_path_factory.mktemp("ros")) as machine:
         os.environ.update({k: v for k, v in machine.env.items() if k.startswith("ROS_")})

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.stats import chi2
 
-from fcsv_sim import gimbal_evaluation as evaluation
+from fcsv_sim.trials import gimbal_evaluation as evaluation
 from fcsv_tracking.gimbal.config import load_ground_robot
 from fcsv_tracking.gimbal.follow import FollowRules
 from fcsv_tracking.gimbal.tracker import GimbalRules

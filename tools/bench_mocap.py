@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from fcsv_sim import mocap_evaluation as evaluation
-from fcsv_sim.mocap_flight import FlightErrors
-from fcsv_sim.tello_sensors import TelloErrors
-from fcsv_sim.v120_duo import V120DuoErrors
+from fcsv_sim.sensors.tello_sensors import TelloErrors
+from fcsv_sim.sensors.v120_duo import V120DuoErrors
+from fcsv_sim.trials import mocap_evaluation as evaluation
+from fcsv_sim.trials.mocap_flight import FlightErrors
 
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 

@@ -17,8 +17,8 @@ from scipy.stats import chi2
 
 from fcsv_geometry import transforms
 from fcsv_geometry.ros import conversions
-from fcsv_sim.formation import Formation, FormationParameters
-from fcsv_sim.machines import Machine
+from fcsv_sim.machines.machines import Machine
+from fcsv_sim.trials.formation import Formation, FormationParameters
 from fcsv_tracking.calibration import calibrate_link
 from fcsv_tracking.chain import places_in_home
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector

@@ -92,7 +92,7 @@ workspace() {  # configure and build catkin; nothing to do when no message, node
 
 kernels() {  # numba's cache lies beside the sources; compile where they changed
   local want
-  want=$(cat src/fcsv_stereo/src/fcsv_stereo/joint/*.py | sha256sum | cut -d' ' -f1)
+  want=$(find src/fcsv_stereo/src/fcsv_stereo/joint -name '*.py' -print0 | LC_ALL=C sort -z | xargs -0 cat | sha256sum | cut -d' ' -f1)
   [ "$(cat build/fcsv-kernels 2>/dev/null)" = "$want" ] && return
   say "compiling kernels"
   (set +u; . devel/setup.sh && .venv/bin/python -m fcsv_stereo.warm_up) >build/kernels.log 2>&1 ||

@@ -21,7 +21,7 @@ from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.parameters import NEEDED
 from fcsv_geometry import transforms
-from fcsv_sim.machines import free_port
+from fcsv_sim.machines.machines import free_port
 
 M = mavutil.mavlink
 GUIDED, LAND, STABILIZE = 4, 9, 0

@@ -10,7 +10,7 @@ import yaml
 from waiting import within
 
 from fcsv_geometry import transforms
-from fcsv_sim.machines import free_port
+from fcsv_sim.machines.machines import free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 NAME = "f_one"  # not uav1: other tests may use that on the same master

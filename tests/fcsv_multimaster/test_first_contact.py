@@ -12,7 +12,7 @@ from fcsv_multimaster import order
 from fcsv_multimaster.endpoints import parse_endpoint
 from fcsv_multimaster.exchange import Exchange
 from fcsv_multimaster.links import load_links
-from fcsv_sim.machines import free_port
+from fcsv_sim.machines.machines import free_port
 
 until = within(30.0)
 LINKS = """

@@ -434,7 +434,7 @@ def test_a_hung_master_stops_nothing_and_ten_thousand_topics_cost_nothing(make):
 
 def test_odometry_reaches_the_autopilot_with_everything_else_frozen(tmp_path):
     """Frozen, not killed, as roslaunch would start the killed again; the master, too."""
-    from fcsv_sim.machines import Machine, free_port
+    from fcsv_sim.machines.machines import Machine, free_port
 
     port = free_port()
     with Machine("uav1", tmp_path) as machine:

@@ -9,7 +9,7 @@ import time
 import pytest
 from waiting import within
 
-from fcsv_sim.machines import Machine, free_port
+from fcsv_sim.machines.machines import Machine, free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 until = within(90.0)

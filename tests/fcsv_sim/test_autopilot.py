@@ -10,9 +10,9 @@ import pytest
 from pymavlink import mavutil
 
 from fcsv_geometry import transforms
-from fcsv_sim import rc
 from fcsv_sim.autopilot import modes
-from fcsv_sim.vehicle import SimulatedVehicle, VehicleParameters
+from fcsv_sim.people import rc
+from fcsv_sim.vehicles.vehicle import SimulatedVehicle, VehicleParameters
 
 M = mavutil.mavlink
 YAW_EXT = 0.7  # the feed's frame is turned against the world

@@ -10,8 +10,8 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicle import load_vehicles
-from fcsv_sim.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.truth import TruthWriter
 from fcsv_sim.world.town import Town
 

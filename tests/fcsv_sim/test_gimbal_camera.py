@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms as tf
-from fcsv_sim import gimbal_evaluation as evaluation
-from fcsv_sim.gimbal_camera import GimbalCamera, GimbalCameraParameters
+from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters
+from fcsv_sim.trials import gimbal_evaluation as evaluation
 from fcsv_tracking.gimbal.config import load_ground_robot
 from fcsv_tracking.gimbal.looking import Window, look, window_about
 from fcsv_tracking.tags import TagDetector, corner_points

@@ -9,8 +9,8 @@ from waiting import within
 
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.vehicle import Mount
-from fcsv_sim.dynamixel_bus import SimulatedBus
-from fcsv_sim.gimbal import RESOLUTION_RAD, MountErrors, ServoErrors, SimulatedGimbal
+from fcsv_sim.gimbal.dynamixel_bus import SimulatedBus
+from fcsv_sim.gimbal.gimbal import RESOLUTION_RAD, MountErrors, ServoErrors, SimulatedGimbal
 from fcsv_tracking.gimbal import mx12w
 from fcsv_tracking.gimbal.config import GimbalServo
 from fcsv_tracking.gimbal.dynamixel import DynamixelBus, DynamixelGimbal

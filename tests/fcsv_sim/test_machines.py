@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from fcsv_sim import machines
+from fcsv_sim.machines import machines
 
 
 def test_a_port_is_given_once_though_nobody_listens_yet(monkeypatch):

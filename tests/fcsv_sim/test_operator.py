@@ -6,7 +6,7 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS
-from fcsv_sim.operator import ButtonPresser, Field, Pilot, Sight
+from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 
 STEP_S = 0.02
 LAG_S = 0.4  # how fast the velocity follows the stick

@@ -32,7 +32,7 @@ def session(ros_master, tmp_path, root):
     """(folder, T_home_cam by vehicle and stamp) of two configurations with three pictures of either vehicle, a second
     apart, as where a machine is slow."""
     from fcsv_geometry.ros import conversions
-    from fcsv_sim.ros.pair_session import PairSession
+    from fcsv_sim.demo.ros.pair_session import PairSession
 
     session = PairSession(tmp_path, MISSION, load_vehicles(root / "config" / "vehicles", NAMES), 1)
     start_s, poses, k = float(int(time.time())), {}, 0

@@ -11,11 +11,11 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.vehicle import Mount, VehicleGeometry
-from fcsv_sim.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.render.bodies import Body, sample_offsets
 from fcsv_sim.render.caster import EmbreeCaster, Open3dCaster
 from fcsv_sim.render.rays import PRIM, T, ray_buffer, set_rays
 from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.materials import CONCRETE, GROUND
 from fcsv_sim.world.mesh import MeshBuilder, Placement
 from fcsv_sim.world.plan import TownPlan

@@ -8,8 +8,16 @@ import time
 
 import pytest
 
-from fcsv_sim import slow_motion
-from fcsv_sim.slow_motion import LEAST_RATE, Page, SlowMotionError, in_real_time, next_rate, parse_rate, shared_time
+from fcsv_sim.machines import slow_motion
+from fcsv_sim.machines.slow_motion import (
+    LEAST_RATE,
+    Page,
+    SlowMotionError,
+    in_real_time,
+    next_rate,
+    parse_rate,
+    shared_time,
+)
 
 WAITS = """
 import queue, select, socket, subprocess, sys, threading, time
@@ -121,7 +129,7 @@ def test_a_program_begins_again_once_and_knows_how_fast_its_time_passed(tmp_path
     script = tmp_path / "again.py"
     script.write_text("""
 import os, time
-from fcsv_sim import slow_motion
+from fcsv_sim.machines import slow_motion
 print(os.getpid())
 slow_motion.begin_again_in(0.5)
 began = slow_motion.both_clocks()

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms as tf
-from fcsv_sim.tello import MAX_SPEED_MPS, SimulatedTello, TelloParameters
-from fcsv_sim.tello_pilot import Hand
+from fcsv_sim.people.tello_pilot import Hand
+from fcsv_sim.vehicles.tello import MAX_SPEED_MPS, SimulatedTello, TelloParameters
 
 START_S = 1000.0
 

@@ -6,10 +6,10 @@ import open3d as o3d
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_sim import world_command
-from fcsv_sim.camera import CameraParameters
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.sensors.camera import CameraParameters
+from fcsv_sim.world import command as world_command
 from fcsv_sim.world import materials
 from fcsv_sim.world.export import write_ply
 from fcsv_sim.world.town import WORLDS, Town

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from fcsv_stereo.joint.confidence import LEAST_TRUST, matching_sigma
-from fcsv_stereo.joint.fine import Fine
-from fcsv_stereo.joint.photometric import Residuals
+from fcsv_stereo.joint.checks.sigma import LEAST_TRUST, matching_sigma
+from fcsv_stereo.joint.refine.residuals import Residuals
+from fcsv_stereo.joint.refine.subpixel import Fine
 
 SIZE, W = 40, 0.1
 TRUSTED = np.ones((SIZE, SIZE), bool)

@@ -8,9 +8,9 @@ import pytest
 import scenes
 
 from fcsv_geometry import transforms
-from fcsv_stereo.joint.direct import _corners, adjust
-from fcsv_stereo.joint.photometric import detail
-from fcsv_stereo.joint.sweep import grey, views
+from fcsv_stereo.joint.refine.pose_alignment import _corners, adjust
+from fcsv_stereo.joint.refine.residuals import detail
+from fcsv_stereo.joint.views import grey, views
 
 PRIOR = np.diag(np.repeat([np.radians(0.15), 0.01], 3) ** 2)
 PLACES = ((0, -0.5, 0), (0, -1.0, 0), (0, 0, 1.0))

@@ -4,9 +4,9 @@
 import cv2
 import numpy as np
 
-from fcsv_stereo.joint.coarse import coarse
-from fcsv_stereo.joint.far import _band, _strips, sharpened
-from fcsv_stereo.joint.sweep import Views
+from fcsv_stereo.joint.views import Views
+from fcsv_stereo.joint.volume.far_rematch import _band, _strips, sharpened
+from fcsv_stereo.joint.volume.winner import coarse
 
 SIZE = 160, 200
 CELLS = 10**7

@@ -17,7 +17,7 @@ from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly
 from fcsv_stereo.joint.pairs import nearest_useful_m
-from fcsv_stereo.joint.sweep import grey, inverse_depths, projection, views
+from fcsv_stereo.joint.views import grey, inverse_depths, projection, views
 from fcsv_stereo.pipeline import METHODS
 
 UNREFINED = JointOptions(refine_poses=False)

@@ -9,9 +9,9 @@ import scenes
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import match_jointly
-from fcsv_stereo.joint.coarse import coarse, highest_level, level_drift
-from fcsv_stereo.joint.sweep import grey, inverse_depths, views
-from fcsv_stereo.joint.volume import cost_volume
+from fcsv_stereo.joint.views import grey, inverse_depths, views
+from fcsv_stereo.joint.volume.cost_volume import cost_volume
+from fcsv_stereo.joint.volume.winner import coarse, highest_level, level_drift
 
 HEIGHT_M = 8.0
 CONTRAST, NOISE = 3.0, 0.5  # grey levels: pale concrete

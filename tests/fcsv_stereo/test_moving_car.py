@@ -12,8 +12,8 @@ import pytest
 
 from bench.scenes import FOV_DEG, R_BODY_CAM, T_WORLD_HOME
 from fcsv_geometry import transforms
-from fcsv_sim.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world import furniture
 from fcsv_sim.world.mesh import MeshBuilder, Placement
 from fcsv_sim.world.town import WORLDS, Town

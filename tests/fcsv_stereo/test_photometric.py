@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from fcsv_stereo.joint.photometric import residuals
-from fcsv_stereo.joint.sweep import Views
+from fcsv_stereo.joint.refine.residuals import residuals
+from fcsv_stereo.joint.views import Views
 
 SIZE = 24, 32
 

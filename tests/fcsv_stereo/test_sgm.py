@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_stereo.joint.sgm import MOST_PRICE, aggregate
+from fcsv_stereo.joint.volume.sgm import MOST_PRICE, aggregate
 
 P1, P2, LEVEL = 40.0, 330.0, 5.0
 SHAPE = 7, 9, 12

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from fcsv_stereo.joint.photometric import Residuals
-from fcsv_stereo.joint.sky import sky
-from fcsv_stereo.joint.sweep import Views, seen_by_any
+from fcsv_stereo.joint.checks.sky import sky
+from fcsv_stereo.joint.refine.residuals import Residuals
+from fcsv_stereo.joint.views import Views, seen_by_any
 
 SHAPE = (90, 120)
 SKYLINE = 40

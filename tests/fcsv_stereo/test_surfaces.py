@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import scenes
 
-from fcsv_stereo.joint.candidates import MOST, candidates
-from fcsv_stereo.joint.colour import _SETTLE_COLOUR, settled
-from fcsv_stereo.joint.evidence import fronts
-from fcsv_stereo.joint.photometric import detail, residuals
-from fcsv_stereo.joint.surfaces import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.sweep import grey, views
-from fcsv_stereo.joint.trust import relied_on
+from fcsv_stereo.joint.checks.reliability import relied_on
+from fcsv_stereo.joint.refine.residuals import detail, residuals
+from fcsv_stereo.joint.surfaces.candidates import MOST, candidates
+from fcsv_stereo.joint.surfaces.colour import _SETTLE_COLOUR, settled
+from fcsv_stereo.joint.surfaces.data_cost import fronts
+from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
+from fcsv_stereo.joint.views import grey, views
 
 PX_PER_W = 1000.0
 

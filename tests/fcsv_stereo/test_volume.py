@@ -5,8 +5,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fcsv_stereo.joint.census import CUT, OFFSETS, RADIUS, STEPS, UNSEEN, census, unseen_bits
-from fcsv_stereo.joint.ranking import in_view, rank, scratch, warp_row
+from fcsv_stereo.joint.volume.census import CUT, OFFSETS, RADIUS, STEPS, UNSEEN, census, unseen_bits
+from fcsv_stereo.joint.volume.pair_costs import in_view, rank, scratch, warp_row
 
 WIDTH = 64
 IMAGE = np.random.default_rng(0).uniform(0, 255, (48, WIDTH)).astype(np.float32)

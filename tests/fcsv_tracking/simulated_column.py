@@ -7,7 +7,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicle import Mount, VehicleGeometry
-from fcsv_sim.t265 import T265, T265Errors
+from fcsv_sim.sensors.t265 import T265, T265Errors
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.tags import corner_points
 

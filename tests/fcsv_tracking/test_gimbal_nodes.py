@@ -155,7 +155,7 @@ def test_servos_on_a_simulated_bus(start_node, robot_file):
     import rospy
     from sensor_msgs.msg import JointState
 
-    from fcsv_sim.dynamixel_bus import SimulatedBus
+    from fcsv_sim.gimbal.dynamixel_bus import SimulatedBus
     from fcsv_tracking.gimbal.geometry import Angles
     from fcsv_tracking.ros import joint_messages
 

@@ -9,7 +9,7 @@ from gimbal_scene import CAMERA, GIMBAL, body, seen, sides
 from scipy.stats import chi2
 
 from fcsv_geometry import transforms as tf
-from fcsv_sim.gimbal_camera import GimbalCamera, GimbalCameraParameters
+from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.pose import PoseRules, projection_jacobian, see_body
 from fcsv_tracking.tags import TagDetector

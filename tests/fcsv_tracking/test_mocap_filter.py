@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms as tf
-from fcsv_sim.v120_duo import V120Duo, V120DuoErrors
+from fcsv_sim.sensors.v120_duo import V120Duo, V120DuoErrors
 from fcsv_tracking.mocap import measurements, so3
 from fcsv_tracking.mocap.filter import FilterNoise, MocapFilter
 from fcsv_tracking.mocap.markers import MarkerNoise, MarkerRules

@@ -8,11 +8,11 @@ import pytest
 from scipy.stats import chi2
 
 from fcsv_geometry import transforms as tf
-from fcsv_sim import mocap_evaluation as evaluation
-from fcsv_sim import mocap_flight
-from fcsv_sim.mocap_flight import FlightErrors
-from fcsv_sim.tello_sensors import TelloSample
-from fcsv_sim.v120_duo import V120DuoErrors
+from fcsv_sim.sensors.tello_sensors import TelloSample
+from fcsv_sim.sensors.v120_duo import V120DuoErrors
+from fcsv_sim.trials import mocap_evaluation as evaluation
+from fcsv_sim.trials import mocap_flight
+from fcsv_sim.trials.mocap_flight import FlightErrors
 from fcsv_tracking.errors import HomeRefused, SampleRejected
 from fcsv_tracking.mocap.blend import Blend
 from fcsv_tracking.mocap.system import MocapSystem

@@ -12,7 +12,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import ConfigError
 from fcsv_geometry.transforms import Rotation
 from fcsv_geometry.vehicle import load_vehicles
-from fcsv_sim.t265 import T265, T265Errors
+from fcsv_sim.sensors.t265 import T265, T265Errors
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.hand_eye import TagView, first_solution
 from fcsv_tracking.mounts.refine import calibrate_mount
@@ -33,7 +33,7 @@ def true_mount(part, random):
 
 
 def VEHICLE():
-    from fcsv_sim.formation import formation_vehicle
+    from fcsv_sim.trials.formation import formation_vehicle
 
     return formation_vehicle(1)
 

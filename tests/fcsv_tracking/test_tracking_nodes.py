@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_sim.formation import Formation, FormationParameters
+from fcsv_sim.trials.formation import Formation, FormationParameters
 
 pytestmark = pytest.mark.ros
 

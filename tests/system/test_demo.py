@@ -14,7 +14,7 @@ import psutil
 import pytest
 from demos import FLIGHT_LIMIT_S, left_behind, said, start_demo, wait_for
 
-from fcsv_sim.slow_motion import Page, slow_motion
+from fcsv_sim.machines.slow_motion import Page, slow_motion
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800)]
 

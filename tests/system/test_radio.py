@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from fcsv_sim.slow_motion import slow_motion
+from fcsv_sim.machines.slow_motion import slow_motion
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800)]
 

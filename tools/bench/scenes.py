@@ -9,8 +9,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_sim.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.town import Town
 from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture, PosePrior
 from fcsv_stereo.result import Configuration

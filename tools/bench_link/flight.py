@@ -24,8 +24,8 @@ from radio import Conditions, Radio, in_namespace
 from fcsv_multimaster.keyring import make_fleet
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, SimulatedFleet
 from fcsv_sim.demo.truth_export import export_truth
-from fcsv_sim.machines import MachineError
-from fcsv_sim.slow_motion import slow_motion
+from fcsv_sim.machines.machines import MachineError
+from fcsv_sim.machines.slow_motion import slow_motion
 
 
 class RadioFleet(SimulatedFleet):
@@ -156,7 +156,7 @@ def whole_mission(conditions: Conditions, cut_s: float) -> Tuple[str, str]:
 
 def watch(vehicles: List[str]) -> int:
     """Inside the control PC's namespace: say what the mission says; 0 once it is done and everybody has landed."""
-    from fcsv_sim.ros.mission_watch import MissionWatch
+    from fcsv_sim.demo.ros.mission_watch import MissionWatch
 
     seen = MissionWatch(SimpleNamespace(env=os.environ), vehicles, lambda line: print(line, flush=True))
     while not (seen.over and seen.landed):

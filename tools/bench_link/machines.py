@@ -10,7 +10,7 @@ from typing import Dict, List, Optional
 from radio import Conditions, Radio, in_namespace
 
 from fcsv_multimaster.keyring import make_fleet
-from fcsv_sim.machines import Machine, Process
+from fcsv_sim.machines.machines import Machine, Process
 
 PORT, BULK_PORT = 7447, 7448
 MASTER_PORT = 11311

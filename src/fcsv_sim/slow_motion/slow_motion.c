@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /* Slow motion for whole programs: preloaded (LD_PRELOAD), it lets clocks pass more slowly and waits last longer, at a
  * rate that may change while they run. All programs that read one page of memory (FCSV_SLOW_MOTION: its file) share one
- * time, which lags behind that of the computer by the same amount on every clock. fcsv_sim/slow_motion.py writes it, many
+ * time, which lags behind that of the computer by the same amount on every clock. fcsv_sim/machines/slow_motion.py writes it, many
  * times a second; where it cannot, because the whole machine was halted, time stands still at the horizon of the page.
  *
  * Not slowed: what the kernel times by itself (alarm, timerfd, SO_RCVTIMEO, TCP), and time of the processor.

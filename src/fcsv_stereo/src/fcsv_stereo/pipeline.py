@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Callable, Dict, Optional, Sequence, Union
 
 from fcsv_stereo import colmap, output
-from fcsv_stereo.contradiction import doubt_contradicted
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.inputs import MapInput
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint
-from fcsv_stereo.motion import leave_out_moved
+from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
+from fcsv_stereo.joint.checks.enough_evidence import require_evidence
+from fcsv_stereo.joint.checks.moved import leave_out_moved
 from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
@@ -21,7 +22,6 @@ from fcsv_stereo.report import write_report
 from fcsv_stereo.result import MapResult, Progress
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 from fcsv_stereo.truth import load_truth
-from fcsv_stereo.verdict import require_evidence
 
 Options = Union[ThesisOptions, JointOptions]
 

@@ -8,10 +8,10 @@ from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_sim import rc
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, Controller, climb_rate
 from fcsv_sim.autopilot.estimator import Estimator
+from fcsv_sim.people import rc
 
 ACCEPTED, FAILED, DENIED, UNSUPPORTED = 0, 4, 2, 3  # MAV_RESULT
 CRITICAL, WARNING, INFO = 2, 4, 6  # MAV_SEVERITY

@@ -14,14 +14,14 @@ from typing import List, Optional
 
 from fcsv_control.mission.config import load_mission
 from fcsv_geometry.errors import FcsvError
-from fcsv_sim import slow_motion
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.flights import bringup
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, MapRun, System
 from fcsv_sim.demo.truth_export import export_truth
-from fcsv_sim.machines import MachineError
+from fcsv_sim.machines import slow_motion
+from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.world.town import WORLDS
 from fcsv_stereo.truth import load_truth
 

@@ -11,8 +11,8 @@ from typing import Dict, List, Sequence, Tuple
 
 from fcsv_control.mission.config import load_mission
 from fcsv_sim.demo.site import PairSite
-from fcsv_sim.machines import Machine, MachineError, Process, free_port
-from fcsv_sim.slow_motion import shared_time
+from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
+from fcsv_sim.machines.slow_motion import shared_time
 
 CONTROL = "control"
 

@@ -9,7 +9,7 @@ from fcsv_geometry.vehicle import load_vehicles
 from fcsv_sim.demo.fleet import FleetPlan, Machines, SimulatedFleet, SimulatedPair
 from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
 from fcsv_sim.demo.site import PairSite
-from fcsv_sim.machines import MachineError
+from fcsv_sim.machines.machines import MachineError
 
 Say = Callable[[str], None]
 _MISSION_TIMEOUT_S = 900.0
@@ -18,7 +18,7 @@ _LAND_TIMEOUT_S = 45.0
 
 def fly_fleet(plan: FleetPlan, say: Say) -> Tuple[float, float]:
     """Vehicles with autopilots, a master each, the mission node in charge; seconds flown and metres moved."""
-    from fcsv_sim.ros.mission_watch import MissionWatch  # needs this fleet's master in the environment
+    from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs this fleet's master in the environment
 
     fleet = SimulatedFleet(plan)
     watch = None
@@ -34,8 +34,8 @@ def fly_fleet(plan: FleetPlan, say: Say) -> Tuple[float, float]:
 
 def fly_pair(site: PairSite, plan: FleetPlan, say: Say) -> Tuple[float, float]:
     """Two Tellos before a tracker; seconds flown and metres moved."""
-    from fcsv_sim.ros.mission_watch import attach
-    from fcsv_sim.ros.pair_mission import PairMission
+    from fcsv_sim.demo.ros.mission_watch import attach
+    from fcsv_sim.demo.ros.pair_mission import PairMission
 
     pair = SimulatedPair(plan, site)
     mission = None

@@ -7,7 +7,7 @@ from fcsv_control.errors import MissionError
 from fcsv_control.mission.config import Mission
 from fcsv_geometry import transforms
 from fcsv_sim.demo.site import PairSite
-from fcsv_sim.v120_duo import V120Duo, V120DuoErrors
+from fcsv_sim.sensors.v120_duo import V120Duo, V120DuoErrors
 from fcsv_tracking.gimbal.config import Gimbal, GroundRobot
 
 _NEAREST_M, _FARTHEST_M = 1.0, 4.2  # thesis 4.2: tags of 8 cm are seen up to around 4 m

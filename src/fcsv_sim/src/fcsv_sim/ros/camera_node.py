@@ -16,9 +16,9 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RecorderStatus
-from fcsv_sim.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer, require_samples
+from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.truth import TruthReader
 from fcsv_sim.world.town import Town
 

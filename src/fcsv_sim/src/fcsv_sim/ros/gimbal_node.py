@@ -15,8 +15,8 @@ from fcsv_geometry import frames, transforms
 from fcsv_geometry.errors import ConfigError, PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_sim.gimbal import MountErrors, ServoErrors, SimulatedGimbal
-from fcsv_sim.gimbal_camera import GimbalCamera, GimbalCameraParameters
+from fcsv_sim.gimbal.gimbal import MountErrors, ServoErrors, SimulatedGimbal
+from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters
 from fcsv_sim.truth import TruthReader
 from fcsv_tracking.gimbal.config import load_ground_robot
 from fcsv_tracking.ros.gimbal_servos_node import ServoLoop

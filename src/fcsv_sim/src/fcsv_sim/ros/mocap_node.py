@@ -13,9 +13,9 @@ from geometry_msgs.msg import Pose2D, PoseStamped
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
-from fcsv_sim.mocap_flight import MOCAP_DELAY_S
+from fcsv_sim.sensors.v120_duo import FRAME_RATE_HZ, BodySight, V120Duo, V120DuoErrors
+from fcsv_sim.trials.mocap_flight import MOCAP_DELAY_S
 from fcsv_sim.truth import TruthReader
-from fcsv_sim.v120_duo import FRAME_RATE_HZ, BodySight, V120Duo, V120DuoErrors
 
 Vector3 = Tuple[float, float, float]
 

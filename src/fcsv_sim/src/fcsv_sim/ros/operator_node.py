@@ -14,8 +14,8 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import MissionState, State
-from fcsv_sim.operator import ButtonPresser, Field, Pilot, Sight
-from fcsv_sim.rc import RcSender
+from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
+from fcsv_sim.people.rc import RcSender
 from fcsv_sim.truth import TruthReader
 
 

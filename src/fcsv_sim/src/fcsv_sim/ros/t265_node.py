@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
-from fcsv_sim.t265 import T265, T265Errors
+from fcsv_sim.sensors.t265 import T265, T265Errors
 from fcsv_sim.truth import TruthReader
 
 _LATENCY_S = 0.015  # from the middle of its sensing to the sample, as the real one has it

@@ -9,7 +9,7 @@ from std_msgs.msg import Empty
 
 from fcsv_geometry.ros import conversions, node
 from fcsv_msgs.msg import State
-from fcsv_sim.tello import SimulatedTello, TelloParameters
+from fcsv_sim.vehicles.tello import SimulatedTello, TelloParameters
 
 _STATE_HZ = 5.0
 

@@ -15,7 +15,7 @@ from sensor_msgs.msg import Imu
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
-from fcsv_sim.tello_sensors import TelloErrors, TelloSample, TelloSensors
+from fcsv_sim.sensors.tello_sensors import TelloErrors, TelloSample, TelloSensors
 from fcsv_sim.truth import TruthReader
 
 _LOOK_HZ = 200.0

@@ -8,7 +8,7 @@ from typing import Tuple
 import rospy
 
 from fcsv_geometry.ros import node
-from fcsv_sim.vehicle import SimulatedVehicle, VehicleParameters
+from fcsv_sim.vehicles.vehicle import SimulatedVehicle, VehicleParameters
 
 
 @dataclass(frozen=True)

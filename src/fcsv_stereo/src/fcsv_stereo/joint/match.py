@@ -10,17 +10,17 @@ import numpy as np
 
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.inputs import Picture
-from fcsv_stereo.joint import confidence
-from fcsv_stereo.joint.coarse import Coarse, coarse, highest_level, nearest_inverse_depth
-from fcsv_stereo.joint.colour import settled
-from fcsv_stereo.joint.direct import adjust
-from fcsv_stereo.joint.far import FINER, sharpened
-from fcsv_stereo.joint.fine import Fine, refine
-from fcsv_stereo.joint.photometric import Residuals, detail, residuals, support_bits
-from fcsv_stereo.joint.sky import sky
-from fcsv_stereo.joint.surfaces import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.sweep import Views, grey, inverse_depths, seen_by_any, views
-from fcsv_stereo.joint.trust import confirmed, consistent, relied_on, trusted
+from fcsv_stereo.joint.checks.reliability import confirmed, consistent, relied_on, trusted
+from fcsv_stereo.joint.checks.sigma import LEAST_TRUST, geometry_sigma, matching_sigma
+from fcsv_stereo.joint.checks.sky import sky
+from fcsv_stereo.joint.refine.pose_alignment import adjust
+from fcsv_stereo.joint.refine.residuals import Residuals, detail, residuals, support_bits
+from fcsv_stereo.joint.refine.subpixel import Fine, refine
+from fcsv_stereo.joint.surfaces.colour import settled
+from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
+from fcsv_stereo.joint.views import Views, grey, inverse_depths, seen_by_any, views
+from fcsv_stereo.joint.volume.far_rematch import FINER, sharpened
+from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
 
 _LEAST_BASELINE_M = 1e-6
 _LEAST_PIXELS = 16
@@ -117,8 +117,8 @@ def match_jointly(
             fine = refine(detail(found), w, step, _iterations(scale, options), pool)
             if scale < 1.0:
                 now = Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
-    geometry = confidence.geometry_sigma(reference, chosen, poses, fine)
-    sigma_w = np.hypot(confidence.matching_sigma(fine, known), geometry)
+    geometry = geometry_sigma(reference, chosen, poses, fine)
+    sigma_w = np.hypot(matching_sigma(fine, known), geometry)
     return _answer(fine, known, sigma_w, reference.blank, used, left_out, chosen, options)
 
 
@@ -197,7 +197,7 @@ def _equalise(greys: List[np.ndarray], r: Residuals, found: Views, w: np.ndarray
     """Brings each other picture's exposure to the reference's, by what agrees at ``w``; in place."""
     differences = residuals(found, w, pool).difference
     for i, (t, d) in enumerate(zip(r.trust, differences)):
-        good = t > confidence.LEAST_TRUST
+        good = t > LEAST_TRUST
         if good.sum() < 200:
             continue
         here, there = found.reference[good], (found.reference - d)[good]
@@ -216,6 +216,6 @@ def _answer(
         none |= blank
     depth, sigma = 1.0 / w, relative / w
     depth[none], sigma[none] = np.nan, np.nan
-    support = support_bits(fine.residuals, confidence.LEAST_TRUST)
+    support = support_bits(fine.residuals, LEAST_TRUST)
     support[none] = 0
     return JointDepth(depth.astype(np.float32), sigma.astype(np.float32), support, used, left_out, fine, known, chosen)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies stepped in real time; among them a vehicle: airframe, autopilot, RC receiver and MAVLink link."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.autopilot.mavlink_server import MavlinkServer
+from fcsv_sim.people.rc import RcReceiver
+from fcsv_sim.truth import TruthWriter
+from fcsv_sim.vehicles.dynamics import STEP_S, Airframe, Quadrotor
+
+PASS_S = 0.01  # the autopilot's outer loops run at 100 Hz
+_SUBSTEPS = int(round(PASS_S / STEP_S))
+
+
+@dataclass(frozen=True)
+class VehicleParameters:
+    """Of one simulated vehicle; start: x, y, z (m) and yaw (rad) in the world."""
+
+    name: str
+    system_id: int
+    sim_dir: str
+    companion: str = "127.0.0.1:14550"
+    rc_port: int = 5501
+    seed: int = 1
+    start_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    wind_mps: float = 1.0
+    airframe: Airframe = field(default_factory=Airframe)
+
+
+class SteppedBody:
+    """A body in real time: ``advance_to`` brings it to a time and writes its truth on the way.
+
+    What it is told to do next, ``_decide`` says once per pass.
+    """
+
+    def __init__(self, body: Quadrotor, truth: TruthWriter, now_s: float):
+        self.body = body
+        self._truth = truth
+        self._now_s = now_s
+        self._command = (0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def next_pass_s(self) -> float:
+        """When there is something to do again."""
+        return self._now_s + PASS_S
+
+    def advance_to(self, now_s: float, most_passes: int = 20) -> None:
+        """Catch up with the clock; after a long hiccup time is skipped rather than raced through."""
+        if now_s - self._now_s > most_passes * PASS_S:
+            self._now_s = now_s - most_passes * PASS_S
+        while self._now_s + PASS_S <= now_s:
+            self._pass()
+
+    def _pass(self) -> None:
+        states = self.body.advance(self._command, _SUBSTEPS)
+        self._truth.write_records(self.body.felt(states, self._now_s, self._command[3]))
+        self._now_s += PASS_S
+        self._command = self._decide(states[-1])
+
+    def _decide(self, state: np.ndarray):
+        """Roll, pitch (rad), yaw rate (rad/s) and thrust (share) after a state as Quadrotor.advance gives it."""
+        raise NotImplementedError
+
+
+def yaw_of(state: np.ndarray) -> float:
+    """Heading (rad) of a state."""
+    x, y, z, w = state[6:10].tolist()
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+class SimulatedVehicle(SteppedBody):
+    """Airframe and autopilot."""
+
+    def __init__(self, parameters: VehicleParameters, now_s: float):
+        *position, yaw = parameters.start_xyz_yaw
+        T_world_body = transforms.from_xyz_yaw(position, yaw)
+        seed = parameters.seed * 1000 + parameters.system_id
+        body = Quadrotor(parameters.airframe, T_world_body, seed, parameters.wind_mps)
+        super().__init__(body, TruthWriter(parameters.sim_dir, parameters.name), now_s)
+        self.autopilot = Autopilot(self.body.hover_thrust, seed)
+        self._rc = RcReceiver(parameters.rc_port)
+        self._server = MavlinkServer(self.autopilot, parameters.companion, parameters.system_id)
+        self._v_before = np.zeros(3)
+
+    def _decide(self, state: np.ndarray):
+        x, y, z, w = state[6:10].tolist()
+        roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        pitch = math.asin(min(1.0, max(-1.0, 2 * (w * y - z * x))))
+        yaw = yaw_of(state)
+        acc = (state[3:6] - self._v_before) / PASS_S
+        self._v_before = state[3:6].copy()
+        frame = self._rc.newest()
+        if frame is not None:
+            self.autopilot.rc_frame(self._now_s, frame)
+        self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, state[12], state[2])
+        self._server.step(self._now_s, (roll, pitch, yaw))
+        return self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, state[5])
+
+    def close(self) -> None:
+        self._rc.close()
+        self._server.close()

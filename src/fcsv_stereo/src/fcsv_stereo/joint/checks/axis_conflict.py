@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the pairs of one axis deny what those of the other say: sigma must know.
+
+What moves along one axis in step with its baselines looks like another depth there; to the other axis it does not
+(docs/decisions/0008).
+"""
+
+from dataclasses import replace
+from typing import Dict, List
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.joint.checks.visibility import seen_from, visible
+from fcsv_stereo.result import MapResult
+
+_LEAST_RELATIVE_SIGMA = 0.2  # of a depth that an axis denies
+_PIXELS = 8e4  # are looked at: places that are denied are larger than pixels
+_WINDOW, _SHARE = (5, 5), 0.7
+_APART_S = 0.5
+_MARGIN = np.ones((9, 9), np.uint8)
+_LEAST_SHARE = 3e-4  # of the picture: smaller spots are edges and noise
+
+
+def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
+    """The result with sigma at least a fifth of the depth where one axis agrees with it and the other does not.
+
+    Denied: two pairs of an axis (or its only one) see a place that nothing of the map hides, and none agrees; and what
+    is connected to it that only one of them sees (the picture ends there for the others), if that one does not agree.
+    Pictures that were taken when a reference picture was do not need it: ``motion`` compares these.
+    """
+    if len({p.configuration.axis for p in result.pairs}) < 2 or _of_one_moment(given):
+        return result
+    step = max(1, int(np.sqrt(result.depth.size / _PIXELS)))
+    denied = _denied(result, step)
+    if not denied.any():
+        return result
+    denied = cv2.resize(denied.astype(np.uint8), result.depth.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    least = np.where(denied, np.float32(_LEAST_RELATIVE_SIGMA) * result.depth, np.float32(0.0))
+    sigma = np.maximum(result.sigma, least).astype(np.float32)
+    cloud = replace(result.cloud, sigma_m=sigma[np.isfinite(result.depth)])
+    return replace(result, sigma=sigma, cloud=cloud)
+
+
+def _of_one_moment(given: MapInput) -> bool:
+    """Whether all pictures have a reference picture of their moment: photographs do not say when they were taken."""
+    apart_s = (min(abs(r.stamp_s - o.stamp_s) for r in c.references) for c in given.configurations for o in c.others)
+    return given.kind == "session" and all(s <= _APART_S for s in apart_s)
+
+
+def _denied(result: MapResult, step: int) -> np.ndarray:
+    """At every ``step``-th pixel, bool."""
+    reference, seen, surely, agreed = result.reference, {}, {}, {}
+    by_axis: Dict[str, List] = {}
+    for pair in result.pairs:
+        by_axis.setdefault(pair.configuration.axis, []).append(pair)
+    for axis, pairs in by_axis.items():
+        views = []
+        for pair in pairs:
+            T = transforms.invert(pair.T_home_cam_other) @ reference.T_home_cam
+            other = pair.camera_other
+            uv, z = seen_from(result.depth, reference.camera, T, other, step)
+            views.append(visible(uv, z, (other.height, other.width), step))
+        seen[axis], surely[axis] = (np.sum(views, axis=0) >= least for least in (1, min(2, len(pairs))))
+        agreed[axis] = np.any([np.isfinite(p.depth[::step, ::step]) for p in pairs], axis=0)
+    known = np.isfinite(result.depth[::step, ::step])
+    denied, sure = (_dense(known & _by_one_axis(by, agreed)) for by in (seen, surely))
+    _, labels = cv2.connectedComponents(denied.astype(np.uint8), connectivity=8)
+    large = np.bincount(labels[sure & denied], minlength=labels.max() + 1) >= _LEAST_SHARE * labels.size
+    large[0] = False
+    return cv2.dilate(large[labels].astype(np.uint8), _MARGIN) > 0
+
+
+def _by_one_axis(seen: Dict[str, np.ndarray], agreed: Dict[str, np.ndarray]) -> np.ndarray:
+    """HxW bool: seen by an axis that does not agree, while the other does."""
+    a, b = seen
+    return (seen[a] & ~agreed[a] & agreed[b]) | (seen[b] & ~agreed[b] & agreed[a])
+
+
+def _dense(denied: np.ndarray) -> np.ndarray:
+    """HxW bool: most of the surroundings are denied."""
+    return cv2.blur(denied.astype(np.float32), _WINDOW) > _SHARE

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What moved while the vehicles flew from one configuration to the next, seen in the reference camera's own pictures.
+
+A thing that moves along the baselines as they grow looks like one at another depth, and all pairs agree on it. But each
+configuration has a reference picture of its own, of the moment of its other picture and from nearly the same place:
+there it shows itself. Where the first and a later one differ, that configuration's pair does not count
+(docs/decisions/0008).
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Dict, List, Optional
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
+from fcsv_stereo.joint.checks.visibility import seen_from, visible
+from fcsv_stereo.refinement.features import corners
+from fcsv_stereo.result import MapResult, Reference
+
+_CORNERS, _LEAST_CORNERS = 800, 40
+_MOST_OFF_PX = 1.0  # of a corner from where the pose puts it
+_OFF_PX = 0.35  # what is left of the alignment: edges differ by so much of their slope
+_UNKNOWN_1_M = 0.05  # of inverse depth, where there is none
+_CHANGED = 3.0  # times what noise and alignment explain
+_WINDOW = (5, 5)
+_LEAST_SHARE = 1e-4  # of the picture: smaller spots are noise
+_MARGIN_PX = 3
+_SAMPLES = 5000  # pixels tell the exposure
+_SAID_SHARE = 5e-4  # of the picture left out: worth a warning
+
+
+@dataclass(frozen=True)
+class _Still:
+    """The reference picture (HxWxC float32) with its depth and sigma (HxW, m) and corners (N, 2) px to align by."""
+
+    image: np.ndarray
+    depth: np.ndarray
+    sigma: np.ndarray
+    corners: np.ndarray
+    full: np.ndarray  # HxW bool: there is picture
+
+
+def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
+    """The result without the depths that rest on pairs before which something moved; it says so.
+
+    Without reference pictures of later configurations (photographs) there is nothing to go by: the result as it is.
+    """
+    still = _still(result.reference, result.depth, result.sigma)
+    changed: Dict[int, np.ndarray] = {}
+    watched = []
+    for k, pair in enumerate(result.pairs):
+        later = _reference_of(given.configurations, pair.other_name)
+        if later is not None and later.name != result.reference.name:
+            scale = result.reference.camera.width / later.camera.width
+            seen = changes(result.reference, later.shrunk(scale) if scale < 1.0 else later, still)
+            if seen is None:
+                continue
+            watched.append(pair.other_name)
+            if seen.any():
+                changed[k] = seen
+    result = replace(result, watched=watched)
+    return _without(result, changed) if changed else result
+
+
+def changes(reference: Reference, later: Picture, still: _Still) -> Optional[np.ndarray]:
+    """HxW bool: where ``later`` (from nearly the same place) shows something else; None where it cannot be compared."""
+    T_later_ref = _aligned(reference, later, still)
+    if T_later_ref is None:
+        return None
+    uv, z = seen_from(still.depth, reference.camera, T_later_ref, later.camera)
+    here, there = still.image, cv2.remap(later.image.astype(np.float32), *uv, cv2.INTER_CUBIC)
+    full = still.full & (cv2.remap(_full(later.image).astype(np.uint8), *uv, cv2.INTER_NEAREST) > 0)
+    comparable = visible(uv, z, later.image.shape[:2]) & full
+    difference = np.abs(here - _same_exposure(here, there, comparable)).mean(axis=2)
+    grey = here.mean(axis=2)
+    slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
+    noise = float(np.median(difference[comparable])) if comparable.any() else 0.0
+    explained = 2.0 * noise + cv2.blur(slope * _off_px(reference, T_later_ref, still), _WINDOW)
+    unlike = (cv2.blur(difference, _WINDOW) > _CHANGED * explained) & comparable
+    return _spots(unlike)
+
+
+def _full(image: np.ndarray) -> np.ndarray:
+    """HxW bool: not near the black that taking out the distortion leaves along the borders."""
+    dark = (image == 0).reshape(*image.shape[:2], -1).all(axis=2)
+    inside = np.zeros(dark.shape, bool)
+    inside[1:-1, 1:-1] = True
+    _, labels = cv2.connectedComponents(dark.astype(np.uint8), connectivity=8)
+    empty = dark & np.isin(labels, np.unique(labels[dark & ~inside]))
+    return cv2.dilate(empty.astype(np.uint8), np.ones(_WINDOW, np.uint8), iterations=2) == 0
+
+
+def _off_px(reference: Reference, T_later_ref: np.ndarray, still: _Still) -> np.ndarray:
+    """HxW: how far a place may lie from where it is looked for, as places differ and depth is uncertain."""
+    off_1_m = np.nan_to_num(still.sigma / np.square(still.depth), nan=_UNKNOWN_1_M)
+    return _OFF_PX + reference.camera.fx * float(np.linalg.norm(T_later_ref[:3, 3])) * off_1_m
+
+
+def _still(reference: Reference, depth: np.ndarray, sigma: np.ndarray) -> _Still:
+    image = reference.image
+    image = image if image.ndim == 3 else image[..., None]
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.shape[2] == 3 else image[..., 0]
+    return _Still(image.astype(np.float32), depth, sigma, corners(grey, _CORNERS), _full(image))
+
+
+def _reference_of(configurations: List[ConfigurationInput], other_name: str) -> Optional[Picture]:
+    """The reference camera's picture nearest in time to another one, of its configuration."""
+    for c in configurations:
+        for other in c.others:
+            if other.name == other_name and c.references:
+                return min(c.references, key=lambda p: abs(p.stamp_s - other.stamp_s))
+    return None
+
+
+def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np.ndarray]:
+    """T_later_ref from corners tracked between the two, beginning with the priors; None where they do not agree."""
+    T = transforms.invert(later.T_home_cam) @ reference.T_home_cam
+    uv = still.corners
+    at = np.round(uv).astype(int)
+    z = still.depth[at[:, 1], at[:, 0]] if len(uv) else np.empty(0)
+    uv, z = uv[np.isfinite(z)], z[np.isfinite(z)]
+    if len(uv) < _LEAST_CORNERS:
+        return None
+    camera = reference.camera
+    rays = np.column_stack([(uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy, np.ones(len(uv))])
+    points = rays * z[:, None]
+    rotation, position = cv2.Rodrigues(T[:3, :3])[0], T[:3, 3].copy()
+    start = cv2.projectPoints(points, rotation, position, later.camera.K, None)[0].astype(np.float32)
+    a, b = (cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) if i.ndim == 3 else i for i in (reference.image, later.image))
+    found, status, _ = cv2.calcOpticalFlowPyrLK(
+        a, b, uv.astype(np.float32).reshape(-1, 1, 2), start, winSize=(15, 15), maxLevel=3,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )  # fmt: skip
+    good = status.ravel() > 0
+    if good.sum() < _LEAST_CORNERS:
+        return None
+    ok, rotation, position, inliers = cv2.solvePnPRansac(
+        points[good], found[good].astype(float), later.camera.K, None, rotation, position, useExtrinsicGuess=True,
+        iterationsCount=100, reprojectionError=_MOST_OFF_PX,
+    )  # fmt: skip
+    if not ok or inliers is None or len(inliers) < max(_LEAST_CORNERS, 0.4 * good.sum()):
+        return None
+    chosen = inliers.ravel()
+    rotation, position = cv2.solvePnPRefineLM(
+        points[good][chosen], found[good][chosen].astype(float), later.camera.K, None, rotation, position
+    )
+    return transforms.transform(cv2.Rodrigues(rotation)[0], position.ravel())
+
+
+def _same_exposure(here: np.ndarray, there: np.ndarray, comparable: np.ndarray) -> np.ndarray:
+    """``there`` with the brightness and contrast of ``here``, by channel, from what most pixels show."""
+    there = there.reshape(here.shape)
+    out = np.empty_like(there)
+    for i in range(here.shape[2]):
+        a, b = (x[..., i][comparable][:: max(1, int(comparable.sum()) // _SAMPLES)] for x in (here, there))
+        gain, offset = 1.0, 0.0
+        for _ in range(3 if len(a) > 100 else 0):
+            off = np.abs(gain * b + offset - a)
+            usual = off <= 2.0 * np.median(off) + 1.0
+            gain, offset = np.polyfit(b[usual], a[usual], 1) if b[usual].std() > 1.0 else (1.0, 0.0)
+        out[..., i] = gain * there[..., i] + offset
+    return out
+
+
+def _spots(unlike: np.ndarray) -> np.ndarray:
+    """Connected places of some size, with a margin."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(unlike.astype(np.uint8), connectivity=8)
+    large = stats[:, cv2.CC_STAT_AREA] >= max(_LEAST_SHARE * unlike.size, 9)
+    large[0] = False
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _MARGIN_PX + 1,) * 2)
+    return cv2.dilate(large[labels].astype(np.uint8), kernel) > 0
+
+
+def _without(result: MapResult, changed: Dict[int, np.ndarray]) -> MapResult:
+    """Depths stay where the longest pair that agrees saw no change: a short one agrees with a wrong depth, too.
+
+    What stays is as uncertain as that pair alone would leave it.
+    """
+    unchanged, affected = (np.zeros(result.depth.shape, np.float32) for _ in range(2))
+    for k, pair in enumerate(result.pairs):
+        reach = np.where(np.isfinite(pair.depth), np.float32(pair.configuration.baseline_m), np.float32(0.0))
+        seen = changed.get(k, np.zeros(reach.shape, bool))
+        np.maximum(affected, np.where(seen, reach, 0.0), out=affected)
+        np.maximum(unchanged, np.where(seen, 0.0, reach), out=unchanged)
+    somewhere = np.any(list(changed.values()), axis=0)
+    known = np.isfinite(result.depth)
+    gone = known & somewhere & (unchanged <= affected)
+    longest = np.float32(max(p.configuration.baseline_m for p in result.pairs))
+    sigma = np.where(somewhere, result.sigma * longest / np.maximum(unchanged, 1e-3), result.sigma)
+    depth, sigma = (np.where(gone, np.float32(np.nan), x).astype(np.float32) for x in (result.depth, sigma))
+    cloud, stays = replace(result.cloud, sigma_m=sigma[known]), ~gone[known]
+    cloud = replace(cloud, **{f.name: getattr(cloud, f.name)[stays] for f in fields(cloud)})
+    warnings = list(result.warnings)
+    if gone.mean() >= _SAID_SHARE:
+        names = ", ".join(result.pairs[k].configuration.name for k in changed)
+        warnings.append(
+            f"left out: {gone.mean():.1%} of the picture, where something moved between the recordings (the reference "
+            f"camera's picture differs in {names})"
+        )
+    return replace(result, depth=depth, sigma=sigma, cloud=cloud, warnings=warnings)

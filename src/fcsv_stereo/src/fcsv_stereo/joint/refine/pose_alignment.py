@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Poses adjusted to the pictures themselves: what features alone leave uncertain, all pixels together determine.
+
+A turn that grows with the baseline looks like a shift of all inverse depths; only its small vertical part at the
+picture's corners tells them apart. Features are too few for it, the whole picture is not (direct alignment, as in
+Engel, Koltun and Cremers 2018, with the inverse depth of small cells eliminated by Schur's complement).
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import List, Sequence, Tuple
+
+import cv2
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+
+from fcsv_geometry import transforms
+from fcsv_stereo.inputs import Picture
+from fcsv_stereo.joint.views import Views, camera_matrix, projection
+
+_CELL = 4  # px: one correction of inverse depth each
+_HUBER = 3.0  # grey levels
+_UNLIKE = 0.6  # as photometric.residuals': above it a place is occluded or mismatched
+_NOISE = 1.5  # grey levels
+_CORRELATED = 8.0  # pixels that count as one: interpolation, blur and cells that straddle surfaces
+_LEAST_CELLS, _MOST_CELLS = 200, 20000
+_LOOSE, _FARTHEST = 3.0, 1e-3  # prior sigma of a cell's inverse depth as a share of it; 1/m
+_SCALE = 1e-5  # by which the scale may change
+#: Features determine a turn that grows with the baseline badly, and alike in every picture, which covariances picture
+#: by picture cannot say; nor are they other evidence than the pixels. So their turns weigh little here.
+_LOOSENED = np.repeat([3.0, 1.0], 3)
+
+
+def adjust(
+    reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray], found: Views, w: np.ndarray,
+    known: np.ndarray, iterations: int, pool: ThreadPoolExecutor,
+) -> Tuple[List[Picture], List[np.ndarray], np.ndarray]:  # fmt: skip
+    """The others with adjusted poses, their 6x6 covariances (rad in camera axes, m in home's), and ``w`` with them.
+
+    ``found`` holds the pictures without their local mean (``photometric.detail``); ``w`` is HxW (1/m) and ``known``
+    (HxW bool) where it may be relied on. The covariances given are the prior; too little texture leaves it as it is.
+    """
+    prior, scale, scale_variance = _prior(reference, others, covariances)
+    start, total = list(others), np.zeros(6 * len(others))
+    pictures, out, now = start, list(covariances), w.astype(np.float32)
+    if known.sum() < _LEAST_CELLS * _CELL**2:
+        return pictures, out, now
+    corners, contrast = _corners(w.shape), cv2.blur(np.abs(found.reference), (5, 5)) + _NOISE
+    slopes = list(pool.map(lambda i: _slopes(_other(found, i)), range(len(found))))
+    for _ in range(iterations):
+        jobs = [
+            pool.submit(_pair, reference, o, i, found, slopes[i], contrast, now, known, corners)
+            for i, o in enumerate(pictures)
+        ]
+        middles = now[tuple(corners.T + _CELL // 2)]
+        H, g, energy, solve_w, weight = _reduced([job.result() for job in jobs], middles)
+        information = H / (energy * _CORRELATED)
+        step = np.linalg.solve(information + prior, g / (energy * _CORRELATED) - prior @ total)
+        total = total + step
+        _add(corners, solve_w(step), now)
+        pictures = [moved(o, total[6 * i : 6 * i + 6]) for i, o in enumerate(start)]
+        covariance = np.linalg.inv(information + prior) + scale_variance * np.outer(scale, scale)
+        out = [covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i in range(len(start))]
+    return pictures, out, _smooth_change(w, now, corners, weight)
+
+
+def _corners(shape: Tuple[int, int]) -> np.ndarray:
+    """(N,2) row and column of the cells' first pixels, evenly spread where there would be too many."""
+    rows, columns = (_CELL * np.arange(n // _CELL) for n in shape)
+    every = int(np.ceil(np.sqrt(len(rows) * len(columns) / _MOST_CELLS)))
+    return np.stack(np.meshgrid(rows[::every], columns[::every], indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _smooth_change(before: np.ndarray, after: np.ndarray, corners: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """``before`` with what the poses changed in it: smooth over the picture, unlike what cells make of noise.
+
+    ``weight`` (N,) is that of the cells.
+    """
+
+    def basis(v, u, w):
+        x, y = u / before.shape[1] - 0.5, v / before.shape[0] - 0.5
+        return np.stack([np.ones_like(x), x, y, w, x * x, x * y, y * y], axis=-1).astype(np.float32)
+
+    at = tuple(corners.T + _CELL // 2)
+    change, weight = (after - before)[at], np.sqrt(weight)
+    at_most = 3.0 * np.median(np.abs(change[weight > 0])) if (weight > 0).any() else 0.0
+    weight[np.abs(change) > at_most] = 0.0
+    factors = np.linalg.lstsq(basis(*at, before[at]) * weight[:, None], change * weight, rcond=None)[0]
+    v, u = np.indices(before.shape, np.float32)
+    return np.maximum(before + basis(v, u, before) @ factors.astype(np.float32), 0.0).astype(np.float32)
+
+
+def moved(picture: Picture, change: np.ndarray) -> Picture:
+    """Turned by ``change[:3]`` (rad, camera axes) and moved by ``change[3:]`` (m, home axes)."""
+    T = picture.T_home_cam
+    rotation = T[:3, :3] @ Rotation.from_rotvec(change[:3]).as_matrix()
+    return replace(picture, T_home_cam=transforms.transform(rotation, T[:3, 3] + change[3:]))
+
+
+def _prior(reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray]):
+    """Information matrix of all poses, the direction (6N) in which the scale grows, and the scale's variance.
+
+    Pictures do not tell the scale: it is held, lest the noise in their slopes shifts it.
+    """
+    n = len(others)
+    prior, scale = np.zeros((6 * n, 6 * n)), np.zeros((n, 6))
+    for i, (o, c) in enumerate(zip(others, covariances)):
+        prior[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = np.linalg.inv(c * np.outer(_LOOSENED, _LOOSENED))
+        scale[i, 3:] = o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
+    along = scale[:, 3:] / np.square(np.linalg.norm(scale[:, 3:], axis=1, keepdims=True))
+    variances = [a @ c[3:, 3:] @ a for a, c in zip(along, covariances)]
+    scale = scale.ravel()
+    held = scale / (scale @ scale)
+    return prior + np.outer(held, held) / _SCALE**2, scale, float(min(variances))
+
+
+def _other(found: Views, i: int) -> np.ndarray:
+    height, width = found.sizes[i]
+    return np.ascontiguousarray(found.others[i][:height, :width])
+
+
+def _slopes(image: np.ndarray) -> List[np.ndarray]:
+    """Along u and v, per pixel."""
+    return [cv2.Sobel(image, cv2.CV_32F, *d, scale=0.125) for d in ((1, 0), (0, 1))]
+
+
+def _pair(
+    reference: Picture, other: Picture, i: int, found: Views, there: Sequence[np.ndarray], contrast: np.ndarray,
+    w: np.ndarray, known: np.ndarray, corners: np.ndarray,
+) -> Tuple[np.ndarray, ...]:  # fmt: skip
+    """Sums over one pair, ``there`` being the other picture's slopes: of its pose H (6x6) and g (6,); of each cell
+    (N, 8) own, push and mixed with the pose; and (2,) of weights and of weighted squares."""
+    height, width = found.sizes[i]
+    K = camera_matrix(other.camera, (height, width))
+    T = transforms.invert(other.T_home_cam) @ reference.T_home_cam
+    p = projection(reference, other, camera_matrix(reference.camera, w.shape), K).astype(np.float32)
+    x, y = np.empty_like(w), np.empty_like(w)
+    _place(p, w, x, y)
+    warped = cv2.remap(_other(found, i), x, y, cv2.INTER_LINEAR)
+    # both pictures' slopes: their mean halves the noise and makes the steps second order
+    slopes = [0.5 * (cv2.remap(s, x, y, cv2.INTER_LINEAR) + here) for s, here in zip(there, _slopes(warped))]
+    difference = found.reference - warped
+    unlike = cv2.blur(np.abs(difference), (5, 5)) / contrast / _UNLIKE
+    inside = known & (x >= 1) & (y >= 1) & (x <= width - 2) & (y <= height - 2)
+    weight = inside / np.square(1.0 + np.square(unlike))
+    weight *= np.minimum(1.0, _HUBER / np.maximum(np.abs(difference), 1e-6))
+    H, g, cells, sums = np.zeros((6, 6)), np.zeros(6), np.zeros((len(corners), 8)), np.zeros(2)
+    _sum(
+        corners, weight.astype(np.float32), difference, *slopes, x, y, p[6:], w, K, T[:3, 3], other.T_home_cam[:3, :3],
+        H, g, cells, sums,
+    )  # fmt: skip
+    return H, g, cells, sums
+
+
+def _reduced(pairs, w: np.ndarray):
+    """Normal equations of the poses with the cells' inverse depths (``w``, N) eliminated; the variance; what gives the
+    inverse depths back; and the cells' weights (N,)."""
+    n = len(pairs)
+    H, g = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
+    for i, (own_H, own_g, _, _) in enumerate(pairs):
+        part = slice(6 * i, 6 * i + 6)
+        H[part, part], g[part] = own_H, own_g
+    weights, squares = sum(sums for _, _, _, sums in pairs)
+    weight = sum(cells[:, 0] for _, _, cells, _ in pairs)
+    push = sum(cells[:, 1] for _, _, cells, _ in pairs)
+    mixed = np.concatenate([cells[:, 2:] for _, _, cells, _ in pairs], axis=1)
+    energy = squares / max(weights, 1.0) + 0.1
+    own = weight + 1e-3 * float(np.mean(weight)) + energy / np.square(_LOOSE * np.maximum(w, _FARTHEST))
+    H -= mixed.T @ (mixed / own[:, None])
+    g -= mixed.T @ (push / own)
+
+    def solve_w(step: np.ndarray) -> np.ndarray:
+        return (push - mixed @ step) / own
+
+    return H, g, energy, solve_w, weight
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _place(p, w, x, y):
+    """Where the reference's pixels are in the other picture; far outside what is behind it."""
+    for v in range(w.shape[0]):
+        for u in range(w.shape[1]):
+            z = p[6] * u + p[7] * v + p[8] + w[v, u] * p[11]
+            inverse = np.float32(1.0) / z if z > np.float32(1e-9) else np.float32(0.0)
+            x[v, u] = (p[0] * u + p[1] * v + p[2] + w[v, u] * p[9]) * inverse if z > 0 else np.float32(-1e6)
+            y[v, u] = (p[3] * u + p[4] * v + p[5] + w[v, u] * p[10]) * inverse if z > 0 else np.float32(-1e6)
+
+
+@njit(cache=True, nogil=True)
+def _add(corners, change, w):
+    for k in range(len(corners)):
+        for v in range(corners[k, 0], corners[k, 0] + _CELL):
+            for u in range(corners[k, 1], corners[k, 1] + _CELL):
+                w[v, u] = max(w[v, u] + change[k], 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _sum(corners, weight, difference, slope_x, slope_y, x, y, p, w, K, t, R_home_cam, H, g, cells, sums):
+    """Into ``H``, ``g``, ``cells`` and ``sums`` as ``_pair`` gives them; ``p`` is the last row of the projection."""
+    j = np.zeros(6)
+    for k in range(len(corners)):
+        for v in range(corners[k, 0], corners[k, 0] + _CELL):
+            for u in range(corners[k, 1], corners[k, 1] + _CELL):
+                s = float(weight[v, u])
+                if s <= 0.0:
+                    continue
+                z = p[0] * u + p[1] * v + p[2] + w[v, u] * p[5]
+                qx, qy = (x[v, u] - K[0, 2]) / K[0, 0] * z, (y[v, u] - K[1, 2]) / K[1, 1] * z
+                ax, ay = slope_x[v, u] * K[0, 0] / z, slope_y[v, u] * K[1, 1] / z
+                az = -(ax * qx + ay * qy) / z
+                j[0], j[1], j[2] = ay * z - az * qy, az * qx - ax * z, ax * qy - ay * qx
+                for i in range(3):
+                    j[3 + i] = -w[v, u] * (ax * R_home_cam[i, 0] + ay * R_home_cam[i, 1] + az * R_home_cam[i, 2])
+                by_w, off = ax * t[0] + ay * t[1] + az * t[2], float(difference[v, u])
+                cells[k, 0] += s * by_w * by_w
+                cells[k, 1] += s * by_w * off
+                for a in range(6):
+                    cells[k, 2 + a] += s * j[a] * by_w
+                    g[a] += s * j[a] * off
+                    for b in range(a, 6):
+                        H[a, b] += s * j[a] * j[b]
+                sums[0] += s
+                sums[1] += s * off * off
+    for a in range(6):
+        for b in range(a):
+            H[a, b] = H[b, a]

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How each pair's picture differs from the reference at a map of inverse depth, and how that changes with it."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+
+from fcsv_stereo.joint.views import Views
+
+_MEAN_SIGMA_PX = 5.0  # brightness over wider distances than this does not count: exposures differ
+_WINDOW = (5, 5)
+_NOISE = 1.5  # grey levels
+_BAND = 64
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Per pair (N,H,W) float32: ``difference`` of the reference and the other (grey levels), its ``slope`` by inverse
+
+    depth (grey levels times metres), ``speed`` (px of movement times metres), ``seen`` (1 or 0) and ``trust`` (0 to 1,
+    low where the pair does not look like the reference: occluded or mismatched).
+    """
+
+    difference: np.ndarray
+    slope: np.ndarray
+    speed: np.ndarray
+    seen: np.ndarray
+    trust: np.ndarray
+
+
+def detail(found: Views) -> Views:
+    """The pictures without their local mean."""
+
+    def without_mean(image):
+        return image - cv2.GaussianBlur(image, (0, 0), _MEAN_SIGMA_PX)
+
+    others = np.zeros_like(found.others)
+    for o, g, (h, w) in zip(others, found.others, found.sizes):
+        o[:h, :w] = without_mean(np.ascontiguousarray(g[:h, :w]))
+    return Views(without_mean(found.reference), others, found.sizes, found.projections, found.falling)
+
+
+def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residuals:
+    """Of pictures without their mean (``detail``) at inverse depth ``w`` (HxW float32, 1/m)."""
+    shape = (len(found), *found.shape)
+    out = Residuals(*(np.empty(shape, np.float32) for _ in range(5)))
+    contrast = cv2.blur(np.abs(found.reference), _WINDOW) + _NOISE
+
+    def run(i: int) -> None:
+        arrays = out.difference[i], out.slope[i], out.speed[i], out.seen[i]
+        for y in range(0, shape[1], _BAND):
+            _residual_band(
+                found.reference, found.others[i], found.sizes[i], found.projections[i], w, y,
+                min(y + _BAND, shape[1]), *arrays,
+            )  # fmt: skip
+        unlike = cv2.blur(np.abs(out.difference[i]), _WINDOW) / contrast
+        np.divide(out.seen[i], np.square(1.0 + np.square(unlike / 0.6)), out=out.trust[i])
+
+    list(pool.map(run, range(len(found))))
+    return out
+
+
+def support_bits(r: Residuals, least_trust: float) -> np.ndarray:
+    """HxW uint16: bit i is set where pair i agrees."""
+    bits = np.zeros(r.trust.shape[1:], np.uint16)
+    for i in range(min(len(r.trust), 16)):
+        bits |= np.where(r.trust[i] >= least_trust, np.uint16(1 << i), np.uint16(0))
+    return bits
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _cubic(t):
+    """Weights of the four samples about a place ``t`` (0 to 1) between the middle two, and their slopes by it: a cubic
+    through the middle two with central differences there (Keys 1981, a = -1/2)."""
+    half, one, rest = np.float32(0.5), np.float32(1.0), np.float32(1.0) - t
+    first, last = -half * t * rest * rest, -half * t * t * rest
+    second = one + t * t * (np.float32(1.5) * t - np.float32(2.5))
+    values = first, second, one - first - second - last, last
+    first, last = rest * (t - half * rest), t * (half * t - rest)
+    second = t * (np.float32(4.5) * t - np.float32(5.0))
+    slopes = first, second, -first - second - last, last
+    return values, slopes
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _sample_cubic(image, height, width, x, y):
+    """A picture's value between its pixels, and its slopes along x and y.
+
+    Not bilinear: that blurs most half-way between pixels, and the best agreement moves away from there.
+    """
+    x = min(max(x, np.float32(0.0)), np.float32(width - 1))
+    y = min(max(y, np.float32(0.0)), np.float32(height - 1))
+    xi, yi = min(np.int32(x), width - 2), min(np.int32(y), height - 2)
+    a, da = _cubic(x - np.float32(xi))
+    b, db = _cubic(y - np.float32(yi))
+    x0, x3 = max(xi - 1, 0), min(xi + 2, width - 1)
+    y0, y3 = max(yi - 1, 0), min(yi + 2, height - 1)
+    value = gx = gy = np.float32(0.0)
+    for k, r in enumerate((y0, yi, yi + 1, y3)):
+        p, q, s, t = image[r, x0], image[r, xi], image[r, xi + 1], image[r, x3]
+        along = a[0] * p + a[1] * q + a[2] * s + a[3] * t
+        value += b[k] * along
+        gy += db[k] * along
+        gx += b[k] * (da[0] * p + da[1] * q + da[2] * s + da[3] * t)
+    return value, gx, gy
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _residual_band(reference, image, size, p, w, y0, y1, difference, slope, speed, seen):
+    height, width = size[0], size[1]
+    for v in range(y0, y1):
+        for u in range(reference.shape[1]):
+            a = p[0] * u + p[1] * v + p[2]
+            b = p[3] * u + p[4] * v + p[5]
+            c = p[6] * u + p[7] * v + p[8]
+            z = c + w[v, u] * p[11]
+            inverse = np.float32(1.0) / max(z, np.float32(1e-9))
+            x = (a + w[v, u] * p[9]) * inverse
+            y = (b + w[v, u] * p[10]) * inverse
+            inside = z > 0 and x >= 0 and x <= width - 1 and y >= 0 and y <= height - 1
+            dx = (p[9] - x * p[11]) * inverse
+            dy = (p[10] - y * p[11]) * inverse
+            rate = np.sqrt(dx * dx + dy * dy)
+            value, gx, gy = _sample_cubic(image, height, width, x, y)
+            seen[v, u] = np.float32(1.0) if inside else np.float32(0.0)
+            difference[v, u] = reference[v, u] - value
+            slope[v, u] = gx * dx + gy * dy
+            speed[v, u] = rate

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sub-pixel inverse depth from the differences of all pictures."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from fcsv_stereo.joint.refine.plane_fit import fit_band
+from fcsv_stereo.joint.refine.residuals import Residuals, residuals
+from fcsv_stereo.joint.views import Views
+
+_HUBER = 4.0  # grey levels
+_SAME_STEPS, _SAME = 0.7, 0.02  # steps of the coarse map, and share of inverse depth, that are still one surface
+
+
+@dataclass(frozen=True)
+class Fine:
+    """``w`` (1/m), its ``variance`` by the matching alone, and ``residuals`` at it."""
+
+    w: np.ndarray
+    variance: np.ndarray
+    residuals: Residuals
+
+
+def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool: ThreadPoolExecutor) -> Fine:
+    """Gauss-Newton over all pairs; ``step`` (HxW, 1/m) is what the coarse map was uncertain by.
+
+    With no ``iterations`` it is ``w`` itself, its variance 0 and not to be used.
+    """
+    w = w.astype(np.float32)
+    variance = np.zeros_like(w)
+    for _ in range(iterations):
+        r = residuals(found, w, pool)
+        information, push, energy = _sums(r)
+        prior = (np.float32(0.02) * cv2.blur(information, (7, 7)) + np.float32(1e-6)).astype(np.float32)
+        tau = (np.float32(_SAME_STEPS) * step + np.float32(_SAME) * w).astype(np.float32)
+        out = np.empty_like(w)
+        bands = [(y, min(y + 32, w.shape[0])) for y in range(0, w.shape[0], 32)]
+
+        def run(band, arrays=(w, tau, information, push, energy, prior), out=out):
+            fit_band(*arrays, *band, out, variance)
+
+        list(pool.map(run, bands))
+        w = np.maximum(out, 0.0)
+    return Fine(w, variance, residuals(found, w, pool))
+
+
+def _sums(r: Residuals):
+    """Over the pairs: information, push and energy, with Huber's weights."""
+    weight = r.trust * np.minimum(1.0, _HUBER / np.maximum(np.abs(r.difference), 1e-6)).astype(np.float32)
+    weighed = weight * r.slope
+    information = np.einsum("nij,nij->ij", weighed, r.slope)
+    push = np.einsum("nij,nij->ij", weighed, r.difference)
+    energy = np.einsum("nij,nij->ij", weight, np.square(r.difference)) / np.maximum(weight.sum(axis=0), 1e-3)
+    return information, push, energy.astype(np.float32)

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the pictures say of each surface that a pixel may belong to.
+
+By small windows, pair by pair where the pair can see it: nothing known is in front of it there. A place that is hidden
+counts the same for all surfaces. In front of what a pair itself is known to show there is nothing, however alike it
+looks.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numba import njit
+
+from fcsv_stereo.joint.checks.reliability import SEEN_THROUGH
+from fcsv_stereo.joint.surfaces.candidates import Candidates, for_rows
+from fcsv_stereo.joint.surfaces.colour import alike_bits
+from fcsv_stereo.joint.views import Views
+from fcsv_stereo.joint.volume.census import census
+from fcsv_stereo.joint.volume.cost_volume import pair_weights
+from fcsv_stereo.joint.volume.intrinsics import differing_bits
+
+_BITS, _BRIGHTNESS = 0.75, 8.0 / 30.0  # what a bit of 32 and a grey level count
+_MOST_GREY = 30.0
+_CUT = 18.0  # the most that one pair objects
+_UNSEEN = 8.0  # what a pair counts that cannot see the place
+_DENIED = 60.0  # and one that sees through it
+_FRONT = 1.08  # by which something must be nearer to hide
+
+
+def evidence(
+    found: Views, in_front: np.ndarray, shown: np.ndarray, given: Candidates, image: np.ndarray,
+    pool: ThreadPoolExecutor,
+) -> np.ndarray:  # fmt: skip
+    """(N,) cost of each candidate by the pictures; the pairs' costs sorted, the better ones weigh more.
+
+    ``image`` is the reference in colour (HxWx3); ``in_front`` and ``shown`` are ``fronts`` of what is certain and of
+    what each pair has confirmed.
+    """
+    codes = np.zeros(found.others.shape, np.uint32)
+    for c, other, (h, w) in zip(codes, found.others, found.sizes):
+        c[:h, :w] = census(np.ascontiguousarray(other[:h, :w]))
+    here = found.reference, census(found.reference), *alike_bits(image, pool)
+    there = found.others, codes, found.sizes, found.projections, in_front, shown
+    weights, cost = pair_weights(len(found)), np.zeros(len(given.w), np.float32)
+
+    def run(y0, y1):
+        _judge(*here, *there, given.start, given.count, given.w, weights, y0, y1, cost)
+
+    for_rows(pool, found.shape[0], run)
+    return cost
+
+
+def fronts(found: Views, w: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(N,Ho,Wo) the nearest inverse depth (1/m) that each pixel of the other pictures shows, of what is ``known`` to
+    its pair (NxHxW bool); 0 where none."""
+    out = np.zeros(found.others.shape, np.float32)
+    for front, which, p, size in zip(out, known, found.projections, found.sizes):
+        _draw(w, which, p, size, front)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _draw(w, known, p, size, front):
+    for v in range(w.shape[0]):
+        for u in range(w.shape[1]):
+            z = p[6] * u + p[7] * v + p[8] + w[v, u] * p[11]
+            if not known[v, u] or z <= 0:
+                continue
+            x = int(np.floor((p[0] * u + p[1] * v + p[2] + w[v, u] * p[9]) / z))
+            y = int(np.floor((p[3] * u + p[4] * v + p[5] + w[v, u] * p[10]) / z))
+            for b in range(max(y, 0), min(y + 2, size[0])):
+                for a in range(max(x, 0), min(x + 2, size[1])):
+                    front[b, a] = max(front[b, a], w[v, u])
+
+
+# Only numbers go into what is called for every candidate: arrays are counted references, and counting them took six
+# sevenths of the time.
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _judge(
+    reference, code, mask, scale, others, codes, sizes, p, in_front, shown, start, count, values, weights, y0, y1, cost
+):
+    one, half = np.uintp(1), np.float32(0.5)
+    down, along = np.float32(in_front.shape[1] / others.shape[1]), np.float32(in_front.shape[2] / others.shape[2])
+    pairs = len(others)
+    ranked, ray = np.empty(pairs, np.float32), np.empty((pairs, 3), np.float32)
+    for y in range(y0, y1):
+        for x in range(reference.shape[1]):
+            if count[y, x] < 2:
+                continue
+            u, v = np.float32(x), np.float32(y)
+            for i in range(pairs):
+                for j in range(3):
+                    ray[i, j] = p[i, 3 * j] * u + p[i, 3 * j + 1] * v + p[i, 3 * j + 2]
+            for k in range(start[y, x], start[y, x] + count[y, x]):
+                w = values[k]
+                for i in range(pairs):
+                    z = ray[i, 2] + w * p[i, 11]
+                    near = np.float32(1.0) / max(z, np.float32(1e-9))
+                    a, b = (ray[i, 0] + w * p[i, 9]) * near, (ray[i, 1] + w * p[i, 10]) * near
+                    value = np.float32(_UNSEEN)
+                    if _inside(a, b, z, sizes[i, 1], sizes[i, 0]):
+                        r, c = np.uintp((b + half) * down), np.uintp((a + half) * along)
+                        value = _standing(w, in_front[i, r, c], shown[i, r, c])
+                    if value == 0.0:
+                        bits = _unlike(code[y, x], codes[i, np.uintp(b + half), np.uintp(a + half)], mask[y, x])
+                        r, c = np.uintp(b), np.uintp(a)
+                        below, right = min(r + one, np.uintp(sizes[i, 0] - 1)), min(c + one, np.uintp(sizes[i, 1] - 1))
+                        there = _between(
+                            others[i, r, c], others[i, r, right], others[i, below, c], others[i, below, right],
+                            a - np.float32(c), b - np.float32(r),
+                        )  # fmt: skip
+                        step = min(abs(reference[y, x] - there), np.float32(_MOST_GREY))
+                        value = np.float32(_BITS) * scale[y, x] * bits + np.float32(_BRIGHTNESS) * step
+                        value = min(value, np.float32(_CUT))
+                    j = i
+                    while j > 0 and ranked[j - 1] > value:
+                        ranked[j] = ranked[j - 1]
+                        j -= 1
+                    ranked[j] = value
+                total = np.float32(0.0)
+                for i in range(pairs):
+                    total += weights[i] * ranked[i]
+                cost[k] = total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _inside(x, y, z, width, height):
+    """Whether a place is in front of a picture and inside of it."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    return z > zero and x >= zero and y >= zero and x <= np.float32(width) - one and y <= np.float32(height) - one
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _standing(w, in_front, shown):
+    """What a pair counts by what is known to be in front of inverse depth w or seen behind it; 0: let it judge."""
+    if in_front > w * np.float32(_FRONT) + np.float32(1e-4):
+        return np.float32(_UNSEEN)
+    if np.float32(0.0) < shown * np.float32(SEEN_THROUGH) < w:
+        return np.float32(_DENIED)
+    return np.float32(0.0)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _unlike(code, there, alike):
+    """How many of a pixel's bits that matter differ."""
+    return differing_bits(np.uint32(code & alike), np.uint32(there & alike))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _between(upper_left, upper_right, lower_left, lower_right, right, down):
+    """A picture's value between four of its pixels."""
+    top = upper_left + right * (upper_right - upper_left)
+    low = lower_left + right * (lower_right - lower_left)
+    return top + down * (low - top)
