@@ -111,15 +111,15 @@ class Peer:
     def on_command_long(self, m):
         result = self.do(m)
         if m.command in (M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAV_CMD_REQUEST_MESSAGE):
-            self.mav.command_ack_send(m.command, result)
+            self.mav.command_ack_send(m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent())
             return
         if self.mute_acks:
             self.mute_acks -= 1
             return
         if self.in_progress:
-            self.mav.command_ack_send(m.command, 5)
+            self.mav.command_ack_send(m.command, 5, 0, 0, m.get_srcSystem(), m.get_srcComponent())
             time.sleep(0.5)
-        self.mav.command_ack_send(m.command, result, target_system=m.get_srcSystem(), target_component=191)
+        self.mav.command_ack_send(m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent())
 
     def do(self, m):
         if m.command == M.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -373,7 +373,7 @@ def test_an_odd_message_does_not_end_the_link(pair):
     def fail(_T):
         raise RuntimeError("a callback of a node that is going down")
 
-    pair.link._heard._callbacks["on_pose"] = fail
+    pair.link._callbacks["on_pose"] = fail
     time.sleep(0.3)
     pair.peer.mode = GUIDED
     assert until(lambda: pair.link.state.mode == "GUIDED")

@@ -31,9 +31,13 @@ class PendingCommand:
         self._tries = tries
         self._until_s = float("-inf")
 
-    def due(self, now_s: float) -> Optional[int]:
-        """The confirmation number with which to send it now; None while waiting, or when over."""
-        if self.result is not None or now_s < self._until_s or self.sent >= self._tries:
+    def due(self, now_s: float, again: bool = False) -> Optional[int]:
+        """The confirmation number with which to send it now; None while waiting, or when over.
+
+        ``again``: an accepted command is repeated, too, because its effect does not show yet.
+        """
+        answered = self.result is not None and not (again and self.result == ACCEPTED)
+        if answered or now_s < self._until_s or self.sent >= self._tries:
             return None
         self._until_s = now_s + self._timeout_s
         self.sent += 1
@@ -48,8 +52,8 @@ class PendingCommand:
 
     def over(self, now_s: float) -> bool:
         """Answered, or given up."""
-        return self.result is not None or (self.sent >= self._tries and now_s >= self._until_s)
+        return self.result is not None or self.given_up(now_s)
 
-    def wait_s(self, now_s: float) -> float:
-        """How long nothing needs to be done unless something comes."""
-        return max(0.0, self._until_s - now_s)
+    def given_up(self, now_s: float) -> bool:
+        """Sent as often as allowed, and the last time is over."""
+        return self.sent >= self._tries and now_s >= self._until_s

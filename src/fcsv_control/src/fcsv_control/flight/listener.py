@@ -3,38 +3,77 @@
 
 import logging
 import math
-from dataclasses import replace
-from typing import Callable, Dict, Optional, Tuple
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Tuple, Union
 
+import numpy as np
 from pymavlink import mavutil
 
 from fcsv_control.flight import conversion
-from fcsv_control.flight.exchange import Exchange
 from fcsv_control.flight.keeper import ConnectionKeeper
 from fcsv_control.flight.parameters import ParameterCheck
+from fcsv_control.flight.requests import Requests
 from fcsv_control.flight.state import FlightState
 from fcsv_control.flight.texts import TextJoiner
-from fcsv_control.flight.transport import COMPANION
 
 _M = mavutil.mavlink
 _LOG = logging.getLogger(__name__)
 STREAMS = ("ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS")  # those that must not stop
 
 
-class Listener:
-    """Hears one autopilot; ``callbacks`` as in FlightLink, and on_wrong_parameter(name, value, MAV_PARAM_TYPE)."""
+@dataclass(frozen=True)
+class StateHeard:
+    """A heartbeat came: the state may have changed."""
 
-    def __init__(self, target_system: int, exchange: Exchange, callbacks: Dict[str, Callable]):
+
+@dataclass(frozen=True)
+class BatteryHeard:
+    """The state's battery fields were told."""
+
+
+@dataclass(frozen=True)
+class PoseHeard:
+    """The autopilot's estimate of the body (4x4) in its external navigation's frame (ENU)."""
+
+    T_odom_body: np.ndarray
+
+
+@dataclass(frozen=True)
+class TextHeard:
+    """A whole status text and its MAV_SEVERITY."""
+
+    severity: int
+    text: str
+
+
+Event = Union[StateHeard, BatteryHeard, PoseHeard, TextHeard]
+
+
+class Listener:
+    """Hears one autopilot: ``target`` 0 is the first one heard."""
+
+    def __init__(self, target_system: int, requests: Requests):
         self.target = target_system
         self.state = FlightState()
         self.keeper = ConnectionKeeper(STREAMS)
         self.parameters = ParameterCheck()
         self.strangers: Tuple[int, ...] = ()  # system ids of autopilots that are not ours
         self.altitudes_mm: Dict[str, int] = {}  # of "home" and "origin", above sea level
-        self._exchange = exchange
-        self._callbacks = callbacks
+        self._requests = requests
+        self._events: List[Event] = []
+        self._wrong: List[Tuple[str, float, int]] = []
         self._texts = TextJoiner()
         self._rpy_ned: Optional[Tuple[float, float, float]] = None
+
+    def events(self) -> List[Event]:
+        """What was heard since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def wrong_parameters(self) -> List[Tuple[str, float, int]]:
+        """Name, value and MAV_PARAM_TYPE of parameters that were heard not to fit since the last call."""
+        wrong, self._wrong = self._wrong, []
+        return wrong
 
     def take(self, now_s: float, m) -> None:
         """One message; those of other systems and components are passed over."""
@@ -51,7 +90,6 @@ class Listener:
         handler = getattr(self, "_on_" + kind.lower(), None)
         if handler is not None:
             handler(now_s, m)
-            self._exchange.heard()
 
     def overdue(self, now_s: float) -> None:
         """Pass on texts whose end got lost."""
@@ -70,21 +108,21 @@ class Listener:
             _LOG.info("flight controller %d is there", self.target)
             self.parameters.begin()
         self.state = self.state.with_heartbeat(m)
-        self._call("on_state")
+        self._events.append(StateHeard())
 
     def _on_extended_sys_state(self, _now_s: float, m) -> None:
         self.state = self.state.with_extended(m)
 
     def _on_sys_status(self, _now_s: float, m) -> None:
         self.state = self.state.with_sys_status(m)
-        self._call("on_battery")
+        self._events.append(BatteryHeard())
 
     def _on_ekf_status_report(self, _now_s: float, m) -> None:
         self.state = replace(self.state, ekf_flags=m.flags)
 
     def _on_command_ack(self, now_s: float, m) -> None:
-        if m.target_component in (0, COMPANION) and m.target_system in (0, self.target):
-            self._exchange.acknowledged(now_s, m.command, m.result)
+        if m.target_system in (0, self.target):
+            self._requests.acknowledged(now_s, m.command, m.result, m.target_component)
 
     def _on_statustext(self, now_s: float, m) -> None:
         whole = self._texts.add(now_s, m.severity, m.text, m.id, m.chunk_seq)
@@ -92,15 +130,15 @@ class Listener:
             self._said(now_s, *whole)
 
     def _said(self, now_s: float, severity: int, text: str) -> None:
-        self._exchange.said(now_s, severity, text)
-        self._call("on_text", severity, text)
+        self._requests.said(now_s, severity, text)
+        self._events.append(TextHeard(severity, text))
 
     def _on_attitude(self, _now_s: float, m) -> None:
         self._rpy_ned = (m.roll, m.pitch, m.yaw)
 
     def _on_local_position_ned(self, _now_s: float, m) -> None:
         if self._rpy_ned is not None and all(map(math.isfinite, (m.x, m.y, m.z, *self._rpy_ned))):
-            self._call("on_pose", conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned))
+            self._events.append(PoseHeard(conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned)))
 
     def _on_gps_global_origin(self, _now_s: float, m) -> None:
         if not self.keeper.origin_set:
@@ -114,9 +152,4 @@ class Listener:
     def _on_param_value(self, _now_s: float, m) -> None:
         if self.parameters.answer(m.param_id, m.param_value):
             _LOG.warning("parameter %s is %g, which external navigation does not fly on", m.param_id, m.param_value)
-            self._call("on_wrong_parameter", m.param_id, m.param_value, m.param_type)
-
-    def _call(self, name: str, *args) -> None:
-        callback = self._callbacks.get(name)
-        if callback is not None:
-            callback(*args)
+            self._wrong.append((m.param_id, m.param_value, m.param_type))

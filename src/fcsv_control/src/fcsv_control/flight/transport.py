@@ -12,8 +12,8 @@ import time
 from pymavlink import mavutil
 
 from fcsv_control.errors import LinkError
+from fcsv_control.flight.requests import COMPANION
 
-COMPANION = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _LOG = logging.getLogger(__name__)
 _REOPEN_S = 1.0
 
@@ -21,8 +21,8 @@ _REOPEN_S = 1.0
 class Transport:
     """``url``: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD. Raises LinkError at first."""
 
-    def __init__(self, url: str, system: int):
-        self._url, self._system = url, system
+    def __init__(self, url: str):
+        self._url = url
         self._sending = threading.Lock()
         self._broken = False
         self._open()
@@ -38,19 +38,17 @@ class Transport:
             self._broken = True
             return None
 
-    def send(self, message: str, *args) -> None:
-        """E.g. send("heartbeat", ...): what cannot be sent is lost, as on any link."""
+    def send(self, message) -> None:
+        """A message with the source that its header names; what cannot be sent is lost, as on any link."""
         with self._sending:
             if self._broken:
                 return
             try:
-                getattr(self._link.mav, message + "_send")(*args)
+                mav = self._link.mav
+                mav.srcSystem, mav.srcComponent = message.get_srcSystem(), message.get_srcComponent()
+                mav.send(message)
             except (OSError, RuntimeError) as error:  # RuntimeError: a new UDP peer came while the peers were counted
-                _LOG.debug("%s not sent: %s", message, error)
-
-    def speak_as(self, system: int) -> None:
-        """A companion has the system id of its vehicle."""
-        self._system = self._link.mav.srcSystem = system
+                _LOG.debug("%s not sent: %s", message.get_type(), error)
 
     def close(self) -> None:
         with self._sending:
@@ -59,7 +57,7 @@ class Transport:
 
     def _open(self) -> None:
         device, _, baud = self._url.rpartition(":")
-        options = {"source_system": self._system, "source_component": COMPANION, "dialect": "ardupilotmega"}
+        options = {"source_system": 1, "source_component": COMPANION, "dialect": "ardupilotmega"}
         try:
             if device.startswith("/"):
                 self._link = mavutil.mavlink_connection(device, baud=int(baud), **options)

@@ -143,7 +143,7 @@ class MavlinkServer:
                 self._set_interval(message_id, 1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1)
 
     def _on_command_long(self, m) -> None:
-        self._mav.command_ack_send(m.command, self._command(m))
+        self._mav.command_ack_send(m.command, self._command(m), 0, 0, m.get_srcSystem(), m.get_srcComponent())
 
     def _command(self, m) -> int:
         pilot, now_s = self._pilot, self._now_s

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The flight link's decisions: MAVLink messages and monotonic time in, MAVLink messages and events out.
+
+No socket, no thread, no clock: the same core flies, is rehearsed faster than real time, and is tested in milliseconds.
+What is relied on here was measured on ArduCopter 4.3.8.
+"""
+
+import os
+
+os.environ.setdefault("MAVLINK20", "1")
+
+import logging
+from dataclasses import dataclass
+from typing import List, Sequence, Set
+
+import numpy as np
+from pymavlink import mavutil
+
+from fcsv_control.errors import CommandRefused
+from fcsv_control.flight import conversion, keeper
+from fcsv_control.flight.listener import Event, Listener
+from fcsv_control.flight.parameters import NEEDED
+from fcsv_control.flight.requests import COMPANION, Request, Requests
+from fcsv_control.flight.state import MODES, FlightState
+from fcsv_control.flight.take_off import TakeOff
+
+_M = mavutil.mavlink
+_LOG = logging.getLogger(__name__)
+_AUTOPILOT = _M.MAV_COMP_ID_AUTOPILOT1
+_POSITION_AND_YAW = 0x9F8  # position alone would turn the nose into the direction of travel
+_UNKNOWN_COVARIANCE = [float("nan")] + [0.0] * 20  # the filter's own noise is used
+#: Modes that stop a vehicle: never queued, never given up while they do not show.
+STOPPING = frozenset({"LAND", "BRAKE"})
+STOP_REPEAT_S = 0.2
+_STOP_PATIENCE_S = 5.0
+
+
+@dataclass(frozen=True)
+class LinkParameters:
+    """``target_system`` 0: the first autopilot heard. Origin: any place will do without GPS."""
+
+    target_system: int = 0
+    position_rate_hz: float = 30.0
+    command_timeout_s: float = 1.0
+    command_tries: int = 3
+    origin_lat_deg: float = 35.0
+    origin_lon_deg: float = 135.0
+    set_parameters: bool = False
+
+    def __post_init__(self):
+        if not 0 <= self.target_system <= 255:
+            raise ValueError(f"target_system: {self.target_system} is not in 0..255")
+        if not 1.0 <= self.position_rate_hz <= 200.0:
+            raise ValueError(f"position_rate_hz: {self.position_rate_hz} is not in 1..200")
+        if not (0.1 <= self.command_timeout_s <= 5.0 and 1 <= self.command_tries <= 10):
+            raise ValueError("command_timeout_s: must be in 0.1..5, command_tries in 1..10")
+        if not (abs(self.origin_lat_deg) <= 89.0 and abs(self.origin_lon_deg) <= 180.0):
+            raise ValueError("origin_lat_deg: must be in -89..89, origin_lon_deg in -180..180")
+
+
+class LinkCore:
+    """One flight controller. ``take`` what came, ``step`` often, send what ``outgoing`` gives, mind ``events``.
+
+    Outgoing messages carry their source system and component in their header.
+    """
+
+    def __init__(self, parameters: LinkParameters):
+        self._parameters = parameters
+        self._reset_counter = 0
+        self._set_before: Set[str] = set()
+        self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
+        self._heard = Listener(parameters.target_system, self._requests)
+        self._encoder = _M.MAVLink(None)
+        self._out: List[object] = []
+        self._take_off: List[TakeOff] = []
+
+    # ---- what is known ---------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> FlightState:
+        """What the autopilot says of itself."""
+        return self._heard.state
+
+    @property
+    def heard(self) -> Listener:
+        """Origin, parameters, strangers."""
+        return self._heard
+
+    def connected(self, now_s: float) -> bool:
+        """Whether a heartbeat came within the last 3 s."""
+        return self._heard.keeper.connected(now_s)
+
+    # ---- messages and time -----------------------------------------------------------------------------------
+
+    def take(self, now_s: float, message) -> None:
+        """One message from the line."""
+        self._heard.take(now_s, message)
+
+    def step(self, now_s: float) -> None:
+        """Time passes: whatever is due is sent."""
+        self._heard.overdue(now_s)
+        for wanted in self._heard.keeper.due(now_s):
+            self._ask(wanted)
+        for wrong in self._heard.wrong_parameters():
+            self._correct(*wrong)
+        for take_off in self._take_off:
+            take_off.step(now_s)
+        self._take_off = [t for t in self._take_off if not t.over]
+        for request, confirmation in self._requests.step(now_s, self.state):
+            self._long(request.number, request.values, confirmation, request.component)
+
+    def outgoing(self) -> List[object]:
+        """Messages to send now, each given once."""
+        out, self._out = self._out, []
+        return out
+
+    def events(self) -> List[Event]:
+        """What was heard since the last call."""
+        return self._heard.events()
+
+    # ---- what a caller may ask -------------------------------------------------------------------------------
+
+    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray) -> None:
+        """External navigation: body pose in the odometry frame (ENU/FLU)."""
+        ned, rpy = conversion.ned_from_pose(T_odom_body)
+        self._send("vision_position_estimate", int(stamp_s * 1e6), *ned, *rpy, _UNKNOWN_COVARIANCE, self._reset_counter)
+
+    def note_reset(self) -> None:
+        """The odometry frame was begun anew: the next pose is adopted at once instead of being followed or gated.
+
+        The autopilot's target does not move with it: re-issue the set-point in the new frame.
+        """
+        self._reset_counter = (self._reset_counter + 1) % 256
+
+    def send_set_point(self, T_odom_body: np.ndarray) -> None:
+        """Position and yaw target of the body in the odometry frame; heard only in GUIDED."""
+        ned, (_, _, yaw) = conversion.ned_from_pose(T_odom_body)
+        self._send(
+            "set_position_target_local_ned", 0, self._heard.target, _AUTOPILOT, _M.MAV_FRAME_LOCAL_NED,
+            _POSITION_AND_YAW, *ned, 0, 0, 0, 0, 0, 0, yaw, 0,
+        )  # fmt: skip
+
+    def command(self, now_s: float, number: int, *values: float, what: str = "") -> Request:
+        """A COMMAND_LONG, repeated until acknowledged."""
+        return self._requests.ask(now_s, number, values, what)
+
+    def set_mode(self, now_s: float, name: str) -> Request:
+        """Change mode and see it in the heartbeat. A mode that stops overtakes any other and is repeated until it
+        shows. Raises CommandRefused for a mode that ArduCopter does not have."""
+        if name not in MODES:
+            raise CommandRefused(f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}")
+        ask = (now_s, _M.MAV_CMD_DO_SET_MODE, (1, MODES[name]), f"mode {name}", lambda s: s.mode == name)
+        if name in STOPPING:
+            return self._requests.insist(*ask, STOP_REPEAT_S, _STOP_PATIENCE_S)
+        return self._requests.ask(*ask)
+
+    def arm(self, now_s: float, value: bool) -> Request:
+        """Arm or disarm and see it in the heartbeat."""
+        what = "arming" if value else "disarming"
+        number = _M.MAV_CMD_COMPONENT_ARM_DISARM
+        return self._requests.ask(now_s, number, (float(value),), what, lambda s: s.armed == value)
+
+    def take_off(self, now_s: float, altitude_m: float) -> TakeOff:
+        """Climb to an altitude (m) above the zero of the odometry frame. Raises CommandRefused where it is not armed
+        in GUIDED."""
+        if self.state.mode != "GUIDED" or not self.state.armed:
+            armed = "armed" if self.state.armed else "not armed"
+            where = self.state.mode or "no mode"
+            raise CommandRefused(f"take-off refused: it must be armed in GUIDED, and is {armed} in {where}")
+        for message in (_M.MAVLINK_MSG_ID_HOME_POSITION, _M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN):
+            self._long(_M.MAV_CMD_REQUEST_MESSAGE, [message])
+        take_off = TakeOff(now_s, altitude_m, self._heard, self._requests, self._parameters.command_timeout_s)
+        self._take_off.append(take_off)
+        return take_off
+
+    # ---- what goes out ---------------------------------------------------------------------------------------
+
+    def _ask(self, wanted: str) -> None:
+        """Send what the keeper wants sent."""
+        if wanted == keeper.HEARTBEAT:
+            kind, status = _M.MAV_TYPE_ONBOARD_CONTROLLER, _M.MAV_STATE_ACTIVE
+            self._send("heartbeat", kind, _M.MAV_AUTOPILOT_INVALID, 0, 0, status)
+        elif wanted == keeper.STREAMS:
+            self._request_streams()
+        elif wanted == keeper.ASK_ORIGIN:
+            self._long(_M.MAV_CMD_REQUEST_MESSAGE, [_M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN])
+        elif wanted == keeper.SET_ORIGIN:
+            place = int(self._parameters.origin_lat_deg * 1e7), int(self._parameters.origin_lon_deg * 1e7)
+            self._send("set_gps_global_origin", self._heard.target, *place, 0)
+        elif wanted == keeper.PARAMETER:
+            name = self._heard.parameters.next()
+            self._heard.keeper.parameters_read = name is None
+            if name is not None:
+                self._send("param_request_read", self._heard.target, _AUTOPILOT, name.encode(), -1)
+
+    def _request_streams(self) -> None:
+        rate_hz = self._parameters.position_rate_hz
+        for message, hz in (
+            (_M.MAVLINK_MSG_ID_ATTITUDE, rate_hz),
+            (_M.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rate_hz),
+            (_M.MAVLINK_MSG_ID_SYS_STATUS, 1.0),
+            (_M.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 2.0),
+            (_M.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 1.0),
+            (_M.MAVLINK_MSG_ID_HEARTBEAT, 2.0),
+        ):
+            self._long(_M.MAV_CMD_SET_MESSAGE_INTERVAL, [message, 1e6 / hz])
+
+    def _correct(self, name: str, value: float, kind: int) -> None:
+        if self._parameters.set_parameters and not self.state.armed and name not in self._set_before:
+            self._set_before.add(name)  # once: an autopilot that keeps its value would be asked for ever
+            needed = NEEDED[name][0]
+            _LOG.warning("setting %s from %g to %g, as asked; VISO_TYPE needs a restart", name, value, needed)
+            self._send("param_set", self._heard.target, _AUTOPILOT, name.encode(), needed, kind)
+
+    def _long(self, number: int, values: Sequence[float], confirmation: int = 0, component: int = COMPANION) -> None:
+        padded = [*values, *[0.0] * (7 - len(values))]
+        self._send("command_long", self._heard.target, _AUTOPILOT, number, confirmation, *padded, component=component)
+
+    def _send(self, kind: str, *fields, component: int = COMPANION) -> None:
+        message = getattr(self._encoder, kind + "_encode")(*fields)
+        header = message.get_header()
+        header.srcSystem, header.srcComponent = self._heard.target or 1, component  # a companion has its vehicle's id
+        self._out.append(message)

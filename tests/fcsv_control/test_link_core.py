@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The flight link's core, driven by hand: which answer belongs to which command, and what stops a vehicle."""
+
+import os
+
+os.environ.setdefault("MAVLINK20", "1")
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+
+from fcsv_control.errors import CommandRefused, LinkError
+from fcsv_control.flight.core import STOP_REPEAT_S, LinkCore, LinkParameters
+from fcsv_control.flight.listener import PoseHeard, StateHeard, TextHeard
+from fcsv_control.flight.requests import Outcome
+
+M = mavutil.mavlink
+STABILIZE, GUIDED, LAND, BRAKE = 0, 4, 9, 17
+STEP_S = 0.02
+
+
+class Line:
+    """A core and the time; ``autopilot`` speaks to it as ArduCopter does."""
+
+    def __init__(self):
+        self.core = LinkCore(LinkParameters())
+        self.encoder = M.MAVLink(None)
+        self.now_s, self.sent = 100.0, []
+        self.beat(STABILIZE)
+
+    def hear(self, kind, *fields):
+        message = getattr(self.encoder, kind + "_encode")(*fields)
+        header = message.get_header()
+        header.srcSystem, header.srcComponent = 1, 1
+        self.core.take(self.now_s, message)
+
+    def beat(self, mode, armed=False):
+        base = (M.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        self.hear("heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, mode, 3)
+
+    def acknowledge(self, message, result=0):
+        self.hear("command_ack", message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())
+
+    def run(self, seconds):
+        """Let time pass; what was sent meanwhile."""
+        sent = []
+        for _ in range(int(round(seconds / STEP_S))):
+            self.core.step(self.now_s)
+            sent += self.core.outgoing()
+            self.now_s += STEP_S
+        self.sent += sent
+        return sent
+
+    def modes(self, sent):
+        return [m for m in sent if m.get_type() == "COMMAND_LONG" and m.command == M.MAV_CMD_DO_SET_MODE]
+
+
+@pytest.fixture
+def line():
+    return Line()
+
+
+def test_a_late_answer_to_guided_is_not_taken_for_lands(line):
+    """Both are the same MAV_CMD. LAND goes out at once and is not done by what GUIDED is answered."""
+    guided = line.core.set_mode(line.now_s, "GUIDED")
+    [asked] = line.modes(line.run(STEP_S))
+    land = line.core.set_mode(line.now_s, "LAND")
+    [stop] = line.modes(line.run(STEP_S))
+    assert int(stop.param2) == LAND and guided.outcome is Outcome.OVERTAKEN
+    line.acknowledge(asked)
+    line.beat(STABILIZE)
+    line.run(1.0)
+    assert not land.over
+    with pytest.raises(CommandRefused, match="mode GUIDED was overtaken by a newer command"):
+        guided.require_done()
+
+
+def test_land_is_repeated_until_the_mode_shows_although_it_was_acknowledged(line):
+    land = line.core.set_mode(line.now_s, "LAND")
+    sent = line.modes(line.run(1.0))
+    assert len(sent) == pytest.approx(1.0 / STOP_REPEAT_S, abs=1)
+    line.acknowledge(sent[0])
+    assert len(line.modes(line.run(1.0))) == pytest.approx(1.0 / STOP_REPEAT_S, abs=1)
+    line.beat(LAND, armed=True)
+    assert not line.modes(line.run(1.0))
+    assert land.outcome is Outcome.DONE
+
+
+def test_a_stop_that_nobody_answers_ends_as_unanswered(line):
+    brake = line.core.set_mode(line.now_s, "BRAKE")
+    line.run(6.0)
+    with pytest.raises(LinkError, match="mode BRAKE: the flight controller does not answer"):
+        brake.require_done()
+
+
+def test_a_refused_stop_tells_the_autopilots_reason(line):
+    brake = line.core.set_mode(line.now_s, "BRAKE")
+    [asked] = line.modes(line.run(STEP_S))
+    line.hear("statustext", 4, b"Mode change to BRAKE failed: requires position")
+    line.acknowledge(asked, 4)
+    line.run(STEP_S)
+    with pytest.raises(CommandRefused, match="mode BRAKE refused: Mode change to BRAKE failed: requires position"):
+        brake.require_done()
+
+
+def test_open_commands_speak_with_components_of_their_own_and_reuse_the_oldest(line):
+    components = []
+    for name in ("GUIDED", "LOITER", "GUIDED", "LOITER", "GUIDED"):
+        line.core.set_mode(line.now_s, name)
+        components.append(line.modes(line.run(STEP_S))[0].get_srcComponent())
+    assert components[:4] == [192, 193, 194, 191] and components[4] == 192
+
+
+def test_answers_to_other_companions_are_not_ours(line):
+    guided = line.core.set_mode(line.now_s, "GUIDED")
+    line.run(STEP_S)
+    line.hear("command_ack", M.MAV_CMD_DO_SET_MODE, 0, 0, 0, 255, 190)  # a ground station's
+    line.beat(GUIDED)
+    line.run(0.5)
+    assert not guided.over
+    line.hear("command_ack", M.MAV_CMD_DO_SET_MODE, 0)  # firmware that does not say to whom
+    line.run(STEP_S)
+    assert guided.outcome is Outcome.DONE
+
+
+def test_messages_out_are_whole_and_name_their_source(line):
+    """What the core gives can be packed as it is, with the source of its header."""
+    line.core.send_pose(12.5, np.eye(4))
+    line.core.send_set_point(np.eye(4))
+    out = line.core.outgoing()
+    assert [m.get_type() for m in out] == ["VISION_POSITION_ESTIMATE", "SET_POSITION_TARGET_LOCAL_NED"]
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in out} == {(1, 191)}
+    packer, reader = M.MAVLink(None, srcSystem=1, srcComponent=191), M.MAVLink(None)
+    for message in out:
+        back = reader.parse_char(message.pack(packer))
+        assert back.get_type() == message.get_type()
+    assert line.core.outgoing() == []
+
+
+def test_what_is_heard_comes_back_as_events_once(line):
+    line.core.events()
+    line.hear("attitude", 5, 0.1, 0.2, 0.3, 0, 0, 0)
+    line.hear("local_position_ned", 5, 1.0, 2.0, -3.0, 0, 0, 0)
+    line.hear("statustext", 6, b"Arming motors")
+    line.beat(GUIDED, armed=True)
+    pose, text, state = line.core.events()
+    assert isinstance(pose, PoseHeard) and np.allclose(pose.T_odom_body[:3, 3], [2.0, 1.0, 3.0])
+    assert text == TextHeard(6, "Arming motors") and state == StateHeard()
+    assert line.core.events() == [] and line.core.state.armed
+
+
+def test_ten_thousand_odd_messages_end_nothing(line):
+    """Random fields, and NaN among them: the core goes on deciding."""
+    random = np.random.default_rng(4)
+    for _ in range(10000):
+        kind = random.integers(5)
+        big = float(random.choice([0.0, 1.0, -1e30, float("nan"), float("inf")]))
+        if kind == 0:
+            line.hear("command_ack", int(random.integers(0, 65536)), int(random.integers(0, 256)))
+        elif kind == 1:
+            line.hear("local_position_ned", int(random.integers(0, 2**32)), big, big, big, big, big, big)
+        elif kind == 2:
+            line.hear("attitude", int(random.integers(0, 2**32)), big, big, big, big, big, big)
+        elif kind == 3:
+            line.hear("param_value", b"VISO_TYPE", big, 9, 1, 0)
+        else:
+            line.hear("heartbeat", 2, 3, int(random.integers(256)), int(random.integers(2**32)), 3)
+        line.core.step(line.now_s)
+        line.core.outgoing(), line.core.events()
+    line.beat(GUIDED)
+    assert line.core.state.mode == "GUIDED"
