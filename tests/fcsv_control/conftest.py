@@ -30,6 +30,7 @@ class FakeVehicle:
     recording: bool = False
     sees_front_s: float = 0.0
     heard: bool = True  # its radio works, both ways
+    heard_once: bool = False
     push_m: np.ndarray = field(default_factory=lambda: np.zeros(3))  # a gust holds it off its place
     battery_share: float = 0.9
     recorder_problem: str = ""
@@ -61,6 +62,7 @@ class FakeVehicle:
         """Speed (m/s) flown in this step."""
         if self.mode == "LAND" and self.armed:
             self.height_m -= 1.0 * dt_s
+            self.T_home_body[2, 3] -= 1.0 * dt_s
             if self.height_m <= 0:
                 self.armed, self.landed_at = False, self.p_home_cam.copy()
         if self.mode != "GUIDED" or self.target is None:
@@ -68,7 +70,7 @@ class FakeVehicle:
         T_goal = self.T_home_odom @ self.target
         step = T_goal[:3, 3] - self.T_home_body[:3, 3]
         length = float(np.linalg.norm(step))
-        share = 1.0 if length < speed_mps * dt_s else speed_mps * dt_s / length
+        share = 1.0 if length <= speed_mps * dt_s else speed_mps * dt_s / length
         self.T_home_body = transforms.transform(T_goal[:3, :3], self.T_home_body[:3, 3] + share * step)
         return share * length / dt_s
 
@@ -100,13 +102,15 @@ class Flight:
         views = {}
         for name, v in self.fleet.items():
             speed = v.fly(STEP_S, self.speed_mps)
-            age = 0.05 if v.heard else 60.0
+            v.heard_once |= v.heard
+            age = 0.05 if v.heard else 60.0 if v.heard_once else float("inf")
             T_home_cam = v.T_home_body @ T_BODY_CAM
             T_home_cam[:3, 3] += v.push_m
             views[name] = VehicleView(
-                pose_age_s=age, speed_mps=speed, height_m=v.height_m, state_age_s=age, connected=True, armed=v.armed,
-                mode=v.mode, sees_front_s=v.sees_front_s, T_home_cam=T_home_cam if self.home_known else None,
-                battery_share=v.battery_share, recorder_age_s=0.5, recorder_problem=v.recorder_problem,
+                pose_age_s=age, speed_mps=speed, height_m=v.height_m, state_age_s=age, connected=True,
+                armed=v.armed and v.heard_once, mode=v.mode, sees_front_s=v.sees_front_s,
+                T_home_cam=T_home_cam if self.home_known else None, battery_share=v.battery_share,
+                recorder_age_s=0.5, recorder_problem=v.recorder_problem,
                 pictures=len(self.pictures[name]),
             )  # fmt: skip
         known = {n: v.T_home_odom for n, v in self.fleet.items()} if self.home_known else {}
@@ -153,7 +157,8 @@ class Flight:
 
     def press(self, button: str) -> None:
         self.until(lambda: self.machine.waits_for == button, 60.0)
-        assert self.machine.proceed() == ""
+        self.wait(1.1)  # nobody presses twice within a second
+        assert self.machine.proceed(button) == ""
 
     def up_to_configurations(self) -> None:
         """Everything that people do, done well."""

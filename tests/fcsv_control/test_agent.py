@@ -61,6 +61,13 @@ def test_a_move_that_a_newer_one_overtook_is_not_made(log):
     assert log.judge(10.1, "uav1", "mission", 3, True, 15.0)[0] == EXECUTE
 
 
+@pytest.mark.parametrize("clock_s", [21.0, 3600.0])
+def test_a_command_to_stop_is_never_late_by_the_clock(log, clock_s):
+    """The control PC's clock is seconds behind: it used to be answered with "expired"."""
+    assert log.judge(clock_s, "uav1", "mission", 1, True, 15.0, stops=True)[0] == EXECUTE
+    assert log.judge(clock_s, "uav1", "mission", 2, True, 15.0)[0] == EXPIRED
+
+
 def test_recording_is_not_overtaken_by_moves(log):
     assert log.judge(10.0, "uav1", "mission", 5, True, 15.0)[0] == EXECUTE
     assert log.judge(10.1, "uav1", "mission", 4, False, 15.0)[0] == EXECUTE
@@ -130,6 +137,31 @@ def test_a_target_that_may_not_be_flown_to_is_refused_and_the_old_one_stays():
     h.state("LOITER", True)
     with pytest.raises(CommandRefused, match="in LOITER, not in GUIDED"):
         h.go_to(at(1.0, 2.0, 3.0), FRAME)
+
+
+@pytest.mark.parametrize("height_m", [-47.0, 0.0, 0.4, 41.0])
+def test_a_target_underground_or_too_high_is_refused(height_m):
+    """Heights count from where the vehicle stood disarmed, wherever its odometry has its zero."""
+    h = Holder(FRAME, Limits())
+    h.state("STABILIZE", False)
+    h.pose(0.0, at(0.0, 0.0, 50.0))
+    h.state("GUIDED", True)
+    h.pose(1.0, at(0.0, 0.0, 53.0))
+    with pytest.raises(CommandRefused, match="above the take-off place; 0.5 to 40 m are allowed"):
+        h.go_to(at(1.0, 0.0, 50.0 + height_m), FRAME)
+    h.go_to(at(1.0, 0.0, 51.0), FRAME)
+
+
+def test_the_ground_moves_along_with_a_jump_of_the_estimate():
+    h = Holder(FRAME, Limits())
+    h.state("STABILIZE", False)
+    h.pose(0.0, at(0.0, 0.0, 0.0))
+    h.state("GUIDED", True)
+    h.pose(1.0, at(0.0, 0.0, 3.0))
+    h.pose(1.03, at(0.0, 0.0, 33.0))
+    h.go_to(at(1.0, 0.0, 35.0), FRAME)
+    with pytest.raises(CommandRefused, match="-27.0 m above"):
+        h.go_to(at(1.0, 0.0, 3.0), FRAME)
 
 
 def test_nothing_is_streamed_during_a_take_off_and_the_place_above_is_held_thereafter():

@@ -130,7 +130,8 @@ def test_a_flight_by_command_and_a_dead_tracker(vehicle):
     assert "not finite" in pc.command("GOTO", target=target(float("nan"), 0, 3, 0.0))[1]
     assert "uav9/odom" in pc.command("GOTO", target=target(0, 0, 3, 0.0, "uav9/odom"))[1]
     assert pc.command("GOTO", lifetime_s=-1.0, target=target(0, 0, 3, 0.0))[0] == 2  # came too late
-    assert "'HOVER' is not known" in pc.command("SET_MODE", mode="HOVER")[1]
+    assert "mode 'ACRO' is for pilots" in pc.command("SET_MODE", mode="ACRO")[1]
+    assert "-47.0 m above the take-off place" in pc.command("GOTO", target=target(start[0], start[1], -47.0, 0.0))[1]
     pc.set_points.clear()
     time.sleep(1.0)
     assert 8 <= len(pc.set_points) <= 12  # the target goes on at 10 Hz without anybody asking
@@ -155,7 +156,7 @@ def test_landing_overtakes_what_waits(vehicle):
     until(lambda: pc.T_odom_body[2, 3] > 1.8, 30.0, "2 m")
     soon = rospy.Time.from_sec(time.time() + 5.0)
     for number, (kind, fields) in enumerate(
-        [("HOLD", {}), ("ARM", {"flag": True}), ("SET_MODE", {"mode": "LOITER"}), ("LAND", {})], pc.number + 1
+        [("ARM", {"flag": True}), ("SET_MODE", {"mode": "GUIDED"}), ("HOLD", {}), ("LAND", {})], pc.number + 1
     ):
         pc.commands.publish(
             Command(vehicle=NAME, sender=pc.sender, number=number, kind=getattr(Command, kind), expires=soon, **fields)

@@ -106,7 +106,7 @@ def test_waits_for_what_people_do(flight):
     f.phase("COLUMN")
     f.fleet["uav2"].sees_front_s = 1.0  # not steady yet
     f.wait(3.0)
-    assert f.machine.waits_for == "" and "COLUMN" in f.machine.proceed()
+    assert f.machine.waits_for == "" and "COLUMN" in f.machine.proceed("calibrate")
     f.fleet["uav2"].sees_front_s = 2.5
     f.press("calibrate")
     f.machine.answer("calibrate", False, "too few detections")
@@ -180,16 +180,64 @@ def test_a_lost_link_pauses_and_a_found_one_goes_on(flying, when):
     resumed(flying)
 
 
-def test_an_operator_who_takes_over_is_not_fought(flying):
+def orders_that_move(f, name):
+    return {o.number: o for _, o in f.orders if o.vehicle == name and o.kind != "RECORD"}
+
+
+@pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD", "STABILIZE", "LAND", "BRAKE"])
+def test_a_pilot_who_takes_over_is_not_fought(flying, mode):
+    """No mode and no way-point while he has it, nor when he gives it back, until the operator confirms."""
+    flying.wait(1.0)
+    flying.fleet["uav2"].mode = mode
+    flying.fleet["uav2"].height_m = 200.0  # a landing that takes longer than this test
+    flying.wait(0.3)
+    before = set(orders_that_move(flying, "uav2"))
+    flying.wait(60.0)
+    assert flying.machine.phase == "CONFIGURATIONS" and not flying.fleet["uav2"].recording
+    assert any(f"uav2: {mode} was not asked for by the mission" in p for p in flying.machine.problems)
+    assert flying.machine.waits_for == ("resume" if mode == "LOITER" else "")
+    flying.fleet["uav2"].mode = "GUIDED"
+    flying.wait(20.0)
+    assert set(orders_that_move(flying, "uav2")) == before, "given back, but not confirmed"
+
+
+def test_a_vehicle_that_is_given_back_goes_on_once_it_is_confirmed(flying):
     flying.wait(1.0)
     flying.fleet["uav2"].mode = "LOITER"
     flying.wait(0.3)
-    numbers = set(kinds(flying, "uav2", "GOTO")) | set(kinds(flying, "uav2", "SET_MODE"))
-    paused(flying, "uav2: left GUIDED (LOITER)")
-    assert set(kinds(flying, "uav2", "GOTO")) | set(kinds(flying, "uav2", "SET_MODE")) == numbers
-    assert flying.machine.proceed() != ""
     flying.fleet["uav2"].mode = "GUIDED"
+    flying.wait(5.0)
+    flying.press("resume")
     resumed(flying)
+
+
+def test_a_pilot_who_takes_over_during_the_handing_over_is_not_sent_back_to_guided(flight):
+    """uav2 was in GUIDED already while uav1 still refuses; its pilot takes it again."""
+    f = flight(mission())
+    f.fleet["uav1"].refuses = {"SET_MODE": "requires position"}
+    with pytest.raises(AssertionError):
+        f.up_to_configurations()
+    assert f.fleet["uav2"].mode == "GUIDED"
+    f.fleet["uav2"].mode = "ALT_HOLD"
+    f.wait(0.2)
+    asked = len(kinds(f, "uav2", "SET_MODE"))
+    f.wait(60.0)
+    assert len(kinds(f, "uav2", "SET_MODE")) == asked and f.fleet["uav2"].mode == "ALT_HOLD"
+    assert "uav2: ALT_HOLD was not asked for" in f.machine.problems[0]
+
+
+def test_a_pilot_who_ends_a_landing_is_not_told_to_land_again(flying):
+    flying.wait(1.0)
+    flying.fleet["uav2"].height_m = 60.0
+    flying.machine.abort("stop")
+    flying.until(lambda: flying.fleet["uav2"].mode == "LAND")
+    flying.wait(0.5)
+    flying.fleet["uav2"].mode = "LOITER"
+    flying.wait(0.2)
+    asked = len(kinds(flying, "uav2", "LAND"))
+    flying.wait(30.0)
+    assert len(kinds(flying, "uav2", "LAND")) == asked and flying.machine.phase == "LAND"
+    assert any("uav2 is flown by hand" in p for p in flying.machine.problems)
 
 
 def test_a_reference_that_was_moved_goes_home_first(flying):
@@ -198,12 +246,52 @@ def test_a_reference_that_was_moved_goes_home_first(flying):
     flying.wait(0.5)
     flying.fleet["uav1"].T_home_body[0, 3] += 6.0  # flown away by hand
     flying.fleet["uav1"].mode, flying.fleet["uav1"].target = "GUIDED", None
+    flying.press("resume")
+    flying.phase("CONFIGURATIONS")
     flying.wait(0.2)
     mover = flying.fleet["uav2"].T_home_body.copy()
     flying.wait(1.5)
     assert "uav1 goes home" in flying.machine.detail
     np.testing.assert_array_equal(flying.fleet["uav2"].T_home_body, mover)
     resumed(flying)
+
+
+# ---- a vehicle that comes down upon another ------------------------------------------------------------------------
+
+
+def clearance_when_heights_cross(f, upper, lower):
+    """Least horizontal distance (m) while the upper one is within a metre above the lower one, or beneath."""
+    least = float("inf")
+    for _ in range(600):
+        f.step()
+        a, b = f.fleet[upper], f.fleet[lower]
+        if a.armed and a.p_home_cam[2] < b.p_home_cam[2] + 1.0:
+            least = min(least, float(np.linalg.norm(a.p_home_cam[:2] - b.p_home_cam[:2])))
+    return least
+
+
+@pytest.mark.parametrize("baseline_m", [3.0, 5.0, 10.0])
+def test_who_hangs_beneath_a_vehicle_that_lands_by_itself_goes_aside(flight, baseline_m):
+    """The upper vehicle's pose feed fails and its flight link lands it: holding beneath would be a collision."""
+    f = flight(mission(("vertical", baseline_m)))
+    f.up_to_configurations()
+    f.until(lambda: f.fleet["uav2"].recording)
+    f.fleet["uav2"].mode, f.fleet["uav2"].height_m = "LAND", baseline_m + 8.0
+    f.wait(1.0)
+    aside = [o for o in kinds(f, "uav1", "GOTO").values() if o.number == max(orders_that_move(f, "uav1"))]
+    assert aside, "the lower one was told to go, not to hold"
+    assert clearance_when_heights_cross(f, "uav2", "uav1") > 1.5
+
+
+@pytest.mark.parametrize("baseline_m", [3.0, 5.0, 10.0])
+def test_an_abort_sends_the_lower_one_aside_where_the_upper_one_is_landing_already(flight, baseline_m):
+    f = flight(mission(("vertical", baseline_m)))
+    f.up_to_configurations()
+    f.until(lambda: f.fleet["uav2"].recording)
+    f.fleet["uav2"].mode, f.fleet["uav2"].height_m = "LAND", baseline_m + 8.0
+    f.machine.abort("stop")
+    assert clearance_when_heights_cross(f, "uav2", "uav1") > 1.5
+    f.phase("ABORTED", 60.0)
 
 
 def test_a_low_battery_holds_and_an_empty_one_lands(flying):
@@ -307,6 +395,37 @@ def test_abort_on_the_ground_is_over_at_once(flight):
     assert f.machine.phase == "ABORTED"
 
 
+def test_abort_before_anybody_was_heard_is_not_over(flight):
+    """Two vehicles may be in the air: nobody knows."""
+    f = flight(mission())
+    for v in f.fleet.values():
+        v.heard = False
+    f.machine.abort("no")
+    f.wait(5.0)
+    assert f.machine.phase == "LAND" and any("uav1: never heard" in p for p in f.machine.problems)
+    for v in f.fleet.values():
+        v.heard = True
+    f.phase("ABORTED", 5.0)
+
+
+def test_two_quick_confirmations_are_one(flight):
+    """Two calls at set_home used to hand over to GUIDED."""
+    f = flight(mission())
+    f.phase("TAKE_OFF")
+    f.take_off()
+    f.phase("COLUMN")
+    f.fleet["uav2"].sees_front_s = 3.0
+    f.press("calibrate")
+    f.machine.answer("calibrate", True, "good")
+    f.press("set_home")
+    f.home_known = True
+    f.machine.answer("set_home", True, "set")
+    assert "a moment ago" in f.machine.proceed("execute") and f.machine.phase == "SET_HOME"
+    f.wait(1.2)
+    assert "'execute' is waited for, not 'set_home'" in f.machine.proceed("set_home")
+    assert f.machine.proceed("execute") == "" and f.machine.phase == "GUIDED"
+
+
 def test_abort_while_calibrating_lands_and_ignores_the_late_answer(flight):
     f = flight(mission())
     f.phase("TAKE_OFF")
@@ -317,6 +436,11 @@ def test_abort_while_calibrating_lands_and_ignores_the_late_answer(flight):
     f.machine.abort("stop")
     f.machine.answer("calibrate", True, "good")
     assert f.machine.phase == "LAND" and f.machine.waits_for == ""
+    f.wait(30.0)
+    assert not kinds(f, "uav1", "LAND") and not kinds(f, "uav2", "LAND"), "hand-flown vehicles are not commanded"
+    assert [p for p in f.machine.problems if "is flown by hand: land it" in p]
+    for v in f.fleet.values():
+        v.mode = "LAND"  # their pilots do
     f.phase("ABORTED", 30.0)
 
 
@@ -340,6 +464,9 @@ def test_who_hangs_above_in_a_pilots_hands_is_not_told_to_land(flight):
     f.wait(10.0)
     assert f.fleet["uav2"].armed and "uav2 is above uav1" in f.machine.problems[-1]
     f.fleet["uav2"].T_home_body[1, 3] -= 4.0
+    f.wait(10.0)
+    assert f.fleet["uav2"].armed and "uav2 is flown by hand: land it" in f.machine.problems[-1]
+    f.fleet["uav2"].mode = "LAND"
     f.phase("ABORTED", 60.0)
 
 

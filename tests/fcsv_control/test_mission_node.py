@@ -102,7 +102,7 @@ class ControlPc:
         from std_srvs.srv import Trigger
 
         from fcsv_msgs.msg import Calibration, Capture, Home, MissionState
-        from fcsv_msgs.srv import Calibrate, SetHome
+        from fcsv_msgs.srv import Calibrate, Proceed, SetHome
 
         self.fleet, self.mission, self.captures, self.calibrations = fleet, MissionState(), [], 0
         self.calibration = rospy.Publisher("/calibration", Calibration, queue_size=1, latch=True)
@@ -115,7 +115,7 @@ class ControlPc:
             rospy.Subscriber("/mission/state", MissionState, lambda m: setattr(self, "mission", m)),
             rospy.Subscriber("/mission/capture", Capture, self.captures.append),
         ]
-        self.proceed = rospy.ServiceProxy("/mission/proceed", Trigger)
+        self.proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
         self.abort = rospy.ServiceProxy("/mission/abort", Trigger)
 
     def on_calibrate(self, request):
@@ -146,6 +146,10 @@ class ControlPc:
 
     def wait_for(self, phase, waits_for=None):
         until(lambda: self.mission.phase_name == phase and waits_for in (None, self.mission.waits_for))
+
+    def confirm(self, step):
+        """As people do: again where the step before was confirmed a moment ago."""
+        until(lambda: self.proceed(step).success)
 
     def close(self):
         for service in self.services:
@@ -179,7 +183,7 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
     try:
         start_node("fcsv_control", "mission", params=params)
         pc.wait_for("TAKE_OFF")
-        assert not pc.proceed().success
+        assert not pc.proceed("calibrate").success
         for v in fleet:
             v.armed, v.mode = True, "LOITER"
         time.sleep(0.5)
@@ -189,14 +193,14 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         pc.wait_for("COLUMN")
         back.sees = 1
         pc.wait_for("COLUMN", "calibrate")
-        assert pc.proceed().success
+        pc.confirm("calibrate")
         until(lambda: pc.mission.detail == "too few detections")
         pc.wait_for("COLUMN", "calibrate")
-        assert pc.proceed().success
+        pc.confirm("calibrate")
         pc.wait_for("MOVE_HOME", "set_home")
-        assert pc.proceed().success
+        pc.confirm("set_home")
         pc.wait_for("SET_HOME", "execute")
-        assert pc.proceed().success
+        pc.confirm("execute")
         until(lambda: pc.captures)
         c = pc.captures[0]
         assert (c.index, c.reference, c.vehicle) == (0, *NAMES) and c.position_error_m < 0.01

@@ -199,15 +199,29 @@ def test_the_switch_stays_when_the_mission_lands(before):
     ground.run(4.0 if before == "TAKE_OFF" else 25.0)
     modes = [s.mode for s in ground.sticks]
     ground.phase = "LAND"
+    for v in ground.vehicles.values():
+        v.mode = "LAND"
     ground.run(5.0)
     assert [s.mode for s in ground.sticks] == modes and all(s.throttle == 0.0 for s in ground.sticks)
 
 
+def test_pilots_land_what_they_fly_by_hand_when_the_mission_ends():
+    """The mission does not command them."""
+    ground = Ground().airborne()
+    ground.phase = "LAND"
+    ground.run(0.5)
+    assert all(v.mode == "LOITER" for v in ground.vehicles.values())
+    ground.run(2.0)
+    assert all(v.mode == "LAND" for v in ground.vehicles.values())
+
+
 def test_pilots_land_by_hand_where_the_mission_cannot():
     ground = Ground().airborne()
+    for v in ground.vehicles.values():
+        v.mode = "GUIDED"
     ground.phase = "LAND"  # and no command comes through
     ground.run(10.0)
-    assert all(v.mode == "LOITER" for v in ground.vehicles.values())
+    assert all(v.mode == "GUIDED" for v in ground.vehicles.values())
     ground.run(20.0)
     assert not any(v.armed for v in ground.vehicles.values())
     assert all(v.p[2] == 0.0 for v in ground.vehicles.values())

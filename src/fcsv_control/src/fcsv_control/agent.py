@@ -35,11 +35,14 @@ class CommandLog:
         self._answers: OrderedDict[Tuple[str, int], Optional[Answer]] = OrderedDict()
         self._newest: Dict[str, int] = {}  # number of the last move of each sender
 
-    def judge(self, now_s: float, vehicle: str, sender: str, number: int, moves: bool, expires_s: float):
+    def judge(
+        self, now_s: float, vehicle: str, sender: str, number: int, moves: bool, expires_s: float, stops: bool = False
+    ):
         """(what to do, the answer to repeat). A command under way waits; one never executed may be too late.
 
         Of commands that move the vehicle (``moves``), one that a newer one of its sender overtook is too late,
-        too: a way-point that the radio delayed must not undo the hold that came after it.
+        too: a way-point that the radio delayed must not undo the hold that came after it. A command that ``stops``
+        (HOLD, BRAKE, LAND) is never too late by the clock, which may be wrong on either machine.
         """
         if vehicle != self._vehicle:
             return IGNORE, None
@@ -51,7 +54,7 @@ class CommandLog:
         while len(self._answers) > _REMEMBERED:
             self._answers.popitem(last=False)
         overtaken = moves and number < self._newest.get(sender, 0)
-        if overtaken or now_s > expires_s:
+        if overtaken or (now_s > expires_s and not stops):
             return EXPIRED, None
         if moves:
             self._newest[sender] = number
@@ -71,6 +74,8 @@ class Limits:
     reset_step_m: float = 1.0  # of the autopilot's estimate between two messages, beyond what it can fly
     takeoff_done_m: float = 0.3  # below the altitude asked for
     takeoff_timeout_s: float = 30.0
+    lowest_target_m: float = 0.5  # of a target above where the vehicle stood when it was last disarmed
+    highest_target_m: float = 40.0  # likewise
 
     def __post_init__(self):
         require_positive(self)
@@ -89,11 +94,13 @@ class Holder:
 
     def __init__(self, frame: str, limits: Limits):
         self._frame, self._limits = frame, limits
-        self._mode, self._armed = "", False
+        self._mode = ""
+        self._armed: Optional[bool] = None  # until it was heard
         self._here: Optional[np.ndarray] = None
         self._here_s = -math.inf
         self._target: Optional[np.ndarray] = None
         self._above: Optional[np.ndarray] = None  # end of the take-off under way
+        self._ground_m: Optional[float] = None  # height at which it stood, disarmed
         self._above_since_s = 0.0
 
     @property
@@ -107,7 +114,7 @@ class Holder:
 
     @property
     def armed(self) -> bool:
-        return self._armed
+        return bool(self._armed)
 
     def state(self, mode: str, armed: bool) -> None:
         """The flight controller's mode. Entering GUIDED means holding here; leaving it forgets the target."""
@@ -122,6 +129,8 @@ class Holder:
         """The autopilot's estimate. Returns by how far (m) the frame was found to have moved, mostly 0."""
         before, before_s = self._here, self._here_s
         self._here, self._here_s = T_odom_body, stamp_s
+        if self._armed is False:
+            self._ground_m = float(T_odom_body[2, 3])
         self._watch_take_off(stamp_s)
         if before is None:
             if self._mode == "GUIDED" and self._above is None and self._target is None:
@@ -135,6 +144,8 @@ class Holder:
         for held in (self._target, self._above):
             if held is not None:
                 held[:3, 3] += step
+        if self._ground_m is not None and self._armed:
+            self._ground_m += float(step[2])
         return step_m
 
     def go_to(self, T_odom_body: np.ndarray, frame: str) -> None:
@@ -148,7 +159,18 @@ class Holder:
         if not distance_m <= self._limits.furthest_target_m:
             most_m = self._limits.furthest_target_m
             raise CommandRefused(f"target is {distance_m:.1f} m away, at most {most_m:.0f} m are allowed")
+        self._require_height(float(T_odom_body[2, 3]))
         self._target = transforms.level(T_odom_body)
+
+    def _require_height(self, z_m: float) -> None:
+        if self._ground_m is None:
+            return  # this agent was started in flight: the ground was never seen
+        height_m = z_m - self._ground_m
+        low_m, high_m = self._limits.lowest_target_m, self._limits.highest_target_m
+        if not low_m <= height_m <= high_m:
+            raise CommandRefused(
+                f"target is {height_m:.1f} m above the take-off place; {low_m:g} to {high_m:g} m are allowed"
+            )
 
     def hold(self) -> None:
         """Hold here; ends a take-off. Raises CommandRefused."""

@@ -7,9 +7,10 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.errors import MissionError
+from fcsv_control.mission import clearing
 from fcsv_control.mission.config import Mission
-from fcsv_control.mission.journey import Journey
-from fcsv_control.mission.outbox import Outbox
+from fcsv_control.mission.journey import Journey, go_to
+from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, level_camera
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow, Standing
@@ -50,6 +51,7 @@ class FlightList:
         self._journey_now: Optional[Journey] = None
         self._standing: Optional[Standing] = None
         self._paused = False
+        self._dodged: Dict[str, Order] = {}
         self.detail = ""
         self.notes: List[str] = []  # configurations that were left out, and why
 
@@ -63,16 +65,34 @@ class FlightList:
         return next((t.index for t in self._tasks if t.index is not None), len(self._mission.configurations) - 1)
 
     def pause(self, snapshot: Snapshot) -> None:
-        """Something is wrong: whoever is in GUIDED holds where it is; a running recording does not count."""
-        if self._paused:
+        """Something is wrong: whoever is in GUIDED holds where it is, but never beneath a vehicle that comes down; a
+        running recording does not count."""
+        if not self._paused:
+            self._paused = True
+            self._dodged = {}
+            if self._standing is not None:
+                self._standing.stop(snapshot)
+            for name in self._in_guided(snapshot):
+                if not self._dodge(snapshot, name):
+                    self._outbox.order(snapshot.now_s, name, "HOLD")
+            self._begin()
             return
-        self._paused = True
-        if self._standing is not None:
-            self._standing.stop(snapshot)
-        for name in self._vehicles:
-            if snapshot.vehicles[name].mode == "GUIDED":
-                self._outbox.order(snapshot.now_s, name, "HOLD")
-        self._begin()
+        for name in self._in_guided(snapshot):
+            self._dodge(snapshot, name)
+
+    def _in_guided(self, snapshot: Snapshot) -> List[str]:
+        return [n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED"]
+
+    def _dodge(self, snapshot: Snapshot, name: str) -> bool:
+        """Whether a vehicle comes down on this one: then it is sent aside, again where it did not obey."""
+        upper = clearing.coming_down_on(snapshot, name, self._mission.min_separation_m + 0.5)
+        if upper is None:
+            return False
+        order = self._dodged.get(name)
+        if order is None or order.failed:
+            place = clearing.aside(snapshot, name, upper, self._mission.min_separation_m + 0.5)
+            self._dodged[name] = go_to(self._outbox, snapshot, name, place)
+        return True
 
     def step(self, snapshot: Snapshot) -> Optional[CaptureWindow]:
         """Advance the running task; a recording that counts comes back once."""

@@ -7,6 +7,7 @@ from fcsv_control.errors import MissionError
 from fcsv_control.mission import watch
 from fcsv_control.mission.config import Mission
 from fcsv_control.mission.flight_list import FlightList
+from fcsv_control.mission.hands import GIVEN_BACK, Hands
 from fcsv_control.mission.landing import Landing
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
@@ -18,6 +19,7 @@ PHASES = (
 )  # fmt: skip
 _SEEN_S = 2.0
 _AIRBORNE_M = 1.5
+_CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger
 _MODE_SHOWS_S = 2.0  # a heartbeat a second tells the mode: so long after the acknowledgement it must show
 
 
@@ -39,9 +41,12 @@ class MissionMachine:
         self.problems: List[str] = []
         self.captures: List[CaptureWindow] = []
         self._flight_list: Optional[FlightList] = None
-        self._landing = Landing(vehicles, self.outbox, mission.min_separation_m)
+        self._hands = Hands()
+        self._landing = Landing(vehicles, self.outbox, mission.min_separation_m, self._hands)
         self._mode_orders: Dict[str, Order] = {}
         self._aborted = False
+        self._now_s = 0.0
+        self._confirmed_s = float("-inf")
 
     @property
     def over(self) -> bool:
@@ -54,16 +59,21 @@ class MissionMachine:
 
     # ---- what people and services say ----------------------------------------------------------------------
 
-    def proceed(self) -> str:
-        """The operator confirms what is waited for; "" when taken, else why not."""
+    def proceed(self, step: str) -> str:
+        """The operator confirms the step that he names; "" when taken, else why not."""
+        if self._now_s - self._confirmed_s < _CONFIRMED_ONCE_S:
+            return "the step before was confirmed a moment ago; look at the vehicles, then confirm again"
         if not self.waits_for:
             return f"nothing is waited for in {self.phase}"
-        confirmed = self.waits_for
-        if confirmed == "execute":
+        if step != self.waits_for:
+            return f"'{self.waits_for}' is waited for, not '{step}'"
+        self._confirmed_s = self._now_s
+        if step in ("execute", "resume"):
+            self._hands.give_back()
             self._enter("GUIDED", "handing over to the mission")
         else:
-            self._enter({"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[confirmed], "running")
-            self.wants = confirmed
+            self._enter({"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[step], "running")
+            self.wants = step
         return ""
 
     def answer(self, what: str, success: bool, message: str) -> None:
@@ -76,7 +86,7 @@ class MissionMachine:
             self._enter(*(("SET_HOME", message, "execute") if success else ("MOVE_HOME", message, "set_home")))
 
     def abort(self, reason: str) -> None:
-        """Land everybody, wherever the mission is."""
+        """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to land."""
         if not self.over:
             self._aborted = True
             self._enter("LAND", reason)
@@ -85,6 +95,8 @@ class MissionMachine:
 
     def step(self, snapshot: Snapshot) -> None:
         """Advance by what is seen; orders go to the outbox."""
+        self._now_s = snapshot.now_s
+        self._hands.see(snapshot)
         self.problems = [] if self.over else watch.problems(self.mission, self.phase, snapshot)
         story: Dict[str, Callable[[Snapshot], None]] = {
             "WAIT_VEHICLES": self._wait_vehicles,
@@ -121,25 +133,38 @@ class MissionMachine:
         self.waits_for = "" if self.problems or blind else "calibrate"
 
     def _guided(self, snapshot: Snapshot) -> None:
-        if self.problems:
+        if self._taken() or self.problems:
             return
         waiting = [n for n in self.vehicles if snapshot.vehicles[n].mode != "GUIDED"]
         for name in waiting:
-            self._switch_to_guided(snapshot.now_s, name)
+            self._switch_to_guided(snapshot, name)
         if not waiting:
-            self._flight_list = FlightList(self.mission, self.vehicles, self.outbox, snapshot)
+            if self._flight_list is None:
+                self._flight_list = FlightList(self.mission, self.vehicles, self.outbox, snapshot)
             self._enter("CONFIGURATIONS", "")
 
-    def _switch_to_guided(self, now_s: float, name: str) -> None:
-        order = self._mode_orders.get(name)
+    def _taken(self) -> bool:
+        """Whether somebody else has a vehicle; the operator can confirm once each is given back."""
+        taken = self._hands.taken
+        self.problems += [
+            f"{name}: {mode} was not asked for by the mission; "
+            + ("confirm 'resume'" if mode in GIVEN_BACK else "give it back in LOITER or GUIDED, or abort")
+            for name, mode in taken.items()
+        ]
+        self.waits_for = "resume" if taken and all(m in GIVEN_BACK for m in taken.values()) else ""
+        return bool(taken)
+
+    def _switch_to_guided(self, snapshot: Snapshot, name: str) -> None:
+        now_s, order = snapshot.now_s, self._mode_orders.get(name)
         if order is not None and order.failed:
             self.detail = f"{name} does not go to GUIDED: {order.outcome}"
         unheard = order is not None and order.outcome is None
         if order is None or not (unheard or now_s - order.ordered_s < _MODE_SHOWS_S):
             self._mode_orders[name] = self.outbox.order(now_s, name, "SET_MODE", mode="GUIDED")
+            self._hands.asked(name, "GUIDED", snapshot.vehicles[name].mode)
 
     def _configurations(self, snapshot: Snapshot) -> None:
-        if self.problems:
+        if self._taken() or self.problems:
             self._flight_list.pause(snapshot)
             return
         capture = self._flight_list.step(snapshot)

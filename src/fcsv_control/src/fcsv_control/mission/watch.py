@@ -56,8 +56,6 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[str
         yield f"battery below {mission.low_battery_share:.0%}; abort to land"
     if phase in _FLOWN_BY_US and view.T_home_cam is None:
         yield "its place in home is not known; calibrate and set home again"
-    if phase == "CONFIGURATIONS" and view.mode != "GUIDED":
-        yield f"left GUIDED ({view.mode}); switch back to go on, or abort"
 
 
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:

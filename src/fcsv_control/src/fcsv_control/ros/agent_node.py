@@ -23,6 +23,7 @@ from fcsv_msgs.srv import CommandBool, CommandTOL, SetMode
 _REASON_WAIT_S = 0.5  # the reason and the service's answer come by different ways
 _QUIET_S = 0.15  # set-points on their way arrive before the take-off that they would replace
 _STOPPING_MODES = {"LAND", "BRAKE"}
+_MISSION_MODES = {"GUIDED", *_STOPPING_MODES}  # what a mission needs; any other mode is a pilot's
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class AgentParameters:
     set_point_rate_hz: float = 10.0
     link_loss_land_s: float = 0.0
     service_timeout_s: float = 3.0
+    maintenance: bool = False  # commands may ask for any mode; never in a flight with people about
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self):
@@ -67,7 +69,7 @@ class AgentNode:
         self._arming = rospy.ServiceProxy("mavros/cmd/arming", CommandBool)
         self._takeoff = rospy.ServiceProxy("mavros/cmd/takeoff", CommandTOL)
         self._actions: Dict[int, Callable[[Command], None]] = {
-            Command.SET_MODE: lambda c: self._change_mode(c.mode),
+            Command.SET_MODE: self._command_mode,
             Command.GOTO: self._go_to,
             Command.HOLD: self._hold,
             Command.RECORD: lambda c: self._pictures.publish(Bool(c.flag)),
@@ -112,8 +114,8 @@ class AgentNode:
             self._link_loss.heard(time.monotonic())
 
     def _on_command(self, c: Command) -> None:
-        moves, expires_s = c.kind != Command.RECORD, c.expires.to_sec()
-        verdict, answer = self._log.judge(rospy.get_time(), c.vehicle, c.sender, c.number, moves, expires_s)
+        moves, expires_s, stops = c.kind != Command.RECORD, c.expires.to_sec(), _stops(c)
+        verdict, answer = self._log.judge(rospy.get_time(), c.vehicle, c.sender, c.number, moves, expires_s, stops)
         if verdict == EXECUTE:
             self._enqueue(c)
         elif verdict == EXPIRED:
@@ -123,7 +125,7 @@ class AgentNode:
 
     def _enqueue(self, c: Command) -> None:
         """Stopping overtakes what waits, and what waited is not done after it."""
-        if c.kind != Command.LAND and not (c.kind == Command.SET_MODE and c.mode in _STOPPING_MODES):
+        if not _stops(c):
             self._jobs.put(c)
             return
         recording = []
@@ -138,7 +140,10 @@ class AgentNode:
                 self._answer(waiting, CommandAck.REFUSED, "overtaken by a command to stop")
         for waiting in recording:
             self._jobs.put(waiting)
-        self._stops.put(c)
+        if c.kind == Command.HOLD:  # needs no service: at once
+            self._attempt(c)
+        else:
+            self._stops.put(c)
 
     # ---- what is done --------------------------------------------------------------------------------------
 
@@ -160,19 +165,28 @@ class AgentNode:
                 command = waiting.get(timeout=0.2)
             except queue.Empty:
                 continue
-            try:
-                if rospy.get_time() > command.expires.to_sec():
-                    self._answer(command, CommandAck.EXPIRED, "waited too long for the command before it")
-                    continue
-                self._execute(command)
-                self._answer(command, CommandAck.DONE, "")
-            except (FcsvError, rospy.ServiceException, rospy.ROSException) as error:
-                self._answer(command, CommandAck.REFUSED, str(error))
+            if rospy.get_time() > command.expires.to_sec() and not _stops(command):
+                self._answer(command, CommandAck.EXPIRED, "waited too long for the command before it")
+            else:
+                self._attempt(command)
+
+    def _attempt(self, c: Command) -> None:
+        try:
+            self._execute(c)
+            self._answer(c, CommandAck.DONE, "")
+        except (FcsvError, rospy.ServiceException, rospy.ROSException) as error:
+            self._answer(c, CommandAck.REFUSED, str(error))
 
     def _execute(self, c: Command) -> None:
         if c.kind not in self._actions:
             raise CommandRefused(f"command kind {c.kind} is not known")
         self._actions[c.kind](c)
+
+    def _command_mode(self, c: Command) -> None:
+        if c.mode not in _MISSION_MODES and not self._parameters.maintenance:
+            allowed = ", ".join(sorted(_MISSION_MODES))
+            raise CommandRefused(f"mode '{c.mode}' is for pilots; a mission may ask for {allowed}")
+        self._change_mode(c.mode)
 
     def _change_mode(self, mode: str) -> None:
         self._call(self._set_mode, lambda s: s(0, mode).mode_sent)
@@ -224,6 +238,11 @@ class AgentNode:
     def _publish(self, c: Command, answer: Answer) -> None:
         header = conversions.header(rospy.get_time(), "")
         self._acks.publish(CommandAck(header, self._name, c.sender, c.number, answer.result, answer.reason))
+
+
+def _stops(c: Command) -> bool:
+    """Whether a command stops the vehicle: it never waits and never comes too late."""
+    return c.kind in (Command.HOLD, Command.LAND) or (c.kind == Command.SET_MODE and c.mode in _STOPPING_MODES)
 
 
 def main() -> int:

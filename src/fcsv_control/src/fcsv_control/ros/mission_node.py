@@ -21,7 +21,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configuration, Home, MissionState
-from fcsv_msgs.srv import Calibrate, SetHome
+from fcsv_msgs.srv import Calibrate, Proceed, ProceedResponse, SetHome
 from fcsv_tracking.chain import odoms_in_home
 from fcsv_tracking.ros import link_messages
 
@@ -62,7 +62,7 @@ class MissionNode:
         self._commands = {n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in names}
         self._calibrate = rospy.ServiceProxy("/calibrate", Calibrate)
         self._set_home = rospy.ServiceProxy("/set_home", SetHome)
-        rospy.Service("/mission/proceed", Trigger, self._on_proceed)
+        rospy.Service("/mission/proceed", Proceed, self._on_proceed)
         rospy.Service("/mission/abort", Trigger, self._on_abort)
         fronts = [None, *(self._vehicles[n].tag_id for n in names[:-1])]
         self._inputs = {n: VehicleInputs(self._vehicles[n], tag, self._health) for n, tag in zip(names, fronts)}
@@ -103,20 +103,20 @@ class MissionNode:
 
     # ---- the operator --------------------------------------------------------------------------------------
 
-    def _on_proceed(self, _request) -> TriggerResponse:
+    def _on_proceed(self, request) -> ProceedResponse:
         with self._lock:
-            refusal = self._machine.proceed()
+            refusal = self._machine.proceed(request.step)
             wants, self._machine.wants = self._machine.wants, ""
         if wants:
             threading.Thread(target=self._call, args=(wants,), name=wants, daemon=True).start()
-        return TriggerResponse(not refusal, refusal)
+        return ProceedResponse(not refusal, refusal or f"confirmed: {request.step}")
 
     def _on_abort(self, _request) -> TriggerResponse:
         with self._lock:
             if self._machine.over:
                 return TriggerResponse(False, f"the mission is over ({self._machine.phase})")
             self._machine.abort("aborted by the operator: landing")
-        return TriggerResponse(True, "landing all vehicles")
+        return TriggerResponse(True, "landing the vehicles that the mission flies; who is flown by hand lands by hand")
 
     def _call(self, wants: str) -> None:
         service, arguments = {

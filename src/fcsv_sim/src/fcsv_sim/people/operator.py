@@ -17,6 +17,7 @@ _YAW_STICK_RPS = np.radians(100.0)
 _LEAN_RAD = np.radians(30.0)
 _REACTION_S = 0.3
 _LAND_BY_HAND_S = 15.0  # a mission that lands gets so long to do it; then the pilot does
+_TOLD_S = 1.0  # who flies by hand lands when the mission says so, after a moment
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,8 @@ class Pilot:
             goal, v_goal = self.goal(now_s, phase)
             return self._fly_to(goal, v_goal, sight)
         if phase in ("LAND", "DONE", "ABORTED") and sight.mode != "LAND":
-            if now_s - self._phase_since_s > _LAND_BY_HAND_S:
+            patience_s = _LAND_BY_HAND_S if sight.mode == "GUIDED" else _TOLD_S
+            if now_s - self._phase_since_s > patience_s:
                 return Sticks(mode="LAND")
         return Sticks(mode=self._switch)  # hands off: the mission flies, or the autopilot lands
 

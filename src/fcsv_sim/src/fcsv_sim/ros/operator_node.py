@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Dict, List
 
 import rospy
-from std_srvs.srv import Trigger
 
 from fcsv_control.mission.config import load_mission
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import MissionState, State
+from fcsv_msgs.srv import Proceed
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.people.rc import RcSender
 from fcsv_sim.truth import TruthReader
@@ -52,7 +52,7 @@ class OperatorNode:
         self._states: Dict[str, State] = {n: State() for n in p.vehicles}
         self._mission = MissionState(phase_name="WAIT_VEHICLES")
         self._health = Health("operator", {"sticks": p.rate_hz / 3.0})
-        self._proceed = rospy.ServiceProxy("/mission/proceed", Trigger)
+        self._proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         for name in p.vehicles:
             rospy.Subscriber(f"/{name}/mavros/state", State, self._on_state, name, queue_size=2)
@@ -91,7 +91,7 @@ class OperatorNode:
 
     def _press(self, button: str) -> None:
         try:
-            answer = self._proceed()
+            answer = self._proceed(button)
             rospy.loginfo("operator: %s (%s)", button, answer.message or "taken")
         except rospy.ServiceException as error:
             rospy.logwarn("operator: %s: %s", button, error)

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who stands above whom, and where to go out of the way."""
+
+from typing import List, Optional
+
+import numpy as np
+
+from fcsv_control.mission.places import level_camera
+from fcsv_control.mission.snapshot import Snapshot
+from fcsv_geometry import transforms
+
+
+def below(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
+    """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally; flying or not.
+
+    None where places are not known yet: before home is set they stand in a column.
+    """
+    if snapshot.vehicles[name].T_home_cam is None:
+        return None
+    for other in _known(snapshot, name):
+        offset_m = snapshot.p_home_cam(name) - snapshot.p_home_cam(other)
+        if offset_m[2] > 0 and np.linalg.norm(offset_m[:2]) < clear_m:
+            return other
+    return None
+
+
+def coming_down_on(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
+    """A vehicle in LAND above ``name`` that would come down upon it."""
+    if snapshot.vehicles[name].T_home_cam is None:
+        return None
+    for other in _known(snapshot, name):
+        view = snapshot.vehicles[other]
+        offset_m = snapshot.p_home_cam(other) - snapshot.p_home_cam(name)
+        if view.armed and view.mode == "LAND" and offset_m[2] > 0 and np.linalg.norm(offset_m[:2]) < clear_m:
+            return other
+    return None
+
+
+def aside(snapshot: Snapshot, name: str, away_from: str, clear_m: float) -> np.ndarray:
+    """T_home_cam at the same height, clear of everybody: away from a vehicle, else right, left, back, front."""
+    here = snapshot.p_home_cam(name)
+    others = [snapshot.p_home_cam(n) for n in _known(snapshot, name)]
+    away = here[:2] - snapshot.p_home_cam(away_from)[:2]
+    directions = [np.array(d, float) for d in ((0, -1), (0, 1), (-1, 0), (1, 0))]
+    if np.linalg.norm(away) > 0.3:
+        directions.insert(0, away / np.linalg.norm(away))
+    places = [here + 2.0 * clear_m * np.array([*d, 0.0]) for d in directions]
+    room_m = [min(float(np.linalg.norm((p - o)[:2])) for o in others) for p in places]
+    best = next((p for p, m in zip(places, room_m) if m > clear_m), places[int(np.argmax(room_m))])
+    return transforms.transform(level_camera(snapshot.vehicles[name].T_home_cam)[:3, :3], best)
+
+
+def _known(snapshot: Snapshot, name: str) -> List[str]:
+    """The other vehicles whose places in home are known."""
+    return [n for n, v in snapshot.vehicles.items() if n != name and v.T_home_cam is not None]

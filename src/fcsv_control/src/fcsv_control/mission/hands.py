@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whose hands a vehicle is in, as the mission can tell: by its mode, and by the modes that the mission asked for.
+
+A mode that the mission did not ask for is somebody else's decision: the pilot's, the guardian's or the autopilot's.
+The mission then sends no mode and no way-point until the vehicle is given back and the operator confirms it.
+"""
+
+from typing import Dict, Set
+
+from fcsv_control.mission.snapshot import Snapshot
+
+#: Modes in which a pilot gives a vehicle back.
+GIVEN_BACK = ("GUIDED", "LOITER")
+
+
+class Hands:
+    """``taken`` tells by vehicle the mode that somebody else chose after the mission had flown it."""
+
+    def __init__(self):
+        self.taken: Dict[str, str] = {}
+        self._asked: Dict[str, str] = {}  # modes that were asked for and do not show yet
+        self._before: Dict[str, str] = {}  # and the modes from which
+        self._ours: Dict[str, str] = {}  # modes that show and were asked for
+
+    def asked(self, name: str, mode: str, now: str) -> None:
+        """The mission asks for a mode while the vehicle shows ``now``."""
+        self._asked[name], self._before[name] = mode, now
+
+    def give_back(self) -> None:
+        """The operator has confirmed: the mission may ask for modes again. Who is in GUIDED is ours from now on."""
+        for name, mode in self.taken.items():
+            if mode == "GUIDED":
+                self._ours[name] = mode
+        self.taken = {}
+
+    def ours(self) -> Set[str]:
+        """Vehicles that show a mode which the mission asked for."""
+        return set(self._ours)
+
+    def see(self, snapshot: Snapshot) -> None:
+        """What modes tell."""
+        for name, view in snapshot.vehicles.items():
+            if not view.armed:
+                for known in (self.taken, self._asked, self._ours):
+                    known.pop(name, None)
+            elif view.mode:
+                self._see(name, view.mode)
+
+    def _see(self, name: str, mode: str) -> None:
+        if name in self.taken:
+            self.taken[name] = mode
+        elif mode == self._asked.get(name):
+            self._ours[name] = self._asked.pop(name)
+        elif name in self._asked and mode == self._before[name]:
+            pass  # the order is on its way
+        elif name in self._asked or mode != self._ours.get(name, mode):
+            self._asked.pop(name, None)
+            self._ours.pop(name, None)
+            self.taken[name] = mode
