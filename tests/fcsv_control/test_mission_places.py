@@ -10,9 +10,9 @@ from fcsv_control.errors import MissionError
 from fcsv_control.mission import places, routes
 from fcsv_control.mission.config import StereoConfiguration
 from fcsv_geometry import transforms
+from fcsv_geometry.home import home_of, odoms_in_home
 from fcsv_geometry.vehicle import Mount
 from fcsv_tracking.calibration import Link
-from fcsv_tracking.chain import home_of, odoms_in_home
 
 SEPARATION_M = 1.5
 

@@ -8,8 +8,8 @@ import pytest
 from simulated_column import Column, DriftingColumn
 
 from fcsv_geometry import transforms
+from fcsv_geometry.home import home_of, odoms_in_home
 from fcsv_tracking.calibration import CalibrationRules, calibrate_link, position_std
-from fcsv_tracking.chain import home_of, odoms_in_home
 from fcsv_tracking.detection import single_link
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.link_model import LinkModel, LinkNoise

@@ -8,10 +8,10 @@ import pytest
 from scipy.stats import chi2
 
 from fcsv_geometry import transforms
+from fcsv_geometry.home import Place, odoms_in_home, places_in_home
 from fcsv_sim.sensors.t265 import T265, T265Errors
 from fcsv_sim.trials.formation import Formation, FormationParameters
 from fcsv_tracking.calibration import Link, calibrate_link
-from fcsv_tracking.chain import Place, odoms_in_home, places_in_home
 from fcsv_tracking.drift import Drift, DriftRates
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.loops import merge_loops

@@ -17,6 +17,7 @@ from typing import Sequence
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.home import OdomLink
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.link_model import LinkNoise
@@ -39,13 +40,9 @@ class CalibrationRules(LinkNoise):
 
 
 @dataclass(frozen=True)
-class Link:
-    """T_parent_child between two level odometry frames; covariance 4x4 of x, y, z (m), yaw (rad)."""
+class Link(OdomLink):
+    """A link with how well its detections agree."""
 
-    parent: str
-    child: str
-    T_parent_child: np.ndarray
-    covariance: np.ndarray
     position_spread_m: float
     yaw_spread_rad: float
     reprojection_rms_px: float

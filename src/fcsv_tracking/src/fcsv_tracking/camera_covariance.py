@@ -6,7 +6,7 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_tracking.chain import Place
+from fcsv_geometry.home import Place
 from fcsv_tracking.drift import Drift
 
 _XYZ_YAW = [0, 1, 2, 5]

@@ -11,7 +11,7 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_tracking.chain import about_z
+from fcsv_geometry.home import about_z
 
 _STEP_M = 0.1  # shorter movements are the tracker's noise: summed up they would be metres of path
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from fcsv_geometry import transforms
+from fcsv_geometry.home import Place, about_z, places_in_home
 from fcsv_tracking.calibration import Link
-from fcsv_tracking.chain import Place, about_z, places_in_home
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.quaternions import wrap
 

@@ -12,6 +12,7 @@ from sensor_msgs.msg import BatteryState
 
 from fcsv_control.mission.snapshot import VehicleView
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.home import camera_in_home
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicle import VehicleGeometry
@@ -60,7 +61,7 @@ class VehicleInputs:
                 armed=self._state.armed,
                 mode=self._state.mode,
                 sees_front_s=self._tag_s - self._tag_since_s if seen else 0.0,
-                T_home_cam=T_home_odom @ self._T_odom_body @ self._T_body_cam if known else None,
+                T_home_cam=camera_in_home(T_home_odom, self._T_odom_body, self._T_body_cam) if known else None,
                 battery_share=self._battery_share,
                 recorder_age_s=now_s - self._recorder_s,
                 recorder_problem=self._recorder.problem,

@@ -5,9 +5,8 @@ import os
 import threading
 import time
 from dataclasses import dataclass
-from typing import Dict, List, Optional
+from typing import List
 
-import numpy as np
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
 
@@ -18,12 +17,11 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ros.mission_inputs import VehicleInputs
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.home import HomeFrames
+from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configuration, Home, MissionState
 from fcsv_msgs.srv import Calibrate, Proceed, ProceedResponse, SetHome
-from fcsv_tracking.chain import odoms_in_home
-from fcsv_tracking.ros import link_messages
 
 
 @dataclass(frozen=True)
@@ -52,9 +50,7 @@ class MissionNode:
         self._machine = MissionMachine(self._mission, names)
         self._sender = f"mission-{os.getpid()}-{int(time.time())}"
         self._lock = threading.RLock()
-        self._calibration: Optional[Calibration] = None
-        self._home: Optional[Home] = None
-        self._T_home_odom: Dict[str, np.ndarray] = {}
+        self._in_home = HomeFrames()
         self._published_captures = 0
         self._health = Health("mission")
         self._state = rospy.Publisher("/mission/state", MissionState, queue_size=10, latch=True)
@@ -81,25 +77,17 @@ class MissionNode:
             self._machine.outbox.acknowledged(message.vehicle, message.number, outcome)
 
     def _on_calibration(self, message: Calibration) -> None:
-        with self._lock:
-            self._calibration = message
-            self._recompose()
+        self._compose(home_messages.take_calibration, message)
 
     def _on_home(self, message: Home) -> None:
-        with self._lock:
-            self._home = message
-            self._recompose()
+        self._compose(home_messages.take_home, message)
 
-    def _recompose(self) -> None:
-        if self._calibration is None or self._home is None:
-            return
-        try:
-            links = [link_messages.from_message(link) for link in self._calibration.links]
-            T_odom_home = conversions.pose_to_transform(self._home.home_in_odom)
-        except FcsvError as error:
-            self._health.drop("calibration or home", str(error))
-            return
-        self._T_home_odom = odoms_in_home(links, self._home.reference, T_odom_home)
+    def _compose(self, take, message) -> None:
+        with self._lock:
+            try:
+                take(self._in_home, message)
+            except FcsvError as error:
+                self._health.drop("calibration or home", str(error))
 
     # ---- the operator --------------------------------------------------------------------------------------
 
@@ -149,9 +137,10 @@ class MissionNode:
             time.sleep(1.0 / self._parameters.rate_hz)
 
     def _snapshot(self, now_s: float) -> Snapshot:
-        views = {n: i.view(now_s, self._T_home_odom.get(n)) for n, i in self._inputs.items()}
+        T_home_odom = self._in_home.T_home_odom
+        views = {n: i.view(now_s, T_home_odom.get(n)) for n, i in self._inputs.items()}
         cameras = {n: v.T_body_cam for n, v in self._vehicles.items()}
-        return Snapshot(now_s, views, dict(self._T_home_odom), cameras)
+        return Snapshot(now_s, views, T_home_odom, cameras)
 
     def _command(self, order: Order, now_s: float) -> Command:
         a = order.arguments

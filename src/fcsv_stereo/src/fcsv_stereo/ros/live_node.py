@@ -12,7 +12,8 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError, GeometryError
-from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.home import HomeFrames
+from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
 from fcsv_stereo.inputs import MapInput
@@ -21,7 +22,7 @@ from fcsv_stereo.pipeline import METHODS, MONITOR_OPTIONS, OPTIONS, QUICK_OPTION
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.result import MapResult
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
-from fcsv_stereo.ros.session_messages import odoms_in_home, window_of
+from fcsv_stereo.ros.session_messages import window_of
 from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0
@@ -61,8 +62,7 @@ class LiveNode:
     def __init__(self):
         self._parameters = node.parameters(LiveParameters)
         self._session = LiveSession()
-        self._home: Optional[Home] = None
-        self._calibration: Optional[Calibration] = None
+        self._in_home = HomeFrames()
         self._changed = threading.Condition()
         self._news = False
         self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
@@ -88,23 +88,21 @@ class LiveNode:
     # ---- what comes in -------------------------------------------------------------------------------------
 
     def _on_calibration(self, message: Calibration) -> None:
-        self._calibration = message
-        self._recompose()
+        self._compose(home_messages.take_calibration, message)
 
     def _on_home(self, message: Home) -> None:
-        self._home = message
-        self._recompose()
+        self._compose(home_messages.take_home, message)
 
-    def _recompose(self) -> None:
-        if self._home is None or self._calibration is None:
-            return
-        try:
-            T_home_odom = odoms_in_home(self._home, self._calibration)
-        except GeometryError as error:
-            self._health.drop("calibration or home", str(error))
-            return
+    def _compose(self, take, message) -> None:
         with self._changed:
-            self._session.T_home_odom = T_home_odom
+            try:
+                take(self._in_home, message)
+            except GeometryError as error:
+                self._health.drop("calibration or home", str(error))
+                return
+            if not self._in_home.places:
+                return
+            self._session.T_home_odom = self._in_home.T_home_odom
             self._news = True
             self._changed.notify()
 

@@ -13,11 +13,12 @@ from rosbag.bag import ROSBagException, ROSBagUnindexedException
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError, PoseUnavailable
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.home import HomeFrames, camera_in_home
+from fcsv_geometry.ros import conversions, home_messages
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.inputs import FLOWN, ConfigurationInput, MapInput, Picture
-from fcsv_stereo.ros.session_messages import odoms_in_home, window_of
+from fcsv_stereo.ros.session_messages import window_of
 from fcsv_stereo.ros.session_pictures import read_pictures
 
 
@@ -140,8 +141,11 @@ def _require(path: Path, recorded: _Recorded) -> None:
 
 
 def _odoms_in_home(path: Path, recorded: _Recorded) -> Dict[str, np.ndarray]:
+    in_home = HomeFrames()
     try:
-        return odoms_in_home(recorded.home, recorded.calibration)
+        home_messages.take_calibration(in_home, recorded.calibration)
+        home_messages.take_home(in_home, recorded.home)
+        return in_home.T_home_odom
     except GeometryError as error:
         raise InputError(f"{path}: /calibration or /home: {error}") from error
 
@@ -183,7 +187,7 @@ def _vehicle_pictures(vehicle: str, recorded: _Recorded, T_home_odom, warnings: 
         except PoseUnavailable:
             lost += 1
             continue
-        T_home_cam = T_home_odom[vehicle] @ T_odom_body @ recorded.T_body_cam[vehicle]
+        T_home_cam = camera_in_home(T_home_odom[vehicle], T_odom_body, recorded.T_body_cam[vehicle])
         name = f"{vehicle}/{stamp_s:.3f}"
         pictures.append(Picture.undistorted(name, vehicle, stamp_s, image, camera, T_home_cam))
     if lost:

@@ -8,8 +8,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.home import home_of
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_tracking.chain import home_of
 from fcsv_tracking.errors import HomeRefused
 from fcsv_tracking.gimbal.equations import relative_pose
 from fcsv_tracking.gimbal.tracker import GimbalTracker, GroundPose

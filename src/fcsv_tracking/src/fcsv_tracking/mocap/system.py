@@ -7,7 +7,7 @@ from typing import Dict, Mapping, Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_tracking.chain import home_of
+from fcsv_geometry.home import home_of
 from fcsv_tracking.errors import HomeRefused, SampleRejected
 from fcsv_tracking.mocap import equations
 from fcsv_tracking.mocap.rules import TrackerRules

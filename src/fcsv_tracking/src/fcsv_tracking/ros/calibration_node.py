@@ -11,13 +11,13 @@ from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError, PoseUnavailable
+from fcsv_geometry.home import home_of
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_msgs.msg import Calibration, ClockOffset, Home, TagDetections
 from fcsv_msgs.srv import Calibrate, CalibrateResponse, SetHome, SetHomeResponse
 from fcsv_tracking.calibration import CalibrationRules, Link, calibrate_link
-from fcsv_tracking.chain import home_of
 from fcsv_tracking.clocks import difference
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.errors import CalibrationRefused, TrackingError

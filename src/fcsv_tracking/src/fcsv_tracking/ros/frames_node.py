@@ -13,15 +13,13 @@ from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.home import HomeFrames, Place, camera_in_home
+from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Home
-from fcsv_tracking.calibration import Link
 from fcsv_tracking.camera_covariance import AgeRules, camera_covariance, stale_reason
-from fcsv_tracking.chain import Place, places_in_home
 from fcsv_tracking.drift import Drift, DriftRates
 from fcsv_tracking.errors import TrackingError
-from fcsv_tracking.ros import link_messages
 from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.static_frames import fixed_parts
 
@@ -49,9 +47,7 @@ class FramesNode:
         self._names = parameters.vehicles
         self._vehicles = node.vehicles(parameters.vehicles_dir, self._names)
         self._lock = threading.Lock()
-        self._links: List[Link] = []
-        self._home: Optional[Home] = None
-        self._places: Dict[str, Place] = {}
+        self._in_home = HomeFrames(alone=True)
         self._calibrated_s: Optional[float] = None
         self._drifts: Dict[str, Drift] = {n: Drift(parameters.drift) for n in self._names}
         self._age_rules = parameters.age
@@ -73,34 +69,24 @@ class FramesNode:
     def _on_calibration(self, message: Calibration) -> None:
         with self._lock:
             try:
-                self._links = [link_messages.from_message(link) for link in message.links]
+                home_messages.take_calibration(self._in_home, message)
             except FcsvError as error:
                 self._health.drop("calibration", str(error))
                 return
             self._calibrated_s = message.header.stamp.to_sec()
             for drift in self._drifts.values():
                 drift.begin()
-        self._recompose()
 
     def _on_home(self, message: Home) -> None:
         with self._lock:
-            self._home = message
-        self._recompose()
-
-    def _recompose(self) -> None:
-        with self._lock:
-            if self._home is None:
-                return
             try:
-                T_odom_home = conversions.pose_to_transform(self._home.home_in_odom)
+                home_messages.take_home(self._in_home, message)
             except FcsvError as error:
                 self._health.drop("home", str(error))
-                return
-            self._places = places_in_home(self._links, self._home.reference, T_odom_home)
 
     def _publish_home(self, _event) -> None:
         with self._lock:
-            T_home_odom = {n: place.T_a_b for n, place in self._places.items()}
+            T_home_odom = self._in_home.T_home_odom
         stamp_s = rospy.get_time()
         self._tf.sendTransform(
             [conversions.transform_stamped(T, stamp_s, frames.HOME, frames.odom(n)) for n, T in T_home_odom.items()]
@@ -124,7 +110,7 @@ class FramesNode:
         self._tf.sendTransform(conversions.transform_stamped(T_odom_body, stamp_s, *expected))
         with self._lock:
             self._drifts[name].feed(stamp_s, T_odom_body[:3, 3])
-            place = self._places.get(name)
+            place = self._in_home.places.get(name)
         if place is not None:
             self._publish_camera(name, stamp_s, place, T_odom_body, message.pose.covariance)
 
@@ -136,7 +122,8 @@ class FramesNode:
         T_body_cam, drift = self._vehicles[name].T_body_cam, self._drifts[name]
         with self._lock:
             covariance = camera_covariance(place, T_odom_body, T_body_cam, drift, tracker)
-        self._cameras[name].publish(camera_message(stamp_s, place.T_a_b @ T_odom_body @ T_body_cam, covariance))
+        T_home_cam = camera_in_home(place.T_a_b, T_odom_body, T_body_cam)
+        self._cameras[name].publish(camera_message(stamp_s, T_home_cam, covariance))
         age_s = None if self._calibrated_s is None else stamp_s - self._calibrated_s
         self._health.problem(name, stale_reason(name, covariance, drift, age_s, self._age_rules))
         self._health.value(f"{name} known to [m]", f"{np.sqrt(np.trace(covariance[:3, :3])):.3f}")

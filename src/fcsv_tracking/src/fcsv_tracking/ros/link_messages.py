@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, home_messages
 from fcsv_msgs.msg import CalibrationLink
 from fcsv_tracking.calibration import Link
 
@@ -24,11 +24,12 @@ def to_message(link: Link) -> CalibrationLink:
 
 def from_message(message: CalibrationLink) -> Link:
     """Raises GeometryError where the pose is none."""
+    link = home_messages.link_from_message(message)
     return Link(
-        message.parent,
-        message.child,
-        conversions.pose_to_transform(message.child_odom_in_parent_odom),
-        np.array(message.covariance).reshape(4, 4),
+        link.parent,
+        link.child,
+        link.T_parent_child,
+        link.covariance,
         message.position_spread_m,
         message.yaw_spread_rad,
         message.reprojection_rms_px,
