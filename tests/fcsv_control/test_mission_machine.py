@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from fcsv_control.errors import MissionError
-from fcsv_control.mission.config import Mission, SettleBounds, StereoConfiguration
 from fcsv_control.mission.flight_list import tasks
 from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Outbox
+from fcsv_geometry.errors import MissionError
+from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
 from fcsv_msgs.msg import MissionState
 
 
@@ -69,7 +69,7 @@ def test_slow_cameras_are_waited_for_but_not_for_ever(flight, period_s, lasts_s)
 
 def test_the_thesis_list_with_a_slow_and_lossy_radio(flight, root):
     """Half of all commands get lost: repetition brings every one of them home."""
-    from fcsv_control.mission.config import load_mission
+    from fcsv_geometry.mission import load_mission
 
     f = flight(load_mission(root / "config" / "missions" / "outdoor.yaml"), seed=3)
     f.lossy = 0.5

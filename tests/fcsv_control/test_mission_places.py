@@ -6,11 +6,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from fcsv_control.errors import MissionError
 from fcsv_control.mission import places, routes
-from fcsv_control.mission.config import StereoConfiguration
 from fcsv_geometry import transforms
+from fcsv_geometry.errors import MissionError
 from fcsv_geometry.home import home_of, odoms_in_home
+from fcsv_geometry.mission import StereoConfiguration
 from fcsv_geometry.vehicle import Mount
 from fcsv_tracking.calibration import Link
 

@@ -12,9 +12,9 @@ from waiting import within
 
 from fcsv_control import recording
 from fcsv_control.errors import SessionError
-from fcsv_control.mission.config import load_mission
 from fcsv_control.session import load_session, new_session, save_session
 from fcsv_geometry.errors import ConfigError
+from fcsv_geometry.mission import load_mission
 
 ros = pytest.mark.ros
 LATENCY_S = 1.0  # generous: a loaded machine with two cores

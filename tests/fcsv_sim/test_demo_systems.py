@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from fcsv_control.errors import MissionError
-from fcsv_control.mission.config import Mission, StereoConfiguration, load_mission
 from fcsv_geometry import transforms
+from fcsv_geometry.errors import MissionError
+from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
 from fcsv_sim.demo import demo
 from fcsv_sim.demo.pose_errors import tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, T_WORLD_MOCAP

@@ -6,10 +6,10 @@ import time
 import numpy as np
 import pytest
 
-from fcsv_control.mission.config import Mission, StereoConfiguration
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry import transforms as tf
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.mission import Mission, StereoConfiguration
 from fcsv_geometry.vehicle import load_vehicles
 
 pytestmark = pytest.mark.ros

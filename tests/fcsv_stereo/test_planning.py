@@ -9,9 +9,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from fcsv_control.mission.config import load_mission
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import ConfigError
+from fcsv_geometry.mission import load_mission
 from fcsv_stereo import equations
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import PlanError

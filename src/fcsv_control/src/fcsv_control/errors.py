@@ -16,9 +16,5 @@ class CommandRefused(ControlError):
     """The flight controller or the agent refused; the message is the reason."""
 
 
-class MissionError(ControlError):
-    """The mission cannot go on as listed; everybody lands."""
-
-
 class SessionError(ControlError):
     """A session folder is not what session.yaml says, or cannot be recorded into."""

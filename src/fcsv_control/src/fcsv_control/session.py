@@ -11,8 +11,8 @@ from typing import Any, Dict, List, Optional
 import yaml
 
 from fcsv_control.errors import SessionError
-from fcsv_control.mission.config import Mission
 from fcsv_geometry import config
+from fcsv_geometry.mission import Mission
 
 FILE = "session.yaml"
 VERSION = 1

@@ -53,16 +53,19 @@ def from_mapping(document: Any, cls: Type[T], source: str, at: str = "") -> T:
     fields = {f.name: f for f in dataclasses.fields(cls) if f.init}
     for key in document:
         if key not in fields:
-            raise ConfigError(f"{source}: unknown key '{_join(at, key)}'; known here: {_names(cls)}")
+            field = _join(at, key)
+            raise ConfigError(f"{source}: unknown key '{field}'; known here: {_names(cls)}", field, "is not known")
     for name, f in fields.items():
         required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
         if required and name not in document:
-            raise ConfigError(f"{source}: '{_join(at, name)}' is missing")
+            field = _join(at, name)
+            raise ConfigError(f"{source}: '{field}' is missing", field, "is missing")
     values = {k: _convert(v, hints[k], source, _join(at, k)) for k, v in document.items()}
     try:
         return cls(**values)
     except ValueError as error:
-        raise ConfigError(f"{source}: {_join(at, str(error))}") from error
+        name, _, problem = str(error).partition(": ")  # the contract of load()
+        raise ConfigError(f"{source}: {_join(at, str(error))}", _join(at, name), problem) from error
 
 
 def _convert(value: Any, kind: Any, source: str, at: str) -> Any:
@@ -75,27 +78,31 @@ def _convert(value: Any, kind: Any, source: str, at: str) -> Any:
         return _convert_sequence(value, origin, args, source, at)
     if origin is dict:
         if not isinstance(value, Mapping):
-            raise ConfigError(f"{source}: '{at}' must be a mapping, got {_kind(value)}")
+            raise _wrong(source, at, f"must be a mapping, got {_kind(value)}")
         return {k: _convert(v, args[1], source, f"{at}.{k}") for k, v in value.items()}
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if kind is Any:
         return value
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        raise ConfigError(f"{source}: '{at}' must be {kind.__name__}, got {_kind(value)}")
+        raise _wrong(source, at, f"must be {kind.__name__}, got {_kind(value)}")
     if isinstance(value, float) and not math.isfinite(value):
-        raise ConfigError(f"{source}: '{at}' must be finite, got {value}")
+        raise _wrong(source, at, f"must be finite, got {value}")
     return value
 
 
 def _convert_sequence(value, origin, args, source, at):
     if not isinstance(value, (list, tuple)):
-        raise ConfigError(f"{source}: '{at}' must be a list, got {_kind(value)}")
+        raise _wrong(source, at, f"must be a list, got {_kind(value)}")
     fixed = origin is tuple and args[-1] is not Ellipsis
     if fixed and len(value) != len(args):
-        raise ConfigError(f"{source}: '{at}' must have {len(args)} values, got {len(value)}")
+        raise _wrong(source, at, f"must have {len(args)} values, got {len(value)}")
     kinds = args if fixed else (args[0],) * len(value)
     return origin(_convert(v, k, source, f"{at}[{i}]") for i, (v, k) in enumerate(zip(value, kinds)))
+
+
+def _wrong(source: str, at: str, problem: str) -> ConfigError:
+    return ConfigError(f"{source}: '{at}' {problem}", at, problem)
 
 
 def _join(at: str, key: str) -> str:

@@ -7,7 +7,19 @@ class FcsvError(Exception):
 
 
 class ConfigError(FcsvError):
-    """A configuration file has an unknown key, a value out of range, or cannot be read."""
+    """A configuration file has an unknown key, a value out of range, or cannot be read.
+
+    ``field`` is the path of what is wrong ("configurations[1].baseline_m"; empty: the file as a whole), ``problem``
+    what is wrong with it.
+    """
+
+    def __init__(self, text: str, field: str = "", problem: str = ""):
+        super().__init__(text)
+        self.field, self.problem = field, problem or text
+
+
+class MissionError(FcsvError):
+    """A mission cannot be flown as listed: not by this fleet, not at these places, or no longer. Then all land."""
 
 
 class GeometryError(FcsvError):

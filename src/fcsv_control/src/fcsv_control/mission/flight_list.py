@@ -6,14 +6,14 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_control.errors import MissionError
 from fcsv_control.mission import clearing
-from fcsv_control.mission.config import Mission
 from fcsv_control.mission.journey import Journey, go_to
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, level_camera
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow, Standing
+from fcsv_geometry.errors import MissionError
+from fcsv_geometry.mission import Mission
 
 
 @dataclass(frozen=True)

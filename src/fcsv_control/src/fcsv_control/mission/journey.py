@@ -5,12 +5,12 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
-from fcsv_control.errors import MissionError
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.places import body_set_point
 from fcsv_control.mission.routes import route
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry import frames, transforms
+from fcsv_geometry.errors import MissionError
 
 _ARRIVED_M = 0.5
 

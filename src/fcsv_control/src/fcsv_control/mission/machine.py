@@ -3,15 +3,15 @@
 
 from typing import Callable, Dict, List, Optional, Sequence
 
-from fcsv_control.errors import MissionError
 from fcsv_control.mission import watch
-from fcsv_control.mission.config import Mission
 from fcsv_control.mission.flight_list import FlightList
 from fcsv_control.mission.hands import GIVEN_BACK, Hands
 from fcsv_control.mission.landing import Landing
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
+from fcsv_geometry.errors import MissionError
+from fcsv_geometry.mission import Mission
 
 PHASES = (
     "WAIT_VEHICLES", "TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS", "LAND",

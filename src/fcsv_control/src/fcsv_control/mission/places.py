@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from fcsv_control.mission.config import StereoConfiguration
 from fcsv_geometry import transforms
+from fcsv_geometry.mission import StereoConfiguration
 
 #: T_home_cam of the reference: position zero, level, looking along home's x.
 T_HOME_CAM_AT_HOME = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
@@ -13,7 +13,7 @@ T_HOME_CAM_AT_HOME = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
 def camera_place(configuration: StereoConfiguration) -> np.ndarray:
     """T_home_cam of the moving camera: right of the reference (horizontal) or above it (vertical).
 
-    >>> from fcsv_control.mission.config import StereoConfiguration
+    >>> from fcsv_geometry.mission import StereoConfiguration
     >>> camera_place(StereoConfiguration("horizontal", 4.0))[:3, 3].tolist()
     [0.0, -4.0, 0.0]
     >>> camera_place(StereoConfiguration("vertical", 5.0))[:3, 3].tolist()

@@ -6,7 +6,7 @@ from typing import List, Sequence
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from fcsv_control.errors import MissionError
+from fcsv_geometry.errors import MissionError
 
 _SLACK_M = 0.3  # a goal may be this much nearer to a vehicle that does not stand quite at its place
 _SHELL = 1.35  # corners of the way stand at this multiple of the separation; their chords stay outside of it

@@ -6,10 +6,10 @@ from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_control.mission.config import Mission
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.places import heading_error_rad
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_geometry.mission import Mission
 
 _FIRST_PICTURE_S = 0.2  # from the recorders' acknowledgement to the first picture that surely is written whole
 _LAST_PICTURE_S = 0.5  # a picture reaches the recorder this much later than its stamp, at most

@@ -6,9 +6,9 @@ from typing import Iterator, List
 
 import numpy as np
 
-from fcsv_control.errors import MissionError
-from fcsv_control.mission.config import Mission
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
+from fcsv_geometry.errors import MissionError
+from fcsv_geometry.mission import Mission
 
 _POSE_STALE_S = 2.0
 _STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio

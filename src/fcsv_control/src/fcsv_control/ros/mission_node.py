@@ -10,7 +10,6 @@ from typing import List
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
 
-from fcsv_control.mission.config import Mission, load_mission
 from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot
@@ -18,6 +17,7 @@ from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ros.mission_inputs import VehicleInputs
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
+from fcsv_geometry.mission import Mission, load_mission
 from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configuration, Home, MissionState

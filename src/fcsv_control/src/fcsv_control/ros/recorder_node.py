@@ -8,10 +8,10 @@ import rospy
 from std_msgs.msg import Bool
 
 from fcsv_control.errors import SessionError
-from fcsv_control.mission.config import load_mission
 from fcsv_control.recording import RecorderParameters, keep_earlier, plan
 from fcsv_control.ros.bag_writer import BagWriter
 from fcsv_control.session import FILE, new_session, save_session, utc_now
+from fcsv_geometry.mission import load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RecorderStatus

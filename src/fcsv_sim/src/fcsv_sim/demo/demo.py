@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 from typing import List, Optional
 
-from fcsv_control.mission.config import load_mission
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.mission import load_mission
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.flights import bringup

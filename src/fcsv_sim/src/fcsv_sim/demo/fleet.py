@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
 
-from fcsv_control.mission.config import load_mission
+from fcsv_geometry.mission import load_mission
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time

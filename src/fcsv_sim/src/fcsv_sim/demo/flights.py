@@ -4,7 +4,7 @@
 import time
 from typing import Callable, Tuple
 
-from fcsv_control.mission.config import load_mission
+from fcsv_geometry.mission import load_mission
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_sim.demo.fleet import FleetPlan, Machines, SimulatedFleet, SimulatedPair
 from fcsv_sim.demo.interrupt import Interrupted, uninterrupted

@@ -7,8 +7,8 @@ from typing import Callable, Dict, Tuple
 
 import numpy as np
 
-from fcsv_control.mission.config import Mission
 from fcsv_geometry import transforms
+from fcsv_geometry.mission import Mission
 from fcsv_sim.demo import flights, reach
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.flights import Say

@@ -8,8 +8,8 @@ from typing import Dict, List
 
 import rospy
 
-from fcsv_control.mission.config import load_mission
 from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.mission import load_mission
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import MissionState, State

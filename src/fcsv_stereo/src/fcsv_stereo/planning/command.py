@@ -12,7 +12,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError
 from fcsv_stereo.equations import parse_threshold
 from fcsv_stereo.errors import OutputError, PlanError
-from fcsv_stereo.planning.mission import MIN_SEPARATION_M, map_arguments, mission_document, write_mission
+from fcsv_stereo.planning.mission import MIN_SEPARATION_M, RECORD_S, map_arguments, mission_document, write_mission
 from fcsv_stereo.planning.plan import Plan, PlanRequest, make_plan
 
 _EXAMPLES = """examples:
@@ -120,6 +120,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--figures", metavar="FOLDER", help="draw error_curves.png (figure 2.3) and segments.png (figure 3.7) there")
     add("--mission", metavar="FILE", help="write the mission that flies this plan")
     add("--name", default="planned", help="the mission's name")
-    add("--record-s", type=float, default=5.0, help="mission: seconds of recording at each place")
+    add("--record-s", type=float, default=RECORD_S, help="mission: seconds of recording at each place")
     add("--min-separation-m", type=float, default=MIN_SEPARATION_M, help="mission: least distance between vehicles")
     return parser

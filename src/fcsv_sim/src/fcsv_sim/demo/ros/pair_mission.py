@@ -8,11 +8,11 @@ from typing import Callable, Dict, List, Tuple
 import numpy as np
 import rospy
 
-from fcsv_control.mission.config import Mission
 from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, heading_error_rad
 from fcsv_control.mission.routes import route
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry import transforms
+from fcsv_geometry.mission import Mission
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_msgs.msg import Home

@@ -19,11 +19,11 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 
-from fcsv_control.mission.config import Mission
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ros.mission_node import capture_message
 from fcsv_control.session import new_session, save_session, utc_now
 from fcsv_geometry import frames, transforms
+from fcsv_geometry.mission import Mission
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_msgs.msg import Calibration, CalibrationLink, Home

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mission file: what is read, and one line for everything that cannot be flown."""
 
+import doctest
+
 import pytest
 import yaml
 
-from fcsv_control.errors import MissionError
-from fcsv_control.mission.config import load_mission
-from fcsv_geometry.errors import ConfigError
+from fcsv_geometry import mission as schema
+from fcsv_geometry.errors import ConfigError, MissionError
+from fcsv_geometry.mission import Mission, load_mission, spaced
 
 GOOD = {"name": "test", "configurations": [{"axis": "horizontal", "baseline_m": 4.0, "record_s": 3.0}]}
 
@@ -115,3 +117,31 @@ def test_a_fleet_that_does_not_fit(tmp_path, change, vehicles, words):
     mission = load_mission(written(tmp_path, changed(**change)))
     with pytest.raises(MissionError, match=words):
         mission.check_vehicles(vehicles)
+
+
+@pytest.mark.parametrize("document, field, problem", [
+    (configured(baseline_m=1.0), "configurations[1].baseline_m", "is under the vehicles' minimum separation"),
+    (configured(record_s=0), "configurations[1].record_s", "is not in 0.5..600 s"),
+    (configured(baseline_m="four"), "configurations[1].baseline_m", "must be float"),
+    (configured(speed=3), "configurations[1].speed", "is not known"),
+    (changed(settle={"hold_m": 0.0}), "settle.hold_m", "must be positive"),
+    ({"name": "test"}, "configurations", "is missing"),
+])  # fmt: skip
+def test_the_error_carries_field_and_problem(tmp_path, document, field, problem):
+    """For who gives advice of its own (the planner): nobody has to search the text."""
+    with pytest.raises(ConfigError) as error:
+        load_mission(written(tmp_path, document))
+    assert error.value.field == field and problem in error.value.problem and field not in error.value.problem
+
+
+@pytest.mark.parametrize("separation_m", [0.5, 1.5, 3.0, 5.0, 8.0])
+def test_a_separation_with_the_hints_that_it_needs_is_a_mission(tmp_path, separation_m):
+    document = changed(**spaced(separation_m), configurations=[{"axis": "horizontal", "baseline_m": 9.0}])
+    assert load_mission(written(tmp_path, document)).min_separation_m == separation_m
+    if separation_m <= Mission.min_separation_m:
+        assert (document["column_spacing_m"], document["home_height_m"]) == (3.5, 8.0)
+
+
+def test_identities_in_the_docstrings():
+    result = doctest.testmod(schema)
+    assert result.attempted > 0 and result.failed == 0

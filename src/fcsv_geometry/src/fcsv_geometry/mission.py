@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mission file: config/missions/NAME.yaml."""
+"""The mission file, config/missions/NAME.yaml: what the planner writes and the mission flies, with all its rules."""
 
 from dataclasses import dataclass, field
-from typing import List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 
-from fcsv_control.errors import MissionError
 from fcsv_geometry import config
+from fcsv_geometry.errors import MissionError
 
 AXES = ("horizontal", "vertical")
+_RECORD_S = (0.5, 600.0)
+_MOST_PICTURES = 1000
+_MOST_TILT_DEG = 30.0
+_COLUMN_SPACING_M = (1.0, 8.0)  # further away the tag is not seen
+_LEAST_HOME_M = 1.0  # above the minimum separation
 
 
 @dataclass(frozen=True)
@@ -33,12 +38,14 @@ class StereoConfiguration:
             raise ValueError(f"axis: '{self.axis}' is not one of {', '.join(AXES)}")
         if not self.baseline_m > 0:
             raise ValueError(f"baseline_m: {self.baseline_m} must be positive; the axis says the direction")
-        if not 0.5 <= self.record_s <= 600:
-            raise ValueError(f"record_s: {self.record_s} is not in 0.5..600 s")
-        if not 1 <= self.least_pictures <= 1000:
-            raise ValueError(f"least_pictures: {self.least_pictures} is not in 1..1000")
-        if abs(self.tilt_deg) > 30:
-            raise ValueError(f"tilt_deg: {self.tilt_deg} is beyond 30 degrees; the pictures would hardly overlap")
+        if not _RECORD_S[0] <= self.record_s <= _RECORD_S[1]:
+            raise ValueError(f"record_s: {self.record_s} is not in {_RECORD_S[0]:g}..{_RECORD_S[1]:g} s")
+        if not 1 <= self.least_pictures <= _MOST_PICTURES:
+            raise ValueError(f"least_pictures: {self.least_pictures} is not in 1..{_MOST_PICTURES}")
+        if abs(self.tilt_deg) > _MOST_TILT_DEG:
+            raise ValueError(
+                f"tilt_deg: {self.tilt_deg} is beyond {_MOST_TILT_DEG:g} degrees; the pictures would hardly overlap"
+            )
         if self.axis == "vertical" and self.tilt_deg:
             raise ValueError("tilt_deg: a hovering multirotor cannot pitch a fixed camera; set it to 0 for vertical")
 
@@ -94,17 +101,20 @@ class Mission:
             raise ValueError(f"min_separation_m: {self.min_separation_m} must be positive")
         for i, c in enumerate(self.configurations):
             self._check_configuration(f"configurations[{i}]", c)
-        if not 1.0 <= self.column_spacing_m <= 8.0:
-            raise ValueError(f"column_spacing_m: {self.column_spacing_m} is not in 1..8 m (the tag must be seen)")
+        low, high = _COLUMN_SPACING_M
+        if not low <= self.column_spacing_m <= high:
+            raise ValueError(
+                f"column_spacing_m: {self.column_spacing_m} is not in {low:g}..{high:g} m (the tag must be seen)"
+            )
         if self.column_spacing_m < self.min_separation_m:
             raise ValueError(
                 f"column_spacing_m: {self.column_spacing_m} is under min_separation_m {self.min_separation_m}; "
                 f"line up further apart"
             )
-        if self.home_height_m < 1.0 + self.min_separation_m:
+        least_m = _LEAST_HOME_M + self.min_separation_m
+        if self.home_height_m < least_m:
             raise ValueError(
-                f"home_height_m: {self.home_height_m} is too near the ground; give at least "
-                f"{1.0 + self.min_separation_m:g}"
+                f"home_height_m: {self.home_height_m} is too near the ground; give at least {least_m:g}"
             )
         if not 0.0 <= self.empty_battery_share <= self.low_battery_share < 1.0:
             raise ValueError(
@@ -138,6 +148,19 @@ class Mission:
                     f"mission '{self.name}': configurations[{i}].vehicle is '{c.vehicle}', this fleet is "
                     f"{', '.join(vehicles)}"
                 )
+
+
+def spaced(min_separation_m: float) -> Dict[str, float]:
+    """The fields of a Mission that keep ``min_separation_m`` (m), the hints raised where it needs more room.
+
+    >>> spaced(5.0)
+    {'min_separation_m': 5.0, 'column_spacing_m': 5.0, 'home_height_m': 8.0}
+    """
+    return {
+        "min_separation_m": float(min_separation_m),
+        "column_spacing_m": float(max(Mission.column_spacing_m, min_separation_m)),
+        "home_height_m": float(max(Mission.home_height_m, _LEAST_HOME_M + min_separation_m)),
+    }
 
 
 def load_mission(path) -> Mission:
