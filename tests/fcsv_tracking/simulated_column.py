@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.tracker import T265_PROFILE
 from fcsv_geometry.vehicle import Mount, VehicleGeometry
-from fcsv_sim.sensors.t265 import T265, T265Errors
+from fcsv_sim.sensors.t265 import T265
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.tags import corner_points
 
@@ -97,7 +98,7 @@ class DriftingColumn(Column):
     def __post_init__(self):
         super().__post_init__()
         self._vehicles = [self.front, self.back]
-        self._trackers = [T265(T265Errors(), v.T_body_t265, 2 * self.seed + i) for i, v in enumerate(self._vehicles)]
+        self._trackers = [T265(T265_PROFILE, v.T_body_t265, 2 * self.seed + i) for i, v in enumerate(self._vehicles)]
         self._next_s = 0.0
 
     def odometry(self, t_s):

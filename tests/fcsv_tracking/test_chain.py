@@ -9,10 +9,11 @@ from scipy.stats import chi2
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import Place, odoms_in_home, places_in_home
-from fcsv_sim.sensors.t265 import T265, T265Errors
+from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
+from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.trials.formation import Formation, FormationParameters
 from fcsv_tracking.calibration import Link, calibrate_link
-from fcsv_tracking.drift import Drift, DriftRates
+from fcsv_tracking.drift import Drift
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.loops import merge_loops
 from fcsv_tracking.quaternions import wrap
@@ -148,9 +149,10 @@ def test_a_loop_that_contradicts_is_refused_by_name():
 class TestDrift:
     """The tracker of the simulation (T265: walk, heading, scale), flown 60 m, against what is said of it."""
 
-    def flown(self, seed, metres=60.0, speed_mps=2.0):
+    def flown(self, seed, metres=60.0, speed_mps=2.0, does=T265_PROFILE):
+        """Error at the end (4,) and what is said of it; ``does``: the simulated tracker, the default is assumed."""
         random = np.random.default_rng(seed)
-        tracker = T265(dataclasses.replace(T265Errors(), level_deg=0.0), np.eye(4), seed)
+        tracker = T265(dataclasses.replace(does, level_deg=0.0), np.eye(4), seed)
         drift, corners = Drift(), random.uniform(-10, 10, (8, 3)).cumsum(axis=0)
         path = np.concatenate([[np.zeros(3)], corners])
         steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -176,6 +178,20 @@ class TestDrift:
         assert 0.5 < np.mean(normalised) < 1.6, normalised
         assert flights[0][1].path_m == pytest.approx(60.0, rel=0.05)
 
+    @pytest.mark.slow
+    def test_a_tracker_that_is_worse_than_its_profile_shows(self):
+        """Simulated with twice the drift that is assumed: the mean normalised error is four times as large, chi square
+        of 96 as above: 99.9 % within 2.4 and 6.0. Simulated with half of it: a quarter, below the band."""
+        for factor, low, high in ((2.0, 2.4, 6.4), (0.5, 0.1, 0.45)):
+            profile = TrackerProfile()
+            does = dataclasses.replace(
+                profile, scale=factor * profile.scale, walk_m_per_sqrt_m=factor * profile.walk_m_per_sqrt_m,
+                heading_deg_per_sqrt_m=factor * profile.heading_deg_per_sqrt_m,
+            )  # fmt: skip
+            flights = [self.flown(seed, does=does) for seed in range(24)]
+            mean = np.mean([e @ np.linalg.solve(d.covariance, e) / 4 for e, d in flights])
+            assert low < mean < high and not 0.5 < mean < 1.6, (factor, mean)
+
     def test_hovering_is_no_path_and_a_new_calibration_begins_anew(self):
         drift, random = Drift(), np.random.default_rng(3)
         for i in range(3000):
@@ -190,4 +206,4 @@ class TestDrift:
 
     def test_rates_must_not_be_negative(self):
         with pytest.raises(ValueError, match="scale"):
-            DriftRates(scale=-0.1)
+            Drift(TrackerProfile(scale=-0.1))

@@ -10,9 +10,10 @@ import pytest
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import ConfigError
+from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_geometry.transforms import Rotation
 from fcsv_geometry.vehicle import load_vehicles
-from fcsv_sim.sensors.t265 import T265, T265Errors
+from fcsv_sim.sensors.t265 import T265
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.hand_eye import TagView, first_solution
 from fcsv_tracking.mounts.refine import calibrate_mount
@@ -21,7 +22,10 @@ from fcsv_tracking.tags import corner_points
 
 CAMERA = PinholeCamera.from_fov(640, 480, np.radians(56.0))
 SIZE_M = 0.16
-EXACT = T265Errors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+EXACT = TrackerProfile(
+    scale=0.0, walk_m_per_sqrt_m=0.0, heading_deg_per_sqrt_m=0.0, level_deg=0.0, position_noise_m=0.0,
+    attitude_noise_deg=0.0,
+)  # fmt: skip
 T_BODY_T265 = transforms.from_xyz_rpy([0.06, 0.0, -0.05], np.radians([0.0, 90.0, 0.0]))
 
 
@@ -46,7 +50,7 @@ class ByHand:
     part: str = "camera"
     turns_deg: tuple = (18.0, 15.0, 15.0)
     noise_px: float = 0.15
-    errors: T265Errors = dataclasses.field(default_factory=T265Errors)
+    errors: TrackerProfile = T265_PROFILE
     seconds: float = 30.0
 
     def __post_init__(self):
@@ -201,7 +205,7 @@ def test_the_command_from_a_bag(root, tmp_path, capsys):
     facing = transforms.from_xyz_rpy([1.1, 0.0, 0.0], [0.0, 0.05, np.pi + 0.1])
     vehicle = VEHICLE()
     T_world_tag = facing @ dataclasses.replace(vehicle, tag=type(vehicle.tag)((0.0, 0.0, 0.0))).T_body_tag
-    tracker = T265(T265Errors(), T_BODY_T265, 9)
+    tracker = T265(TrackerProfile(), T_BODY_T265, 9)
     with rosbag.Bag(str(tmp_path / "uav1.bag"), "w") as bag:
         for i in range(25 * 200):
             stamp_s = 1000.0 + i / 200

@@ -6,29 +6,14 @@ one of the heading (whose error displaces everything flown after it), a scale er
 also a hovering vehicle has.
 """
 
-from dataclasses import dataclass, fields
 from typing import Optional
 
 import numpy as np
 
 from fcsv_geometry.home import about_z
+from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 
 _STEP_M = 0.1  # shorter movements are the tracker's noise: summed up they would be metres of path
-
-
-@dataclass(frozen=True)
-class DriftRates:
-    """Standard deviations of a T265-like tracker (thesis 6.1: 1 % of the distance)."""
-
-    walk_m_per_sqrt_m: float = 0.012
-    heading_deg_per_sqrt_m: float = 0.015
-    scale: float = 0.006
-    walk_m_per_sqrt_s: float = 0.0005
-
-    def __post_init__(self):
-        for f in fields(self):
-            if getattr(self, f.name) < 0:
-                raise ValueError(f"{f.name}: {getattr(self, f.name)} must not be negative")
 
 
 class Drift:
@@ -37,7 +22,7 @@ class Drift:
     ``path_m`` is the distance flown since.
     """
 
-    def __init__(self, rates: DriftRates = DriftRates()):
+    def __init__(self, rates: TrackerProfile = T265_PROFILE):
         self._rates = rates
         self.begin()
 

@@ -10,12 +10,15 @@ round. Residuals are in pixels.
 """
 
 import copy
-from dataclasses import dataclass, fields, replace
+import math
+from dataclasses import dataclass, replace
 from typing import Sequence, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.config import require_positive
+from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.tags import corner_points
 
@@ -25,20 +28,35 @@ _SHARPEST_PX = 0.03  # no detector is better, however few corners agree by chanc
 @dataclass(frozen=True)
 class LinkNoise:
     """Standard deviations. Attitude and clocks move the whole tag in the picture (0.5 to 1 px at 3.5 m), while its
-    size and shape are as sharp as the corners: both are weighed for what they are."""
+    size and shape are as sharp as the corners: both are weighed for what they are.
+
+    What the trackers do is in their profile; the rest is what a calibration adds.
+    """
 
     corner_noise_px: float = 0.15  # at most: the detections of a calibration show how much it is
-    attitude_noise_deg: float = 0.08  # of the child's odometry and its interpolation to the picture's stamp
-    position_noise_m: float = 0.004  # of both: interpolation, clocks
-    walk_m_per_sqrt_m: float = 0.012  # random walk of a tracker's position over the distance moved (1 % at 1 m)
-    heading_deg_per_sqrt_m: float = 0.015
-    level_deg: float = 0.05  # constant error of either vertical
+    interpolation_deg: float = 0.07416  # of the child's attitude, to the picture's stamp
+    interpolation_m: float = 0.003708  # of both positions, and of the clocks
+    mount_level_deg: float = 0.03  # how level the tracker was taken to sit on the body
     clock_s: float = 0.02  # between the two machines: common to all detections, as far as the parent moves
+    tracker: TrackerProfile = T265_PROFILE
 
     def __post_init__(self):
-        for f in fields(self):
-            if not getattr(self, f.name) > 0:
-                raise ValueError(f"{f.name}: {getattr(self, f.name)} must be positive")
+        require_positive(self)
+
+    @property
+    def attitude_noise_deg(self) -> float:
+        """Of the child's odometry at a picture's stamp."""
+        return math.hypot(self.tracker.attitude_noise_deg, self.interpolation_deg)
+
+    @property
+    def position_noise_m(self) -> float:
+        """Of either odometry at a picture's stamp."""
+        return math.hypot(self.tracker.position_noise_m, self.interpolation_m)
+
+    @property
+    def level_deg(self) -> float:
+        """Constant error of either vertical."""
+        return math.hypot(self.tracker.level_deg, self.mount_level_deg)
 
 
 class LinkModel:
@@ -110,7 +128,7 @@ class LinkModel:
         d_point = self._projection_jacobian(p_C).reshape(n, 8, 3)  # with respect to the child's position, negative
         C = np.zeros((n, 8, n, 8))
         for path_m, B in zip(self._paths_m, (d_point @ _Rz(-x[3]), -d_point)):
-            walk_m2 = self.noise.walk_m_per_sqrt_m**2 * np.minimum(path_m[:, None], path_m[None, :])
+            walk_m2 = self.noise.tracker.walk_m_per_sqrt_m**2 * np.minimum(path_m[:, None], path_m[None, :])
             C += np.einsum("ij,iak,jbk->iajb", walk_m2, B, B, optimize=True)
         late = self._by_clock(x, d_point)
         C += np.einsum("ia,jb->iajb", late, late)
@@ -122,7 +140,7 @@ class LinkModel:
         """(N, 8, 8) px^2: each detection's own covariance, the diagonal of covariance()."""
         p_C = self._in_camera(x)[1]
         d_point = self._projection_jacobian(p_C).reshape(len(self), 8, 3)
-        walk_m2 = self.noise.walk_m_per_sqrt_m**2 * (self._paths_m[0] + self._paths_m[1])
+        walk_m2 = self.noise.tracker.walk_m_per_sqrt_m**2 * (self._paths_m[0] + self._paths_m[1])
         late = self._by_clock(x, d_point)
         own = self._own_noise(p_C) + late[:, :, None] * late[:, None, :]
         return own + walk_m2[:, None, None] * d_point @ d_point.transpose(0, 2, 1)
@@ -135,7 +153,7 @@ class LinkModel:
         """(4, 4) of x that no number of detections averages away: level errors, heading drift."""
         range_m = np.linalg.norm(self._in_camera(x)[1], axis=-1).mean()
         level_m = np.radians(self.noise.level_deg) * range_m * np.sqrt(2.0)
-        heading = np.radians(self.noise.heading_deg_per_sqrt_m)
+        heading = np.radians(self.noise.tracker.heading_deg_per_sqrt_m)
         path_m = float(sum(path.max() for path in self._paths_m))
         return np.diag([0.0, 0.0, level_m**2, heading**2 * path_m])
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking import quaternions as quat
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.quaternions import Quaternion, Vector
@@ -73,13 +74,16 @@ class Rebase:
 class BodyOdometry:
     """Samples of the tracking camera in, poses of the body out; time comes with the samples."""
 
-    def __init__(self, T_body_t265: np.ndarray, gate: Optional[GateParameters] = None, rebase: Optional[Rebase] = None):
+    def __init__(
+        self, T_body_t265: np.ndarray, gate: Optional[GateParameters] = None, rebase: Optional[Rebase] = None,
+        tracker: TrackerProfile = T265_PROFILE,
+    ):  # fmt: skip
         T_t265_body = transforms.invert(T_body_t265)
         self._p_t265_body: Vector = tuple(T_t265_body[:3, 3].tolist())
         self._q_t265_body: Quaternion = tuple(transforms.quaternion_xyzw(T_t265_body).tolist())
         self._q_body_t265 = quat.conjugate(self._q_t265_body)
         self._p_body_t265: Vector = tuple(np.asarray(T_body_t265, float)[:3, 3].tolist())
-        self._gate = gate or GateParameters()
+        self._gate, self._period_s = gate or GateParameters(), tracker.period_s
         self._set_rebase(rebase or Rebase())
         self._last: Optional[BodyPose] = None
         self._velocity: Vector = (0.0, 0.0, 0.0)  # odom frame, from positions: the twist field is not relied on
@@ -147,7 +151,7 @@ class BodyOdometry:
     def _continuous(self, pose: BodyPose, p_raw: Vector, q_raw: Quaternion) -> BodyPose:
         """The pose itself where it continues the last ones, else the pose after re-basing. Raises OdometryRejected."""
         last, gate = self._last, self._gate
-        dt_s = max(pose.stamp_s - last.stamp_s, 0.005)  # never sharper than the 200 Hz of the T265
+        dt_s = max(pose.stamp_s - last.stamp_s, self._period_s)  # never sharper than the tracker's rate
         began_anew = self._rejected_in_a_row >= gate.patience_samples
         tilt = quat.tilt_between(last.q_odom_body_xyzw, pose.q_odom_body_xyzw)
         if tilt > max(gate.max_turn_rad, gate.max_rate_radps * dt_s) and not began_anew:

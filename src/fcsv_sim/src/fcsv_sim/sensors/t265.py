@@ -1,51 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A T265 tracking camera: where it believes to be, with the errors that the real one has.
+"""A T265 tracking camera: where it believes to be, with the errors of its profile, which tracking need not assume.
 
 Its odometry frame is level, begins where it was switched on, and has a yaw of its own; position
 drifts by about 1 % of the distance, heading slowly; it may jump (the thesis saw 30 m at take-off).
 """
 
 import math
-from dataclasses import dataclass
 from typing import Optional, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.tracker import TrackerProfile
 
-
-@dataclass(frozen=True)
-class T265Errors:
-    """Standard deviations; drift grows with distance moved."""
-
-    scale: float = 0.006
-    walk_m_per_sqrt_m: float = 0.012
-    heading_deg_per_sqrt_m: float = 0.015
-    level_deg: float = 0.04
-    position_noise_m: float = 0.0015
-    attitude_noise_deg: float = 0.03
-    noise_correlation_s: float = 0.1
-    takeoff_jump_m: float = 0.0
-    takeoff_height_m: float = 0.3
+_TAKEOFF_HEIGHT_M = 0.3  # above the ground, where it may jump
 
 
 class T265:
-    """Turns true poses of the tracking camera into its odometry."""
+    """Turns true poses of the tracking camera into its odometry; altitude jumps by ``takeoff_jump_m`` at take-off."""
 
-    def __init__(self, errors: T265Errors, T_body_t265: np.ndarray, seed: int):
-        self._errors = errors
+    def __init__(self, profile: TrackerProfile, T_body_t265: np.ndarray, seed: int, takeoff_jump_m: float = 0.0):
+        self._profile = profile
         self._T_body_t265 = T_body_t265
         self._random = np.random.default_rng([seed, 3])
         self._yaw_origin = self._random.uniform(-np.pi, np.pi)
-        self._scale = 1.0 + self._random.normal(0.0, errors.scale)
-        self._noise_sigma = np.repeat([errors.position_noise_m, np.radians(errors.attitude_noise_deg)], 3)
-        level = np.radians(errors.level_deg) * self._random.standard_normal(2)
+        self._scale = 1.0 + self._random.normal(0.0, profile.scale)
+        self._noise_sigma = np.repeat([profile.position_noise_m, np.radians(profile.attitude_noise_deg)], 3)
+        level = np.radians(profile.level_deg) * self._random.standard_normal(2)
         self._R_level = _small_rotation(np.array([level[0], level[1], 0.0]))
         self._noise = np.zeros(6)
         self._p_before: Optional[np.ndarray] = None
         self._p_odom = np.zeros(3)
         self._heading_drift = 0.0
-        self._jump_left_m = errors.takeoff_jump_m
+        self._jump_left_m = takeoff_jump_m
         self._start_z = 0.0
         self._stamp_s: Optional[float] = None
 
@@ -58,7 +45,7 @@ class T265:
         step = T_world_t265[:3, 3] - self._p_before
         self._p_before = T_world_t265[:3, 3].copy()
         self._drift(step)
-        if self._jump_left_m and T_world_t265[2, 3] - self._start_z > self._errors.takeoff_height_m:
+        if self._jump_left_m and T_world_t265[2, 3] - self._start_z > _TAKEOFF_HEIGHT_M:
             self._p_odom[2] -= self._jump_left_m
             self._jump_left_m = 0.0
         dt_s = max(stamp_s - self._stamp_s, 1e-4)
@@ -78,13 +65,13 @@ class T265:
     def _drift(self, step: np.ndarray) -> None:
         root = math.sqrt(math.sqrt(step @ step))
         heading, *walk = self._random.standard_normal(4)
-        self._heading_drift += math.radians(self._errors.heading_deg_per_sqrt_m) * root * heading
-        walk = self._errors.walk_m_per_sqrt_m * root * np.array(walk)
+        self._heading_drift += math.radians(self._profile.heading_deg_per_sqrt_m) * root * heading
+        walk = self._profile.walk_m_per_sqrt_m * root * np.array(walk)
         self._p_odom += self._R_odom_world() @ step * self._scale + walk
 
     def _coloured_noise(self, dt_s: float) -> np.ndarray:
         """First-order noise: neighbouring samples of a tracker are not independent."""
-        keep = math.exp(-dt_s / self._errors.noise_correlation_s)
+        keep = math.exp(-dt_s / self._profile.noise_correlation_s)
         fresh = math.sqrt(1 - keep**2) * self._noise_sigma
         self._noise = keep * self._noise + fresh * self._random.standard_normal(6)
         return self._noise

@@ -10,17 +10,18 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_geometry.vehicle import Mount, VehicleGeometry
 from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
-from fcsv_sim.sensors.t265 import T265, T265Errors
+from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.world.town import Town
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, corner_points
 
-_ODOMETRY_HZ, _STATE_EVERY = 200.0, 7  # what the vehicle has of itself, and every which of it the radio carries
+_STATE_EVERY = 7  # every which sample of the odometry the radio carries
 _VIBRATION_HZ = np.array([23.0, 31.0, 47.0])
 
 
@@ -37,7 +38,7 @@ class FormationParameters:
     picture_rate_hz: float = 5.0
     duration_s: float = 8.0
     corner_noise_px: float = 0.15
-    errors: T265Errors = T265Errors()
+    tracker: TrackerProfile = T265_PROFILE  # what the vehicles' trackers do
     camera: CameraParameters = CameraParameters()
 
 
@@ -81,14 +82,14 @@ class Formation:
         return transforms.from_xyz_rpy(place, turn)
 
     def _fly(self) -> Tuple[List[Trajectory], List[Trajectory]]:
-        """T_odom_body of every vehicle: all 200 Hz of it, and the part that the radio carries."""
+        """T_odom_body of every vehicle: every sample of it, and the part that the radio carries."""
         tracks, states = [], []
         for k, vehicle in enumerate(self.vehicles):
-            tracker = T265(self.parameters.errors, vehicle.T_body_t265, 1000 * self._seed + k)
+            tracker = T265(self.parameters.tracker, vehicle.T_body_t265, 1000 * self._seed + k)
             T_t265_body = transforms.invert(vehicle.T_body_t265)
             whole, radio = Trajectory(gap_s=0.1), Trajectory(gap_s=0.15)
-            for i in range(int((self.parameters.duration_s + 0.3) * _ODOMETRY_HZ)):
-                t_s = i / _ODOMETRY_HZ
+            for i in range(int((self.parameters.duration_s + 0.3) * self.parameters.tracker.rate_hz)):
+                t_s = i / self.parameters.tracker.rate_hz
                 T_odom_body = tracker.odometry(t_s, self.body(k, t_s))[0] @ T_t265_body
                 whole.add(t_s, T_odom_body)
                 if i % _STATE_EVERY == 0:

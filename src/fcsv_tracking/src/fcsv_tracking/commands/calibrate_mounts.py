@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.tracker import load_profile
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_tracking import commands
 from fcsv_tracking.errors import ExtrinsicsRefused
@@ -37,7 +38,8 @@ def _calibrate(args) -> None:
     vehicle = load_vehicles(folder, [args.vehicle])[args.vehicle]
     source = folder / f"{args.vehicle}.yaml"
     views = _views([Path(b) for b in args.bags], args, vehicle)
-    solution = calibrate_mount(args.part, views, MountRules(least_views=args.least_views))
+    rules = MountRules(least_views=args.least_views, tracker=load_profile(args.tracker_profile))
+    solution = calibrate_mount(args.part, views, rules)
     before, after = getattr(vehicle, args.part), mount_of(vehicle, solution)
     print(f"{args.part} of {args.vehicle}, {solution.used} views ({solution.rejected} left out), "
           f"rms {solution.reprojection_rms_px:.2f} px")  # fmt: skip
@@ -113,5 +115,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--watcher", help="part tag: the vehicle whose camera stands still")
     parser.add_argument("-o", "--out", help="write here instead of into the vehicle's own file")
     parser.add_argument("--dry-run", action="store_true", help="print only")
+    parser.add_argument("--tracker-profile", default="", help="config/trackers/NAME.yaml (default: the T265)")
     parser.add_argument("--least-views", type=int, default=MountRules().least_views, help="(default %(default)s)")
     return parser

@@ -5,7 +5,7 @@ The odometry drifts while the vehicle is moved (a random walk over the path), so
 together; a plain sum of squares would take the drift for corner noise and report too small an error.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Sequence, Tuple
 
 import numpy as np
@@ -13,6 +13,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
+from fcsv_geometry.config import require_positive
+from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.hand_eye import PARTS, TagView, first_solution, predicted_T_cam_tag, require_motion
 from fcsv_tracking.tags import corner_points
@@ -28,17 +30,14 @@ class MountRules:
     corner_noise_px: float = 0.2
     attitude_noise_deg: float = 0.1  # of the odometry and its interpolation, vehicle in the hand
     position_noise_m: float = 0.003
-    walk_m_per_sqrt_m: float = 0.012
-    heading_deg_per_sqrt_m: float = 0.015
     least_views: int = 20
     least_turn_deg: float = 6.0  # rms, about two axes each
     most_position_std_m: float = 0.01
     most_rotation_std_deg: float = 0.4
+    tracker: TrackerProfile = T265_PROFILE
 
     def __post_init__(self):
-        for f in fields(self):
-            if not getattr(self, f.name) > 0:
-                raise ValueError(f"{f.name}: {getattr(self, f.name)} must be positive")
+        require_positive(self)
 
 
 @dataclass(frozen=True)
@@ -170,7 +169,8 @@ class _Model:
         J, rules = self._by_body(X, Z), self._rules
         sigma2 = np.repeat([rules.position_noise_m**2, np.radians(rules.attitude_noise_deg) ** 2], 3)
         middle_m = np.abs(self._path_m - self._path_m.mean())
-        walk = rules.walk_m_per_sqrt_m**2 * middle_m[:, None, None] * (J[..., :3] @ J[..., :3].transpose(0, 2, 1))
+        walk_m2 = rules.tracker.walk_m_per_sqrt_m**2 * middle_m
+        walk = walk_m2[:, None, None] * (J[..., :3] @ J[..., :3].transpose(0, 2, 1))
         return rules.corner_noise_px**2 * np.eye(8) + (J * sigma2) @ J.transpose(0, 2, 1) + walk
 
     def _whole(self, X: np.ndarray, Z: np.ndarray) -> np.ndarray:
@@ -178,9 +178,9 @@ class _Model:
         J, rules, n = self._by_body(X, Z), self._rules, len(self._A)
         sigma2 = np.repeat([rules.position_noise_m**2, np.radians(rules.attitude_noise_deg) ** 2], 3)
         common_m = np.minimum(self._path_m[:, None], self._path_m[None, :])
-        position = np.einsum("ij,iak,jbk->iajb", rules.walk_m_per_sqrt_m**2 * common_m, J[..., :3], J[..., :3],
+        position = np.einsum("ij,iak,jbk->iajb", rules.tracker.walk_m_per_sqrt_m**2 * common_m, J[..., :3], J[..., :3],
                              optimize=True)  # fmt: skip
-        heading2 = np.radians(rules.heading_deg_per_sqrt_m) ** 2
+        heading2 = np.radians(rules.tracker.heading_deg_per_sqrt_m) ** 2
         heading = np.einsum("ij,ia,jb->iajb", heading2 * common_m, J[..., 5], J[..., 5], optimize=True)
         C, i = position + heading, np.arange(n)
         C[i, :, i, :] += rules.corner_noise_px**2 * np.eye(8) + (J * sigma2) @ J.transpose(0, 2, 1)

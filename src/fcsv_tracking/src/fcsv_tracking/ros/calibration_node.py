@@ -2,7 +2,7 @@
 """The control PC's services /calibrate and /set_home, and what they find as latched topics."""
 
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Dict, List
 
 import numpy as np
@@ -14,6 +14,7 @@ from fcsv_geometry.errors import FcsvError, PoseUnavailable
 from fcsv_geometry.home import home_of
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.tracker import load_profile
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_msgs.msg import Calibration, ClockOffset, Home, TagDetections
 from fcsv_msgs.srv import Calibrate, CalibrateResponse, SetHome, SetHomeResponse
@@ -31,11 +32,15 @@ _SILENT_S = 4.0  # a link that shows no tag for so long will not get enough
 
 @dataclass(frozen=True)
 class CalibrationParameters:
-    """Parameters of the node; the vehicles are a column, front first."""
+    """Parameters of the node; the vehicles are a column, front first.
+
+    ``tracker_profile``: config/trackers/NAME.yaml, in place of ``rules.tracker``.
+    """
 
     vehicles: List[str]
     vehicles_dir: str
     rules: CalibrationRules = field(default_factory=CalibrationRules)
+    tracker_profile: str = ""
 
 
 class CalibrationNode:
@@ -44,6 +49,8 @@ class CalibrationNode:
     def __init__(self):
         parameters = node.parameters(CalibrationParameters)
         self._names, self._rules = parameters.vehicles, parameters.rules
+        if parameters.tracker_profile:
+            self._rules = replace(self._rules, tracker=load_profile(parameters.tracker_profile))
         self._vehicles = node.vehicles(parameters.vehicles_dir, self._names)
         self._lock = threading.Lock()
         self._tracks: Dict[str, Trajectory] = {n: Trajectory(gap_s=0.15, keep_s=60.0) for n in self._names}

@@ -16,9 +16,10 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames, Place, camera_in_home
 from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.tracker import load_profile
 from fcsv_msgs.msg import Calibration, Home
 from fcsv_tracking.camera_covariance import AgeRules, camera_covariance, stale_reason
-from fcsv_tracking.drift import Drift, DriftRates
+from fcsv_tracking.drift import Drift
 from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.static_frames import fixed_parts
@@ -31,7 +32,7 @@ class FramesParameters:
     vehicles: List[str]
     vehicles_dir: str
     rate_hz: float = 15.0
-    drift: DriftRates = field(default_factory=DriftRates)
+    tracker_profile: str = ""  # config/trackers/NAME.yaml; empty: the T265 as TrackerProfile has it
     age: AgeRules = field(default_factory=AgeRules)
 
     def __post_init__(self):
@@ -49,14 +50,15 @@ class FramesNode:
         self._lock = threading.Lock()
         self._in_home = HomeFrames(alone=True)
         self._calibrated_s: Optional[float] = None
-        self._drifts: Dict[str, Drift] = {n: Drift(parameters.drift) for n in self._names}
+        tracker = load_profile(parameters.tracker_profile)
+        self._drifts: Dict[str, Drift] = {n: Drift(tracker) for n in self._names}
         self._age_rules = parameters.age
         self._period_s = 1.0 / parameters.rate_hz
         self._next_s = dict.fromkeys(self._names, 0.0)
         self._health = Health("frames", {f"odometry of {n}": 1.0 for n in self._names})
         self._tf = tf2_ros.TransformBroadcaster()
         self._static = tf2_ros.StaticTransformBroadcaster()
-        self._static.sendTransform([t for v in self._vehicles.values() for t in fixed_parts(v)])
+        self._static.sendTransform([t for v in self._vehicles.values() for t in fixed_parts(v, tracker)])
         self._cameras = {
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
         }

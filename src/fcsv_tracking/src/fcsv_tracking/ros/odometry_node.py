@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
 from fcsv_geometry.ros import node
+from fcsv_geometry.tracker import load_profile
 from fcsv_msgs.msg import Calibration
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose, GateParameters, Rebase
@@ -27,6 +28,7 @@ class OdometryParameters:
     state_rate_hz: float = 30.0
     stale_s: float = 0.3  # silence that diagnostics call an error
     gate: GateParameters = field(default_factory=GateParameters)
+    tracker_profile: str = ""  # config/trackers/NAME.yaml; empty: the T265 as TrackerProfile has it
 
     def __post_init__(self):
         if not 0 < self.state_rate_hz <= 200:
@@ -40,11 +42,12 @@ class OdometryNode:
         self._parameters = node.parameters(OdometryParameters)
         name = self._parameters.vehicle
         geometry = node.vehicles(self._parameters.vehicles_dir, [name])[name]
-        self._expected = (f"{name}/t265_odom_frame", f"{name}/t265_pose_frame")
+        tracker = load_profile(self._parameters.tracker_profile)
+        self._expected = (tracker.odom_frame(name), tracker.pose_frame(name))
         self._odom, self._body = frames.odom(name), frames.base_link(name)
         # the re-basing outlives a restart of this node, or a restart would undo it: a jump
         self._rebase_param = rospy.get_namespace() + "odometry_rebase"
-        self._core = BodyOdometry(geometry.T_body_t265, self._parameters.gate, self._stored_rebase())
+        self._core = BodyOdometry(geometry.T_body_t265, self._parameters.gate, self._stored_rebase(), tracker)
         self._jumps_stored = 0
         self._next_state_s = 0.0
         self._received_s: Optional[float] = None
