@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fcsv_geometry.flow import RateGate
 from fcsv_multimaster import fkie, order, wire
 from fcsv_multimaster.addresses import AddressWatch, local_addresses
 from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
@@ -19,7 +20,7 @@ from fcsv_multimaster.errors import EndpointError, KeyringError, PictureError, W
 from fcsv_multimaster.keyring import make_fleet, open_keyring
 from fcsv_multimaster.links import Rule, TrafficClass, load_links
 from fcsv_multimaster.measure import PeerMeasure
-from fcsv_multimaster.outbound import Message, Pacer, RateLimit, Remembered, Repeater
+from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
 from fcsv_multimaster.peer import Peer
 from fcsv_multimaster.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
 from fcsv_multimaster.transport import Transport
@@ -188,7 +189,7 @@ def test_only_what_is_from_before_the_contact_holds_others_up():
 
 
 def test_a_rate_limit_holds_on_average_for_any_rhythm():
-    limit = RateLimit(10.0)
+    limit = RateGate.bursting(10.0)
     assert sum(limit.passes(t) for t in np.arange(0.0, 10.0, 1 / 33)) == pytest.approx(100, abs=2)
 
 

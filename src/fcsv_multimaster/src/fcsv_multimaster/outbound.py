@@ -211,25 +211,6 @@ class Pacer:
                 self.dropped += 1
 
 
-class RateLimit:
-    """At most ``rate_hz`` messages a second on average, however regular they come."""
-
-    def __init__(self, rate_hz: float):
-        self._period_s = 1.0 / rate_hz
-        self._next_s = float("-inf")
-
-    def passes(self, now_s: float) -> bool:
-        if now_s < self._next_s:
-            return False
-        self._next_s = max(self._next_s, now_s - self._period_s) + self._period_s
-        return True
-
-    @property
-    def next_s(self) -> float:
-        """When the next one may pass."""
-        return self._next_s
-
-
 class Remembered:
     """Numbers that were received lately, so that a repetition is not delivered twice."""
 

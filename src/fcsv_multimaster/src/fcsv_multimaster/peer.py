@@ -4,10 +4,11 @@
 import threading
 from typing import Dict, List, Tuple
 
+from fcsv_geometry.flow import RateGate
 from fcsv_multimaster.links import Rule
 from fcsv_multimaster.measure import PeerMeasure
 from fcsv_multimaster.order import Order
-from fcsv_multimaster.outbound import Message, Pacer, RateLimit, Remembered, Repeater
+from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
 
 _CALL_S = 0.7
 _CONTACT_S = 1.0  # after the first sign of life: by then the peer listens on every link
@@ -26,8 +27,8 @@ class Peer:
         self.last: Dict[str, Message] = {}  # of every latched topic
         self.order, self.handing_over = Order(), threading.RLock()  # hold it while what is in order is delivered
         self.keyframe = False  # its decoder asked for a whole picture
-        self._limits = {t: RateLimit(r.most_hz) for t, r in exports.items() if r.most_hz is not None}
-        self._poor_limits: Dict[str, RateLimit] = {}
+        self._limits = {t: RateGate.bursting(r.most_hz) for t, r in exports.items() if r.most_hz is not None}
+        self._poor_limits: Dict[str, RateGate] = {}
         self._held_back: Dict[str, Message] = {}
         self._sequences: Dict[str, int] = {}
         self._numbers = 0
@@ -72,7 +73,7 @@ class Peer:
         """Whether a state goes by the stream: all but a few, as long as QUIC's congestion control starves datagrams."""
         if not self.measure.poor:
             return False
-        limit = self._poor_limits.setdefault(message.topic, RateLimit(_POOR_HZ))
+        limit = self._poor_limits.setdefault(message.topic, RateGate.bursting(_POOR_HZ))
         return not limit.passes(message.born_s)
 
     def _restarted(self, now_s: float) -> None:

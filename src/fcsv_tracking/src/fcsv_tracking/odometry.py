@@ -10,12 +10,13 @@ a jump is only roughly valid after it, which ``Status.jumps`` tells.
 
 import math
 from dataclasses import dataclass, field
-from typing import Dict, Optional, Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking import quaternions as quat
 from fcsv_tracking.errors import OdometryRejected
@@ -55,7 +56,7 @@ class Status:
     """What the gate has done so far."""
 
     passed: int = 0
-    rejected: Dict[str, int] = field(default_factory=dict)
+    rejected: DropCounter = field(default_factory=DropCounter)
     jumps: int = 0
     largest_jump_m: float = 0.0
     largest_jump_rad: float = 0.0
@@ -99,7 +100,7 @@ class BodyOdometry:
 
     def reject(self, reason: str, message: str) -> OdometryRejected:
         """Count a sample as rejected; the error to raise."""
-        self.status.rejected[reason] = self.status.rejected.get(reason, 0) + 1
+        self.status.rejected.count(reason)
         return OdometryRejected(reason, message)
 
     def feed(

@@ -2,7 +2,7 @@
 """AprilTags (tag36h11) in a picture: corners by the AprilRobotics detector, pose by IPPE and refinement."""
 
 from dataclasses import dataclass
-from typing import Dict, List, Mapping, Optional, Tuple
+from typing import List, Mapping, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -10,6 +10,7 @@ from pupil_apriltags import Detection, Detector
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.flow import DropCounter
 from fcsv_tracking.errors import TagError
 
 FAMILY = "tag36h11"
@@ -63,7 +64,7 @@ class TagDetector:
     def __init__(self, sizes_m: Mapping[int, float], decimate: float = 1.0, sharp: bool = False):
         self._sizes_m = dict(sizes_m)
         #: Why quads were passed over, and how often.
-        self.rejected: Dict[str, int] = {}
+        self.rejected = DropCounter()
         self._detector = _detector(decimate)
         self._sharp = _detector(1.0) if sharp and decimate > 1.0 else None
 
@@ -86,9 +87,9 @@ class TagDetector:
             if self._sharp is not None and size_m is not None:
                 raw = self._look_again(gray, raw)
             if size_m is None:
-                self._reject("unknown id")
+                self.rejected.count("unknown id")
             elif raw.hamming > 1 or raw.decision_margin < _LEAST_MARGIN:
-                self._reject("unsure")
+                self.rejected.count("unsure")
             else:
                 corners_px = raw.corners - _PIXEL_CENTRE_PX
                 sure = float(raw.decision_margin), int(raw.hamming)
@@ -109,14 +110,10 @@ class TagDetector:
 
     def _good(self, single: List[TagObservation], found: int) -> List[TagObservation]:
         """Those whose corners are a square's: a tag bent, half hidden or cut by a blade is not."""
-        self._reject("same id twice", found - len(single))
+        self.rejected.count("same id twice", found - len(single))
         square = [o for o in single if o.reprojection_rms_px < max(_MOST_RMS_PX, _MOST_RMS_SHARE * o.edge_px)]
-        self._reject("not square", len(single) - len(square))
+        self.rejected.count("not square", len(single) - len(square))
         return square
-
-    def _reject(self, reason: str, count: int = 1) -> None:
-        if count:
-            self.rejected[reason] = self.rejected.get(reason, 0) + count
 
 
 def _detector(decimate: float) -> Detector:

@@ -4,6 +4,8 @@
 from dataclasses import dataclass
 from typing import Optional
 
+from fcsv_geometry.flow import RateGate
+
 
 @dataclass(frozen=True)
 class FeedParameters:
@@ -23,26 +25,23 @@ class VisionFeed:
     """Decides by stamps; never lets one pass twice."""
 
     _FUTURE_S = 0.1  # how far ahead of the clock a stamp may be
-    _CLOCK_SET_S = 1.0  # stamps that go back further than this come from a clock that was set
     _EARLY = 0.3  # share of a period by which a pose may come early and pass: jitter of the sender
 
     def __init__(self, parameters: FeedParameters):
         self._parameters = parameters
         self._last_s: Optional[float] = None
-        self._due_s = float("-inf")
+        self._gate = RateGate(parameters.rate_hz, self._EARLY)
 
     def judge(self, now_s: float, stamp_s: float) -> Optional[str]:
         """Empty: send it. None: thin it out, as it should be. Else why it is dropped."""
         age_s = now_s - stamp_s
         if not -self._FUTURE_S <= age_s <= self._parameters.stale_s:
             return f"pose is {age_s:.2f} s old" if age_s > 0 else f"pose is {-age_s:.2f} s ahead of the clock"
-        period_s = 1.0 / self._parameters.rate_hz
-        if self._last_s is not None and stamp_s <= self._last_s:
-            if self._last_s - stamp_s < self._CLOCK_SET_S:
-                return "pose is not newer than the last"
-            self._due_s = float("-inf")
-        if stamp_s < self._due_s - self._EARLY * period_s:
+        due = self._gate.due(stamp_s)  # also where the clock was set back
+        if self._last_s is not None and stamp_s <= self._last_s and not due:
+            return "pose is not newer than the last"
+        if not due:
             return None
-        self._due_s = max(self._due_s + period_s, stamp_s + (1.0 - self._EARLY) * period_s)
+        self._gate.take(stamp_s)
         self._last_s = stamp_s
         return ""

@@ -9,6 +9,7 @@ import diagnostic_updater
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.ros import node
 
 
@@ -19,7 +20,7 @@ class Health:
         self._lock = threading.Lock()
         self._flows = dict(flows or {})
         self._ticks = dict.fromkeys(self._flows, 0)
-        self._counts: Dict[str, int] = {}
+        self._drops = DropCounter()
         self._values: Dict[str, str] = {}
         self._problems: Dict[str, str] = {}
         self._since_s = time.monotonic()
@@ -34,10 +35,10 @@ class Health:
             self._ticks[flow] = self._ticks.get(flow, 0) + 1
 
     def drop(self, reason: str, detail: str = "") -> None:
-        """Something was dropped: counted here, warned about at a throttled rate."""
-        with self._lock:
-            self._counts[reason] = self._counts.get(reason, 0) + 1
-        rospy.logwarn_throttle(5.0, f"dropped: {reason}{': ' + detail if detail else ''}")
+        """Something was dropped, from any thread: counted for the diagnostics, told now and then per reason."""
+        count = self._drops.count(reason)
+        if self._drops.tells(reason, time.monotonic()):
+            rospy.logwarn("dropped: %s%s (%d so far)", reason, f": {detail}" if detail else "", count)
 
     def value(self, name: str, value) -> None:
         with self._lock:
@@ -67,7 +68,7 @@ class Health:
                 status.summary(DiagnosticStatus.ERROR, "; ".join(self._problems.values()))
             for name, rate in rates.items():
                 status.add(f"{name} [Hz]", f"{rate:.1f}")
-            for name, count in self._counts.items():
+            for name, count in self._drops.items():
                 status.add(f"dropped: {name}", str(count))
             for name, value in self._values.items():
                 status.add(name, value)

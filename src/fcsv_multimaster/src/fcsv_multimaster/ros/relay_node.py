@@ -20,7 +20,6 @@ from fcsv_multimaster.keyring import open_keyring
 from fcsv_multimaster.links import TF_TOPICS, load_links
 from fcsv_multimaster.parcel import Parcel
 from fcsv_multimaster.ros import link_report
-from fcsv_multimaster.ros.drops import Drops
 from fcsv_multimaster.ros.inbox import Inbox
 from fcsv_multimaster.ros.master_watch import master_knows_us, register_again
 from fcsv_multimaster.ros.pictures import PicturePacker
@@ -55,7 +54,7 @@ class RelayNode:
         self._discovery, self._encrypted = parameters.discovery, bool(parameters.keys)
         keys = open_keyring(parameters.keys, self._name) if self._encrypted else None
         self._health = Health(self._name)
-        self._drop = Drops(self._health)
+        self._drop = self._health.drop
         self._packer = PicturePacker()
         self._inbox = Inbox(self._drop, self._definition)
         self._reports = rospy.Publisher("~links", DiagnosticArray, queue_size=1)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
+from fcsv_geometry.flow import RateGate
 
 _G = np.array([0.0, 0.0, -9.81])
 
@@ -68,7 +69,7 @@ class TelloSensors:
         self._attitude_noise = np.zeros(3)
         self._p_O = np.zeros(3)
         self._before: Optional[tuple] = None
-        self._next_s: Optional[float] = None
+        self._gate = RateGate.bursting(errors.rate_hz)
         self._arrived_s = -np.inf
 
     def reset(self) -> None:
@@ -80,15 +81,14 @@ class TelloSensors:
         """At most one packet."""
         before, self._before = self._before, (stamp_s, T_world_body, np.array(v_world_mps))
         if before is None:
-            self._next_s = stamp_s
+            self._gate.take(stamp_s)
             return []
         dt_s = stamp_s - before[0]
         if dt_s <= 0.0:
             return []
         self._drive(dt_s, T_world_body[:3, 3] - before[1][:3, 3])
-        if stamp_s < self._next_s:
+        if not self._gate.passes(stamp_s):
             return []
-        self._next_s = max(self._next_s + 1.0 / self._errors.rate_hz, stamp_s)
         sample = self._sample(stamp_s, dt_s, before)
         return [] if self._random.uniform() < self._errors.loss else [sample]
 

@@ -4,7 +4,7 @@
 T_G_D = T_G_C(angles at the picture's stamp) T_C_D(tags). Frames: G ground robot, C gimbal camera, D body.
 """
 
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Deque, Mapping, Optional, Sequence, Tuple
 
@@ -14,6 +14,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.flow import DropCounter
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.angles import AngleTrack
 from fcsv_tracking.gimbal.config import BodyTag
@@ -73,7 +74,7 @@ class GimbalTracker:
         self._centre_D = np.mean([t.T_body_tag[:3, 3] for t in tags], axis=0)
         self._angles = AngleTrack()
         self.follower = Follower(geometry, camera, rules.follow, start or Angles(0.0, 0.35))
-        self.counts: Counter = Counter()
+        self.counts = DropCounter()
         self._start_over()
 
     def _start_over(self) -> None:
@@ -86,7 +87,7 @@ class GimbalTracker:
         try:
             self._angles.add(stamp_s, angles)
         except SampleRejected as error:
-            self.counts[error.reason] += 1
+            self.counts.count(error.reason)
             raise
 
     @property
@@ -104,10 +105,10 @@ class GimbalTracker:
             self._check_stamp(now_s, stamp_s)
             return self._pose(stamp_s, observations)
         except PoseUnavailable as error:
-            self.counts["no angles"] += 1
+            self.counts.count("no angles")
             raise SampleRejected("no angles", f"gimbal: {error}") from error
         except SampleRejected as error:
-            self.counts[error.reason] += 1
+            self.counts.count(error.reason)
             raise
 
     def _check_stamp(self, now_s: float, stamp_s: float) -> None:
@@ -208,7 +209,7 @@ class GimbalTracker:
             return False
         if np.degrees(np.max(np.abs(rates))) < _BLIND_DEGPS:
             return False
-        self.counts["gimbal turning"] += 1
+        self.counts.count("gimbal turning")
         return True
 
     def window(self, stamp_s: float) -> Optional[Window]:

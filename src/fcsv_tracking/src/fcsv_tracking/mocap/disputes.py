@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the gates keep out: whose fault it may be, and whether it has lasted so long that nobody knows who is right."""
 
-from collections import Counter
 from typing import Optional
 
 import numpy as np
 
+from fcsv_geometry.flow import DropCounter
 from fcsv_tracking.mocap.filter import Correction
 from fcsv_tracking.mocap.rules import TrackerRules
 
@@ -13,7 +13,7 @@ from fcsv_tracking.mocap.rules import TrackerRules
 class Disputes:
     """Of one vehicle's mocap, odometry and attitude with the filter; times are moments (s) of samples."""
 
-    def __init__(self, rules: TrackerRules, counts: Counter):
+    def __init__(self, rules: TrackerRules, counts: DropCounter):
         self._rules, self._counts = rules, counts
         self.clear()
 
@@ -40,8 +40,8 @@ class Disputes:
         """A pose was kept out; True where that has lasted too long."""
         place_off = correction.part(slice(0, 3))[0] > self._rules.gate_3
         heading_off = self._turned(correction, coasting) or correction.part(slice(3, 6))[0] > self._rules.gate_3
-        self._counts[f"mocap: {'place' if place_off else ''}{' and ' if place_off and heading_off else ''}"
-                     f"{'rotation' if heading_off else ''} off what was predicted"] += 1  # fmt: skip
+        off = " and ".join(what for what, is_off in (("place", place_off), ("rotation", heading_off)) if is_off)
+        self._counts.count(f"mocap: {off} off what was predicted")
         if heading_off and not place_off and heading_confirmed:
             return False  # markers taken for one another; odometry carries on
         if self._mocap_since_s is None:
@@ -67,7 +67,7 @@ class Disputes:
     def _since(self, moment_s: float, off: bool, since_s: Optional[float], reason: str) -> Optional[float]:
         if not off:
             return None
-        self._counts[reason] += 1
+        self._counts.count(reason)
         return moment_s if since_s is None else since_s
 
     def _turned(self, correction: Correction, coasting: bool) -> bool:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What comes in, and the checks that need no filter: numbers, stamps, repeated poses, odometry that jumps."""
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import Optional
 
@@ -10,6 +9,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.flow import DropCounter
 from fcsv_tracking.errors import SampleRejected
 
 
@@ -45,7 +45,7 @@ class InputRules:
 class StampGate:
     """Stamps of one stream: near the time of arrival, and rising."""
 
-    def __init__(self, rules: InputRules, counts: Counter, stream: str):
+    def __init__(self, rules: InputRules, counts: DropCounter, stream: str):
         self._rules, self._counts, self._stream = rules, counts, stream
         self._last_s: Optional[float] = None
         self._back_in_a_row = 0
@@ -67,14 +67,14 @@ class StampGate:
 
     def reject(self, reason: str, message: str) -> SampleRejected:
         """Count it; the error to raise."""
-        self._counts[f"{self._stream}: {reason}"] += 1
+        self._counts.count(f"{self._stream}: {reason}")
         return SampleRejected(reason, f"{self._stream}: {message}")
 
 
 class MocapInput:
     """Poses of one body as mocap_optitrack publishes them."""
 
-    def __init__(self, rules: InputRules, counts: Counter):
+    def __init__(self, rules: InputRules, counts: DropCounter):
         self._rules = rules
         self.gate = StampGate(rules, counts, "mocap")
         self._last: Optional[np.ndarray] = None
@@ -101,7 +101,7 @@ class MocapInput:
 class VehicleInput:
     """Odometry and IMU of one vehicle."""
 
-    def __init__(self, rules: InputRules, counts: Counter):
+    def __init__(self, rules: InputRules, counts: DropCounter):
         self._rules = rules
         self.gate = StampGate(rules, counts, "odometry")
         self._last: Optional[VehicleSample] = None

@@ -41,7 +41,7 @@ class MocapSystem:
         p = np.asarray(p_M_D_m, float)
         for other, tracker in self.trackers.items():
             if other != name and self._is_at(tracker, p, now_s) and not self._is_at(self.trackers[name], p, now_s):
-                self.trackers[name].counts["mocap: another vehicle's place"] += 1
+                self.trackers[name].counts.count("mocap: another vehicle's place")
                 raise SampleRejected("another vehicle", f"mocap: the pose of {name} is where {other} is")
         self.trackers[name].feed_mocap(now_s, stamp_s, p_M_D_m, q_M_D_xyzw)
 

@@ -6,13 +6,14 @@ is 10 ms late, a Tello's packets 70 ms and more, and the filter learns how much 
 """
 
 import heapq
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass
 from typing import Deque, List, Optional, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.mocap import so3
 from fcsv_tracking.mocap.anchor import Anchor
@@ -51,7 +52,7 @@ class MocapTracker:
 
     def __init__(self, rules: Optional[TrackerRules] = None):
         self._rules = rules = rules or TrackerRules()
-        self.counts: Counter = Counter()
+        self.counts = DropCounter()
         self._mocap_input = MocapInput(rules.input, self.counts)
         self._vehicle_input = VehicleInput(rules.input, self.counts)
         self._queue: List[Tuple[float, int, object]] = []
@@ -76,7 +77,7 @@ class MocapTracker:
             now_s, stamp_s, p_O_D_m, q_O_D_xyzw, v_D_mps, gyro_radps, accel_mps2
         )
         if not continues:
-            self.counts["odometry: began anew"] += 1
+            self.counts.count("odometry: began anew")
             self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
             self._anchor.clear()
         delay_s = self._filter.state.delay_s if self._filter else self._rules.odometry_latency_s
@@ -101,7 +102,7 @@ class MocapTracker:
 
     def _start_over(self) -> None:
         """The clock was set back: what came before it is of another time."""
-        self.counts["clock set back"] += 1
+        self.counts.count("clock set back")
         self._queue.clear()
         self._coming.clear()
         self._newest = {"mocap": -np.inf, "vehicle": -np.inf}
@@ -111,7 +112,7 @@ class MocapTracker:
 
     def _take(self, moment_s: float, what) -> None:
         if self._filter is not None and moment_s < self._time_s - _LATEST_S:
-            self.counts["too late"] += 1
+            self.counts.count("too late")
             return
         self._advance(moment_s)
         late_s = max(0.0, self._time_s - moment_s)
@@ -220,7 +221,7 @@ class MocapTracker:
         )
         self._time_s = self._mocap_s = moment_s
         self._began_p_M = T_M_D[:3, 3].copy()
-        self.counts["anchored"] += 1
+        self.counts.count("anchored")
         self.absent_because = _UNPROVEN
 
     def _forget(self, why: str) -> None:

@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.flow import RateGate
 from fcsv_geometry.home import HomeFrames, Place, camera_in_home
 from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
@@ -53,8 +54,7 @@ class FramesNode:
         tracker = load_profile(parameters.tracker_profile)
         self._drifts: Dict[str, Drift] = {n: Drift(tracker) for n in self._names}
         self._age_rules = parameters.age
-        self._period_s = 1.0 / parameters.rate_hz
-        self._next_s = dict.fromkeys(self._names, 0.0)
+        self._gates = {n: RateGate(parameters.rate_hz) for n in self._names}
         self._health = Health("frames", {f"odometry of {n}": 1.0 for n in self._names})
         self._tf = tf2_ros.TransformBroadcaster()
         self._static = tf2_ros.StaticTransformBroadcaster()
@@ -96,9 +96,8 @@ class FramesNode:
 
     def _on_odometry(self, message: Odometry, name: str) -> None:
         stamp_s = message.header.stamp.to_sec()
-        if self._next_s[name] - 1.0 < stamp_s < self._next_s[name]:  # a stamp far back: a clock that was set
+        if not self._gates[name].passes(stamp_s):
             return
-        self._next_s[name] = stamp_s + 0.9 * self._period_s
         expected = (frames.odom(name), frames.base_link(name))
         found = (message.header.frame_id, message.child_frame_id)
         try:

@@ -12,6 +12,7 @@ from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vecto
 from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
+from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import node
 from fcsv_geometry.tracker import load_profile
 from fcsv_msgs.msg import Calibration
@@ -49,7 +50,7 @@ class OdometryNode:
         self._rebase_param = rospy.get_namespace() + "odometry_rebase"
         self._core = BodyOdometry(geometry.T_body_t265, self._parameters.gate, self._stored_rebase(), tracker)
         self._jumps_stored = 0
-        self._next_state_s = 0.0
+        self._state_gate = RateGate.bursting(self._parameters.state_rate_hz)
         self._received_s: Optional[float] = None
         self._received = self._received_before = 0
         self._calibrated_s: Optional[float] = None
@@ -96,9 +97,7 @@ class OdometryNode:
         message.twist.twist = Twist(Vector3(*body.linear_mps), Vector3(*body.angular_radps))
         message.pose.covariance = covariance
         self._body_publisher.publish(message)
-        if body.stamp_s >= self._next_state_s:
-            period_s = 1.0 / self._parameters.state_rate_hz
-            self._next_state_s = max(self._next_state_s + period_s, body.stamp_s)
+        if self._state_gate.passes(body.stamp_s):
             self._state_publisher.publish(message)
             self._vision_publisher.publish(PoseStamped(message.header, message.pose.pose))
 

@@ -10,6 +10,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Bool
 
 from fcsv_geometry import frames
+from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import CapturedPicture, ClockOffset
@@ -46,9 +47,10 @@ class PictureSender:
         self._vehicle, self._parameters, self._health = vehicle, parameters, health
         self._clock_off = False
         self._recording = parameters.capture_always
-        self._next_s = {}
         self._preview = rospy.Publisher("camera/color/image_raw/compressed", CompressedImage, queue_size=1)
         self._capture = rospy.Publisher("capture/picture", CapturedPicture, queue_size=3)
+        rates_hz = {self._preview: parameters.preview_rate_hz, self._capture: parameters.capture_rate_hz}
+        self._gates = {publisher: RateGate(hz) for publisher, hz in rates_hz.items() if hz}
         rospy.Subscriber("clock/offset", ClockOffset, self._on_clock, queue_size=1)
         rospy.Subscriber("recorder/pictures", Bool, self._on_recording, queue_size=1)
 
@@ -62,13 +64,13 @@ class PictureSender:
 
     def preview(self, message: Image, bgr: np.ndarray) -> None:
         """For people."""
-        if self._due(self._preview, message, self._parameters.preview_rate_hz):
+        if self._due(self._preview, message):
             jpeg = _jpeg(bgr, self._parameters.preview_quality)
             self._preview.publish(CompressedImage(header=message.header, format="jpeg", data=jpeg))
 
     def wants_capture(self, message: Image) -> bool:
         """Whether this picture is to be sent with its pose. By a clock that is off it would be placed wrongly."""
-        if not (self._recording and self._due(self._capture, message, self._parameters.capture_rate_hz)):
+        if not (self._recording and self._due(self._capture, message)):
             return False
         if self._clock_off:
             self._health.drop("picture for the map", "this machine's clock is off")
@@ -83,12 +85,9 @@ class PictureSender:
         out.data = _jpeg(bgr, self._parameters.capture_quality)
         self._capture.publish(out)
 
-    def _due(self, publisher: rospy.Publisher, message: Image, rate_hz: float) -> bool:
-        stamp_s = message.header.stamp.to_sec()
-        if not rate_hz or stamp_s < self._next_s.get(publisher, 0.0) or publisher.get_num_connections() == 0:
-            return False
-        self._next_s[publisher] = stamp_s + 0.9 / rate_hz
-        return True
+    def _due(self, publisher: rospy.Publisher, message: Image) -> bool:
+        gate = self._gates.get(publisher)
+        return gate is not None and publisher.get_num_connections() > 0 and gate.passes(message.header.stamp.to_sec())
 
 
 def _jpeg(bgr: np.ndarray, quality: int) -> bytes:

@@ -14,6 +14,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError, PoseUnavailable
+from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.trajectory import Trajectory
@@ -24,7 +25,6 @@ from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, TagObservation
 
 _WAIT_FOR_ODOMETRY_S = 0.15
 _FOLLOW_S = 2.0  # how long after a tag was seen every picture is looked at
-_CLOCK_SET_S = 5.0  # a stamp that goes back further comes from a clock that was set
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,8 @@ class TagsNode:
         self._name = parameters.vehicle
         vehicles = node.vehicles(parameters.vehicles_dir, [*parameters.vehicles, self._name])
         self._T_body_cam = vehicles[self._name].T_body_cam
-        self._period_s = 1.0 / parameters.rate_hz
-        self._search_period_s = 1.0 / parameters.search_rate_hz
-        self._next_s = self._seen_s = 0.0
+        self._rate_hz, self._search_rate_hz = parameters.rate_hz, parameters.search_rate_hz
+        self._gate, self._seen_s = RateGate(parameters.search_rate_hz), 0.0
         self._health = Health(self._name, {"pictures": 1.0})
         self._sender = PictureSender(self._name, parameters.sending, self._health)
         self._others = [n for n in vehicles if n != self._name]
@@ -126,7 +125,7 @@ class TagsNode:
 
     def _process(self, message: Image) -> None:
         stamp_s = message.header.stamp.to_sec()
-        look = not self._next_s - _CLOCK_SET_S < stamp_s < self._next_s
+        look = self._gate.due(stamp_s)
         send = self._sender.wants_capture(message)
         if not look and not send:
             return
@@ -149,7 +148,7 @@ class TagsNode:
         if observations:
             self._seen_s = stamp_s
         following = stamp_s - self._seen_s < _FOLLOW_S
-        self._next_s = stamp_s + 0.9 * (self._period_s if following else self._search_period_s)
+        self._gate.take(stamp_s, self._rate_hz if following else self._search_rate_hz)
         return observations
 
     def _publish(self, observations: List[TagObservation], T_odom_cam, stamp_s: float) -> None:
