@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Picture
 
 CAMERA = PinholeCamera.from_fov(640, 480, np.radians(56.0))
 

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
-from fcsv_stereo.result import Configuration
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
 
 CAMERA = PinholeCamera.from_fov(320, 240, np.radians(56.0))
 BASELINES_M = (2.0, 4.0, 8.0)

@@ -6,8 +6,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
-from fcsv_stereo.result import Configuration
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
 
 CAMERA = PinholeCamera.from_fov(320, 240, np.radians(56.0))
 DEPTH_M = 20.0

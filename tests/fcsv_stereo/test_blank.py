@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenes import CAMERA, given, photograph
 
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Picture
 from fcsv_stereo.pipeline import METHODS, OPTIONS
 
 PINCUSHION = replace(CAMERA, distortion=(0.05, 0.0, 0.0, 0.0, 0.0))

@@ -20,8 +20,8 @@ from test_sessions import T0, write_session
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import InputError, MatchingError, OutputError, StereoError
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import JointOptions, map_joint
+from fcsv_stereo.model import Picture
 from fcsv_stereo.ros.session_bags import read_session
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import MATCHERS

@@ -14,10 +14,10 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import cli, colmap
 from fcsv_stereo.errors import InputError, MatchingError, StereoError
 from fcsv_stereo.evaluation import evaluate
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly
 from fcsv_stereo.joint.pairs import nearest_useful_m
 from fcsv_stereo.joint.views import grey, inverse_depths, projection, views
+from fcsv_stereo.model import Picture
 from fcsv_stereo.pipeline import METHODS
 
 UNREFINED = JointOptions(refine_poses=False)

@@ -7,11 +7,11 @@ import pytest
 import scenes
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint import match_jointly
 from fcsv_stereo.joint.views import grey, inverse_depths, views
 from fcsv_stereo.joint.volume.cost_volume import cost_volume
 from fcsv_stereo.joint.volume.winner import coarse, highest_level, level_drift
+from fcsv_stereo.model import Picture
 
 HEIGHT_M = 8.0
 CONTRAST, NOISE = 3.0, 0.5  # grey levels: pale concrete

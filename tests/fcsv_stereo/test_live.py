@@ -10,9 +10,8 @@ import pytest
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.inputs import ConfigurationInput, MapInput
-from fcsv_stereo.live import Corrections, LivePicture, LiveSession, Window
-from fcsv_stereo.result import Configuration, ImageEntry, MapResult
+from fcsv_stereo.live import Corrections, LiveSession, Window
+from fcsv_stereo.model import Configuration, ConfigurationInput, ImageEntry, LivePicture, MapInput, MapResult
 
 CAMERA = PinholeCamera.from_fov(64, 48, np.radians(56.0), (0.04, -0.08, 0.0, 0.0, 0.0))
 R_OPTICAL = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))

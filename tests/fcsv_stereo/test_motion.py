@@ -7,9 +7,8 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint.checks import moved as motion
-from fcsv_stereo.result import Reference
+from fcsv_stereo.model import Picture, Reference
 
 CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
 TURNED_PX = 6

@@ -17,10 +17,9 @@ from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world import furniture
 from fcsv_sim.world.mesh import MeshBuilder, Placement
 from fcsv_sim.world.town import WORLDS, Town
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
 from fcsv_stereo.joint import JointOptions, map_joint
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
 from fcsv_stereo.pipeline import METHODS
-from fcsv_stereo.result import Configuration
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

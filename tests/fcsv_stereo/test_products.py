@@ -13,13 +13,12 @@ from fcsv_geometry import transforms
 from fcsv_stereo import colmap, output, pipeline
 from fcsv_stereo.equations import ErrorThreshold, depth_error
 from fcsv_stereo.errors import InputError, MatchingError, OutputError
-from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.model import Cloud, MapInput
 from fcsv_stereo.products import FILES, PRODUCTS, names, parse_products, pictures, write_products
 from fcsv_stereo.products.clouds import write_laz, write_pcd
 from fcsv_stereo.products.from_above import rasterize, write_from_above
 from fcsv_stereo.products.points import concatenate, merge_duplicates
 from fcsv_stereo.rectify import bouguet
-from fcsv_stereo.result import Cloud
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 
 TWO = (((0, -0.8, 0), "horizontal"), ((0, 0, 0.8), "vertical"))

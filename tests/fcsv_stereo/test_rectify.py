@@ -11,7 +11,7 @@ from scenes import CAMERA, camera_pose, picture, true_depth
 from fcsv_geometry import transforms
 from fcsv_stereo.depth import depth_from_disparity, points_from_depth, resample
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Picture
 from fcsv_stereo.rectify import RECTIFIERS, bouguet, decoupled, home
 from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow, match, match_rate
 

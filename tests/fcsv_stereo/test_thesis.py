@@ -12,9 +12,8 @@ from fcsv_stereo import depth as depth_module
 from fcsv_stereo import equations
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest, parse_threshold
 from fcsv_stereo.errors import InputError, MatchingError
-from fcsv_stereo.inputs import ConfigurationInput, MapInput
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput
 from fcsv_stereo.rectify import RECTIFIERS
-from fcsv_stereo.result import Configuration
 from fcsv_stereo.thesis import ThesisOptions, fuse, map_thesis
 from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow, match
 from fcsv_stereo.thesis.selection import SelectionOptions, select

@@ -6,11 +6,11 @@ import pytest
 from scenes import camera_pose
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint.checks.reliability import confirmed, consistent, relied_on
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces
 from fcsv_stereo.joint.views import grey, views
+from fcsv_stereo.model import Picture
 
 SHAPE, FOCAL_PX = (120, 260), 600.0
 FAR, NEAR = np.float32(1.0 / 30.0), np.float32(1.0 / 10.0)  # 20 and 60 px from picture to picture

@@ -7,12 +7,12 @@ import pytest
 from boards import pose
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint.checks.reliability import confirmed
 from fcsv_stereo.joint.refine.residuals import detail, residuals
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces
 from fcsv_stereo.joint.surfaces.thin_uprights import thin_uprights
 from fcsv_stereo.joint.views import grey, views
+from fcsv_stereo.model import Picture
 
 
 def stripe(top, left, height, width, nearer=2.0):

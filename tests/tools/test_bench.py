@@ -14,7 +14,7 @@ from bench.scenes import HORIZONTAL, NOISES, Scene, SceneName, smaller
 from fcsv_geometry import transforms
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.result import Cloud, ImageEntry, MapResult, Reference
+from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference
 from fcsv_stereo.thesis import ThesisOptions
 
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from bench.measure import run
 from bench.scenes import LISTS, NOISES, SCENES, shoot
+from fcsv_stereo.model import MapResult
 from fcsv_stereo.pipeline import METHODS
-from fcsv_stereo.result import MapResult
 
 _DIGITS = 16
 

@@ -11,9 +11,8 @@ from bench.scenes import Scene
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.evaluation import band, evaluate
-from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.model import ImageEntry, MapInput, MapResult
 from fcsv_stereo.pipeline import METHODS
-from fcsv_stereo.result import ImageEntry, MapResult
 from fcsv_stereo.thesis.matchers import DisparityWindow
 
 MOST_M = 400.0

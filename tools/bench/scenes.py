@@ -12,8 +12,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.town import Town
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture, PosePrior
-from fcsv_stereo.result import Configuration
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture, PosePrior
 
 FOV_DEG = 56.0  # f = 602 px at a width of 640
 T_WORLD_HOME = transforms.from_xyz_yaw([1.0, 0.0, 8.0], 0.0)

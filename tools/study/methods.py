@@ -6,9 +6,8 @@ import typing
 from typing import Dict, List
 
 from fcsv_stereo.equations import ErrorThreshold
-from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.model import MapInput, MapResult
 from fcsv_stereo.pipeline import METHODS
-from fcsv_stereo.result import MapResult
 from fcsv_stereo.thesis import ThesisOptions
 
 #: No effective range ends inside the scene: what a baseline answers before anything is trimmed.

@@ -11,8 +11,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.world.town import Town
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
-from fcsv_stereo.result import Configuration
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
 
 CAMERA = PinholeCamera.from_fov(640, 480, np.radians(56.0))  # thesis table 6.2
 T_LEVEL = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))

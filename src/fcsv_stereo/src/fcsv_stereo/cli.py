@@ -13,10 +13,10 @@ from fcsv_stereo import pipeline
 from fcsv_stereo.equations import parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
+from fcsv_stereo.model import AXES
 from fcsv_stereo.products import PRODUCTS, parse_products
 from fcsv_stereo.rectify import RECTIFIERS
 from fcsv_stereo.refinement import RefineOptions
-from fcsv_stereo.result import AXES
 from fcsv_stereo.table import demo_table
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Posed photographs: a folder ``images/`` with COLMAP's text model; poses are priors, ``home`` is the model's world."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Dict, List, Optional
 
@@ -13,8 +13,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.exposure import Exposure
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
-from fcsv_stereo.result import Configuration
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
 
 #: Parameters of each camera model in order, as names of fx, fy, cx, cy, k1, k2, p1, p2.
 _MODELS = {
@@ -164,11 +163,10 @@ def _read(path: Path, camera: PinholeCamera, camera_id: int) -> np.ndarray:
 
 
 def _configuration(reference: Picture, other: Picture) -> Configuration:
+    """Raises InputError where the two cannot be a pair."""
     if (reference.camera.width, reference.camera.height) != (other.camera.width, other.camera.height):
         raise InputError(f"{other.name} and {reference.name} have two sizes; one reference needs pictures of one size")
-    p = transforms.invert(reference.T_home_cam)[:3, :3] @ (other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3])
-    baseline_m = float(np.linalg.norm(p))
-    if baseline_m < 1e-6:
+    configuration = Configuration.between(reference.T_home_cam, other.T_home_cam)
+    if configuration.baseline_m < 1e-6:
         raise InputError(f"{other.name} and {reference.name} were taken from one place: no baseline")
-    axis = "horizontal" if abs(p[0]) >= abs(p[1]) else "vertical"
-    return Configuration(axis, baseline_m, 0.0, f"{reference.name} with {other.name}")
+    return replace(configuration, name=f"{reference.name} with {other.name}")

@@ -6,7 +6,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_stereo.result import MapResult
+from fcsv_stereo.model import MapResult
 from fcsv_stereo.truth import Truth
 
 BANDS_M = ((0.0, 50.0), (50.0, 100.0), (100.0, 200.0), (200.0, 400.0))

@@ -3,49 +3,14 @@
 
 from collections import deque
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Deque, Dict, List, Optional, Sequence
 
-import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.inputs import FLOWN, ConfigurationInput, MapInput, Picture
+from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, LivePicture, MapInput, MapResult, Picture
 from fcsv_stereo.refinement import KnownFeatures
-from fcsv_stereo.result import Configuration, MapResult
-
-
-@dataclass(frozen=True)
-class LivePicture:
-    """A picture as it came over the link: JPEG of the distorted picture, and T_odom_cam at its stamp."""
-
-    vehicle: str
-    stamp_s: float
-    jpeg: bytes
-    camera: PinholeCamera
-    T_odom_cam: np.ndarray
-
-    @cached_property
-    def image(self) -> np.ndarray:
-        """Undistorted (H,W,3) uint8 RGB, made once: a map takes it again with every configuration that comes.
-
-        Raises InputError where it is no picture of its camera.
-        """
-        bgr = cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR) if self.jpeg else None
-        size = (self.camera.height, self.camera.width)
-        if bgr is None or bgr.shape[:2] != size:
-            found = "is not a JPEG" if bgr is None else f"is {bgr.shape[1]}x{bgr.shape[0]}, not {size[1]}x{size[0]}"
-            raise InputError(f"picture of {self.vehicle} at {self.stamp_s:.3f} {found}")
-        return self.camera.undistort(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
-
-    def picture(self, T_home_odom: np.ndarray) -> Picture:
-        """With its pose in home. Raises like image."""
-        name = f"{self.vehicle}/{self.stamp_s:.3f}"
-        T_home_cam = T_home_odom @ self.T_odom_cam
-        camera, blank = self.camera.undistorted(), self.camera.blank()
-        return Picture(name, self.vehicle, self.stamp_s, self.image, camera, T_home_cam, blank)
 
 
 @dataclass(frozen=True)
@@ -142,8 +107,9 @@ class LiveSession:
         first = self._posed(anchor)
         pairs = []
         for other in (self._posed(c) for c in chosen):
-            configuration = _configuration(first, other)
-            pairs.append(ConfigurationInput(configuration, [first], [other]))
+            c = Configuration.between(first.T_home_cam, other.T_home_cam)
+            c = replace(c, name=f"{other.vehicle}, {c.axis} {c.baseline_m:.1f} m")
+            pairs.append(ConfigurationInput(c, [first], [other]))
         return MapInput("session", pairs, prior=FLOWN)
 
     def _keep(self, window: Window, picture: LivePicture) -> None:
@@ -214,11 +180,3 @@ def remembering(options, known: KnownFeatures):
 def _nearest(pictures, stamp_s: float, apart_s: float) -> Optional[LivePicture]:
     near = [p for p in pictures if abs(p.stamp_s - stamp_s) <= apart_s]
     return min(near, key=lambda p: abs(p.stamp_s - stamp_s)) if near else None
-
-
-def _configuration(reference: Picture, other: Picture) -> Configuration:
-    """Named after where the other camera is in the reference's picture plane."""
-    p_cam = reference.T_home_cam[:3, :3].T @ (other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3])
-    axis = "horizontal" if abs(p_cam[0]) >= abs(p_cam[1]) else "vertical"
-    baseline_m = float(np.linalg.norm(p_cam))
-    return Configuration(axis, baseline_m, 0.0, f"{other.vehicle}, {axis} {baseline_m:.1f} m")

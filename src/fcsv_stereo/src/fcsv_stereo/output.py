@@ -12,8 +12,8 @@ import numpy as np
 
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.model import Cloud, MapResult
 from fcsv_stereo.products import names
-from fcsv_stereo.result import Cloud, MapResult
 
 FILES = ("map.ply", "depth.npy", "sigma.npy", "reference.png", "report.json", "report.html")
 _POINT = np.dtype(

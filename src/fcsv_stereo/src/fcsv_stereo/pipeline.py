@@ -9,17 +9,16 @@ from typing import Callable, Dict, Optional, Sequence, Union
 from fcsv_stereo import colmap, output
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
-from fcsv_stereo.inputs import MapInput
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint
 from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
 from fcsv_stereo.joint.checks.enough_evidence import require_evidence
 from fcsv_stereo.joint.checks.moved import leave_out_moved
+from fcsv_stereo.model import MapInput, MapResult, Progress
 from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
 from fcsv_stereo.refinement import RefineOptions
 from fcsv_stereo.report import write_report
-from fcsv_stereo.result import MapResult, Progress
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 from fcsv_stereo.truth import load_truth
 

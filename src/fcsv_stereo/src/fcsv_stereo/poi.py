@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_geometry import config
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.result import MapResult
+from fcsv_stereo.model import MapResult
 
 FILE = "poi.yaml"
 PERCENTILES = (5, 25, 50, 75, 95)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Picture
 
 R_HOME_CAM = transforms.R_FLU_OPTICAL
 _LEAST_SIDEWAYS = 0.05

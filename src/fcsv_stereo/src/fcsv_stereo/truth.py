@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.result import ImageEntry, Reference
+from fcsv_stereo.model import ImageEntry, Reference
 
 _SAME_STAMP_S = 1e-3
 

@@ -6,8 +6,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import StereoError
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
-from fcsv_stereo.result import Configuration
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
 
 _SIZE = (160, 120)
 _SHIFT_PX = 8

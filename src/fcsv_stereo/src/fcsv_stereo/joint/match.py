@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from fcsv_stereo.errors import InputError, MatchingError
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint.checks.reliability import confirmed, consistent, relied_on, trusted
 from fcsv_stereo.joint.checks.sigma import LEAST_TRUST, geometry_sigma, matching_sigma
 from fcsv_stereo.joint.checks.sky import sky
@@ -21,6 +20,7 @@ from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
 from fcsv_stereo.joint.views import Views, grey, inverse_depths, seen_by_any, views
 from fcsv_stereo.joint.volume.far_rematch import FINER, sharpened
 from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
+from fcsv_stereo.model import Picture
 
 _LEAST_BASELINE_M = 1e-6
 _LEAST_PIXELS = 16

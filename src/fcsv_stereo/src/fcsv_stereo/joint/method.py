@@ -10,11 +10,20 @@ import numpy as np
 from fcsv_stereo.depth import points_from_depth
 from fcsv_stereo.equations import ErrorThreshold, farthest
 from fcsv_stereo.errors import InputError, MatchingError
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
+from fcsv_stereo.model import (
+    Cloud,
+    Configuration,
+    ConfigurationInput,
+    ImageEntry,
+    MapInput,
+    MapResult,
+    Picture,
+    Progress,
+    Reference,
+)
 from fcsv_stereo.refinement import RefinedPicture, RefineOptions, refine
-from fcsv_stereo.result import Cloud, Configuration, ImageEntry, MapResult, Progress, Reference
 
 _MOST_POSE_PX = 1.5
 
@@ -73,10 +82,7 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     pairs = _pairs(configurations, given.kind == "session", reference, pictures, found, options)
     timing_s["fuse"] = time.perf_counter() - started
     progress("map", 3, 3)
-    view = Reference(
-        reference.name, reference.stamp_s, reference.vehicle, reference.image, reference.camera, reference.T_home_cam
-    )
-    images = _images(reference, others, refined)
+    view, images = Reference.of(reference), _images(reference, others, refined)
     return MapResult("joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings)
 
 

@@ -7,9 +7,8 @@ from typing import List, Tuple
 import cv2
 import numpy as np
 
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Configuration, Picture
 from fcsv_stereo.rectify import RectifiedPair, bouguet, home
-from fcsv_stereo.result import Configuration
 
 _BINS_PER_DOUBLING = 4
 _LEAST_SHARE = 0.6  # of a pair's usual agreement: below it the pair stops being useful

@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Picture
 
 LEAST_FALL = 0.01  # of a ray, per metre of depth: one that falls less does not meet the ground
 LEAST_SEEN = 0.3  # share of the reference picture that a pair must see at an inverse depth for it to count there

@@ -9,8 +9,8 @@ import numpy as np
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.equations import ErrorThreshold, baseline_for, depth_error, farthest, segment_ends
 from fcsv_stereo.errors import PlanError
+from fcsv_stereo.model import AXES
 from fcsv_stereo.planning.overlap import non_overlap, overlap_starts_m
-from fcsv_stereo.result import AXES
 
 _DEFAULT_COUNT = 4  # n_B of the thesis's own lists (3.2, 6.7)
 

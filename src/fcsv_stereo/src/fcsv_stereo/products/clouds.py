@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fcsv_stereo.result import Cloud
+from fcsv_stereo.model import Cloud
 
 _LAZ_STEP_M = 0.001  # LAZ stores whole numbers of this
 _PCD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4"), ("baseline", "<u4")])

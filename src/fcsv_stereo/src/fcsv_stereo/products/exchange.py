@@ -9,9 +9,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import MapInput, Picture
+from fcsv_stereo.model import Cloud, MapInput, MapResult, Picture
 from fcsv_stereo.products.pictures import file_names, refined_pictures
-from fcsv_stereo.result import Cloud, MapResult
 
 _MOST_POINTS = 200000  # as text; map.ply has them all
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fcsv_stereo.result import Cloud
+from fcsv_stereo.model import Cloud
 
 _MOST_CELLS = 1500  # along the longer side
 _LEAST_CELL_M = 0.01

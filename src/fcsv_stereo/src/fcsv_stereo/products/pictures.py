@@ -7,8 +7,7 @@ from pathlib import PurePosixPath
 from typing import Dict, List
 
 from fcsv_stereo.errors import OutputError
-from fcsv_stereo.inputs import MapInput, Picture
-from fcsv_stereo.result import MapResult
+from fcsv_stereo.model import MapInput, MapResult, Picture
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 

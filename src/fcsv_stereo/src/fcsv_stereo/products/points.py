@@ -6,7 +6,7 @@ from typing import Sequence
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.result import Cloud, Reference
+from fcsv_stereo.model import Cloud, Reference
 
 _AGREE = 2.0  # depths that differ by less than so many standard deviations of their difference are of one point
 

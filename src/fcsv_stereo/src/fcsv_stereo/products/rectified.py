@@ -9,10 +9,9 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.model import MapInput, MapResult
 from fcsv_stereo.products.pictures import refined_pictures
 from fcsv_stereo.rectify import RectifiedPair, bouguet
-from fcsv_stereo.result import MapResult
 
 _FILES = {"horizontal": ("left.png", "right.png"), "vertical": ("top.png", "bottom.png")}
 

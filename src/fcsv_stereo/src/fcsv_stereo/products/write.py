@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Callable, Dict, Sequence
 
 from fcsv_stereo.errors import OutputError
-from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.model import Cloud, MapInput, MapResult
 from fcsv_stereo.products import clouds, exchange, from_above, rectified
 from fcsv_stereo.products.points import merge_duplicates
-from fcsv_stereo.result import Cloud, MapResult
 
 _Writer = Callable[[MapResult, MapInput, Cloud, Path], None]
 _WRITERS: Dict[str, _Writer] = {

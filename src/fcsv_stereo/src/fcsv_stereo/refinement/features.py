@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Picture
 
 _SIFT_PIXELS = 150e3  # SIFT finds neighbours; accuracy comes from tracking in the whole picture
 _TRACKING_PIXELS = 2e6  # more is more blur, not more detail

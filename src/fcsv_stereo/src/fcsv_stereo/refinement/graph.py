@@ -7,7 +7,7 @@ from typing import Dict, List, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.inputs import PosePrior
+from fcsv_stereo.model import PosePrior
 from fcsv_stereo.refinement.features import View
 from fcsv_stereo.refinement.geometry import PairPrior
 from fcsv_stereo.refinement.links import Link, link

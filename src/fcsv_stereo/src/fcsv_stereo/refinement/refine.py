@@ -9,7 +9,7 @@ from typing import Dict, List, Sequence
 import numpy as np
 
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Picture
 from fcsv_stereo.refinement.consensus import adjust_robustly
 from fcsv_stereo.refinement.features import View, prepare
 from fcsv_stereo.refinement.graph import link_all, start_poses

@@ -6,7 +6,7 @@ from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_stereo.inputs import Picture
+from fcsv_stereo.model import Picture
 from fcsv_stereo.refinement.types import RefineOptions
 
 _LEAST_PICTURES = 3

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.inputs import Picture, PosePrior
+from fcsv_stereo.model import Picture, PosePrior
 from fcsv_stereo.refinement.features import KnownFeatures
 
 

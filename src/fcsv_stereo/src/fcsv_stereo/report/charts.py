@@ -6,8 +6,8 @@ from typing import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 
+from fcsv_stereo.model import MapResult
 from fcsv_stereo.report.evidence import PairEvidence, correction
-from fcsv_stereo.result import MapResult
 
 #: of a run, in their order
 STEPS = ("load", "refine", "match", "fuse", "write")

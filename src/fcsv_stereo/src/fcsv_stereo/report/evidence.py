@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.result import ImageEntry, MapResult, PairResult
+from fcsv_stereo.model import ImageEntry, MapResult, PairResult
 
 _FAR_M = 1e5  # where a pixel without depth is taken to look
 _STEP_PX = 4  # of the grid on which overlap is counted

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter
 
 from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import Evaluation
-from fcsv_stereo.result import MapResult, PairResult
+from fcsv_stereo.model import MapResult, PairResult
 
 DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"

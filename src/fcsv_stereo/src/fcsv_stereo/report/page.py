@@ -8,11 +8,11 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
 from fcsv_stereo.report import evidence, sections
 from fcsv_stereo.report.markup import STYLE
 from fcsv_stereo.report.sections import ReportData
-from fcsv_stereo.result import MapResult
 
 #: Title and maker of every section, in order; one that gives nothing is left out. A new page is a line here.
 SECTIONS: List[Tuple[str, Callable[[ReportData], List[str]]]] = [

@@ -6,8 +6,8 @@ from typing import List, Optional, Sequence
 import numpy as np
 
 from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.model import MapResult
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction
-from fcsv_stereo.result import MapResult
 
 LEAST_COVERAGE, LEAST_MATCHED, LEAST_OVERLAP = 0.25, 0.3, 0.5
 MOST_EPIPOLAR_PX, MOST_CORRECTION_DEG, MOST_SEAM, MOST_APART_S = 1.0, 1.0, 0.05, 0.2

@@ -8,12 +8,12 @@ from typing import List, Optional, Sequence
 import numpy as np
 
 from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
 from fcsv_stereo.report import charts, figures, poi
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction, sigma_bands
 from fcsv_stereo.report.markup import image, note, number, percent, side, table
 from fcsv_stereo.report.plain_words import warnings
-from fcsv_stereo.result import MapResult
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,10 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
-from fcsv_stereo.inputs import MapInput
-from fcsv_stereo.live import Corrections, LivePicture, LiveSession, remembering
+from fcsv_stereo.live import Corrections, LiveSession, remembering
+from fcsv_stereo.model import LivePicture, MapInput, MapResult
 from fcsv_stereo.pipeline import METHODS, MONITOR_OPTIONS, OPTIONS, QUICK_OPTIONS
 from fcsv_stereo.refinement import KnownFeatures
-from fcsv_stereo.result import MapResult
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
 from fcsv_stereo.ros.session_messages import window_of
 from fcsv_stereo.warm_up import warm_up

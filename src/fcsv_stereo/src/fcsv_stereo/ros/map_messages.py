@@ -8,7 +8,7 @@ from sensor_msgs.msg import Image, PointCloud2, PointField
 
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
-from fcsv_stereo.result import Cloud
+from fcsv_stereo.model import Cloud
 
 #: Optical frame of the reference picture that depth belongs to, published as a static transform from home.
 REFERENCE_FRAME = "map/reference_optical"

@@ -2,7 +2,7 @@
 """What the control PC says of a recording (/mission/capture), for bags and for live maps."""
 
 from fcsv_stereo.live import Window
-from fcsv_stereo.result import Configuration
+from fcsv_stereo.model import Configuration
 
 
 def window_of(capture) -> Window:

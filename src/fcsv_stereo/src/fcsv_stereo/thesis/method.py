@@ -12,9 +12,19 @@ from fcsv_geometry import transforms
 from fcsv_stereo.depth import depth_from_disparity, points_from_depth, resample
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError, MatchingError
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
+from fcsv_stereo.model import (
+    AXES,
+    Cloud,
+    ConfigurationInput,
+    ImageEntry,
+    MapInput,
+    MapResult,
+    PairResult,
+    Picture,
+    Progress,
+    Reference,
+)
 from fcsv_stereo.rectify import RECTIFIERS, RectifiedPair
-from fcsv_stereo.result import AXES, Cloud, ImageEntry, MapResult, PairResult, Progress, Reference
 from fcsv_stereo.thesis.fuse import Layer, effective_ranges, fuse_layers
 from fcsv_stereo.thesis.matchers import DisparityWindow, match, match_rate
 from fcsv_stereo.thesis.selection import SelectionOptions, select
@@ -88,9 +98,7 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
             "chance: too little texture, only sky, or see --disparity and --error"
         )
     pairs = [_pair_result(m, d, r) for m, d, r in zip(matched, depths, ranges_m)]
-    view = Reference(
-        reference.name, reference.stamp_s, reference.vehicle, reference.image, reference.camera, reference.T_home_cam
-    )
+    view = Reference.of(reference)
     return MapResult("thesis", view, _images(matched), pairs, depth, sigma, cloud, timing_s, warnings)
 
 

@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
-from fcsv_stereo.inputs import ConfigurationInput, Picture
+from fcsv_stereo.model import ConfigurationInput, Picture
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.inputs import MapInput
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
-from fcsv_stereo.result import MapResult
+from fcsv_stereo.model import MapInput, MapResult
 
 _LEAST_RELATIVE_SIGMA = 0.2  # of a depth that an axis denies
 _PIXELS = 8e4  # are looked at: places that are denied are larger than pixels

@@ -4,7 +4,7 @@
 import numpy as np
 
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.result import MapResult
+from fcsv_stereo.model import MapResult
 
 _KNOWN = 0.1  # of the depth: what sigma must be below to count
 _LEAST_SHARE = 0.02  # of the picture

@@ -14,10 +14,9 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.inputs import ConfigurationInput, MapInput, Picture
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
+from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference
 from fcsv_stereo.refinement.features import corners
-from fcsv_stereo.result import MapResult, Reference
 
 _CORNERS, _LEAST_CORNERS = 800, 40
 _MOST_OFF_PX = 1.0  # of a corner from where the pose puts it

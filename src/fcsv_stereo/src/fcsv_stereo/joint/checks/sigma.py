@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint.refine.subpixel import Fine
+from fcsv_stereo.model import Picture
 
 #: Neighbours' residuals are not independent (interpolation, shared texture), and matching errors have long tails.
 CORRELATED = 1.8

@@ -16,8 +16,8 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint.views import Views, camera_matrix, projection
+from fcsv_stereo.model import Picture
 
 _CELL = 4  # px: one correction of inverse depth each
 _HUBER = 3.0  # grey levels

@@ -1,48 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a mapping method starts from, whatever it was read from."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import List, Optional
 
-import cv2
 import numpy as np
 
-from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.result import Configuration
-
-
-@dataclass(frozen=True)
-class Picture:
-    """An undistorted picture (HxWx3 uint8 RGB), its pinhole camera and the prior of its pose.
-
-    ``blank`` (HxW bool) are pixels that the camera did not take, as taking out the distortion leaves them along the
-    borders; None where there are none.
-    """
-
-    name: str
-    vehicle: str
-    stamp_s: float
-    image: np.ndarray
-    camera: PinholeCamera
-    T_home_cam: np.ndarray
-    blank: Optional[np.ndarray] = None
-
-    @classmethod
-    def undistorted(cls, name, vehicle, stamp_s, image, camera: PinholeCamera, T_home_cam) -> "Picture":
-        """From the picture as a ``camera`` with distortion took it."""
-        undistorted = camera.undistort(image)
-        return cls(name, vehicle, stamp_s, undistorted, camera.undistorted(), T_home_cam, camera.blank())
-
-    def shrunk(self, scale: float) -> "Picture":
-        """The picture at a share of its size."""
-        height, width = (max(1, round(n * scale)) for n in self.image.shape[:2])
-        image = cv2.resize(self.image, (width, height), interpolation=cv2.INTER_AREA)
-        blank = self.blank
-        if blank is not None:
-            blank = cv2.resize(blank.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0
-        return replace(self, image=image, camera=self.camera.resized(width, height), blank=blank)
+from fcsv_stereo.model.configuration import Configuration
+from fcsv_stereo.model.pictures import Picture
 
 
 @dataclass(frozen=True)

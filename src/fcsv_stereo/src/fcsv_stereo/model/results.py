@@ -6,21 +6,11 @@ from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.model.configuration import Configuration
+from fcsv_stereo.model.pictures import Reference
 
-AXES = ("horizontal", "vertical")
 #: what a method tells of its way: the step, how many of it are done, of how many
 Progress = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True)
-class Configuration:
-    """One stereo configuration: ``axis`` of the baseline, its length (m) and the inward tilt (rad)."""
-
-    axis: str
-    baseline_m: float
-    tilt_rad: float = 0.0
-    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -58,23 +48,6 @@ class PairResult:
     candidates: List[Tuple[str, float]]
     T_home_cam_reference: np.ndarray
     T_home_cam_other: np.ndarray
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The undistorted picture (HxWx3 uint8 RGB) that depth and sigma belong to."""
-
-    name: str
-    stamp_s: float
-    vehicle: str
-    image: np.ndarray
-    camera: PinholeCamera
-    T_home_cam: np.ndarray
-
-    @property
-    def is_level(self) -> bool:
-        """Whether home's z points up in the picture, to within 60 degrees: photographs may have any world."""
-        return bool(-self.T_home_cam[2, 1] > 0.5)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What methods take and give back: pictures, configurations, inputs, results. Nothing here maps anything."""
+
+from fcsv_stereo.model.configuration import AXES, Configuration
+from fcsv_stereo.model.inputs import FLOWN, ConfigurationInput, MapInput, PosePrior
+from fcsv_stereo.model.pictures import LivePicture, Picture, Reference
+from fcsv_stereo.model.results import Cloud, ImageEntry, MapResult, PairResult, Progress
+
+__all__ = [
+    "AXES", "FLOWN", "Cloud", "Configuration", "ConfigurationInput", "ImageEntry", "LivePicture", "MapInput",
+    "MapResult", "PairResult", "Picture", "PosePrior", "Progress", "Reference",
+]  # fmt: skip

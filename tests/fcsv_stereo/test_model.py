@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What methods take and give back: a configuration out of two poses, and what the model's modules promise."""
+
+import doctest
+
+import numpy as np
+import pytest
+from scenes import CAMERA, camera_pose, picture
+
+from fcsv_stereo.model import Configuration, Reference, configuration, inputs
+
+
+@pytest.mark.parametrize("module", [configuration, inputs])
+def test_examples(module):
+    done = doctest.testmod(module)
+    assert done.attempted and not done.failed
+
+
+@pytest.mark.parametrize(
+    "xyz, axis, baseline_m",
+    [
+        ([0.3, -2.0, 0.5], "horizontal", 2.0833), ([0.0, 0.4, 1.0], "vertical", 1.0770),
+        ([0.0, 0.7, -0.7], "horizontal", 0.9899),
+    ],
+)  # fmt: skip
+def test_a_configuration_of_two_poses(xyz, axis, baseline_m):
+    """The reference's image plane decides, not home's axes: a reference rolled by 90 degrees swaps them."""
+    found = Configuration.between(camera_pose([0, 0, 0]), camera_pose(xyz))
+    assert found.axis == axis and found.baseline_m == pytest.approx(baseline_m, abs=1e-4) and found.tilt_rad == 0.0
+    if abs(xyz[1]) != abs(xyz[2]):
+        rolled = Configuration.between(camera_pose([0, 0, 0], (90.0, 0.0, 0.0)), camera_pose(xyz))
+        assert {found.axis, rolled.axis} == {"horizontal", "vertical"}
+
+
+def test_a_reference_is_its_picture():
+    p = picture("uav1/0", "uav1", 10.0, camera_pose([0, 0, 0]))
+    reference = Reference.of(p)
+    assert reference.image is p.image and reference.camera == CAMERA and reference.is_level
+    assert (reference.name, reference.vehicle, reference.stamp_s) == ("uav1/0", "uav1", 10.0)
+    assert np.array_equal(reference.T_home_cam, p.T_home_cam)
