@@ -14,7 +14,7 @@ import numpy as np
 from bench.scenes import NOISES, SceneName, shoot
 from fcsv_stereo.evaluation import band
 from fcsv_stereo.live import Corrections
-from fcsv_stereo.pipeline import METHODS, MONITOR_OPTIONS, OPTIONS
+from fcsv_stereo.pipeline import METHODS
 
 PAIRS = [("horizontal", 2.0), ("vertical", 4.0)]  # the thesis's figure 3.15
 
@@ -30,16 +30,17 @@ def main():
     given = replace(given, configurations=[
         replace(c, others=[replace(c.others[0], vehicle=f"uav{i}")]) for i, c in enumerate(given.configurations, 2)
     ])  # fmt: skip
-    METHODS["joint"](given, OPTIONS["joint"](), lambda *_: None)  # kernels are loaded
+    method = METHODS["joint"]
+    method.map(given)  # kernels are loaded
     seconds, shares = [], []
     for n in range(args.pictures):
         started = time.perf_counter()
-        options = MONITOR_OPTIONS["joint"]
+        options = method.monitor
         if n % args.refine_every == 0:
-            result = METHODS["joint"](given, options, lambda *_: None)
+            result = method.map(given, options)
             corrections.learn(result)
         else:
-            result = METHODS["joint"](corrections.apply(given), replace(options, refine_poses=False), lambda *_: None)
+            result = method.map(corrections.apply(given), method.trusting_poses(options))
         seconds.append(time.perf_counter() - started)
         depth = cv2.resize(result.depth, scene.true_depth.shape[::-1], interpolation=cv2.INTER_NEAREST)
         shares.append(band(depth, scene.true_depth, (0.0, 400.0)).within_10_percent)

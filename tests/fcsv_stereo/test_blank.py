@@ -8,7 +8,7 @@ import pytest
 from scenes import CAMERA, given, photograph
 
 from fcsv_stereo.model import Picture
-from fcsv_stereo.pipeline import METHODS, OPTIONS
+from fcsv_stereo.pipeline import METHODS
 
 PINCUSHION = replace(CAMERA, distortion=(0.05, 0.0, 0.0, 0.0, 0.0))
 
@@ -31,7 +31,7 @@ def test_black_borders_have_no_depth(method):
         for c in seen.configurations
     ]
     blank = configurations[0].references[0].blank
-    result = METHODS[method](replace(seen, configurations=configurations), OPTIONS[method](), quiet)
+    result = METHODS[method].map(replace(seen, configurations=configurations))
     assert blank.sum() > 500 and not np.isfinite(result.depth[blank]).any()
     assert not np.isfinite(result.sigma[blank]).any() and np.isfinite(result.depth[~blank]).mean() > 0.3
     assert len(result.cloud) <= np.isfinite(result.depth).sum()

@@ -44,7 +44,7 @@ def truth(flown):
 
 
 def joint(reference, others):
-    return MAP["joint"](faulty.given(reference, others), JointOptions(), quiet)
+    return MAP["joint"].map(faulty.given(reference, others), JointOptions(), quiet)
 
 
 def of_the_reference(flown):
@@ -107,7 +107,7 @@ def test_with_nothing_but_a_bad_picture_there_is_no_map(flown, truth, fault):
 def test_no_texture_and_only_sky(flown, method, options, spoil):
     reference, _, priors = flown
     with pytest.raises(MatchingError) as error:
-        MAP[method](faulty.given(spoil(reference), [spoil(p) for p in priors[:2]]), options, quiet)
+        MAP[method].map(faulty.given(spoil(reference), [spoil(p) for p in priors[:2]]), options, quiet)
     assert "\n" not in str(error.value)
 
 
@@ -161,7 +161,7 @@ def test_an_object_that_moves_in_step_with_the_baselines():
     given, truth, on_it = in_step()
     seen = map_joint(given, JointOptions(), quiet)
     assert faulty.claims(seen, truth, on_it)[1] > 0.5  # what matching alone makes of it: this is no easy case
-    result = MAP["joint"](given, JointOptions(), quiet)
+    result = MAP["joint"].map(given, JointOptions(), quiet)
     sure, wrong = faulty.claims(result, truth, on_it)
     assert sure * wrong < faulty.MOST_WRONG * on_it.mean()  # of the board's pixels
     assert faulty.claims(result, truth)[1] <= faulty.MOST_WRONG
@@ -184,13 +184,13 @@ def test_the_other_axis_tells_of_an_object_that_moves_in_step():
     on_it = np.isfinite(boards.depth(reference.T_home_cam, [board], faulty.CAMERA))
     sure, wrong = faulty.claims(map_joint(given, JointOptions(), quiet), truth, on_it)
     assert sure * wrong > 0.3 * on_it.mean()  # what matching alone makes of it: this is no easy case
-    sure, wrong = faulty.claims(MAP["joint"](given, JointOptions(), quiet), truth, on_it)
+    sure, wrong = faulty.claims(MAP["joint"].map(given, JointOptions(), quiet), truth, on_it)
     assert sure * wrong < faulty.MOST_WRONG * on_it.mean()
 
 
 def test_nothing_is_left_out_where_nothing_moved():
     given, _, _ = in_step((0.0, 0.0, 0.0))
-    seen, result = map_joint(given, JointOptions(), quiet), MAP["joint"](given, JointOptions(), quiet)
+    seen, result = map_joint(given, JointOptions(), quiet), MAP["joint"].map(given, JointOptions(), quiet)
     assert result.coverage >= seen.coverage - 0.001 and not any("moved" in w for w in result.warnings)
 
 
@@ -206,7 +206,7 @@ def test_every_matcher_on_pictures_without_texture(flown, matcher):
     reference, _, priors = flown
     with pytest.raises(MatchingError, match="too little texture"):
         given = faulty.given(faulty.flat(reference), [faulty.flat(priors[0])])
-        MAP["thesis"](given, ThesisOptions(matcher=matcher), quiet)
+        MAP["thesis"].map(given, ThesisOptions(matcher=matcher), quiet)
 
 
 @pytest.mark.parametrize(
@@ -220,7 +220,7 @@ def test_hardly_a_pixel(method, options, size):
     image = np.full((size[1], size[0], 3), 90, np.uint8)
     a, b = (Picture(n, "uav", 0.0, image, camera, boards.pose((0, y, 0))) for n, y in (("a", 0.0), ("b", -1.0)))
     with pytest.raises(StereoError) as error:
-        MAP[method](faulty.given(a, [b]), options, quiet)
+        MAP[method].map(faulty.given(a, [b]), options, quiet)
     assert "\n" not in str(error.value)
 
 

@@ -39,7 +39,7 @@ def errors_px(depth, truth, baseline_m, focal_px):
 ])  # fmt: skip
 def test_walls(method, options, most_px, least_share):
     """A wall at 20 m, one of 5 x 5 m before it at 12 m; 320x240, baselines of 0.5 and 1 m, and 1 m up."""
-    result = METHODS[method](scenes.given(*WALLS), options, quiet)
+    result = METHODS[method].map(scenes.given(*WALLS), options, quiet)
     truth = scenes.true_depth(result.reference.T_home_cam)
     assert np.median(errors_px(result.depth, truth, 1.0, scenes.CAMERA.fx)) <= most_px
     assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() >= least_share
@@ -55,7 +55,7 @@ def test_boards():
     edges of forty boards in 320x240 pixels. Below 85 % something has broken.
     """
     reference, _, priors = faulty.flight(seed=1)
-    result = METHODS["joint"](faulty.given(reference, priors), JointOptions(), quiet)
+    result = METHODS["joint"].map(faulty.given(reference, priors), JointOptions(), quiet)
     truth = boards.depth(reference.T_home_cam, faulty.TOWN, faulty.CAMERA)
     assert np.median(errors_px(result.depth, truth, 8.0, faulty.CAMERA.fx)) <= 1.0
     known = np.isfinite(result.depth) & np.isfinite(truth)

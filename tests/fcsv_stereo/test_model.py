@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 from scenes import CAMERA, camera_pose, picture
 
+from fcsv_stereo.joint import JointOptions
 from fcsv_stereo.model import Configuration, Reference, configuration, inputs
+from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS
+from fcsv_stereo.refinement import KnownFeatures
+from fcsv_stereo.thesis import ThesisOptions
 
 
 @pytest.mark.parametrize("module", [configuration, inputs])
@@ -38,3 +42,22 @@ def test_a_reference_is_its_picture():
     assert reference.image is p.image and reference.camera == CAMERA and reference.is_level
     assert (reference.name, reference.vehicle, reference.stamp_s) == ("uav1/0", "uav1", 10.0)
     assert np.array_equal(reference.T_home_cam, p.T_home_cam)
+
+
+def test_methods_say_what_they_take_and_can_do():
+    assert DEFAULT_METHOD == "joint" and list(METHODS) == ["joint", "thesis"]
+    for name, options in (("joint", JointOptions), ("thesis", ThesisOptions)):
+        method = METHODS[name]
+        assert method.name == name and method.options is options
+        for each in (method.quick, method.monitor, method.with_depth_steps(options(), 64)):
+            assert isinstance(each, options) and each != options()
+
+
+def test_a_method_remembers_and_trusts_where_it_can():
+    joint, thesis, known = METHODS["joint"], METHODS["thesis"], KnownFeatures()
+    assert joint.refines_poses and not thesis.refines_poses
+    assert joint.remembering(joint.quick, known).refinement.known is known
+    assert joint.remembering(joint.quick, known).matching == joint.quick.matching
+    assert not joint.trusting_poses(joint.monitor).refine_poses and joint.monitor.scale == 0.5
+    options = ThesisOptions()
+    assert thesis.remembering(options, known) is options and thesis.trusting_poses(options) is options

@@ -82,6 +82,6 @@ def test_a_car_that_drives_along_the_baselines(flight):
     ])  # fmt: skip
     assert on_car.sum() > 1000
     assert false_claims(map_joint(session, JointOptions(), quiet), truth, on_car) > 0.3  # matching alone: no easy case
-    result = METHODS["joint"](session, JointOptions(), quiet)
+    result = METHODS["joint"].map(session, JointOptions(), quiet)
     assert false_claims(result, truth, on_car) <= faulty.MOST_WRONG
     assert any("something moved" in w for w in result.warnings), result.warnings

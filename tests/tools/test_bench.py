@@ -14,8 +14,20 @@ from bench.scenes import HORIZONTAL, NOISES, Scene, SceneName, smaller
 from fcsv_geometry import transforms
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference
-from fcsv_stereo.thesis import ThesisOptions
+from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference, silent
+from fcsv_stereo.thesis import Thesis
+
+
+class Oracle(Thesis):
+    """A method that answers what a test wants."""
+
+    name = "oracle"
+
+    def __init__(self, answer):
+        self._answer = answer
+
+    def map(self, given, options=None, progress=silent):
+        return self._answer()
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +48,11 @@ def result_of(scene, depth, sigma, poses):
 def test_truth_scores_all_and_noise_is_what_it_says(scene, monkeypatch):
     truth = scene.true_depth.astype(np.float32)
 
-    def oracle(given, options: ThesisOptions, progress):
+    def oracle():
         noise = np.random.default_rng(1).normal(0.0, 0.2, truth.shape).astype(np.float32)
         return result_of(scene, truth + noise, np.full_like(truth, 0.2), scene.true_poses())
 
-    monkeypatch.setitem(pipeline.METHODS, "oracle", oracle)
+    monkeypatch.setitem(pipeline.METHODS, "oracle", Oracle(oracle))
     f = measure.measure("oracle", scene.given(HORIZONTAL, NOISES[0]), scene)
     assert f.within_10 == 1.0 and f.covered == 1.0 and f.wrong_of_answered == 0.0
     # normal errors of 0.2 m against sigma 0.2 m: 68.3 and 95.4 %, to within the scatter of 76800 draws
@@ -83,10 +95,10 @@ def test_priors_state_the_noise_that_is_on_them(scene):
 
 
 def test_a_method_that_refuses_scores_nothing(scene, monkeypatch):
-    def refuse(given, options: ThesisOptions, progress):
+    def refuse():
         raise MatchingError("nothing matched")
 
-    monkeypatch.setitem(pipeline.METHODS, "oracle", refuse)
+    monkeypatch.setitem(pipeline.METHODS, "oracle", Oracle(refuse))
     f = measure.measure("oracle", scene.given(HORIZONTAL, NOISES[0]), scene)
     assert f.within_10 == 0.0 and np.isnan(f.median)
 
@@ -107,9 +119,9 @@ def test_growth_exponents_and_options():
     samples = [growth.Sample("size", "m", x, 1.0, 2.0 * x**1.5, 7.0) for x in (1.0, 2.0, 4.0)]
     assert growth.exponent(samples, "cpu_seconds") == pytest.approx(1.5)
     assert growth.exponent(samples, "memory_mib") == pytest.approx(0.0, abs=1e-9)
-    options = measure.with_depth_steps(measure.method_options("thesis"), 100)
+    options = growth._with_steps("thesis", 100)
     assert options.window.most_px - options.window.least_px == 100 and options.matcher == "sgbm"
-    assert measure.with_depth_steps(measure.method_options("joint"), 100).matching.most_levels == 100
+    assert growth._with_steps("joint", 100).matching.most_levels == 100
 
 
 def test_smaller_pictures_keep_their_rays(scene):

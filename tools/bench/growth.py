@@ -20,8 +20,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from bench.measure import method_options, run, with_depth_steps
+from bench.measure import run
 from bench.scenes import HORIZONTAL, NOISES, SceneName, shoot, smaller
+from fcsv_stereo.pipeline import METHODS
 
 SIZES = ((640, 480), (1280, 960), (1920, 1440), (2560, 1440), (3840, 2160))
 PAIRS = (1, 2, 4, 8, 16)
@@ -53,9 +54,14 @@ def measure_growth(methods: List[str], quick: bool) -> List[Sample]:
         samples += [_sample("pairs", m, pairs, scene.given(chosen, NOISES[0]), None) for m in methods]
     given = scene.given(_SIXTEEN[1::4], NOISES[0])
     for steps in STEPS[:2] if quick else STEPS:
-        able = [m for m in methods if with_depth_steps(method_options(m), steps) is not None]
+        able = [m for m in methods if _with_steps(m, steps) is not None]
         samples += [_sample("steps", m, steps, given, steps) for m in able]
     return [s for s in samples if s is not None]
+
+
+def _with_steps(method: str, steps: int):
+    """A method's own options with so many depth steps; None where it has none."""
+    return METHODS[method].with_depth_steps(METHODS[method].options(), steps)
 
 
 def _sample(series: str, method: str, x: float, given, steps: Optional[int]) -> Optional[Sample]:
@@ -107,7 +113,7 @@ def plot(samples: List[Sample], path: Path) -> None:
 def _child(path: str, method: str, steps: str) -> None:
     """A warm-up on small pictures compiles; then the run that counts."""
     given = pickle.loads(Path(path).read_bytes())
-    options = method_options(method) if steps == "-" else with_depth_steps(method_options(method), int(steps))
+    options = None if steps == "-" else _with_steps(method, int(steps))
     run(method, smaller(given, max(1, given.configurations[0].references[0].camera.width // 320)), options)
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here on
     before_mib = _status_mib("VmRSS")

@@ -2,8 +2,8 @@
 """What a method makes of a scene, in figures."""
 
 import time
-from dataclasses import dataclass, fields, replace
-from typing import Dict, List, Optional, Sequence, Tuple, get_type_hints
+from dataclasses import dataclass, fields
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from fcsv_stereo.errors import StereoError
 from fcsv_stereo.evaluation import band, evaluate
 from fcsv_stereo.model import ImageEntry, MapInput, MapResult
 from fcsv_stereo.pipeline import METHODS
-from fcsv_stereo.thesis.matchers import DisparityWindow
 
 MOST_M = 400.0
 
@@ -38,27 +37,10 @@ class Figures:
     cpu_seconds: float
 
 
-def method_options(name: str):
-    """A method's own defaults: its options are the dataclass that its signature names."""
-    return get_type_hints(METHODS[name])["options"]()
-
-
-def with_depth_steps(options, steps: int):
-    """Options with a number of depth (or disparity) steps; None where a method has no such thing."""
-    names = {f.name for f in fields(options)}
-    if "window" in names:  # Quasi-Dense, the default, grows from seeds and searches no window: SGBM does
-        window = DisparityWindow(options.window.least_px, options.window.least_px + steps)
-        return replace(options, window=window, matcher="sgbm")
-    if "matching" in names:
-        return replace(options, matching=replace(options.matching, most_levels=steps))
-    return None
-
-
 def run(name: str, given: MapInput, options=None) -> Tuple[MapResult, float, float]:
-    """The map, and the seconds that it took after load: on the wall, and of the processor."""
-    options = method_options(name) if options is None else options
+    """The map (``options`` None: the method's own), and the seconds after load: on the wall, and of the processor."""
     started, started_cpu = time.perf_counter(), time.process_time()
-    result = METHODS[name](given, options, lambda *_: None)
+    result = METHODS[name].map(given, options)
     return result, time.perf_counter() - started, time.process_time() - started_cpu
 
 

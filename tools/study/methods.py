@@ -2,7 +2,6 @@
 """Every registered method on the same input, each with what the study needs of it."""
 
 import time
-import typing
 from typing import Dict, List
 
 from fcsv_stereo.equations import ErrorThreshold
@@ -26,7 +25,7 @@ def run(name: str, given: MapInput, thesis: ThesisOptions) -> MapResult:
     """
     method = METHODS[name]
     started = time.process_time()
-    result = method(given, _options(method, thesis), lambda *_: None)
+    result = method.map(given, thesis if isinstance(thesis, method.options) else None)
     result.timing_s["cpu"] = time.process_time() - started
     return result
 
@@ -34,11 +33,3 @@ def run(name: str, given: MapInput, thesis: ThesisOptions) -> MapResult:
 def run_all(given: MapInput, thesis: ThesisOptions) -> Dict[str, MapResult]:
     """By name, in the order of names()."""
     return {n: run(n, given, thesis) for n in names()}
-
-
-def _options(method, thesis: ThesisOptions):
-    """The method's second parameter says what options it takes."""
-    hints = {k: v for k, v in typing.get_type_hints(method).items() if k != "return"}
-    kinds = list(hints.values())
-    kind = kinds[1] if len(kinds) > 1 else ThesisOptions
-    return thesis if not isinstance(kind, type) or isinstance(thesis, kind) else kind()

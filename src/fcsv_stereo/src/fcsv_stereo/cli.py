@@ -4,13 +4,13 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import List, Optional
+from typing import List, Optional, Union
 
 from tqdm import tqdm
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_stereo import pipeline
-from fcsv_stereo.equations import parse_threshold
+from fcsv_stereo.equations import ErrorThreshold, parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
 from fcsv_stereo.model import AXES
@@ -65,12 +65,17 @@ def main(argv: Optional[List[str]] = None) -> int:
     return 0
 
 
-def _options(args) -> pipeline.Options:
+def _options(args) -> Union[JointOptions, ThesisOptions]:
     _refuse_foreign(args)
-    threshold = parse_threshold(args.error)
-    if args.method == "joint":
-        refinement = RefineOptions(refine_focal=args.refine_focal, refine_time_offset=args.refine_time_offset)
-        return JointOptions(not args.no_refine, refinement, threshold=threshold)
+    return _MAKERS[args.method](args, parse_threshold(args.error))
+
+
+def _joint(args, threshold: ErrorThreshold) -> JointOptions:
+    refinement = RefineOptions(refine_focal=args.refine_focal, refine_time_offset=args.refine_time_offset)
+    return JointOptions(not args.no_refine, refinement, threshold=threshold)
+
+
+def _thesis(args, threshold: ErrorThreshold) -> ThesisOptions:
     return ThesisOptions(
         matcher=args.matcher or ThesisOptions.matcher,
         rectifier=args.rectify,
@@ -79,6 +84,10 @@ def _options(args) -> pipeline.Options:
         trim_m={k: v for k in (*AXES, "all") for v in [getattr(args, f"trim_{k}")] if v},
         across_axes=args.across_axes,
     )
+
+
+#: Options out of arguments, by method.
+_MAKERS = {"joint": _joint, "thesis": _thesis}
 
 
 def _refuse_foreign(args) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, LivePicture, MapInput, MapResult, Picture
-from fcsv_stereo.refinement import KnownFeatures
 
 
 @dataclass(frozen=True)
@@ -168,13 +167,6 @@ class Corrections:
             for c in given.configurations
         ]
         return replace(given, configurations=better)
-
-
-def remembering(options, known: KnownFeatures):
-    """A method's options with a memory for the features of pictures that come again with every configuration."""
-    if not hasattr(options, "refinement"):  # the method takes poses as they are
-        return options
-    return replace(options, refinement=replace(options.refinement, known=known))
 
 
 def _nearest(pictures, stamp_s: float, apart_s: float) -> Optional[LivePicture]:

@@ -2,48 +2,24 @@
 """From an input to OUT/: load, map with a method, evaluate against truth where there is one, write."""
 
 import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Callable, Dict, Optional, Sequence, Union
+from typing import Any, Dict, Optional, Sequence
 
 from fcsv_stereo import colmap, output
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
-from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint
-from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
-from fcsv_stereo.joint.checks.enough_evidence import require_evidence
-from fcsv_stereo.joint.checks.moved import leave_out_moved
-from fcsv_stereo.model import MapInput, MapResult, Progress
+from fcsv_stereo.joint import Joint
+from fcsv_stereo.model import MapInput, Method, Progress
 from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
-from fcsv_stereo.refinement import RefineOptions
 from fcsv_stereo.report import write_report
-from fcsv_stereo.thesis import ThesisOptions, map_thesis
+from fcsv_stereo.thesis import Thesis
 from fcsv_stereo.truth import load_truth
 
-Options = Union[ThesisOptions, JointOptions]
-
-
-def _joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
-    result = doubt_contradicted(given, leave_out_moved(given, map_joint(given, options, progress)))
-    return require_evidence(result) if options.refine_poses else result  # else who asks vouches for the poses
-
-
-#: by name; each takes its own options
-METHODS: Dict[str, Callable[[MapInput, Options, Progress], MapResult]] = {"joint": _joint, "thesis": map_thesis}
-OPTIONS = {"joint": JointOptions, "thesis": ThesisOptions}
-#: for a first look, and for depth again and again, where its rate counts more than its finish
-QUICK_OPTIONS = {
-    "joint": JointOptions(
-        refinement=RefineOptions(features=1500),
-        matching=MatchOptions(volume_pixels=20000, iterations=1, stretch=True),
-    ),
-    "thesis": ThesisOptions(matcher="bm"),
-}
-#: Again and again of what vehicles see while they hold: at half the size twice as often.
-MONITOR_OPTIONS = {**QUICK_OPTIONS, "joint": replace(QUICK_OPTIONS["joint"], scale=0.5)}
-DEFAULT_METHOD = "joint"
+#: by name; another method is another entry
+METHODS: Dict[str, Method] = {m.name: m for m in (Joint(), Thesis())}
+DEFAULT_METHOD = Joint.name
 
 
 def load(path: Path, reference: Optional[str] = None) -> MapInput:
@@ -65,7 +41,7 @@ def run(
     path: Path,
     out: Path,
     method: str,
-    options: Options,
+    options: Any,
     reference: Optional[str],
     progress: Progress,
     poi: Optional[Path] = None,
@@ -73,14 +49,15 @@ def run(
 ) -> dict:
     """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written.
 
-    ``poi`` names a file of points of interest; a session may hold one (poi.yaml). ``products`` are written besides.
+    ``options`` are of the method's ``options`` class. ``poi`` names a file of points of interest; a session may hold
+    one (poi.yaml). ``products`` are written besides.
     """
     started = time.perf_counter()
     output.check_out(out)
     points = load_points(poi or path / POI_FILE) if poi or (path / POI_FILE).is_file() else []
     given = load(path, reference)
     loaded = time.perf_counter()
-    result = METHODS[method](given, options, progress)
+    result = METHODS[method].map(given, options, progress)
     result.timing_s["load"] = loaded - started
     truth = load_truth(given.truth_folder) if given.truth_folder else None
     with output.StagedOutput(out) as staged:

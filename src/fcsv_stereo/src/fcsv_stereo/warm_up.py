@@ -6,13 +6,13 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import StereoError
-from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Method, Picture
 
 _SIZE = (160, 120)
 _SHIFT_PX = 8
 
 
-def warm_up(method, options) -> None:
+def warm_up(method: Method, options) -> None:
     """Run a method once on a small textured wall."""
     random = np.random.default_rng(1)
     wide = random.integers(0, 255, (_SIZE[1] // 4, (_SIZE[0] + _SHIFT_PX) // 4, 3), dtype=np.uint8)
@@ -25,12 +25,12 @@ def warm_up(method, options) -> None:
         pictures.append(Picture(f"warm-up {i}", f"uav{i}", 0.0, image, camera, T_home_cam))
     pair = ConfigurationInput(Configuration("horizontal", 1.0), [pictures[0]], [pictures[1]])
     try:
-        method(MapInput("session", [pair]), options, lambda *_: None)
+        method.map(MapInput("session", [pair]), options)
     except StereoError:
         pass  # so small a picture may be refused: everything was loaded by then
 
 
 if __name__ == "__main__":  # tools/setup.sh: compiled once, not while somebody waits for a map
-    from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS, OPTIONS
+    from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS
 
-    warm_up(METHODS[DEFAULT_METHOD], OPTIONS[DEFAULT_METHOD]())
+    warm_up(METHODS[DEFAULT_METHOD], METHODS[DEFAULT_METHOD].options())

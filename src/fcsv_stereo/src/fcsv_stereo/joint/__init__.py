@@ -2,6 +2,6 @@
 """The method ``joint``: depth from all pairs of all baselines and axes at once, with its standard deviation."""
 
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
-from fcsv_stereo.joint.method import JointOptions, map_joint
+from fcsv_stereo.joint.method import Joint, JointOptions, map_joint
 
-__all__ = ["JointDepth", "JointOptions", "MatchOptions", "map_joint", "match_jointly"]
+__all__ = ["Joint", "JointDepth", "JointOptions", "MatchOptions", "map_joint", "match_jointly"]

@@ -3,13 +3,16 @@
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import List, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
 from fcsv_stereo.depth import points_from_depth
 from fcsv_stereo.equations import ErrorThreshold, farthest
 from fcsv_stereo.errors import InputError, MatchingError
+from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
+from fcsv_stereo.joint.checks.enough_evidence import require_evidence
+from fcsv_stereo.joint.checks.moved import leave_out_moved
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
 from fcsv_stereo.model import (
@@ -19,11 +22,13 @@ from fcsv_stereo.model import (
     ImageEntry,
     MapInput,
     MapResult,
+    Method,
     Picture,
     Progress,
     Reference,
+    silent,
 )
-from fcsv_stereo.refinement import RefinedPicture, RefineOptions, refine
+from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions, refine
 
 _MOST_POSE_PX = 1.5
 
@@ -45,6 +50,45 @@ class JointOptions:
     def __post_init__(self):
         if not 0.1 <= self.scale <= 1.0:
             raise InputError(f"scale is {self.scale}; it must lie in 0.1 to 1 of the pictures' size")
+
+
+class Joint(Method):
+    """All configurations at once, and what the map's pictures say against it."""
+
+    name = "joint"
+    options = JointOptions
+    refines_poses = True
+
+    def map(
+        self, given: MapInput, options: Optional[JointOptions] = None, progress: Progress = silent
+    ) -> MapResult:  # fmt: skip
+        """Match jointly; leave out what moved, doubt what an axis denies, refuse a map without evidence."""
+        options = options or JointOptions()
+        result = doubt_contradicted(given, leave_out_moved(given, map_joint(given, options, progress)))
+        return require_evidence(result) if options.refine_poses else result  # else who asks vouches for the poses
+
+    @property
+    def quick(self) -> JointOptions:
+        """Fewer features, a small volume, and surfaces that are interpolated."""
+        matching = MatchOptions(volume_pixels=20000, iterations=1, stretch=True)
+        return JointOptions(refinement=RefineOptions(features=1500), matching=matching)
+
+    @property
+    def monitor(self) -> JointOptions:
+        """At half the size twice as often."""
+        return replace(self.quick, scale=0.5)
+
+    def remembering(self, options: JointOptions, known: KnownFeatures) -> JointOptions:
+        """With a memory for the features of pictures that come again with every configuration."""
+        return replace(options, refinement=replace(options.refinement, known=known))
+
+    def trusting_poses(self, options: JointOptions) -> JointOptions:
+        """Without refinement."""
+        return replace(options, refine_poses=False)
+
+    def with_depth_steps(self, options: JointOptions, steps: int) -> JointOptions:
+        """The most levels of inverse depth."""
+        return replace(options, matching=replace(options.matching, most_levels=steps))
 
 
 def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:

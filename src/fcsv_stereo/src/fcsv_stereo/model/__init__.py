@@ -3,10 +3,12 @@
 
 from fcsv_stereo.model.configuration import AXES, Configuration
 from fcsv_stereo.model.inputs import FLOWN, ConfigurationInput, MapInput, PosePrior
+from fcsv_stereo.model.method import Method, silent
 from fcsv_stereo.model.pictures import LivePicture, Picture, Reference
 from fcsv_stereo.model.results import Cloud, ImageEntry, MapResult, PairResult, Progress
 
 __all__ = [
     "AXES", "FLOWN", "Cloud", "Configuration", "ConfigurationInput", "ImageEntry", "LivePicture", "MapInput",
-    "MapResult", "PairResult", "Picture", "PosePrior", "Progress", "Reference",
+    "MapResult", "Method", "PairResult", "Picture", "PosePrior", "Progress", "Reference",
+    "silent",
 ]  # fmt: skip

@@ -3,7 +3,7 @@
 
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Callable, List, Optional
 
 import rospy
@@ -16,9 +16,9 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
-from fcsv_stereo.live import Corrections, LiveSession, remembering
-from fcsv_stereo.model import LivePicture, MapInput, MapResult
-from fcsv_stereo.pipeline import METHODS, MONITOR_OPTIONS, OPTIONS, QUICK_OPTIONS
+from fcsv_stereo.live import Corrections, LiveSession
+from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
+from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
 from fcsv_stereo.ros.session_messages import window_of
@@ -139,8 +139,8 @@ class LiveNode:
         p = self._parameters
         method = METHODS[p.method]
         known = KnownFeatures()
-        quick = remembering((MONITOR_OPTIONS if p.monitor else QUICK_OPTIONS)[p.method], known)
-        options = quick if p.monitor else remembering(OPTIONS[p.method](), known)
+        quick = method.remembering(method.monitor if p.monitor else method.quick, known)
+        options = quick if p.monitor else method.remembering(method.options(), known)
         for each in [quick] if p.monitor else [quick, options]:
             warm_up(method, each)
         next_s, unfinished = 0.0, False
@@ -159,8 +159,8 @@ class LiveNode:
                 if given is not None:
                     self._map(method, options, given)
 
-    def _watch(self, method, options, given: MapInput) -> None:
-        result = self._map(method, *self._with_known_poses(options, given))
+    def _watch(self, method: Method, options, given: MapInput) -> None:
+        result = self._map(method, *self._with_known_poses(method, options, given))
         if result is not None:
             self._corrections.learn(result)
 
@@ -200,21 +200,21 @@ class LiveNode:
         self._mapped, self._last_s = complete, self._session.last_picture_s()
         return given
 
-    def _with_known_poses(self, options, given: MapInput):
+    def _with_known_poses(self, method: Method, options, given: MapInput):
         """Poses are refined now and then, and corrected as found in between."""
         self._watched += 1
-        without = not hasattr(options, "refine_poses")  # the method takes poses as they are
-        if without or self._watched % _REFINE_EVERY == 1 or not self._corrections.know(given):
+        refine = self._watched % _REFINE_EVERY == 1 or not self._corrections.know(given)
+        if refine or not method.refines_poses:
             return options, given
-        return replace(options, refine_poses=False), self._corrections.apply(given)
+        return method.trusting_poses(options), self._corrections.apply(given)
 
-    def _map(self, method, options, given: MapInput, state_after: str = "ready") -> Optional[MapResult]:
+    def _map(self, method: Method, options, given: MapInput, state_after: str = "ready") -> Optional[MapResult]:
         names = ", ".join(c.configuration.name for c in given.configurations)
         if not self._parameters.monitor:
             self._say("mapping", names)
         started = time.monotonic()
         try:
-            result = method(given, options, lambda *_: None)
+            result = method.map(given, options)
         except FcsvError as error:
             self._say("failed", str(error), given.warnings)
             return None

@@ -3,7 +3,7 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -19,10 +19,12 @@ from fcsv_stereo.model import (
     ImageEntry,
     MapInput,
     MapResult,
+    Method,
     PairResult,
     Picture,
     Progress,
     Reference,
+    silent,
 )
 from fcsv_stereo.rectify import RECTIFIERS, RectifiedPair
 from fcsv_stereo.thesis.fuse import Layer, effective_ranges, fuse_layers
@@ -56,6 +58,29 @@ class ThesisOptions:
                 "trim points by hand are given per axis (--trim-horizontal, --trim-vertical), or for all baselines "
                 "together with --across-axes (--trim-all)"
             )
+
+
+class Thesis(Method):
+    """Pair by pair, as the thesis did it."""
+
+    name = "thesis"
+    options = ThesisOptions
+
+    def map(
+        self, given: MapInput, options: Optional[ThesisOptions] = None, progress: Progress = silent
+    ) -> MapResult:  # fmt: skip
+        """See map_thesis."""
+        return map_thesis(given, options or ThesisOptions(), progress)
+
+    @property
+    def quick(self) -> ThesisOptions:
+        """Block matching."""
+        return ThesisOptions(matcher="bm")
+
+    def with_depth_steps(self, options: ThesisOptions, steps: int) -> ThesisOptions:
+        """Disparities; Quasi-Dense, the default, grows from seeds and searches no window: SGBM does."""
+        least_px = options.window.least_px
+        return replace(options, window=DisparityWindow(least_px, least_px + steps), matcher="sgbm")
 
 
 @dataclass
