@@ -5,10 +5,10 @@ import doctest
 
 import numpy as np
 import pytest
-from scenes import CAMERA, camera_pose, picture
+from scenes import CAMERA, camera_pose, given, picture
 
 from fcsv_stereo.joint import JointOptions
-from fcsv_stereo.model import Configuration, Reference, configuration, inputs
+from fcsv_stereo.model import Configuration, Pair, Reference, configuration, inputs
 from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.thesis import ThesisOptions
@@ -61,3 +61,27 @@ def test_a_method_remembers_and_trusts_where_it_can():
     assert not joint.trusting_poses(joint.monitor).refine_poses and joint.monitor.scale == 0.5
     options = ThesisOptions()
     assert thesis.remembering(options, known) is options and thesis.trusting_poses(options) is options
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_pairs_of_both_methods_have_one_interface(method):
+    """Names and types of everything that ``Pair`` documents: no reader has to ask for a class."""
+    size = (CAMERA.height, CAMERA.width)
+    scene = given(((0, -0.6, 0), "horizontal"), ((0, 0, 0.8), "vertical"))
+    result = METHODS[method].map(scene)
+    assert len(result.pairs) == 2
+    for p, c in zip(result.pairs, scene.configurations):
+        assert p.configuration == c.configuration and p.camera_other == CAMERA
+        assert (p.reference_name, p.other_name) == (c.references[0].name, c.others[0].name)
+        assert p.T_home_cam_reference.shape == p.T_home_cam_other.shape == (4, 4)
+        for image in (p.depth, p.disparity):
+            assert image.shape == size and image.dtype == np.float32
+        for image in (p.reference_rectified, p.other_rectified):
+            assert image.shape == (*size, 3) and image.dtype == np.uint8
+        assert p.shares_depth is (method == "joint")
+        assert 0.0 < p.match_rate <= 1.0 and p.effective_range_m[0] <= p.effective_range_m[1]
+        assert [n for n, _ in p.candidates] == [p.other_name]
+        documented = {n for n in vars(Pair) if not n.startswith("_")}
+        assert all(hasattr(p, n) for n in documented)
+        known = np.isfinite(p.depth)
+        assert not p.shares_depth or np.array_equal(p.depth[known], result.depth[known])

@@ -112,9 +112,9 @@ def test_a_seam_of_one_depth_for_all_pairs(scene, result):
 
     def shared(turn_deg):
         off_px = CAMERA.fx * np.tan(np.radians(turn_deg))
-        shorter, longer = (replace(p, effective_range_m=(0.0, 20.0)) for p in result.pairs[:2])
+        shorter, longer = (replace(p, effective_range_m=(0.0, 20.0), shares_depth=True) for p in result.pairs[:2])
         shorter = replace(shorter, disparity=shorter.disparity + np.float32(off_px))
-        return replace(result, method="joint", pairs=[shorter, longer])
+        return replace(result, pairs=[shorter, longer])
 
     (level,), (stepped,) = evidence.seams(shared(0.0)), evidence.seams(shared(0.2))
     assert level.pixels >= evidence._LEAST_CORNERS and abs(level.step) < 0.01

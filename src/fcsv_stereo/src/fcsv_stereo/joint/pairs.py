@@ -16,11 +16,13 @@ _LEAST_PIXELS = 200
 
 
 class JointPair:
-    """Stands where a ``PairResult`` does; rectified pictures and disparity are made when they are looked at.
+    """A ``Pair`` of a joint map; rectified pictures and disparity are made when they are looked at.
 
     ``depth`` is the joint depth (HxW float32, m, NaN) where this pair agrees with it. ``disparity`` is that depth seen
     in the rectified view: px along the pair's axis.
     """
+
+    shares_depth = True
 
     def __init__(
         self, configuration: Configuration, reference: Picture, other: Picture, depth: np.ndarray,

@@ -4,11 +4,12 @@
 from fcsv_stereo.model.configuration import AXES, Configuration
 from fcsv_stereo.model.inputs import FLOWN, ConfigurationInput, MapInput, PosePrior
 from fcsv_stereo.model.method import Method, silent
+from fcsv_stereo.model.pairs import Pair, PairResult
 from fcsv_stereo.model.pictures import LivePicture, Picture, Reference
-from fcsv_stereo.model.results import Cloud, ImageEntry, MapResult, PairResult, Progress
+from fcsv_stereo.model.results import Cloud, ImageEntry, MapResult, Progress
 
 __all__ = [
     "AXES", "FLOWN", "Cloud", "Configuration", "ConfigurationInput", "ImageEntry", "LivePicture", "MapInput",
-    "MapResult", "Method", "PairResult", "Picture", "PosePrior", "Progress", "Reference",
+    "MapResult", "Method", "Pair", "PairResult", "Picture", "PosePrior", "Progress", "Reference",
     "silent",
 ]  # fmt: skip

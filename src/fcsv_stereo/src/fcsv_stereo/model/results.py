@@ -2,11 +2,11 @@
 """What a mapping method gives back: the map, and everything a person needs to judge it."""
 
 from dataclasses import dataclass, field
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, List, Optional, Sequence
 
 import numpy as np
 
-from fcsv_stereo.model.configuration import Configuration
+from fcsv_stereo.model.pairs import Pair
 from fcsv_stereo.model.pictures import Reference
 
 #: what a method tells of its way: the step, how many of it are done, of how many
@@ -25,29 +25,6 @@ class ImageEntry:
     refined: bool = False
     inliers: Optional[int] = None
     epipolar_rms_px: Optional[float] = None
-
-
-@dataclass(frozen=True)
-class PairResult:
-    """One matched pair.
-
-    Rectified pictures are HxWx3 uint8 RGB and ``disparity`` HxW float32 (px, NaN where none) in the rectified view;
-    ``depth`` is HxW float32 (m along the optical axis, NaN where none) in the map's reference picture, untrimmed.
-    ``candidates`` lists every other picture that was tried with its match rate.
-    """
-
-    configuration: Configuration
-    reference_name: str
-    other_name: str
-    reference_rectified: np.ndarray
-    other_rectified: np.ndarray
-    disparity: np.ndarray
-    depth: np.ndarray
-    match_rate: float
-    effective_range_m: Tuple[float, float]
-    candidates: List[Tuple[str, float]]
-    T_home_cam_reference: np.ndarray
-    T_home_cam_other: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -70,7 +47,7 @@ class MapResult:
     method: str
     reference: Reference
     images: List[ImageEntry]
-    pairs: List[PairResult]
+    pairs: Sequence[Pair]
     depth: np.ndarray
     sigma: np.ndarray
     cloud: Cloud

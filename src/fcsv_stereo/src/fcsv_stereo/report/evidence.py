@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.model import ImageEntry, MapResult, PairResult
+from fcsv_stereo.model import ImageEntry, MapResult, Pair
 
 _FAR_M = 1e5  # where a pixel without depth is taken to look
 _STEP_PX = 4  # of the grid on which overlap is counted
@@ -65,7 +65,7 @@ def pair_evidence(result: MapResult, index: int) -> PairEvidence:
     return PairEvidence(overlap(result, p), rms, middle, len(offsets), int(mine.sum()), carried)
 
 
-def overlap(result: MapResult, p: PairResult) -> float:
+def overlap(result: MapResult, p: Pair) -> float:
     """Share of the reference picture's pixels that the other camera sees, at the mapped depth or far away."""
     camera = result.reference.camera
     depth = result.depth[::_STEP_PX, ::_STEP_PX]
@@ -79,7 +79,7 @@ def overlap(result: MapResult, p: PairResult) -> float:
     return float(inside.sum() / len(seen))
 
 
-def epipolar_offsets(p: PairResult) -> np.ndarray:
+def epipolar_offsets(p: Pair) -> np.ndarray:
     """How far (px) corners lie off their epipolar line in the rectified pictures, signed; those that can be followed.
 
     Where the disparity says, the corner is looked for by optical flow, forth and back: what is left across the line is
@@ -89,7 +89,7 @@ def epipolar_offsets(p: PairResult) -> np.ndarray:
     return left[:, 1 - _along(p)]
 
 
-def followed(p: PairResult) -> Tuple[np.ndarray, np.ndarray]:
+def followed(p: Pair) -> Tuple[np.ndarray, np.ndarray]:
     """Disparities (N,) px of corners, and how far (N,2) px from where these say they are in the other picture."""
     a, b = (cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (p.reference_rectified, p.other_rectified))
     known = np.isfinite(p.disparity)
@@ -111,7 +111,7 @@ def followed(p: PairResult) -> Tuple[np.ndarray, np.ndarray]:
     return p.disparity[v, u][kept].astype(float), (there - guess)[kept].astype(float)
 
 
-def _along(p: PairResult) -> int:
+def _along(p: Pair) -> int:
     return 0 if p.configuration.axis == "horizontal" else 1
 
 
@@ -125,7 +125,7 @@ def seams(result: MapResult) -> List[Seam]:
             at_m = a.effective_range_m[1]
             if not np.isfinite(at_m):
                 continue
-            if result.method == "joint":
+            if a.shares_depth and b.shares_depth:
                 found += _seam_of_shared_depth(result, a, b, at_m)
                 continue
             with np.errstate(invalid="ignore"):
@@ -136,7 +136,7 @@ def seams(result: MapResult) -> List[Seam]:
     return found
 
 
-def _seam_of_shared_depth(result: MapResult, a: PairResult, b: PairResult, at_m: float) -> List[Seam]:
+def _seam_of_shared_depth(result: MapResult, a: Pair, b: Pair, at_m: float) -> List[Seam]:
     """Both pairs gave one depth: what each alone would have made of corners about ``at_m``, as they are displaced."""
     ratios = []
     for p in (a, b):

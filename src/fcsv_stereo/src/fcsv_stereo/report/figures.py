@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter
 
 from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import Evaluation
-from fcsv_stereo.model import MapResult, PairResult
+from fcsv_stereo.model import MapResult, Pair
 
 DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"
@@ -27,7 +27,7 @@ def picture(image: np.ndarray, title: str):
     return figure
 
 
-def pair(p: PairResult):
+def pair(p: Pair):
     """Both rectified pictures with a few corresponding lines, and the disparity beside them."""
     figure, axes = plt.subplots(1, 3, figsize=(15, 4.0))
     for ax, image, name in zip(axes, (p.reference_rectified, p.other_rectified), (p.reference_name, p.other_name)):

@@ -136,7 +136,7 @@ def seams(data: ReportData) -> List[str]:
         (f"{html.escape(s.shorter)} → {html.escape(s.longer)}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}")
         for s in data.seams
     ]
-    shared = data.result.method == "joint"
+    shared = all(p.shares_depth for p in data.result.pairs)
     of = "corners near it, as each pair alone would place them" if shared else "pixels near it that both saw"
     said = f"Step: median of the longer baseline's depth over the shorter's, less one, of the {of}."
     return [table(("from → to", "at", "corners" if shared else "pixels", "step"), rows), note(said)]

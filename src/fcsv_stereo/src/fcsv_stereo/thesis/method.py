@@ -189,6 +189,7 @@ def _pair_result(m: _Matched, depth: np.ndarray, range_m: Tuple[float, float]) -
     return PairResult(
         m.given.configuration, m.reference.name, m.other.name, m.pair.reference, m.pair.other, m.disparity, depth,
         match_rate(m.disparity), range_m, m.candidates, m.reference.T_home_cam, m.other.T_home_cam,
+        m.other.camera,
     )  # fmt: skip
 
 
