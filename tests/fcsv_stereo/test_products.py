@@ -232,3 +232,47 @@ def test_a_map_of_sky_has_no_products(scene, result, tmp_path):
     with pytest.raises(OutputError, match="'uav1/0' of the map is not among the pictures"):
         write_products(["colmap"], result, MapInput("session", []), tmp_path)
     assert true_depth(result.reference.T_home_cam).shape == result.depth.shape
+
+
+def ply_as_its_header_says(path):
+    """Columns by property name, read with nothing but the header: (names and types, name: values)."""
+    head, _, body = path.read_bytes().partition(b"end_header\n")
+    lines = head.decode().splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    (count,) = (int(line.split()[2]) for line in lines if line.startswith("element vertex"))
+    properties = [tuple(line.split()[1:]) for line in lines if line.startswith("property")]
+    values = np.frombuffer(body, [(name, {"float": "<f4", "uchar": "u1"}[kind]) for kind, name in properties])
+    assert len(values) == count
+    return properties, values
+
+
+def test_a_map_keeps_the_names_and_types_of_its_properties(result, tmp_path):
+    """Other programs find x, y, z, colours, sigma and baseline under the names and types that they always had."""
+    path, cloud = tmp_path / "map.ply", result.cloud
+    expected = [*(("float", n) for n in "xyz"), *(("uchar", n) for n in ("red", "green", "blue")),
+                ("float", "sigma"), ("uchar", "baseline")]  # fmt: skip
+    output.write_ply(cloud, path)
+    properties, values = ply_as_its_header_says(path)
+    assert properties == expected
+    for i, name in enumerate("xyz"):
+        assert np.array_equal(values[name], cloud.points_home_m[:, i])
+    for i, name in enumerate(("red", "green", "blue")):
+        assert np.array_equal(values[name], cloud.colors[:, i])
+    assert np.array_equal(values["sigma"], cloud.sigma_m) and np.array_equal(values["baseline"], cloud.baseline_index)
+    back = output.read_ply(path)
+    for name in cloud.__dataclass_fields__:
+        a, b = getattr(back, name), getattr(cloud, name)
+        assert np.array_equal(a, b) and a.dtype == b.dtype and a.shape == b.shape
+    nothing = Cloud(*(getattr(cloud, n)[:0] for n in cloud.__dataclass_fields__))
+    output.write_ply(nothing, path)
+    assert ply_as_its_header_says(path)[0] == expected and len(output.read_ply(path)) == 0
+
+
+@pytest.mark.parametrize("text", ["an earlier map", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+                                  "property float y\nproperty float z\nend_header\n1 2 3\n"])  # fmt: skip
+def test_another_cloud_is_not_taken_for_a_map(text, tmp_path):
+    (tmp_path / "map.ply").write_text(text)
+    with pytest.raises(OutputError, match="is not a map.ply of this program"):
+        output.read_ply(tmp_path / "map.ply")
+    with pytest.raises(OutputError, match="other.ply: does not exist"):
+        output.read_ply(tmp_path / "other.ply")

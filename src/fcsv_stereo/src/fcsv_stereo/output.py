@@ -16,11 +16,22 @@ from fcsv_stereo.model import Cloud, MapResult
 from fcsv_stereo.products import names
 
 FILES = ("map.ply", "depth.npy", "sigma.npy", "reference.png", "report.json", "report.html")
-_POINT = np.dtype(
-    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("sigma", "<f4"),
-     ("baseline", "u1")]
-)  # fmt: skip
-_PLY_TYPES = {"<f4": "float", "|u1": "uchar"}
+#: Attributes of map.ply in open3d's terms. It writes them as float x, y, z, uchar red, green, blue, float sigma,
+#: uchar baseline, which is what readers know.
+_TYPES = {"positions": np.float32, "colors": np.uint8, "sigma": np.float32, "baseline": np.uint8}
+_EMPTY_PLY = """ply
+format binary_little_endian 1.0
+element vertex 0
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+property float sigma
+property uchar baseline
+end_header
+"""
 
 
 def check_out(out: Path) -> None:
@@ -67,29 +78,35 @@ def write_arrays(result: MapResult, folder: Path) -> None:
 
 
 def write_ply(cloud: Cloud, path: Path) -> None:
-    """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the configuration)."""
-    points = np.empty(len(cloud), _POINT)
-    for i, axis in enumerate("xyz"):
-        points[axis] = cloud.points_home_m[:, i]
-    for i, color in enumerate(("red", "green", "blue")):
-        points[color] = cloud.colors[:, i]
-    points["sigma"], points["baseline"] = cloud.sigma_m, cloud.baseline_index
-    properties = "\n".join(f"property {_PLY_TYPES[_POINT[n].str]} {n}" for n in _POINT.names)
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{properties}\nend_header\n"
-    path.write_bytes(head.encode() + points.tobytes())
+    """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the configuration).
+
+    Raises OutputError where the disk does not take it.
+    """
+    import open3d as o3d  # a heavy import: not for commands that write no map
+
+    if not len(cloud):  # open3d writes no cloud without points
+        path.write_text(_EMPTY_PLY)
+        return
+    points = o3d.t.geometry.PointCloud()
+    for name, values in zip(_TYPES, (cloud.points_home_m, cloud.colors, cloud.sigma_m, cloud.baseline_index)):
+        columns = np.ascontiguousarray(values, _TYPES[name]).reshape(len(cloud), -1)
+        points.point[name] = o3d.core.Tensor(columns)
+    if not o3d.t.io.write_point_cloud(str(path), points):
+        raise OutputError(f"{path}: cannot be written")
 
 
 def read_ply(path: Path) -> Cloud:
-    """What write_ply wrote. Raises OutputError on another layout."""
-    data = Path(path).read_bytes()
-    head, found, body = data.partition(b"end_header\n")
-    words = head.decode(errors="replace").split()
-    names = tuple(words[i + 2] for i, w in enumerate(words) if w == "property")
-    if not found or names != _POINT.names:
+    """What write_ply wrote. Raises OutputError where there is none, and on another layout."""
+    import open3d as o3d
+
+    if not Path(path).is_file():
+        raise OutputError(f"{path}: does not exist")
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        points = o3d.t.io.read_point_cloud(str(path), format="ply").point
+    found = {name: points[name].numpy() for name in points}
+    if {name: values.dtype for name, values in found.items()} != _TYPES:
         raise OutputError(f"{path}: is not a map.ply of this program")
-    p = np.frombuffer(body, _POINT)
-    colors = np.stack([p["red"], p["green"], p["blue"]], axis=1)
-    return Cloud(np.stack([p["x"], p["y"], p["z"]], axis=1), colors, p["sigma"].copy(), p["baseline"].copy())
+    return Cloud(found["positions"], found["colors"], found["sigma"].ravel(), found["baseline"].ravel())
 
 
 def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) -> dict:

@@ -8,6 +8,7 @@ import numpy as np
 from fcsv_stereo.model import Cloud
 
 _LAZ_STEP_M = 0.001  # LAZ stores whole numbers of this
+#: By hand: open3d's tensor writer gives rgb type F and orders sigma and baseline as it likes; readers know this layout.
 _PCD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4"), ("baseline", "<u4")])
 
 
