@@ -13,6 +13,7 @@ from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.report import evidence, page, plain_words, write_report
 from fcsv_stereo.report.figures import _with_none
+from fcsv_stereo.report.parts import Paragraph
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 
 WIDE = ErrorThreshold(5.0, False)
@@ -124,7 +125,7 @@ def test_a_seam_of_one_depth_for_all_pairs(scene, result):
 
 def test_the_page_has_every_section_and_says_what_is_new(result, tmp_path, monkeypatch):
     truth = true_depth(result.reference.T_home_cam)
-    monkeypatch.setattr(page, "SECTIONS", [*page.SECTIONS, ("Another page", lambda data: ["<p>something new</p>"])])
+    monkeypatch.setattr(page, "SECTIONS", [*page.SECTIONS, ("Another page", lambda data: [Paragraph("something new")])])
     path = write_report(result, tmp_path, evaluate(result, None, truth), truth)
     text = path.read_text()
     for title, _ in (s for s in page.SECTIONS if s[0] != "Points of interest"):
@@ -144,8 +145,12 @@ def test_a_map_of_hardly_anything_has_a_page(result, tmp_path):
 
 
 def test_names_cannot_break_the_page(result, tmp_path):
-    evil = replace(result, warnings=["<script>alert(1)</script>"])
-    assert "<script>" not in write_report(evil, tmp_path).read_text()
+    word = "<script>alert('&\"')</script>"
+    pairs = [replace(p, configuration=replace(p.configuration, name=word)) for p in result.pairs]
+    images = [replace(i, vehicle=word) for i in result.images]
+    evil = replace(result, warnings=[word], pairs=pairs, images=images, method=word)
+    text = write_report(evil, tmp_path).read_text()
+    assert "<script>" not in text and text.count("&lt;script&gt;alert(") >= 2 + 1 + 2 * len(pairs) + len(images)
 
 
 def test_colours_of_nothing_without_deprecated_ways():

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report's sections, each a list of HTML pieces out of what the report knows."""
+"""The report's sections, each a list of parts out of what the report knows."""
 
-import html
 from dataclasses import dataclass
 from typing import List, Optional, Sequence
 
@@ -12,7 +11,18 @@ from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
 from fcsv_stereo.report import charts, figures, poi
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction, sigma_bands
-from fcsv_stereo.report.markup import image, note, number, percent, side, table
+from fcsv_stereo.report.parts import (
+    Heading,
+    Paragraph,
+    Part,
+    Table,
+    Tone,
+    image,
+    note,
+    number,
+    percent,
+    side,
+)
 from fcsv_stereo.report.plain_words import warnings
 
 
@@ -28,19 +38,19 @@ class ReportData:
     points: Sequence[PoiResult] = ()
 
 
-def summary(data: ReportData) -> List[str]:
+def summary(data: ReportData) -> List[Part]:
     """Warnings in plain words, the main figures, the map at a glance."""
     result, e = data.result, data.evaluation
     found = warnings(result, data.evidence, data.seams, e)
-    parts = [f'<p class="warning">{html.escape(w)}</p>' for w in found]
-    parts += [] if found else ['<p class="good">Nothing stands out as wrong.</p>']
+    parts = [Paragraph(w, Tone.WARNING) for w in found]
+    parts = parts or [Paragraph("Nothing stands out as wrong.", Tone.GOOD)]
     known = result.depth[np.isfinite(result.depth)]
     span = f"{np.percentile(known, 1):.1f} to {np.percentile(known, 99):.0f} m" if known.size else "–"
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = result.sigma / result.depth
     relative = relative[np.isfinite(relative)]
     rows = [
-        ("reference picture", html.escape(result.reference.name)),
+        ("reference picture", result.reference.name),
         ("configurations", str(len(result.pairs))),
         ("points", f"{result.points:,}"),
         ("coverage of the picture", f"{result.coverage:.1%}"),
@@ -56,19 +66,19 @@ def summary(data: ReportData) -> List[str]:
             ("median error", percent(o.median_relative_error, 2)),
         ]
     reference = figures.picture(result.reference.image, f"reference {result.reference.name}")
-    return [*parts, table(("", ""), rows), side(reference, figures.depth(result.depth, "depth"))]
+    return [*parts, Table((), rows), side(reference, figures.depth(result.depth, "depth"))]
 
 
-def timing(data: ReportData) -> List[str]:
+def timing(data: ReportData) -> List[Part]:
     """Seconds by step."""
     if not any(data.result.timing_s.values()):
         return [note("not measured")]
     order = [*charts.STEPS, *(k for k in data.result.timing_s if k not in charts.STEPS)]  # as they came, then the sum
-    rows = [(html.escape(k), f"{data.result.timing_s[k]:.2f} s") for k in order if k in data.result.timing_s]
-    return [image(charts.timing(data.result)), table(("step", "time"), rows)]
+    rows = [(k, f"{data.result.timing_s[k]:.2f} s") for k in order if k in data.result.timing_s]
+    return [image(charts.timing(data.result)), Table(("step", "time"), rows)]
 
 
-def configurations(data: ReportData) -> List[str]:
+def configurations(data: ReportData) -> List[Part]:
     """Pairs with baseline, overlap, epipolar offset, match rate, range."""
     rows = []
     for p, e in zip(data.result.pairs, data.evidence):
@@ -76,7 +86,7 @@ def configurations(data: ReportData) -> List[str]:
         carried = "–" if e.carried_m is None else f"{e.carried_m[0]:.0f} to {e.carried_m[1]:.0f} m"
         near, far = p.effective_range_m
         rows.append((
-            html.escape(p.configuration.name), p.configuration.axis, f"{p.configuration.baseline_m:.2f} m",
+            p.configuration.name, p.configuration.axis, f"{p.configuration.baseline_m:.2f} m",
             f"{tracked:.2f} m", f"{np.degrees(p.configuration.tilt_rad):.1f}°", f"{e.overlap:.0%}",
             number(e.epipolar_rms_px, "{:.2f} px"), f"{p.match_rate:.1%}", f"{near:.0f} to {far:.0f} m", carried,
             f"{e.points:,}",
@@ -88,33 +98,33 @@ def configurations(data: ReportData) -> List[str]:
         "corners lie off the line on which they are looked for, in the rectified pictures; below 1 px is good. Depths "
         "it gave: 5th to 95th percentile of the points that the map took from this baseline."
     )
-    parts = [table(head, rows), note(said)]
+    parts = [Table(head, rows), note(said)]
     return parts + ([image(charts.ranges(data.result, data.evidence))] if rows else [])
 
 
-def poses(data: ReportData) -> List[str]:
+def poses(data: ReportData) -> List[Part]:
     """Corrections of the refinement by picture."""
     rows = []
     for i in data.result.images:
         degrees, metres = correction(i)
         state = "reference" if i.name == data.result.reference.name else "yes" if i.refined else "no"
         rows.append((
-            html.escape(i.name), html.escape(i.vehicle), state, f"{degrees:.3f}°", f"{metres:.3f} m",
+            i.name, i.vehicle, state, f"{degrees:.3f}°", f"{metres:.3f} m",
             "–" if i.inliers is None else f"{i.inliers:,}", number(i.epipolar_rms_px, "{:.2f} px"),
         ))  # fmt: skip
     head = ("picture", "vehicle", "refined", "turned by", "moved by", "inliers", "epipolar rms after")
     if not any(i.refined for i in data.result.images):
-        return [table(head, rows), note(f"Method {data.result.method} uses the recorded poses as they are.")]
-    return [table(head, rows), image(charts.corrections(data.result))]
+        return [Table(head, rows), note(f"Method {data.result.method} uses the recorded poses as they are.")]
+    return [Table(head, rows), image(charts.corrections(data.result))]
 
 
-def from_above(data: ReportData) -> List[str]:
+def from_above(data: ReportData) -> List[Part]:
     """The cloud from above, in colour and by configuration; how far the pixels are."""
     above = side(figures.from_above(data.result, False), figures.from_above(data.result, True))
     return [above, image(figures.histogram(data.result))]
 
 
-def confidence(data: ReportData) -> List[str]:
+def confidence(data: ReportData) -> List[Part]:
     """Sigma as a picture, as histograms, by range."""
     rows = [
         (f"{b['from_m']:.0f} to {b['to_m']:.0f} m" if np.isfinite(b["to_m"]) else f"beyond {b['from_m']:.0f} m",
@@ -124,25 +134,25 @@ def confidence(data: ReportData) -> List[str]:
     return [
         side(figures.depth(data.result.sigma, "standard deviation of depth")),
         image(charts.sigma(data.result)),
-        table(("mapped depth", "pixels", "median sigma", "of the distance"), rows),
+        Table(("mapped depth", "pixels", "median sigma", "of the distance"), rows),
     ]
 
 
-def seams(data: ReportData) -> List[str]:
+def seams(data: ReportData) -> List[Part]:
     """Whether neighbouring baselines agree where one takes over."""
     if not data.seams:
         return [note("No two baselines of one axis overlap in range.")]
     rows = [
-        (f"{html.escape(s.shorter)} → {html.escape(s.longer)}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}")
+        (f"{s.shorter} → {s.longer}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}")
         for s in data.seams
     ]
     shared = all(p.shares_depth for p in data.result.pairs)
     of = "corners near it, as each pair alone would place them" if shared else "pixels near it that both saw"
     said = f"Step: median of the longer baseline's depth over the shorter's, less one, of the {of}."
-    return [table(("from → to", "at", "corners" if shared else "pixels", "step"), rows), note(said)]
+    return [Table(("from → to", "at", "corners" if shared else "pixels", "step"), rows), note(said)]
 
 
-def truth(data: ReportData) -> List[str]:
+def truth(data: ReportData) -> List[Part]:
     """Errors against truth by range; poses against truth."""
     e = data.evaluation
     if e is None or data.true_depth is None:
@@ -154,19 +164,21 @@ def truth(data: ReportData) -> List[str]:
         )
         for b in e.bands
     ]  # fmt: skip
-    turned = [(html.escape(n), f"{r:.3f}°", f"{p:.3f} m") for n, (r, p) in e.pose_errors.items()]
+    turned = [(n, f"{r:.3f}°", f"{p:.3f} m") for n, (r, p) in e.pose_errors.items()]
     return [
-        table(("range", "pixels", "covered", "within 10 %", "wrong of answered", "median error"), rows),
+        Table(("range", "pixels", "covered", "within 10 %", "wrong of answered", "median error"), rows),
         side(figures.depth(data.true_depth, "true depth"), figures.depth_error(data.result.depth, data.true_depth)),
         side(figures.errors_by_range(data.result, data.true_depth, e)),
-        f"<p>Errors within one predicted standard deviation: {e.within_1_sigma:.0%} (68 % is right), within two: "
-        f"{e.within_2_sigma:.0%} (95 %).</p>",
-        "<p>Poses relative to the reference picture:</p>",
-        table(("picture", "rotation error", "position error"), turned),
+        Paragraph(
+            f"Errors within one predicted standard deviation: {e.within_1_sigma:.0%} (68 % is right), within two: "
+            f"{e.within_2_sigma:.0%} (95 %)."
+        ),
+        Paragraph("Poses relative to the reference picture:"),
+        Table(("picture", "rotation error", "position error"), turned),
     ]
 
 
-def points_of_interest(data: ReportData) -> List[str]:
+def points_of_interest(data: ReportData) -> List[Part]:
     """Boxes in the reference picture, and what every configuration found in them (thesis 6.7)."""
     if not data.points:
         return []
@@ -174,16 +186,16 @@ def points_of_interest(data: ReportData) -> List[str]:
     return [
         side(poi.boxes(data.result, data.points)),
         image(poi.distributions(data.points)),
-        table(head, [[html.escape(c) for c in row] for row in poi.rows(data.points)]),
+        Table(head, poi.rows(data.points)),
     ]
 
 
-def pairs(data: ReportData) -> List[str]:
+def pairs(data: ReportData) -> List[Part]:
     """Rectified pictures and disparity of every pair."""
     parts = []
     for p in data.result.pairs:
-        tried = ", ".join(f"{html.escape(n)} {r:.1%}" for n, r in p.candidates)
-        parts += [f"<h3>{html.escape(p.configuration.name)}</h3>"]
-        parts += [f"<p>Match rates: {tried}</p>"] if tried else []
+        tried = ", ".join(f"{n} {r:.1%}" for n, r in p.candidates)
+        parts.append(Heading(p.configuration.name))
+        parts += [Paragraph(f"Match rates: {tried}")] if tried else []
         parts.append(image(figures.pair(p)))
     return parts
