@@ -7,6 +7,8 @@ import subprocess
 import time
 from pathlib import Path
 
+import psutil
+
 FLIGHT_LIMIT_S = 700.0  # of slow motion, where the machine is busy
 
 
@@ -31,8 +33,8 @@ def wait_for(out: Path, words: str, demo: subprocess.Popen, timeout_s: float = F
 
 def left_behind(out: Path):
     """Processes and masters of this demo that still live."""
-    processes = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
-    mine = [line for line in processes.splitlines() if str(out) in line and "pytest" not in line]
+    lines = [f"{p.pid} {' '.join(p.info['cmdline'] or [])}" for p in psutil.process_iter(["cmdline"])]
+    mine = [line for line in lines if str(out) in line and "pytest" not in line]
     for machine in json.loads((out / "run" / "fleet.json").read_text()).values():
         port = int(machine["ROS_MASTER_URI"].rsplit(":", 1)[1])
         with socket.socket() as probe:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ports of machines that share a computer."""
+"""Ports of machines that share a computer, and the end of what was started on them."""
 
 import socket
+import time
 
+import psutil
 import pytest
 
 from fcsv_sim.machines import machines
@@ -25,3 +27,17 @@ def test_a_port_that_someone_listens_on_is_not_given(monkeypatch):
         monkeypatch.setattr(machines, "_PORTS", (port, port + 1))
         with pytest.raises(machines.MachineError, match="no free port"):
             machines.free_port()
+
+
+@pytest.mark.parametrize("end", [lambda p: p.stop(grace_s=5.0), lambda p: p.kill()], ids=["stop", "kill"])
+def test_what_a_process_started_in_a_session_of_its_own_ends_with_it(tmp_path, end):
+    process = machines.Process(["sh", "-c", "setsid sleep 60 & echo begun; wait"], tmp_path / "log")
+    deadline = time.monotonic() + 10.0
+    while not (children := psutil.Process(process.pid).children(recursive=True)) or "begun" not in process.tail():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    end(process)
+    assert process.returncode is not None
+    psutil.wait_procs(children, timeout=5.0)
+    assert not [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE]
+    process.stop()  # safe to call again

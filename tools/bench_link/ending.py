@@ -64,7 +64,7 @@ def _end_all(processes: List[psutil.Process]) -> None:
 
 def _is_over(namespace: str) -> bool:
     owner = _NAME.fullmatch(namespace)
-    return owner is not None and (int(owner[1]) == os.getpid() or not os.path.exists(f"/proc/{owner[1]}"))
+    return owner is not None and (int(owner[1]) == os.getpid() or not psutil.pid_exists(int(owner[1])))
 
 
 def _end(number: int, _frame) -> None:

@@ -13,8 +13,11 @@ import socket
 import subprocess
 import time
 import xmlrpc.client
+from contextlib import suppress
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Set
+
+import psutil
 
 from fcsv_geometry.errors import FcsvError
 
@@ -97,38 +100,26 @@ class Process:
         _kill(self._tree())
         self._popen.wait()
 
-    def _tree(self) -> Dict[int, str]:
-        """This process and its descendants (roslaunch gives each of its own a group), by start time."""
+    def _tree(self) -> List[psutil.Process]:
+        """This process and its descendants: roslaunch gives each of its own a group."""
         if self.returncode is not None:
-            return {}
-        parents, starts = {}, {}
-        for entry in Path("/proc").glob("[0-9]*"):
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-            except OSError:
-                continue  # it ended meanwhile
-            parents[int(entry.name)], starts[int(entry.name)] = int(fields[1]), fields[19]
-        tree = {self.pid}
-        while True:
-            more = {p for p, parent in parents.items() if parent in tree} - tree
-            if not more:
-                return {p: starts[p] for p in tree if p in starts}
-            tree |= more
+            return []
+        try:
+            leader = psutil.Process(self.pid)
+            return [leader, *leader.children(recursive=True)]
+        except psutil.NoSuchProcess:
+            return []
 
     def tail(self, lines: int = 12) -> str:
         """The end of its log."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
 
-def _kill(tree: Dict[int, str]) -> None:
+def _kill(tree: Sequence[psutil.Process]) -> None:
     """SIGKILL to those of a tree that still are who they were."""
-    for pid, start in tree.items():
-        try:
-            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-            if fields[19] == start:
-                os.kill(pid, signal.SIGKILL)
-        except (OSError, ProcessLookupError):
-            pass
+    for process in tree:
+        with suppress(psutil.Error):
+            process.kill()
 
 
 class Machine:

@@ -17,7 +17,9 @@ import tempfile
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Tuple
+from typing import Dict, Iterator, Optional, Tuple
+
+import psutil
 
 from fcsv_geometry.errors import FcsvError
 
@@ -167,10 +169,11 @@ def next_rate(rate: float, busy: float) -> float:
     return min(max(rate * change, LEAST_RATE), 1.0)
 
 
-def _busy_and_all() -> Tuple[int, int]:
-    """Of all processors so far; what a hypervisor took away is not idle."""
-    times: List[int] = [int(n) for n in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
-    return sum(times) - times[3] - times[4], sum(times)
+def _busy_and_all() -> Tuple[float, float]:
+    """Seconds of all processors so far; what a hypervisor took away is not idle."""
+    times = psutil.cpu_times()
+    whole = sum(times[:8])  # guests' time is counted in user and nice
+    return whole - times.idle - times.iowait, whole
 
 
 def serve_first() -> None:
@@ -200,7 +203,7 @@ def main() -> int:
         time.sleep(_TICK_S)
         if args.rate == AUTO and time.monotonic() > due_s:
             now = _busy_and_all()
-            rate = next_rate(rate, (now[0] - last[0]) / max(now[1] - last[1], 1))
+            rate = next_rate(rate, (now[0] - last[0]) / max(now[1] - last[1], 0.01))
             last, due_s = now, time.monotonic() + _PERIOD_S
     page.write(time.monotonic(), 1.0)  # what is left behind must be able to end
     Path(args.page).unlink(missing_ok=True)
