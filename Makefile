@@ -23,6 +23,6 @@ bench-tracking: setup
 bench-gimbal: setup
 	@tools/run bench-gimbal
 bench-link: setup
-	@. devel/setup.sh && exec .venv/bin/python tools/bench_link/bench.py $(or $(ARGS),--write)
+	@tools/run bench-link
 study: setup
 	@tools/run study

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from support import tiers
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -15,8 +16,24 @@ settings.register_profile("fcsv", deadline=None)  # a busy machine is no failure
 settings.load_profile("fcsv")
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items):
+def pytest_addoption(parser):
+    tiers.options(parser)
+
+
+def pytest_configure(config):
+    tiers.register(config)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    tiers.mark_what_needs_ros(items)  # before pytest looks at -m
+    tiers.keep_tier(config, items)
+    tiers.share_out(config, items)
+    yield
+    in_slow_motion(items)
+
+
+def in_slow_motion(items):
     from fcsv_sim.machines.slow_motion import shared_time
 
     if not shared_time(os.environ):

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a test run is divided: nothing that starts a master runs beside other tests, and ARGS keep their quotes."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support import tiers
+
+ROOT = Path(__file__).resolve().parents[2]
+# who names one of these starts masters or systems by himself, past the fixtures of tests/conftest.py
+STARTERS = {"Machine", "NamespaceMachine", "start_demo", "init_node"}
+FILES = sorted(path for path in (ROOT / "tests").rglob("test_*.py"))
+
+
+class Item:
+    """What tiers asks of a test."""
+
+    def __init__(self, nodeid="tests/a/test_a.py::test_a", fixtures=(), marks=()):
+        self.nodeid, self.fixturenames, self.marks = nodeid, fixtures, list(marks)
+
+    def add_marker(self, mark):
+        self.marks.append(mark)
+
+    def get_closest_marker(self, name):
+        return name if name in self.marks else None
+
+
+@pytest.mark.parametrize("item, tier", [
+    (Item(), "plain"),
+    (Item(marks=["slow"]), "plain"),
+    (Item(marks=["slow_motion"]), "ros"),
+    (Item(fixtures=["ros_master"]), "ros"),
+    (Item(fixtures=["tmp_path", "start_node"]), "ros"),
+    (Item(fixtures=["bench_link"]), "ros"),
+    (Item("tests/system/test_a.py::test_a"), "ros"),
+])  # fmt: skip
+def test_a_test_with_a_master_is_never_plain(item, tier):
+    tiers.mark_what_needs_ros([item])
+    assert tiers.tier_of(item) == tier
+
+
+def marks_itself(tree) -> bool:
+    """Whether the module's ``pytestmark`` names ros or system."""
+    marks = [n for n in tree.body if isinstance(n, ast.Assign) and getattr(n.targets[0], "id", "") == "pytestmark"]
+    return any(getattr(n, "attr", "") in ("ros", "system") for mark in marks for n in ast.walk(mark))
+
+
+def test_whoever_starts_a_master_without_the_fixtures_is_marked():
+    found = 0
+    for path in FILES:
+        tree = ast.parse(path.read_text())
+        names = {a.name for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) for a in n.names}
+        names |= {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
+        if STARTERS & names:
+            found += 1
+            assert marks_itself(tree), f"{path.relative_to(ROOT)} starts masters: pytestmark must name ros or system"
+    assert found
+
+
+def run_tests(args, timeout_s=200):
+    done = subprocess.run(
+        ["tools/run", "test"],
+        cwd=ROOT,
+        env=dict(os.environ, ARGS=args),
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+    )
+    return done.returncode, done.stdout
+
+
+def test_quotes_in_args_hold_words_together_and_the_last_line_counts_both_tiers():
+    """The second tier is empty: no error, since these arguments ask for so little."""
+    status, said = run_tests("-n0 -q -m 'not slow and not system' -k 'never_plain' tests/house/test_tiers.py")
+    assert status == 0, said
+    assert said.splitlines()[-1].startswith("7 tests: 7 passed, 0 failed, 0 skipped, in "), said
+
+
+def test_a_file_that_does_not_exist_is_an_error():
+    assert run_tests("-n0 tests/absent.py")[0] == 4
+
+
+@pytest.mark.parametrize("plain, ros, explicit, status", [
+    (0, 0, False, 0), (1, 0, False, 1), (0, 1, True, 1), (5, 0, False, 5), (5, 0, True, 0), (5, 5, True, 5),
+    (5, 1, False, 1), (2, 0, True, 2), (0, 3, False, 3),
+])  # fmt: skip
+def test_the_exit_status_is_that_of_both_tiers(root, monkeypatch, plain, ros, explicit, status):
+    monkeypatch.setattr(sys, "path", [str(root / "tools"), *sys.path])
+    import run_tests
+
+    assert run_tests.overall({"plain": plain, "ros": ros}, explicit) == status
+
+
+class Definition:
+    def __init__(self, scope, baseid):
+        self.scope, self.baseid = scope, baseid
+
+
+@pytest.mark.parametrize("fixtures, group", [
+    ({}, None),
+    ({"tmp_path": Definition("function", ""), "tmp_path_factory": Definition("session", "")}, None),
+    ({"root": Definition("session", "tests")}, None),
+    ({"town": Definition("module", "tests/a/test_a.py"), "root": Definition("session", "tests")}, "tests/a/test_a.py"),
+    ({"scene": Definition("session", "tests/a")}, "scene"),
+])  # fmt: skip
+def test_who_shares_an_expensive_fixture_shares_a_worker(fixtures, group):
+    item = Item()
+    item._fixtureinfo = type("Info", (), {"name2fixturedefs": {name: [d] for name, d in fixtures.items()}})
+    assert tiers.group_of(item) == group

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole test run: plain tests on all cores, then tests with ROS one after another, then one count of both.
+
+    tools/run_tests.py [pytest's arguments]
+
+Exit status 0 where nothing failed; 5 where a tier, or with arguments both, collected no test. More: docs/testing.md.
+"""
+
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SIDE_BY_SIDE = ["--numprocesses=logical", "--maxprocesses=8", "--dist=loadgroup"]  # a worker takes up to 2 GB
+TIERS = {"plain": SIDE_BY_SIDE, "ros": []}
+PASSED, FAILED, NOTHING = 0, 1, 5  # pytest's exit statuses; above FAILED and below NOTHING it could not run
+SHOWN = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")
+
+
+def pytest_status(arguments) -> int:
+    """Run pytest to its end. Ctrl-C reaches it from the terminal; whoever ends this process ends it like Ctrl-C."""
+    child = subprocess.Popen([sys.executable, "-m", "pytest", *arguments], cwd=ROOT)
+    signal.signal(signal.SIGINT, lambda *_: None)
+    signal.signal(signal.SIGTERM, lambda *_: child.send_signal(signal.SIGINT))
+    return child.wait()
+
+
+def run_tier(name: str, arguments, folder: Path):
+    """(exit status, counts) of one tier; the user's arguments come last and so overrule."""
+    counts = folder / f"{name}.json"
+    status = pytest_status([f"--tier={name}", f"--counts={counts}", *TIERS[name], *arguments])
+    return status, json.loads(counts.read_text()) if counts.exists() else {}
+
+
+def overall(statuses, explicit: bool) -> int:
+    """One exit status. With arguments of the user's a tier may be empty, without them none may."""
+    serious = [s for s in statuses.values() if s not in (PASSED, FAILED, NOTHING)]
+    if serious:
+        return serious[0]
+    if FAILED in statuses.values():
+        return FAILED
+    empty = [name for name, status in statuses.items() if status == NOTHING]
+    return NOTHING if empty and (not explicit or len(empty) == len(statuses)) else PASSED
+
+
+def main(arguments) -> int:
+    began_s = time.monotonic()
+    statuses, counts = {}, {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in TIERS:
+            print(f"== tests of the tier '{name}'", flush=True)
+            statuses[name], counts[name] = run_tier(name, arguments, Path(folder))
+            stops = FAILED if {"-x", "--exitfirst"} & {*arguments} else None
+            if statuses[name] not in {PASSED, FAILED, NOTHING} - {stops}:
+                break
+    status = overall(statuses, bool(arguments))
+    for name in statuses:
+        if statuses[name] == NOTHING and not arguments:
+            print(f"the tier '{name}' collected no test")
+    for tier in counts.values():
+        print(*tier.get("names", ()), sep="\n", end="\n" if tier.get("names") else "")
+    total = {name: sum(tier.get(name, 0) for tier in counts.values()) for name in SHOWN}
+    said = ", ".join(f"{n} {name}" for name, n in total.items() if n or name in ("passed", "failed", "skipped"))
+    print(f"{sum(total.values())} tests: {said}, in {(time.monotonic() - began_s) / 60:.1f} min", flush=True)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
