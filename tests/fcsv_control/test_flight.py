@@ -120,6 +120,13 @@ def test_a_command_is_repeated_with_a_confirmation_number_until_answered():
     assert pending.result == FAILED
 
 
+def test_a_command_is_given_up_after_all_tries_and_no_later():
+    pending = PendingCommand(400, 0.0, timeout_s=0.6, tries=3)
+    sent_s = [t for t in np.arange(0.0, 3.0, 0.01) if not pending.over(t) and pending.due(t) is not None]
+    assert sent_s == pytest.approx([0.0, 0.6, 1.2], abs=0.02)
+    assert not pending.over(sent_s[-1] + 0.59) and pending.over(sent_s[-1] + 0.61)
+
+
 def test_a_command_is_given_up():
     pending = PendingCommand(400, 0.0, timeout_s=1.0, tries=2)
     assert [pending.due(t) for t in (0.0, 1.0, 2.0)] == [0, 1, None]
@@ -152,6 +159,16 @@ def connected_keeper():
     assert k.heartbeat(0.1)
     assert set(k.due(0.1)) == {keeper.STREAMS, keeper.ASK_ORIGIN, keeper.PARAMETER}
     return k
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_it_speaks_once_a_second(answered):
+    k, beats_s = ConnectionKeeper(["ATTITUDE"]), []
+    for now_s in np.arange(0.0, 10.0, 0.01):
+        if answered:
+            k.heartbeat(now_s)
+        beats_s += [now_s] * k.due(now_s).count(keeper.HEARTBEAT)
+    assert beats_s == pytest.approx(np.arange(10), abs=0.1)
 
 
 def test_origin_is_asked_for_before_it_is_set_and_set_until_it_is_there():

@@ -160,12 +160,12 @@ class Both:
     """A link and its peer, and what the link called back."""
 
     def __init__(self, **parameters):
-        self.port, self.begun_s = free_port(socket.SOCK_DGRAM), time.monotonic()
+        self.port = free_port(socket.SOCK_DGRAM)
         self.poses, self.texts, self.states = [], [], []
         self.link = FlightLink(
             f"udpin:127.0.0.1:{self.port}",
             LinkParameters(**{**FAST, **parameters}),
-            on_pose=lambda T: self.poses.append((time.monotonic(), T)),
+            on_pose=self.poses.append,
             on_text=lambda severity, text: self.texts.append((severity, text)),
             on_state=lambda: self.states.append((self.link.connected, self.link.state)),
         )
@@ -210,17 +210,16 @@ def test_connecting(pair):
     position = M.MAVLINK_MSG_ID_LOCAL_POSITION_NED
     asked_s = [pair.peer.intervals[number] for number in (position, M.MAVLINK_MSG_ID_ATTITUDE)]
     assert asked_s == pytest.approx([1 / 30, 1 / 30], abs=1e-5)
-    poses, sent = len(pair.poses), pair.peer.sent[position]
-    time.sleep(2.0)
-    sent = pair.peer.sent[position] - sent
-    assert sent > 10 and until(lambda: len(pair.poses) - poses >= sent - 1)  # as many as are sent, however busy it is
+    poses, before = len(pair.poses), pair.peer.sent[position]
+    assert until(lambda: pair.peer.sent[position] > before + 20)
+    sent = pair.peer.sent[position] - before
+    assert until(lambda: len(pair.poses) - poses >= sent - 1)  # as many as are sent, however busy it is
     assert len(pair.peer.of("SET_GPS_GLOBAL_ORIGIN")) == count  # no more once it is there
-    T_odom_body = pair.poses[-1][1]
+    T_odom_body = pair.poses[-1]
     assert np.allclose(T_odom_body[:3, 3], [2.0, 1.0, 3.0])
     assert np.allclose(transforms.rpy(T_odom_body), [0.1, -0.2, math.pi / 2 - 0.3], atol=1e-6)
     assert until(lambda: len(pair.peer.of("HEARTBEAT")) >= 3)
-    beats = pair.peer.of("HEARTBEAT")
-    assert len(beats) <= 2 + time.monotonic() - pair.begun_s  # one a second
+    beats = pair.peer.of("HEARTBEAT")  # one a second: see test_flight.py
     assert {(b.get_srcSystem(), b.get_srcComponent(), b.autopilot) for b in beats} == {(1, 191, 8)}
     assert pair.link.state.prearm_ok and pair.link.state.battery_share == 0.77
     assert pair.link.state.voltage_v == 15.8 and pair.link.state.current_a == 12.0
@@ -275,12 +274,12 @@ def test_a_lost_acknowledgement_is_asked_for_again(pair):
     assert pair.link.state.mode == "GUIDED"
 
 
-def test_no_answer_is_an_error_within_its_time(pair):
+def test_no_answer_is_an_error_after_the_last_try(pair):
+    """How long that takes: see test_flight.py."""
     pair.peer.mute_acks = 99
-    begun_s = time.monotonic()
     with pytest.raises(LinkError, match="mode GUIDED: the flight controller does not answer"):
         pair.link.set_mode("GUIDED")
-    assert time.monotonic() - begun_s == pytest.approx(1.8, abs=0.8)
+    assert [m.confirmation for m in pair.peer.commands(M.MAV_CMD_DO_SET_MODE)] == [0, 1, 2]
 
 
 def test_in_progress_is_waited_for(pair):
@@ -341,7 +340,9 @@ def test_wrong_parameters_are_set_when_asked_to(both):
 
 def test_it_connects_again_after_a_reboot(pair):
     assert until(lambda: pair.link.origin_set)
-    time.sleep(1.2)  # a boot time to go back from
+    pair.peer.boot_s -= 5.0  # a boot time to go back from
+    poses = len(pair.poses)
+    assert until(lambda: len(pair.poses) > poses + 1)
     pair.peer.boot()  # too quick for the heartbeat to be missed; origin and intervals are forgotten
     assert until(lambda: not pair.link.origin_set)
     assert until(lambda: pair.link.origin_set, 8.0)
@@ -363,18 +364,24 @@ def test_another_autopilot_on_the_line_is_not_obeyed(both):
     try:
         stranger.mode, stranger.armed = LAND, True
         assert until(lambda: pair.link.connected and pair.link.strangers == (7,))
-        time.sleep(1.2)
+        stranger.intervals[M.MAVLINK_MSG_ID_HEARTBEAT] = 0.05
+        for peer in (stranger, pair.peer):
+            beats = peer.sent[M.MAVLINK_MSG_ID_HEARTBEAT]
+            assert until(lambda p=peer, n=beats: p.sent[M.MAVLINK_MSG_ID_HEARTBEAT] >= n + 2)
         assert all(s.mode in ("", "STABILIZE") and not s.armed for _, s in pair.states)
     finally:
         stranger.close()
 
 
 def test_an_odd_message_does_not_end_the_link(pair):
-    def fail(_T):
+    failed = []
+
+    def fail(T):
+        failed.append(T)
         raise RuntimeError("a callback of a node that is going down")
 
     pair.link._callbacks["on_pose"] = fail
-    time.sleep(0.3)
+    assert until(lambda: failed)
     pair.peer.mode = GUIDED
     assert until(lambda: pair.link.state.mode == "GUIDED")
 
