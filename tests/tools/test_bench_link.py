@@ -57,8 +57,7 @@ def relays(bench):
 
 @pytest.mark.ros
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("begun", [namespaces, relays])
+@pytest.mark.parametrize("number, begun", [(signal.SIGTERM, namespaces), (signal.SIGINT, relays)])
 def test_a_bench_that_is_ended_leaves_nothing_behind(begin, tmp_path, number, begun):
     bench = begin()
     until(lambda: begun(bench), what="the bench's machines")
@@ -84,6 +83,21 @@ def test_what_a_killed_bench_left_is_swept_away_by_the_next(begin):
     assert left and set(left) <= set(ending.sweep())
     assert not namespaces(bench)
     until(lambda: not any(p.is_running() for p in tree), what="the end of what ran in them")
+
+
+def test_every_signal_ends_by_the_same_way_and_only_once(bench_link, capsys):
+    import ending
+
+    before = {n: signal.getsignal(n) for n in ending.SIGNALS}
+    try:
+        for number in ending.SIGNALS:
+            with pytest.raises(SystemExit) as ended:
+                ending._end(number, None)
+            assert ended.value.code == 128 + number and signal.Signals(number).name in capsys.readouterr().err
+            assert all(signal.getsignal(n) == signal.SIG_IGN for n in ending.SIGNALS)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def test_growth_is_the_slope_of_the_second_half(bench_link):
