@@ -2,6 +2,7 @@
 """What all tests share: where things are, real data that may be absent, and a ROS master of their own."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -112,6 +113,8 @@ def start_node(ros_master):
         return process
 
     yield start
+    for process in started:  # all at once: each takes its time to say goodbye to the master
+        process.signal(signal.SIGINT)
     for process in started:
         process.stop(grace_s=5.0)
         if process.returncode not in (0, None):

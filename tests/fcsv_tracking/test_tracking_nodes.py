@@ -282,6 +282,8 @@ def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(start_node, t
 class TestTags:
     """The tag node between pictures and detections."""
 
+    ahead_s = 0.0  # of the messages' stamps
+
     def running(self, start_node, listen, talk, folder):
         from diagnostic_msgs.msg import DiagnosticArray
         from nav_msgs.msg import Odometry
@@ -305,7 +307,7 @@ class TestTags:
 
         body, info, image = out
         for _ in range(times):
-            now_s = time.time()
+            now_s = time.time() + self.ahead_s
             info.publish(conversions.info_from_camera(camera or CAMERA, now_s, frame))
             image.publish(conversions.array_to_image(picture, "mono8", now_s, frame))
             for k in range(-2, 12):
@@ -322,23 +324,26 @@ class TestTags:
         tag = render(pose(3.0))
         self.show(out, tag)
         assert found.wait(lambda m: len(m.detections) == 1) is not None
-        time.sleep(0.5)
         wrong_size = PinholeCamera.from_fov(320, 240, np.radians(56.0))
         for kwargs, word in (
             ({"frame": "uav1/camera_color_optical_frame"}, "dropped: picture"),
             ({"camera": wrong_size}, "dropped: picture"),
             ({"odometry_frame": "uav1/odom"}, "dropped: odometry"),
         ):
-            del found.messages[:], health.messages[:]
-            time.sleep(2.2)  # what was buffered is gone, odometry older than the buffer's gap
-            del found.messages[:]
+            del health.messages[:]
+            self.ahead_s += 4.0  # what odometry is buffered is too old for these pictures
+            begin_s = time.time() + self.ahead_s
             self.show(out, tag, **kwargs)
             assert health.wait(says(word)) is not None, kwargs
-            assert not found.messages, kwargs
+            assert not [m for m in found.messages if m.header.stamp.to_sec() >= begin_s], kwargs
+        del found.messages[:]
+        self.ahead_s += 4.0
+        begin_s = time.time() + self.ahead_s
         both = np.concatenate([render(pose(2.5, x=-0.4))[:, :320], render(pose(2.5, x=0.4))[:, 320:]], axis=1)
         self.show(out, both)
         assert health.wait(says("tags rejected: same id twice")) is not None
-        assert found.messages and not any(m.detections for m in found.messages)
+        came = [m for m in found.messages if m.header.stamp.to_sec() >= begin_s]
+        assert came and not any(m.detections for m in came)
 
 
 def test_previews_are_pictures_again_for_who_looks(start_node, listen, talk):
