@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pages that a machine can check: links resolve, the index is whole, the tree of packages is the real one."""
+
+import re
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+FENCE = re.compile(r"^```.*?^```[^\n]*$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+HEADING = re.compile(r"^#{1,6} +(.+?) *$", re.MULTILINE)
+ENTRY = re.compile(r"^(?P<indent>(?:  )*)(?P<name>\w+)/ +(?P<words>\S.*)$")
+
+
+def pages():
+    names = subprocess.run(["git", "ls-files", "-co", "--exclude-standard", "*.md"], cwd=ROOT, capture_output=True,
+                           text=True, check=True).stdout.split("\n")  # fmt: skip
+    return [ROOT / n for n in names if n and (ROOT / n).is_file()]
+
+
+def anchors(page):
+    """The fragments that GitHub gives a page's headings: lower case, no punctuation, hyphens for spaces."""
+    seen, out = Counter(), set()
+    for heading in HEADING.findall(FENCE.sub("", page.read_text())):
+        words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
+        slug = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
+        out.add(f"{slug}-{seen[slug]}" if seen[slug] else slug)
+        seen[slug] += 1
+    return out
+
+
+def links(page):
+    """(file, fragment or "") of every relative link of a page; code blocks have none."""
+    for target in LINK.findall(FENCE.sub("", page.read_text())):
+        if not re.match(r"[a-z]+:", target):
+            path, _, fragment = target.partition("#")
+            yield (page.parent / path).resolve() if path else page, fragment
+
+
+def broken(page):
+    for path, fragment in links(page):
+        if not path.exists():
+            yield f"{page.relative_to(ROOT)}: {path} is not there"
+        elif fragment and fragment not in anchors(path):
+            yield f"{page.relative_to(ROOT)}: {path.name} has no heading #{fragment}"
+
+
+def test_relative_links_resolve():
+    found = pages()
+    assert sum(1 for page in found for _ in links(page)) > 50
+    assert not [line for page in found for line in broken(page)]
+
+
+def test_pages_that_are_named_in_the_code_exist():
+    where = ["src", "tests", "tools", "config", "launch", "*.md", "Makefile"]
+    names = subprocess.run(["git", "grep", "-hoE", r"\bdocs/[A-Za-z0-9_/-]+\.md", "--", *where], cwd=ROOT,
+                           capture_output=True, text=True, check=True)  # fmt: skip
+    named = set(names.stdout.split())
+    assert named and not sorted(n for n in named if not (ROOT / n).is_file())
+
+
+def test_every_page_stands_in_the_index():
+    index = ROOT / "docs/README.md"
+    listed = {path for path, _ in links(index)}
+    docs = [p for p in pages() if ROOT / "docs" in p.parents and p != index]
+    assert len(docs) > 15 and not [str(p.relative_to(ROOT)) for p in docs if p not in listed]
+
+
+def packages_on_disk():
+    """Every folder under src/*/src/* that holds Python modules."""
+    return {
+        str(module.parent.relative_to(root)) for root in ROOT.glob("src/*/src") for module in root.rglob("*.py")
+    }
+
+
+def packages_in_the_page():
+    """The paths of the tree in docs/architecture.md, whose entries are indented by two blanks each; each has a line."""
+    text = (ROOT / "docs/architecture.md").read_text()
+    block = re.search(r"^## Packages$.*?^```\n(.*?)^```$", text, re.MULTILINE | re.DOTALL).group(1)
+    above, out = [], []
+    for line in block.splitlines():
+        entry = ENTRY.match(line)
+        assert entry, f"docs/architecture.md: '{line}' is not 'name/  what it holds'"
+        above = above[: len(entry["indent"]) // 2] + [entry["name"]]
+        out.append("/".join(above))
+    assert len(out) == len(set(out))
+    return set(out)
+
+
+def test_the_tree_of_packages_is_the_real_one():
+    page, disk = packages_in_the_page(), packages_on_disk()
+    assert {"not in docs/architecture.md": sorted(disk - page), "not on disk": sorted(page - disk)} == {
+        "not in docs/architecture.md": [], "not on disk": []
+    }  # fmt: skip
