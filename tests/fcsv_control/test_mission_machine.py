@@ -4,9 +4,11 @@
 import numpy as np
 import pytest
 
+from fcsv_control.mission import watch
 from fcsv_control.mission.flight_list import tasks
 from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Outbox
+from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
 from fcsv_msgs.msg import MissionState
@@ -174,10 +176,20 @@ def test_a_lost_link_pauses_and_a_found_one_goes_on(flying, when):
     flying.wait(1.0) if when == "travelling" else until_recording(flying)
     flying.fleet["uav2"].heard = False
     flying.wait(1.0)
-    paused(flying, "uav2: no state and no pose")
+    paused(flying, "uav2: no state for 3.5 s and no pose for 2 s; check the radio link")
     assert not flying.machine.captures
     flying.fleet["uav2"].heard = True
     resumed(flying)
+
+
+@pytest.mark.parametrize("state_age_s, pose_age_s, words", [
+    (3.4, 1.9, ""), (3.6, 1.9, "no state for 3.5 s;"), (3.4, 2.1, "no pose for 2 s;"),
+    (3.6, 2.1, "no state for 3.5 s and no pose for 2 s;"),
+])  # fmt: skip
+def test_silence_is_told_with_the_limit_that_it_passed(state_age_s, pose_age_s, words):
+    view = VehicleView(state_age_s=state_age_s, pose_age_s=pose_age_s, connected=True, armed=True)
+    found = watch.problems(mission(), "COLUMN", Snapshot(0.0, {"uav2": view}))
+    assert found == ([f"uav2: {words} check the radio link and the clocks"] if words else [])
 
 
 def orders_that_move(f, name):

@@ -39,10 +39,10 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
 
 
 def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[str]:
-    silent = ["state"] if view.state_age_s > _STATE_STALE_S else []
-    silent += ["pose"] if view.pose_age_s > _POSE_STALE_S else []
+    ages_s = (("state", view.state_age_s, _STATE_STALE_S), ("pose", view.pose_age_s, _POSE_STALE_S))
+    silent = [f"no {what} for {most_s:g} s" for what, age_s, most_s in ages_s if age_s > most_s]
     if silent:
-        yield f"no {' and no '.join(silent)} for more than {_POSE_STALE_S:g} s; check the radio link and the clocks"
+        yield f"{' and '.join(silent)}; check the radio link and the clocks"
         return
     if not view.connected:
         yield "no flight controller"
