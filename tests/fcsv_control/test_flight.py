@@ -8,11 +8,11 @@ import pytest
 
 from fcsv_control.flight import conversion, keeper
 from fcsv_control.flight.commands import ACCEPTED, FAILED, IN_PROGRESS, PendingCommand
-from fcsv_control.flight.feed import FeedParameters, VisionFeed
+from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.keeper import ConnectionKeeper
 from fcsv_control.flight.parameters import NEEDED, ParameterCheck
 from fcsv_control.flight.texts import Reasons, TextJoiner
-from fcsv_control.flight.watchdog import FeedWatchdog, WatchdogParameters
+from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_geometry import transforms
 
 # ---- frames ----------------------------------------------------------------------------------------------------
@@ -243,26 +243,34 @@ def test_the_feed_passes_thirty_a_second_at_most(rate_in, passed):
     stamps = (
         1000.0 + np.arange(0.0, 10.0, 1.0 / rate_in) + rng.uniform(0, 0.1 / rate_in, int(math.ceil(10.0 * rate_in)))
     )
-    assert sum(feed.judge(s + 0.004, s) == "" for s in stamps) == pytest.approx(passed, rel=0.02)
+    assert sum(feed.judge(s + 0.004, s)[0] is FeedVerdict.SEND for s in stamps) == pytest.approx(passed, rel=0.02)
+
+
+def dropped(feed, now_s, stamp_s, why):
+    verdict, text = feed.judge(now_s, stamp_s)
+    return verdict is FeedVerdict.DROP and why in text
 
 
 def test_the_feed_drops_what_is_no_news():
     feed = VisionFeed(FeedParameters(stale_s=0.3))
-    assert feed.judge(10.0, 9.99) == ""
-    assert "not newer" in feed.judge(10.02, 9.99)
-    assert "0.50 s old" in feed.judge(11.0, 10.5)
-    assert "ahead" in feed.judge(11.0, 11.5)
-    assert feed.judge(11.0, 10.99) == ""
+    assert feed.judge(10.0, 9.99)[0] is FeedVerdict.SEND
+    assert dropped(feed, 10.02, 9.99, "not newer")
+    assert dropped(feed, 11.0, 10.5, "0.50 s old")
+    assert dropped(feed, 11.0, 11.5, "ahead")
+    assert feed.judge(11.0, 10.99)[0] is FeedVerdict.SEND
 
 
 def test_a_clock_that_is_set_back_does_not_stop_the_feed():
     feed = VisionFeed(FeedParameters())
-    assert feed.judge(1000.0, 1000.0) == ""
-    assert feed.judge(500.0, 500.0) == ""
-    assert feed.judge(500.034, 500.034) == ""
+    assert feed.judge(1000.0, 1000.0)[0] is FeedVerdict.SEND
+    assert feed.judge(500.0, 500.0)[0] is FeedVerdict.SEND
+    assert feed.judge(500.034, 500.034)[0] is FeedVerdict.SEND
 
 
 # ---- watchdog --------------------------------------------------------------------------------------------------
+
+
+NONE, WARN, LAND = Alarm.NONE, Alarm.WARN, Alarm.LAND
 
 
 def verdicts(dog, times, armed=True, mode="GUIDED"):
@@ -272,28 +280,28 @@ def verdicts(dog, times, armed=True, mode="GUIDED"):
 def test_the_watchdog_warns_then_lands_once_it_is_obeyed():
     dog = FeedWatchdog(WatchdogParameters(), 0.0)
     dog.feed(10.0)
-    assert verdicts(dog, [10.4, 10.6, 10.75]) == ["", "warn", "warn"]
-    assert verdicts(dog, [10.85, 10.9, 11.5]) == ["land", "warn", "warn"]
-    assert dog.check(11.9, True, "GUIDED") == "land"  # not seen in LAND yet: again
-    assert dog.check(12.2, True, "LAND") == ""
-    assert verdicts(dog, [13.5, 15.0], mode="LOITER") == ["warn", "warn"]  # the pilot took over: no fight
+    assert verdicts(dog, [10.4, 10.6, 10.75]) == [NONE, WARN, WARN]
+    assert verdicts(dog, [10.85, 10.9, 11.5]) == [LAND, WARN, WARN]
+    assert dog.check(11.9, True, "GUIDED") is LAND  # not seen in LAND yet: again
+    assert dog.check(12.2, True, "LAND") is NONE
+    assert verdicts(dog, [13.5, 15.0], mode="LOITER") == [WARN, WARN]  # the pilot took over: no fight
     dog.feed(20.0)
-    assert verdicts(dog, [20.1, 20.9]) == ["", "land"]  # a second death
+    assert verdicts(dog, [20.1, 20.9]) == [NONE, LAND]  # a second death
 
 
 def test_the_watchdog_leaves_others_alone():
     dog = FeedWatchdog(WatchdogParameters(), 0.0)
     dog.feed(1.0)
-    assert verdicts(dog, [5.0], armed=False) == [""]
-    assert verdicts(dog, [5.0], mode="ALT_HOLD") == [""] and verdicts(dog, [5.0], mode="STABILIZE") == [""]
-    assert verdicts(dog, [5.0], mode="LOITER") == ["land"]
+    assert verdicts(dog, [5.0], armed=False) == [NONE]
+    assert verdicts(dog, [5.0], mode="ALT_HOLD") == [NONE] and verdicts(dog, [5.0], mode="STABILIZE") == [NONE]
+    assert verdicts(dog, [5.0], mode="LOITER") == [LAND]
 
 
 def test_time_in_which_nobody_could_watch_is_no_silence():
     dog = FeedWatchdog(WatchdogParameters(), 0.0)
     dog.feed(10.0)
     dog.slept(11.5, 1.4)  # the computer stood still from 10.1 to 11.5
-    assert verdicts(dog, [11.5, 12.0, 12.25]) == ["", "warn", "land"]
+    assert verdicts(dog, [11.5, 12.0, 12.25]) == [NONE, WARN, LAND]
     dog.feed(20.0)
     dog.slept(20.01, 3.0)  # the feed was read first
     assert dog.age_s(20.01) == 0.0
@@ -302,12 +310,12 @@ def test_time_in_which_nobody_could_watch_is_no_silence():
 def test_a_feed_that_never_began_is_dead():
     """The link was restarted in flight while the odometry was gone."""
     dog = FeedWatchdog(WatchdogParameters(), 100.0)
-    assert verdicts(dog, [100.3, 100.9]) == ["", "land"]
+    assert verdicts(dog, [100.3, 100.9]) == [NONE, LAND]
 
 
 def test_the_watchdog_may_be_told_to_warn_only():
     dog = FeedWatchdog(WatchdogParameters(land_s=0.0), 0.0)
-    assert verdicts(dog, [0.6, 3.0]) == ["warn", "warn"]
+    assert verdicts(dog, [0.6, 3.0]) == [WARN, WARN]
 
 
 @pytest.mark.parametrize("values", [{"warn_s": 0.0}, {"warn_s": 0.5, "land_s": 0.2}, {"land_s": float("nan")}])

@@ -19,7 +19,7 @@ from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
 from fcsv_multimaster.errors import EndpointError, KeyringError, PictureError, WireError
 from fcsv_multimaster.keyring import make_fleet, open_keyring
 from fcsv_multimaster.links import Rule, TrafficClass, load_links
-from fcsv_multimaster.measure import PeerMeasure
+from fcsv_multimaster.measure import Heard, PeerMeasure
 from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
 from fcsv_multimaster.peer import Peer
 from fcsv_multimaster.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
@@ -67,7 +67,7 @@ def test_another_version_of_the_language_is_named():
 
 def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
     peer = PeerMeasure()
-    assert peer.heard(1, 10.0) == "new"
+    assert peer.heard(1, 10.0) is Heard.NEW
     for i, wall_s in enumerate((0.0, 3600.0, 3600.0, 3600.0, 3600.0, 3600.0)):  # the peer's clock steps by an hour
         peer.clocks.answered(10.0 + i, 10.02 + i, 500.01 + i, wall_s)
     assert peer.clocks.age_s(500.0, 10.05) == pytest.approx(0.05)
@@ -77,9 +77,9 @@ def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
 def test_a_second_machine_of_the_same_name_is_told_from_a_restart():
     peer = PeerMeasure()
     assert [peer.heard(1, 0.0), peer.heard(1, 0.5), peer.heard(2, 0.6), peer.heard(1, 0.7)] == [
-        "new", "same", "double", "same",
+        Heard.NEW, Heard.SAME, Heard.DOUBLE, Heard.SAME,
     ]  # fmt: skip
-    assert peer.heard(2, 5.0) == "new" and not peer.alive(6.5)
+    assert peer.heard(2, 5.0) is Heard.NEW and not peer.alive(6.5)
 
 
 def test_loss_counts_gaps_and_forgives_what_comes_late():

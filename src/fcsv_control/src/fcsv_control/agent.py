@@ -7,6 +7,7 @@ A vehicle never depends on another machine: what was last accepted is held until
 import math
 from collections import OrderedDict
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Dict, Optional, Tuple
 
 import numpy as np
@@ -15,8 +16,17 @@ from fcsv_control.errors import CommandRefused
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 
-EXECUTE, REPEAT, WAIT, EXPIRED, IGNORE = "execute", "repeat", "wait", "expired", "ignore"
 _REMEMBERED = 200
+
+
+class Verdict(Enum):
+    """What becomes of a command."""
+
+    EXECUTE = auto()
+    REPEAT = auto()  # its answer: it was executed already
+    WAIT = auto()  # it is under way
+    EXPIRED = auto()  # it came too late
+    IGNORE = auto()  # it is another vehicle's
 
 
 @dataclass(frozen=True)
@@ -37,7 +47,7 @@ class CommandLog:
 
     def judge(
         self, now_s: float, vehicle: str, sender: str, number: int, moves: bool, expires_s: float, stops: bool = False
-    ):
+    ) -> Tuple[Verdict, Optional[Answer]]:
         """(what to do, the answer to repeat). A command under way waits; one never executed may be too late.
 
         Of commands that move the vehicle (``moves``), one that a newer one of its sender overtook is too late,
@@ -45,20 +55,20 @@ class CommandLog:
         (HOLD, BRAKE, LAND) is never too late by the clock, which may be wrong on either machine.
         """
         if vehicle != self._vehicle:
-            return IGNORE, None
+            return Verdict.IGNORE, None
         key = (sender, number)
         if key in self._answers:
             answer = self._answers[key]
-            return (WAIT, None) if answer is None else (REPEAT, answer)
+            return (Verdict.WAIT, None) if answer is None else (Verdict.REPEAT, answer)
         self._answers[key] = None
         while len(self._answers) > _REMEMBERED:
             self._answers.popitem(last=False)
         overtaken = moves and number < self._newest.get(sender, 0)
         if overtaken or (now_s > expires_s and not stops):
-            return EXPIRED, None
+            return Verdict.EXPIRED, None
         if moves:
             self._newest[sender] = number
-        return EXECUTE, None
+        return Verdict.EXECUTE, None
 
     def answered(self, sender: str, number: int, answer: Answer) -> None:
         """Remember what was answered."""

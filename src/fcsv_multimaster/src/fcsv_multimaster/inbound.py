@@ -7,6 +7,7 @@ from typing import Callable, Dict, Iterable
 
 from fcsv_multimaster import wire
 from fcsv_multimaster.errors import RelayError, WireError
+from fcsv_multimaster.measure import Heard
 from fcsv_multimaster.parcel import Parcel
 from fcsv_multimaster.peer import Peer
 
@@ -122,13 +123,13 @@ class Inbound:
     def _known(self, peer: Peer, boot: int, now_s: float) -> bool:
         """Whether it is the relay that bears the peer's name; a second one of the same name is named and not heard."""
         with peer.lock:
-            verdict = peer.heard(boot, now_s)
-        if verdict == "double":
+            heard = peer.heard(boot, now_s)
+        if heard is Heard.DOUBLE:
             self._drop(
                 "a second machine of the same name", f"another relay calls itself {peer.name}; give it its own name"
             )
             return False
-        if verdict == "new":
+        if heard is Heard.NEW:
             _LOG.info("%s: the relay of %s is there", self._name, peer.name)
             self._wake(True)
         return True

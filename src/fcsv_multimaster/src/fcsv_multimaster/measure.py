@@ -3,6 +3,7 @@
 
 from collections import deque
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Deque, Dict, Optional, Tuple
 
 SILENT_S = 1.0  # four pings unanswered: the peer is taken for gone
@@ -57,6 +58,14 @@ class TopicCount:
     last_s: Optional[float] = None
 
 
+class Heard(Enum):
+    """Whose sign of life it is."""
+
+    SAME = auto()  # the relay's that we know
+    NEW = auto()  # the first, or of one that was started again
+    DOUBLE = auto()  # another relay's, while the one we know still speaks
+
+
 class PeerMeasure:
     """All figures of one peer."""
 
@@ -71,18 +80,18 @@ class PeerMeasure:
         self._answered: Deque[bool] = deque(maxlen=_POOR_OF)
         self._pong_since_ping = False
 
-    def heard(self, boot: int, now_s: float) -> str:
-        """ "same", "new" (first or restarted) or "double": another relay speaks while the one we know still does."""
+    def heard(self, boot: int, now_s: float) -> Heard:
+        """A sign of life of a relay that bears the peer's name; every start of a relay has a ``boot`` of its own."""
         if self.boot == boot:
             self._heard_s = now_s
-            return "same"
+            return Heard.SAME
         if self.boot is not None and now_s - self._heard_s < SILENT_S:
-            return "double"
+            return Heard.DOUBLE
         self.boot, self._heard_s = boot, now_s
         self.clocks.forget()
         for count in self.topics.values():
             count.newest_sequence = 0
-        return "new"
+        return Heard.NEW
 
     def alive(self, now_s: float) -> bool:
         return self._heard_s is not None and now_s - self._heard_s < SILENT_S

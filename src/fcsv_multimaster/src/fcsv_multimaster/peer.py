@@ -6,7 +6,7 @@ from typing import Dict, List, Tuple
 
 from fcsv_geometry.flow import RateGate
 from fcsv_multimaster.links import Rule
-from fcsv_multimaster.measure import PeerMeasure
+from fcsv_multimaster.measure import Heard, PeerMeasure
 from fcsv_multimaster.order import Order
 from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
 
@@ -36,15 +36,15 @@ class Peer:
         self._called_s = 0.0
         self._contact_s = float("-inf")
 
-    def heard(self, boot: int, now_s: float) -> str:
-        """A sign of life of a relay that bears this name: "same", "new" or "double", see PeerMeasure."""
+    def heard(self, boot: int, now_s: float) -> Heard:
+        """A sign of life of a relay that bears this name."""
         was_there = self.measure.alive(now_s)
-        verdict = self.measure.heard(boot, now_s)
+        heard = self.measure.heard(boot, now_s)
         if not was_there:
             self._contact_s = now_s
-        if verdict == "new":
+        if heard is Heard.NEW:
             self._restarted(now_s)
-        return verdict
+        return heard
 
     def admits(self, message: Message, now_s: float) -> bool:
         """Whether the rule's rate lets it pass; the last value of a latched topic is only held back."""

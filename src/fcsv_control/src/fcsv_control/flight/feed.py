@@ -2,7 +2,8 @@
 """Which poses of external navigation go on to the autopilot: new ones only, at a steady rate."""
 
 from dataclasses import dataclass
-from typing import Optional
+from enum import Enum, auto
+from typing import Optional, Tuple
 
 from fcsv_geometry.flow import RateGate
 
@@ -21,6 +22,14 @@ class FeedParameters:
             raise ValueError(f"stale_s: {self.stale_s} is not in (0, 1]")
 
 
+class FeedVerdict(Enum):
+    """What becomes of a pose."""
+
+    SEND = auto()
+    THIN_OUT = auto()  # more come than are wanted, as it should be
+    DROP = auto()
+
+
 class VisionFeed:
     """Decides by stamps; never lets one pass twice."""
 
@@ -32,16 +41,17 @@ class VisionFeed:
         self._last_s: Optional[float] = None
         self._gate = RateGate(parameters.rate_hz, self._EARLY)
 
-    def judge(self, now_s: float, stamp_s: float) -> Optional[str]:
-        """Empty: send it. None: thin it out, as it should be. Else why it is dropped."""
+    def judge(self, now_s: float, stamp_s: float) -> Tuple[FeedVerdict, str]:
+        """What to do, and why it is dropped where it is."""
         age_s = now_s - stamp_s
         if not -self._FUTURE_S <= age_s <= self._parameters.stale_s:
-            return f"pose is {age_s:.2f} s old" if age_s > 0 else f"pose is {-age_s:.2f} s ahead of the clock"
+            why = f"pose is {age_s:.2f} s old" if age_s > 0 else f"pose is {-age_s:.2f} s ahead of the clock"
+            return FeedVerdict.DROP, why
         due = self._gate.due(stamp_s)  # also where the clock was set back
         if self._last_s is not None and stamp_s <= self._last_s and not due:
-            return "pose is not newer than the last"
+            return FeedVerdict.DROP, "pose is not newer than the last"
         if not due:
-            return None
+            return FeedVerdict.THIN_OUT, ""
         self._gate.take(stamp_s)
         self._last_s = stamp_s
-        return ""
+        return FeedVerdict.SEND, ""

@@ -6,6 +6,7 @@ commanded in the modes that fly on position only: who flies by hand is left alon
 """
 
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Optional
 
 POSITION_MODES = frozenset({"AUTO", "BRAKE", "CIRCLE", "GUIDED", "LOITER", "POSHOLD", "RTL", "SMART_RTL"})
@@ -26,8 +27,16 @@ class WatchdogParameters:
             raise ValueError(f"land_s: {self.land_s} is neither 0 (never) nor in warn_s..5")
 
 
+class Alarm(Enum):
+    """What the age of the feed asks for."""
+
+    NONE = auto()
+    WARN = auto()  # it is late
+    LAND = auto()  # it is dead while flying on position
+
+
 class FeedWatchdog:
-    """``check`` says "warn" once the feed is late and "land" once it is dead while flying on position."""
+    """``check`` says what the age of the newest pose asks for."""
 
     def __init__(self, parameters: WatchdogParameters, now_s: float):
         self._parameters = parameters
@@ -47,20 +56,20 @@ class FeedWatchdog:
         """Age of the newest pose, or of this watchdog where there was none."""
         return now_s - self._last_s
 
-    def check(self, now_s: float, armed: bool, mode: str) -> str:
-        """Nothing (empty), "warn" or "land".
+    def check(self, now_s: float, armed: bool, mode: str) -> Alarm:
+        """What to do now.
 
-        "land" comes again every second until the vehicle is seen in LAND, not thereafter: a pilot who then
+        LAND comes again every second until the vehicle is seen in LAND, not thereafter: a pilot who then
         takes over in another mode has the last word.
         """
         if not armed:
-            return ""
+            return Alarm.NONE
         if self._asked_s is not None and mode == "LAND":
             self._obeyed = True
         if mode not in POSITION_MODES or self.age_s(now_s) <= self._parameters.warn_s:
-            return ""
+            return Alarm.NONE
         dead = self._parameters.land_s > 0 and self.age_s(now_s) > self._parameters.land_s
         if not dead or self._obeyed or (self._asked_s is not None and now_s - self._asked_s < _REPEAT_S):
-            return "warn"
+            return Alarm.WARN
         self._asked_s = now_s
-        return "land"
+        return Alarm.LAND

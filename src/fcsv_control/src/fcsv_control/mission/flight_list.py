@@ -11,7 +11,7 @@ from fcsv_control.mission.journey import Journey, go_to
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, level_camera
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_control.mission.standing import CaptureWindow, Standing
+from fcsv_control.mission.standing import CaptureWindow, Progress, Standing
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 
@@ -157,15 +157,15 @@ class FlightList:
 
     def _stand(self, snapshot: Snapshot, task: Task) -> Optional[CaptureWindow]:
         """Settle and record; what was disturbed is taken again, what never becomes calm is left out."""
-        verdict, window = self._standing.step(snapshot)
+        progress, window = self._standing.step(snapshot)
         self.detail = self._standing.detail
-        if verdict == "again":
+        if progress is Progress.AGAIN:
             self._standing = self._stand_at(task)
-        elif verdict == "given up":
+        elif progress is Progress.GIVEN_UP:
             title = self._mission.configurations[task.index].title
             self.notes.append(f"{title} left out, not calm there: {self._standing.detail}")
             self._next()
-        elif verdict == "done":
+        elif progress is Progress.DONE:
             self._next()
         return window
 

@@ -2,6 +2,7 @@
 """Standing at a configuration's place: become calm, record on every vehicle of it, watch that all hold still."""
 
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
@@ -27,8 +28,17 @@ class CaptureWindow:
     position_error_m: float  # largest distance of mover or reference from its place, by odometry
 
 
+class Progress(Enum):
+    """How far an attempt is."""
+
+    UNDER_WAY = auto()
+    DONE = auto()  # with its window
+    AGAIN = auto()  # it was disturbed
+    GIVEN_UP = auto()  # the vehicles do not become calm
+
+
 class Standing:
-    """One attempt. ``step`` answers "" under way, "done" with the window, "again" or "given up"."""
+    """One attempt; ``step`` answers how far it is."""
 
     def __init__(self, mission: Mission, index: int, mover: str, places: Dict[str, np.ndarray], outbox: Outbox, last):
         self._bounds = mission.settle
@@ -54,25 +64,26 @@ class Standing:
             self._record(snapshot, False)
             self._switched_on = []
 
-    def step(self, snapshot: Snapshot) -> Tuple[str, Optional[CaptureWindow]]:
+    def step(self, snapshot: Snapshot) -> Tuple[Progress, Optional[CaptureWindow]]:
         """Settle, switch the recorders on, watch, switch them off."""
         self._started_s = snapshot.now_s if self._started_s is None else self._started_s
         if not self._switched_on:
             return self._settle(snapshot), None
         if self._start_s is None:
             self._await_recorders(snapshot)
-            return "", None
+            return Progress.UNDER_WAY, None
         return self._watch(snapshot)
 
-    def _settle(self, snapshot: Snapshot) -> str:
+    def _settle(self, snapshot: Snapshot) -> Progress:
         self.detail = f"{self._mover} settles at {self._configuration.title}"
         if not self._calm(snapshot):
             self._calm_since_s = None
-            return "given up" if snapshot.now_s - self._started_s > self._bounds.timeout_s else ""
+            late = snapshot.now_s - self._started_s > self._bounds.timeout_s
+            return Progress.GIVEN_UP if late else Progress.UNDER_WAY
         self._calm_since_s = snapshot.now_s if self._calm_since_s is None else self._calm_since_s
         if snapshot.now_s - self._calm_since_s >= self._bounds.time_s:
             self._switched_on = self._record(snapshot, True)
-        return ""
+        return Progress.UNDER_WAY
 
     def _calm(self, snapshot: Snapshot) -> bool:
         b = self._bounds
@@ -103,18 +114,18 @@ class Standing:
             self.detail = f"recorders do not start for {self._configuration.title}: {why}"
             self._switched_on = self._record(snapshot, True)
 
-    def _watch(self, snapshot: Snapshot) -> Tuple[str, Optional[CaptureWindow]]:
+    def _watch(self, snapshot: Snapshot) -> Tuple[Progress, Optional[CaptureWindow]]:
         if self._stop_s is None:
             self._worst_m = max(self._worst_m, self._error_m(snapshot))
             self.detail = f"recording {self._configuration.title}"
             self._stop_s = self._ended_s(snapshot)
         if self._worst_m > self._bounds.hold_m and not self._last:  # a gust: this recording does not count
             self.stop(snapshot)
-            return "again", None
+            return Progress.AGAIN, None
         if self._stop_s is None or snapshot.now_s < self._stop_s + _LAST_PICTURE_S:
-            return "", None
+            return Progress.UNDER_WAY, None
         self.stop(snapshot)
-        return "done", CaptureWindow(self._index, self._mover, self._start_s, self._stop_s, self._worst_m)
+        return Progress.DONE, CaptureWindow(self._index, self._mover, self._start_s, self._stop_s, self._worst_m)
 
     def _ended_s(self, snapshot: Snapshot) -> Optional[float]:
         """When the recording ended: at the wanted time, later where a vehicle did not have its pictures then."""

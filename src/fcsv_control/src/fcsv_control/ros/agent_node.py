@@ -11,13 +11,13 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Bool
 
-from fcsv_control.agent import EXECUTE, EXPIRED, REPEAT, Answer, CommandLog, Holder, Limits, LinkLoss
+from fcsv_control.agent import Answer, CommandLog, Holder, Limits, LinkLoss, Verdict
 from fcsv_control.errors import CommandRefused, ControlError
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, MissionState, State, StatusText
+from fcsv_msgs.msg import Command, CommandAck, MissionState, Refusal, State, StatusText
 from fcsv_msgs.srv import CommandBool, CommandTOL, SetMode
 
 _REASON_WAIT_S = 0.5  # the reason and the service's answer come by different ways
@@ -57,6 +57,7 @@ class AgentNode:
         self._link_loss = LinkLoss(self._parameters.link_loss_land_s)
         self._lock = threading.Lock()
         self._texts: List[Tuple[float, str]] = []
+        self._refusals: List[Tuple[float, str]] = []
         self._jobs: queue.Queue[Command] = queue.Queue()
         self._stops: queue.Queue[Command] = queue.Queue()
         self._health = Health(self._name)
@@ -82,6 +83,7 @@ class AgentNode:
         self._timer = node.every(1.0 / self._parameters.set_point_rate_hz, self._stream)
         rospy.Subscriber("mavros/state", State, self._on_state, queue_size=5)
         rospy.Subscriber("mavros/statustext/recv", StatusText, self._on_text, queue_size=20)
+        rospy.Subscriber("flight_link/refusal", Refusal, self._on_refusal, queue_size=5)
         rospy.Subscriber("mavros/local_position/pose", PoseStamped, self._on_pose, queue_size=5, tcp_nodelay=True)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         rospy.Subscriber("command", Command, self._on_command, queue_size=20)
@@ -109,6 +111,9 @@ class AgentNode:
         if message.severity <= StatusText.WARNING:
             self._texts = [*self._texts[-10:], (time.monotonic(), message.text)]
 
+    def _on_refusal(self, message: Refusal) -> None:
+        self._refusals = [*self._refusals[-10:], (time.monotonic(), message.reason)]
+
     def _on_mission(self, _message: MissionState) -> None:
         with self._lock:
             self._link_loss.heard(time.monotonic())
@@ -116,11 +121,11 @@ class AgentNode:
     def _on_command(self, c: Command) -> None:
         moves, expires_s, stops = c.kind != Command.RECORD, c.expires.to_sec(), _stops(c)
         verdict, answer = self._log.judge(rospy.get_time(), c.vehicle, c.sender, c.number, moves, expires_s, stops)
-        if verdict == EXECUTE:
+        if verdict is Verdict.EXECUTE:
             self._enqueue(c)
-        elif verdict == EXPIRED:
+        elif verdict is Verdict.EXPIRED:
             self._answer(c, CommandAck.EXPIRED, "came too late, or after a newer one")
-        elif verdict == REPEAT:
+        elif verdict is Verdict.REPEAT:
             self._publish(c, answer)
 
     def _enqueue(self, c: Command) -> None:
@@ -218,15 +223,15 @@ class AgentNode:
             raise ControlError(self._reason(asked_s))
 
     def _reason(self, asked_s: float) -> str:
-        """What the flight link said of a refusal since ``asked_s``; it comes by another way than the answer."""
+        """Why the flight link refused since ``asked_s``: the reason comes by another way than the answer. MAVROS gives
+        none; then it is what the autopilot said last."""
         until_s = time.monotonic() + _REASON_WAIT_S
         while time.monotonic() < until_s:
-            said = [text for at_s, text in self._texts if at_s >= asked_s]
-            reasons = [text for text in said if "refused" in text or "does not answer" in text]
+            reasons = _since(asked_s, self._refusals)
             if reasons:
                 return reasons[-1]
             time.sleep(0.02)
-        return said[-1] if said else "the flight link refused without a reason"
+        return ["the flight link refused without a reason", *_since(asked_s, self._texts)][-1]
 
     def _answer(self, c: Command, result: int, reason: str) -> None:
         answer = Answer(result, reason)
@@ -243,6 +248,10 @@ class AgentNode:
 def _stops(c: Command) -> bool:
     """Whether a command stops the vehicle: it never waits and never comes too late."""
     return c.kind in (Command.HOLD, Command.LAND) or (c.kind == Command.SET_MODE and c.mode in _STOPPING_MODES)
+
+
+def _since(asked_s: float, said: List[Tuple[float, str]]) -> List[str]:
+    return [text for at_s, text in said if at_s >= asked_s]
 
 
 def main() -> int:

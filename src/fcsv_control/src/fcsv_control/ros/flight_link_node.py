@@ -14,14 +14,14 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from fcsv_control.errors import CommandRefused, ControlError
 from fcsv_control.flight.commands import ACCEPTED, FAILED
-from fcsv_control.flight.feed import FeedParameters, VisionFeed
+from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.link import FlightLink, LinkParameters
-from fcsv_control.flight.watchdog import FeedWatchdog, WatchdogParameters
+from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import State, StatusText
+from fcsv_msgs.msg import Refusal, State, StatusText
 from fcsv_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
 _WATCH_S = 0.05
@@ -60,6 +60,7 @@ class FlightLinkNode:
         self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
+        self._refusals = rospy.Publisher("flight_link/refusal", Refusal, queue_size=5)
         self._link = FlightLink(
             self._parameters.fcu_url,
             self._link_parameters(),
@@ -90,10 +91,10 @@ class FlightLinkNode:
 
     def _on_vision(self, message: PoseStamped) -> None:
         stamp_s = message.header.stamp.to_sec()
-        refusal = self._feed.judge(rospy.get_time(), stamp_s)
-        if refusal:
-            self._health.drop("late pose", refusal)
-        if refusal != "":
+        verdict, why = self._feed.judge(rospy.get_time(), stamp_s)
+        if verdict is FeedVerdict.DROP:
+            self._health.drop("late pose", why)
+        if verdict is not FeedVerdict.SEND:
             return
         T_odom_body = self._converted(message, "pose feed")
         if T_odom_body is not None:
@@ -122,13 +123,14 @@ class FlightLinkNode:
         if pause_s > _STALL_S:
             rospy.logwarn("%s: this computer did not let the flight link run for %.2f s", self._name, pause_s)
             self._watchdog.slept(now_s, pause_s - _WATCH_S)
-        verdict = self._watchdog.check(now_s, s.armed, s.mode)
+        alarm = self._watchdog.check(now_s, s.armed, s.mode)
+        late = alarm is not Alarm.NONE
         age = f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
-        self._health.problem("feed", f"{self._name}: {age} while flying in {s.mode}" if verdict else "")
-        if verdict and not self._warned:
+        self._health.problem("feed", f"{self._name}: {age} while flying in {s.mode}" if late else "")
+        if late and not self._warned:
             self._on_text(StatusText.CRITICAL, f"{self._name}: {age}")
-        self._warned = bool(verdict)
-        if verdict == "land" and (self._landing is None or not self._landing.is_alive()):
+        self._warned = late
+        if alarm is Alarm.LAND and (self._landing is None or not self._landing.is_alive()):
             self._on_text(StatusText.ALERT, f"{self._name}: {age}, landing")
             self._landing = threading.Thread(target=self._land_now, name="failsafe", daemon=True)
             self._landing.start()
@@ -207,14 +209,17 @@ class FlightLinkNode:
         return TriggerResponse(True, "the next pose is adopted at once; the set-point has to be issued again")
 
     def _attempt(self, action) -> int:
-        """MAV_RESULT: 0 accepted, 4 failed. The reason is published as a status text before the service answers."""
+        """MAV_RESULT: 0 accepted, 4 failed. Before the service answers, the reason goes to the agent (refusal) and to
+        people (status text)."""
         try:
             action()
             return ACCEPTED
         except CommandRefused as error:
-            self._on_text(StatusText.ERROR, str(error))
+            severity, reason = StatusText.ERROR, str(error)
         except ControlError as error:
-            self._on_text(StatusText.CRITICAL, str(error))
+            severity, reason = StatusText.CRITICAL, str(error)
+        self._refusals.publish(Refusal(conversions.header(rospy.get_time(), ""), reason))
+        self._on_text(severity, reason)
         return FAILED
 
 
