@@ -82,10 +82,10 @@ def _page(args, scenes, results, priors, poses, why_not, samples) -> List[str]:
     ]  # fmt: skip
     if {"methods", "colmap"} & args.parts:
         lines += [
-            f"Every method on the same pictures in the same run: {', '.join(names)} (kinds of the simulator's world",
-            f"and seeds), {lens} the simulated camera's noise and blur, f = 602 px at 640x480; places scattered by",
-            "3 cm and 1°, noise on every pose but the reference's (rotation per axis, position as a share of the",
-            "baseline). Figures are of the pixels with truth up to 400 m; rotation errors are relative to the",
+            "Every method maps the same pictures in the same run. Scenes (the simulator's worlds and seeds):",
+            f"{', '.join(names)}. Pictures: 640x480, f = 602 px, {lens} the simulated camera's noise and blur. Places",
+            "scatter by 3 cm and 1°. Every pose but the reference's has noise (rotation per axis, position as a share",
+            "of the baseline). Figures are of the pixels with truth up to 400 m. Rotation errors are relative to the",
             "reference.", "",
         ]  # fmt: skip
     if results:
@@ -101,7 +101,9 @@ def _page(args, scenes, results, priors, poses, why_not, samples) -> List[str]:
         lines += ["## Scene by scene", *tables.scene_tables(results, names), ""]
     if samples:
         lines += ["## Growth", "", f"![time and memory]({_PLOT})", "", *tables.growth_table(samples), ""]
-        lines.append("Dotted: linear growth from the first point. Memory: what the run added at its peak.")
+        lines.append(
+            "Dotted: linear growth from the first point. Memory: the run's peak, less what the process had before."
+        )
     return lines
 
 

@@ -18,7 +18,7 @@ _HEAD = ("", "within 10 %", "covered", "wrong of answered", "median error", "med
 
 
 def requirement_table(results: Results, lists: Sequence[str], noises: Sequence[str]) -> List[str]:
-    """What issue 3 asks of ``joint``, and the means of every method beside it."""
+    """What is required of ``joint``, and the means of every method beside it."""
     methods = list(dict.fromkeys(key[0] for key in results))
     rows = ["| figure (mean of the scenes) | `joint` must | " + " | ".join(f"`{m}`" for m in methods) + " |"]
     rows.append("|---|---|" + "---|" * len(methods))
@@ -98,9 +98,9 @@ def pose_table(poses: Sequence[Tuple[SceneName, Union[PosesFound, str], PosesFou
             lines.append(f"| **all** | {who} | {counts[0]} of {counts[1]} | {_poses(both)} |")
     return [
         *lines, "",
-        "COLMAP: from the pictures and the focal length alone, no priors, and so no scale. Ours: refinement alone,",
-        "before joint matching adjusts poses to the pixels (the table above has them after it), with priors of the",
-        "smaller noise. Rotations relative to the reference; places after the similarity that fits best.",
+        "COLMAP has the pictures and the focal length, no priors, and so no scale. Ours is refinement alone, with",
+        "priors of the smaller noise, before joint matching aligns poses to the pixels (the first table has them after",
+        "that). Rotations are relative to the reference. Places are compared after the similarity that fits best.",
     ]  # fmt: skip
 
 

@@ -34,9 +34,9 @@ def main() -> int:
         "# Study",
         f"Chapter 3 of the thesis again on the simulated town, by `make study`, {time.strftime('%Y-%m-%d')}, "
         f"{platform.machine()} with {os.cpu_count()} cores, Python {platform.python_version()}; methods: "
-        f"{', '.join(methods.names())}. Pictures are 640x480 with 56° (f = 601.8 px), as table 6.2 has it; truth is "
-        f"the renderer's depth. *Covered*, *answered*: a depth was given; *within 10 %*: of all pixels of the range, "
-        f"answered or not; *wrong*: by more than 10 %. "
+        f"{', '.join(methods.names())}. Pictures are 640x480 with 56° (f = 601.8 px), as in table 6.2. Truth is "
+        "the renderer's depth. *Covered*, *answered*: a depth was given. *Within 10 %*: of all pixels of the range, "
+        "answered or not. *Wrong*: by more than 10 %. "
         "Processor time is that of all threads together.",
     )
     try:

@@ -36,9 +36,9 @@ def growing(page: Page) -> None:
                 percent(far.within_10_percent),
             ))  # fmt: skip
     page.text("## Growing baseline (figures 3.1 to 3.3)",
-              "One pair at a time, nothing trimmed, disparities of 11 to 256 px, poses exact. The reach grows with the "
-              "baseline (11 px are f b / 11), the rows move together as 2.12 says for one pixel, and what is near "
-              "gets lost: the effective range of 3.1.")  # fmt: skip
+              "One pair at a time, nothing trimmed, disparities of 11 to 256 px, poses exact. As the baseline grows, "
+              "the reach grows (11 px are f b / 11), the rows move closer together as 2.12 says for one pixel, and "
+              "near pixels are lost. This is the effective range of 3.1.")  # fmt: skip
     head = ("baseline", "method", "reach (99.5 %)", "f b / 11 px", "rows apart at 100 m", "2.12, 1 px",
             "0–40 m within 10 %", "200–400 m within 10 %")  # fmt: skip
     page.table(head, rows)
@@ -70,7 +70,7 @@ def house(page: Page) -> None:
                 f"{np.median(error / bound):.2f}",
             ))  # fmt: skip
     page.text("## Error on a house against equation 2.12 (figures 3.4 to 3.6)",
-              "Every pixel of the house, poses exact; the bound is 2.12 for one pixel.")  # fmt: skip
+              "Every pixel of the house, poses exact. The bound is 2.12 for one pixel.")  # fmt: skip
     page.table(("baseline", "method", "answered", "below the bound", "median error", "median bound",
                 "median of error / bound"), rows)  # fmt: skip
     page.figure(_scatter(drawn), "3_6_error", "Error of each point over its distance; red: equation 2.12")

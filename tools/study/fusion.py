@@ -32,8 +32,8 @@ def trimming(page: Page) -> None:
             shown = [given.configurations[0].references[0].image, truth, np.fmin.reduce(untrimmed)]
             shown += [r.depth for r in results.values()]
     page.text("## Trimming against none (figure 3.11)",
-              "2, 4, 6, 8 m with 10 %: trim points 120, 240, 361, 481 m. Not trimmed, every pixel has up to four "
-              "points and the wrong ones of all baselines. *As flown*: places scattered by 3 cm and 1°, priors wrong "
+              "2, 4, 6, 8 m with 10 %: trim points 120, 240, 361, 481 m. Without trimming every pixel has up to four "
+              "points, with the wrong ones of all baselines. *As flown*: places scattered by 3 cm and 1°, priors wrong "
               "by 0.15° per axis and 1 % of the baseline.")  # fmt: skip
     head = ("poses", "points", "points per pixel", "wrong by more than 10 %", "median error", "pixels within 10 %")
     page.table(head, rows)
@@ -59,9 +59,9 @@ def axes(page: Page) -> None:
             hidden[label] = _hidden(truth, shots[0].T_home_cam, given)
     upright, lying = _edges(image)
     page.text("## Horizontal against vertical (figure 3.12), and fused (3.13)",
-              "4 m each, exact poses, nothing trimmed. *Outside*: of the reference's pixels up to 400 m, those that "
-              "the other camera's picture does not hold; *hidden*: those behind something there. *Upright* and *lying* "
-              "pixels lie on edges in the picture that stand (posts, corners) or lie (eaves, kerbs).")  # fmt: skip
+              "4 m each, exact poses, nothing trimmed. Shares are of the reference's pixels up to 400 m. *Outside*: "
+              "not in the other camera's picture. *Hidden*: behind something nearer there. *Upright*: pixels on "
+              "vertical edges (posts, corners). *Lying*: pixels on horizontal edges (eaves, kerbs).")  # fmt: skip
     page.table(("axis", "outside", "hidden"), [(k, *map(percent, hidden[k])) for k in ("H", "V")])
     rows = []
     for name in methods.names():
@@ -99,7 +99,7 @@ def at_once(page: Page) -> None:
         shown.append(result.depth)
         titles.append(label)
     page.text("## Two configurations at once (figure 3.15)",
-              "Two vehicles besides the reference, H 2 m and V 4 m in one instant, exact poses; pixels up to 240 m, "
+              "Two vehicles besides the reference, H 2 m and V 4 m at the same time, exact poses; pixels up to 240 m, "
               "where 4 m hold 10 %.")  # fmt: skip
     page.table(("fused by", "covered", "within 10 %", "wrong of answered", "median error", "processor time"), rows)
     page.figure(panels(shown, titles, 2), "3_15_at_once", "Two configurations, one depth image")

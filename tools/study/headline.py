@@ -31,13 +31,14 @@ def headline(page: Page, demo: Optional[Path]) -> None:
             rows.append((label, name, percent(whole.within_10_percent), *bands, percent(whole.wrong_of_answered),
                          percent(whole.median_relative_error), f"{result.timing_s['cpu']:.1f} s"))  # fmt: skip
     page.text("## The headline: 400 m from 10 m of movement",
-              "The list of 3.2, and the vertical one of 6.7 added, on the town as flown (places scattered by 3 cm and "
-              "1°, priors wrong by 0.15° and 1 % of the baseline): within 10 % of truth, of all pixels.")  # fmt: skip
+              "The list of 3.2, then with the vertical list of 6.7, on the town as flown (places scattered by 3 cm and "
+              "1°, priors wrong by 0.15° and 1 % of the baseline). Columns by distance: share of all pixels within "
+              "10 % of truth.")  # fmt: skip
     head = ("list", "method", "0–400 m", *(f"{a:.0f}–{b:.0f} m" for a, b in BANDS_M), "wrong of answered",
             "median error", "processor time")  # fmt: skip
     page.table(head, rows)
     if demo is None:
-        page.text("The clock of a whole flight: `make demo MISSION=simulated_400m`, then "
+        page.text("To add the time of a whole flight: `make demo MISSION=simulated_400m`, then "
                   "`make study ARGS=\"--demo out/demo\"`.")  # fmt: skip
         return
     flight_s, moved_m = _flight(demo / "session")
@@ -45,8 +46,8 @@ def headline(page: Page, demo: Optional[Path]) -> None:
     process_s = document["timing_s"]["total"]
     reach_m = float(np.nanpercentile(np.load(demo / "map" / "depth.npy"), 99))
     page.text(
-        "A whole flight in simulation, from the first set-point to the map; the flight by its own clock, which a busy "
-        "machine slows (`SPEED`), the processing in real time:"
+        "A whole flight in simulation, from the first set-point to the map. The flight is timed by its own clock, "
+        "which is slow on a busy machine (`SPEED`); the processing in real time."
     )
     page.table(
         ("", "thesis (7.1)", f"this flight, `{document['method']}`"),

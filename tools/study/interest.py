@@ -34,8 +34,8 @@ def interest(page: Page) -> None:
     page.text(
         "## Points of interest (figures 6.8 and 6.9)",
         "The configurations of 6.7, method `thesis`, before trimming, at least 16 px, poses exact. The house (A) shows "
-        "the excessive baseline: matches and then depth are lost as the baseline grows. The trees (B) scatter at "
-        "every baseline. The plain wall (C) matches by its few blotches and by what surrounds it, with outliers.",
+        "the excessive baseline: matches, and then depth, are lost as the baseline grows. The trees (B) scatter at "
+        "every baseline. The plain wall (C) matches by its few spots and its surroundings, with outliers.",
     )
     page.table(("point", "true depth", "configuration", "matched", "median", "5 % to 95 %"), rows)
     page.figure(poi.boxes(result, found), "6_8_points", "The boxes in the reference picture")

@@ -40,17 +40,18 @@ def rectification(page: Page) -> None:
                     shown.append(found[0][5])
                     titles.append(f"{way}, {words}")
     page.text(
-        "## Rectification: why the first two were given up (4.5, 5.5, 6.5)",
+        "## Rectification: why the thesis gave up the first two ways (4.5, 5.5, 6.5)",
         "*Turned*: angle between the rectified reference and the level one. *Rows off*: median distance of a true "
-        "correspondence from its row (vertical: column). *Kept*: of the reference picture. Matched by SGBM, which "
-        "searches rows; *within 10 %*: of the pixels up to 60 m per metre of baseline; medians of three seeds.",
-        "Bouguet's way is exact with exact poses, wherever the vehicles stand, and the rows do not condemn it. "
-        "What it costs is the turning: a vehicle 0.2 m off its place turns a pair of 1 m by more than ten "
-        "degrees, the next pair by others; edges of the picture are lost, depth of two pairs no longer lies on "
-        "the same pixels, and an error of the tracked position turns both pictures too. The decoupled way keeps "
-        "the picture and ignores what lies across the baseline, which is little while the reference is level. A "
-        "vibrating reference turns the whole baseline out of its rows (f b sin(roll) / z): home does not follow "
-        "it, and still ignores what lies across the baseline.",
+        "correspondence from its row (vertical: column). *Kept*: share of the reference picture that is left. The "
+        "matcher is SGBM, which searches rows. *Within 10 %*: of the pixels up to 60 m per metre of baseline. All are "
+        "medians of three seeds.",
+        "Bouguet's way has exact rows with exact poses, wherever the vehicles stand. Its cost is the rotation: a "
+        "vehicle 0.2 m off its place rotates a pair of 1 m by more than ten degrees, and the next pair by another "
+        "angle. Edges of the picture are lost, depths of two pairs no longer lie on the same pixels, and an error of "
+        "the tracked position rotates both pictures too. The decoupled way keeps the picture and ignores the part of "
+        "the displacement across the baseline, which is small while the reference is level. A vibrating reference "
+        "rotates the whole baseline out of its rows (f b sin(roll) / z). Home does not follow the vibration; it also "
+        "ignores the part across the baseline.",
     )
     page.table(("vehicles", "pair", "way", "turned", "rows off", "kept", "matched", "within 10 %"), rows)
     page.figure(panels(shown, titles, 3), "rectification", "The rectified reference in each way")
