@@ -77,7 +77,7 @@ class CommandLog:
 
 @dataclass(frozen=True)
 class Limits:
-    """What an agent lets a vehicle do, and when it takes the ground to have moved under it."""
+    """Limits of what an agent lets a vehicle do, and the step at which the odometry frame counts as begun anew."""
 
     furthest_target_m: float = 60.0  # from where it is
     highest_takeoff_m: float = 30.0  # above the zero of its odometry frame

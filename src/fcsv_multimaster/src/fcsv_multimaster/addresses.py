@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The addresses of this machine, and whether they have changed: who looks for peers must then look from the new one."""
+"""The addresses of this machine, and whether they have changed: discovery must then start again from the new one."""
 
 from pathlib import Path
 from typing import Callable, FrozenSet

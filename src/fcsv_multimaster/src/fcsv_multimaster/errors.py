@@ -21,4 +21,4 @@ class PictureError(RelayError):
 
 
 class WireError(RelayError):
-    """Bytes from a peer that are not what this relay speaks."""
+    """Bytes from a peer that this relay cannot read."""

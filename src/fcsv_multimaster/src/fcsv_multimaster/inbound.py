@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes from peers: who may say it, whether it came before, its age, its order, and the acknowledgement."""
+"""Messages from peers: the sender's rights, repetitions, age, order, and the acknowledgement."""
 
 import logging
 import time
@@ -56,7 +56,7 @@ class Inbound:
             self._acknowledge(source, head, keyframe, link, poor)
 
     def deliver_overdue(self) -> None:
-        """What has waited in vain for what should have come before it."""
+        """Delivers messages whose predecessors did not come in time."""
         for peer in self._peers.values():
             with peer.handing_over:
                 self._hand_over_all(peer.order.overdue(time.monotonic()))
@@ -121,7 +121,7 @@ class Inbound:
             self._wake(False)
 
     def _known(self, peer: Peer, boot: int, now_s: float) -> bool:
-        """Whether it is the relay that bears the peer's name; a second one of the same name is named and not heard."""
+        """Whether it is the relay that bears the peer's name; a second one of the same name is reported and ignored."""
         with peer.lock:
             heard = peer.heard(boot, now_s)
         if heard is Heard.DOUBLE:

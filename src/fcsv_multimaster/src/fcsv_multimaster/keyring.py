@@ -19,7 +19,7 @@ from fcsv_multimaster.errors import KeyringError
 AUTHORITY = "fleet"
 _AUTHORITY_KEY, _AUTHORITY_CERTIFICATE = "fleet.key", "fleet.pem"
 _BACKEND = default_backend()  # the cryptography of Ubuntu 20.04 wants it named
-_CLOCK_SLACK = datetime.timedelta(days=2)  # a vehicle without a clock battery may live in the past
+_CLOCK_SLACK = datetime.timedelta(days=2)  # the clock of a vehicle without a clock battery may be far behind
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must be delivered after something that is still on its way waits for it, for a moment. Time is an argument."""
+"""Holds a message until the earlier ones of its topic have come, for a second at most. Time is an argument."""
 
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -33,7 +33,7 @@ class Order:
         return left + self._release(topic, first)
 
     def overdue(self, now_s: float) -> List[Any]:
-        """What has waited long enough, with all that is older."""
+        """Messages that have waited long enough, with all older ones."""
         ready: List[Any] = []
         for topic, held in self._held.items():
             late = [sequence for sequence, (_, until_s) in held.items() if until_s <= now_s]

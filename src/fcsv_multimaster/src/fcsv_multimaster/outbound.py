@@ -183,7 +183,7 @@ class Pacer:
         self._waiting.extendleft(reversed(again))
 
     def limited(self, now_s: float) -> bool:
-        """Whether something had to wait for the link lately: pictures give way."""
+        """Whether something had to wait for the link lately: pictures are then made smaller."""
         return now_s - self._limited_s < 1.0
 
     def budget_octets_s(self, now_s: float) -> Optional[float]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What this machine keeps about one peer: rules, what waits for it, what came of it."""
+"""What this machine keeps about one peer: rules, messages to send, measurements."""
 
 import threading
 from typing import Dict, List, Tuple

@@ -254,7 +254,7 @@ def _close(session) -> None:
 
 
 def _access(name: str, peers: Iterable[str], keys: Optional[Keyring]) -> Dict[str, object]:
-    """Who may say what to whom; without keys (on loopback) nothing is asked."""
+    """Access list: who may send what to whom. Without keys (on loopback) there is none."""
     return {"transport/link/tls": _tls(keys), "access_control": _access_list(name, peers)} if keys is not None else {}
 
 
@@ -269,7 +269,7 @@ def _tls(keys: Keyring) -> Dict[str, object]:
 
 
 def _access_list(name: str, peers: Iterable[str]) -> Dict[str, object]:
-    """Between this machine and the holder of a peer's certificate only what is theirs to say to each other."""
+    """Allows this machine and the holder of a peer's certificate the topics between the two, and no others."""
     rules = [
         {"id": f"with-{p}", "messages": list(_MESSAGES), "flows": ["ingress", "egress"], "permission": "allow",
          "key_exprs": [f"fcsv/{p}/{name}/**", f"fcsv/{name}/{p}/**"]}

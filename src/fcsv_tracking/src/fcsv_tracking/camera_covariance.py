@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a camera's place in home: calibration chain, drift since, tracker; and when that is too little."""
+"""How well a camera's place in home is known (calibration chain, drift, tracker), and when to calibrate again."""
 
 from dataclasses import dataclass, fields
 from typing import Optional

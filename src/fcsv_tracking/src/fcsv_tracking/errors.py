@@ -25,7 +25,7 @@ class SampleRejected(TrackingError):
 
 
 class TagError(TrackingError):
-    """The tag detector cannot be set up, or a picture is not one it can look at."""
+    """The tag detector cannot be set up, or cannot read a picture."""
 
 
 class CalibrationRefused(TrackingError):

@@ -190,7 +190,7 @@ class BodyOdometry:
         self._recent_jumps = (*self._recent_jumps, stamp_s)[-self._gate.max_jumps - 1 :]
 
     def _require_tracking(self, stamp_s: float) -> None:
-        """A tracker that jumps again and again has no pose: better silence, which the autopilot's failsafe knows."""
+        """A tracker that jumps again and again has no pose: the autopilot's failsafe handles silence."""
         recent = [s for s in self._recent_jumps if 0.0 <= stamp_s - s < self._gate.lost_window_s]
         if len(recent) > self._gate.max_jumps:
             self.status.lost = True

@@ -49,7 +49,7 @@ class FeedWatchdog:
         self._last_s, self._asked_s, self._obeyed = now_s, None, False
 
     def slept(self, now_s: float, seconds: float) -> None:
-        """Who watches was not let run: what came meanwhile is still to be read, so that is no silence of the feed."""
+        """The check itself came late. Poses that came meanwhile are still to be read: no silence of the feed."""
         self._last_s = min(now_s, self._last_s + seconds)
 
     def age_s(self, now_s: float) -> float:

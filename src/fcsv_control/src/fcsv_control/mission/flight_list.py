@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The list of configurations, one after the other: go there, settle, record, go on; at last out of each other's way."""
+"""The list of configurations, one after the other: go there, settle, record, go on; at the end back to the column."""
 
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Tuple
@@ -26,7 +26,7 @@ class Task:
 
 def tasks(mission: Mission, vehicles: Sequence[str]) -> List[Task]:
     """What is flown in order. A vehicle that has done its part goes back to its place in the column before another
-    moves and before all land: nobody comes down on somebody."""
+    moves and before all land, so that no vehicle comes down on another."""
     found: List[Task] = []
     for i in range(len(mission.configurations)):
         mover = mission.mover(i, vehicles)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Landing everybody whom the mission flies, and nobody onto somebody."""
+"""Lands all vehicles that the mission flies, none of them onto another."""
 
 from typing import Dict, List, Optional, Sequence
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent on board: the only one that commands the flight link; holds when nobody tells it more."""
+"""The agent on board: the only one that commands the flight link. It holds when no command comes."""
 
 import queue
 import threading
@@ -129,7 +129,7 @@ class AgentNode:
             self._publish(c, answer)
 
     def _enqueue(self, c: Command) -> None:
-        """Stopping overtakes what waits, and what waited is not done after it."""
+        """A stop is done before queued commands, and these are dropped."""
         if not _stops(c):
             self._jobs.put(c)
             return
@@ -153,7 +153,7 @@ class AgentNode:
     # ---- what is done --------------------------------------------------------------------------------------
 
     def _stream(self, _event) -> None:
-        """The last target again and again, with nobody else needed."""
+        """Repeats the last target; needs no other machine."""
         with self._lock:
             target = self._holder.target
             alone = self._link_loss.land(time.monotonic(), self._holder.mode, self._holder.armed)

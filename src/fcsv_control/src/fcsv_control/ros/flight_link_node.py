@@ -25,7 +25,7 @@ from fcsv_msgs.msg import Refusal, State, StatusText
 from fcsv_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
 _WATCH_S = 0.05
-_STALL_S = 0.25  # a watch that comes later than this was not let run
+_STALL_S = 0.25  # a check that comes later than this was delayed itself
 _STATE_PERIOD_S = 1.0
 
 

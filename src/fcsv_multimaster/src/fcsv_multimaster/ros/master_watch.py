@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A local master that was restarted knows nothing of this node and is told again; nobody's connection is cut for it."""
+"""Registers this node again at a local master that was restarted, without cutting a connection."""
 
 import http.client
 import socket

@@ -113,7 +113,7 @@ class SimulatedPair(Machines):
             self.launches[vehicle] = self.control.launch("fcsv_bringup", "sim_tello.launch", **arguments)
 
     def launch_tracker(self) -> None:
-        """Once the vehicles hover before it: gimbals that begin to search earlier are long elsewhere by then."""
+        """Once the vehicles hover before it: gimbals that begin to search earlier have turned away by then."""
         plan = self.plan
         arguments = {"sim_dir": plan.sim_folder, "vehicles": ",".join(plan.vehicles), "seed": plan.seed, "sim": True}
         arguments.update(rviz=plan.rviz, **self._site.launch_args)

@@ -95,7 +95,7 @@ class GimbalCamera:
         return true_s + self._late_s + self._random.normal(0.0, self._p.stamp_jitter_s)
 
     def shoot(self, true_s: float, T_ground_cam: Pose, T_ground_body: Pose) -> np.ndarray:
-        """The picture (HxW uint8) of mid-exposure ``true_s``, which nobody is told."""
+        """The picture (HxW uint8) of mid-exposure ``true_s``, which no node is told."""
         gray = self._background(true_s, T_ground_cam)
         moments = true_s + self._p.exposure_s * np.array([-0.5, 0.0, 0.5])
         ends = [transforms.invert(T_ground_cam(t)) @ T_ground_body(t) for t in moments]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground robot: its gimbals, whom each follows, and the tags that those vehicles wear (config/gimbal/*.yaml)."""
+"""The ground robot: its gimbals, the vehicle that each follows, and the tags on those (config/gimbal/*.yaml)."""
 
 from dataclasses import dataclass, field
 from typing import Dict, List, Tuple
@@ -32,7 +32,7 @@ class BodyTag:
 
 @dataclass(frozen=True)
 class GimbalServo:
-    """Ids on the bus, the readings at pan and tilt nought (ticks of 360/4096 degrees), and which way they count."""
+    """Ids on the bus, the readings at pan and tilt zero (ticks of 360/4096 degrees), and which way they count."""
 
     pan_id: int = 1
     tilt_id: int = 2

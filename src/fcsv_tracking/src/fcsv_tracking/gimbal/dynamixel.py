@@ -21,7 +21,7 @@ _LINE = (serial.SerialException, OSError, termios.error)  # what a line that is 
 
 
 class _Port(sdk.PortHandler):
-    """The driver's own patience, 34 ms, is short where other processes hold the processor."""
+    """The driver's own limit, 34 ms, is too short where other processes use the processor."""
 
     def __init__(self, port: str, answer_s: float):
         super().__init__(port)

@@ -78,8 +78,8 @@ class Follower:
     def command(self, now_s: float, target: Optional[Target], looked_s: float = np.inf) -> Optional[Angles]:
         """``target``: the last sight there was, None before the first or after the clock was set.
 
-        ``looked_s``: stamp of the newest picture that was looked at; what nobody has looked for is not lost yet, and a
-        place that nobody has looked at is not left.
+        ``looked_s``: stamp of the newest picture that was searched. A target is lost, and a place of the search is
+        left, only once a picture that was taken since then was searched.
         """
         self.searching = target is None or self._lost(now_s, target, looked_s)
         if self.searching:
@@ -139,7 +139,7 @@ class Follower:
     def _search(self, now_s: float, target: Optional[Target], looked_s: float) -> Optional[Angles]:
         if self._places is None:
             lost_at = self.goal
-            if target is not None:  # where it was going, no further than it was heard of
+            if target is not None:  # on along its last velocity, for a bounded time
                 lost_at = self._geometry.aim(target.at(min(now_s, target.stamp_s + self._rules.lost_s)))
             self._places, self._there_s, self._next_s = self._around(lost_at), -np.inf, now_s
         behind = looked_s < self._there_s and now_s < self._there_s + self._rules.search_patience_s

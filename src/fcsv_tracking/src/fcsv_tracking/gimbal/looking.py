@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where to look for tags in a large picture: around the place that the last sights foretell, else everywhere."""
+"""Where to look for tags in a large picture: first around the predicted place, then everywhere."""
 
 import dataclasses
 from typing import List, Optional, Tuple

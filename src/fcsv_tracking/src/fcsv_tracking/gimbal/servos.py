@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a gimbal's servos can do, real or simulated: be told where to turn, and say how they stand."""
+"""Interface of a gimbal's servos, real or simulated: command angles, read angles."""
 
 import abc
 from dataclasses import dataclass

@@ -29,7 +29,7 @@ class CameraInHome:
 
 
 class GimbalSystem:
-    """A tracker per vehicle, and what only all of them together can say. ``T_body_cam``: each vehicle's own camera.
+    """A tracker per vehicle, and home and relative poses from all of them. ``T_body_cam``: each vehicle's own camera.
 
     ``trackers`` may grow later: one needs its camera's intrinsics to begin.
     """

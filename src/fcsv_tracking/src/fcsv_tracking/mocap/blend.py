@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A smooth hand-over: what the filter learns at once, the pose given out follows at a bounded speed."""
+"""Smooth corrections: the filter corrects its pose at once, the published pose follows at a bounded speed."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from fcsv_tracking.mocap import so3
 
 
 class Blend:
-    """Holds how far the pose given out still is from the filter's; small corrections pass in the step they come."""
+    """Holds the difference of the published pose from the filter's; small corrections pass in one step."""
 
     def __init__(self, speed_mps: float, rate_radps: float):
         self._speed_mps, self._rate_radps = speed_mps, rate_radps

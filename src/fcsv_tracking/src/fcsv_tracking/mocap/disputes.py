@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the gates keep out: whose fault it may be, and whether it has lasted so long that nobody knows who is right."""
+"""Samples that the gates reject: which sensor may be wrong, and whether that can no longer be decided."""
 
 from typing import Optional
 
@@ -33,7 +33,7 @@ class Disputes:
         self._place_since_s: Optional[float] = None
 
     def keeps_out(self, correction: Correction, coasting: bool) -> bool:
-        """Whether a pose of the mocap is none of this body's."""
+        """Whether a pose of the mocap is not this body's."""
         return self._turned(correction, coasting) or correction.distance2 > self._rules.gate_6
 
     def mocap(self, moment_s: float, correction: Correction, coasting: bool, heading_confirmed: bool) -> bool:

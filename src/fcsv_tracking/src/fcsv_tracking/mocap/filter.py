@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An error-state Kalman filter on State: one vehicle's pose, odometry offset, drift and delay (Solà 2017, chapter 5).
 
-It knows nothing of queues, gates or bad input: that is tracker.py's. Time is only in ``dt_s``.
+Queues, gates and bad input are in tracker.py. Time is only in ``dt_s``.
 """
 
 from dataclasses import dataclass, field

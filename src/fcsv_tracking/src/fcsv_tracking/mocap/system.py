@@ -29,7 +29,7 @@ class CameraPose:
 
 
 class MocapSystem:
-    """A tracker per vehicle, and what only all of them together can say. ``T_body_cam``: each vehicle's camera."""
+    """A tracker per vehicle; level, home and relative poses from all. ``T_body_cam``: each vehicle's camera."""
 
     def __init__(self, T_body_cam: Mapping[str, np.ndarray], rules: Optional[TrackerRules] = None):
         self._T_body_cam = dict(T_body_cam)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One vehicle: samples in as they arrive, its pose in the mocap's frame out, right or absent.
+"""One vehicle: samples in as they arrive, its pose in the mocap's frame out; no pose rather than a wrong one.
 
 Samples are put in order of the moments that they tell of and taken once every stream has come that far: the mocap
 is 10 ms late, a Tello's packets 70 ms and more, and the filter learns how much more.
@@ -122,7 +122,7 @@ class MocapTracker:
         else:
             self._take_mocap(moment_s, late_s, what)
 
-    # -- the filter's day -------------------------------------------------------------------------------------------
+    # -- the filter's steps -----------------------------------------------------------------------------------------
 
     def _advance(self, moment_s: float) -> None:
         if self._filter is None:
@@ -147,7 +147,7 @@ class MocapTracker:
             self._coming.popleft()
         last, following = self._imu, self._coming[0] if self._coming else None
         if last is None or following is None or not 0.0 < following[0] - self._vehicle_s < self._rules.hold_s:
-            return None  # silent: what the last packet said of turning and pushing holds for 50 ms at most
+            return None  # silent: rate and force of the last packet hold for 50 ms at most
         if not following[2]:
             return last.gyro_radps, last.accel_mps2, PERIOD_S
         gap_s, after = following[0] - self._vehicle_s, following[1]
@@ -272,7 +272,7 @@ class MocapTracker:
         T_M_D = self._blend.pose(state.T_M_D)
         covariance = self._filter.pose_covariance() + self._blend.covariance()
         if not self._heading_confirmed:
-            up = state.R_M_D[:, 2]  # a body with the wrong marker in front looks just as well, and leans the other way
+            up = state.R_M_D[:, 2]  # a body with the wrong marker in front fits equally well, and leans the other way
             covariance[3:, 3:] += (0.5 * np.pi) ** 2 * np.outer(up, up) + np.radians(6.0) ** 2 * np.eye(3)
         T_D_O = transforms.invert(state.T_M_D) @ state.T_M_O
         in_view = self._time_s - self._mocap_s < self._rules.hold_s

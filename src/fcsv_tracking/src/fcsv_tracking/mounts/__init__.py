@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where camera and tag sit on a vehicle, from the vehicle moved by hand: nobody needs a ruler."""
+"""Where camera and tag sit on a vehicle, from views of a tag while the vehicle is moved by hand."""

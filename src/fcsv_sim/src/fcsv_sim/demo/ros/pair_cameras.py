@@ -17,7 +17,7 @@ from fcsv_msgs.msg import RecorderStatus
 
 _GAP_S = 0.4  # between two poses of a hovering vehicle that a picture may fall into
 _KEEP_S = 6.0
-_FRESH_S = 0.8  # poses come with gaps; nobody flies by an older one
+_FRESH_S = 0.8  # poses come with gaps; no vehicle is flown by an older one
 _MOST_SIGMA_DEG = 3.0  # a heading that is a guess is no pose
 _SPEED_OVER_S = 0.5
 
