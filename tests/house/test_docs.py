@@ -67,6 +67,13 @@ def test_every_page_stands_in_the_index():
     assert len(docs) > 15 and not [str(p.relative_to(ROOT)) for p in docs if p not in listed]
 
 
+def test_every_module_of_joint_is_described():
+    folder = ROOT / "src/fcsv_stereo/src/fcsv_stereo/joint"
+    modules = {str(m.relative_to(folder).with_suffix("")) for m in folder.rglob("*.py") if m.name != "__init__.py"}
+    page = (ROOT / "docs/joint.md").read_text()
+    assert modules and not sorted(m for m in modules if f"`{m}`" not in page)
+
+
 def packages_on_disk():
     """Every folder under src/*/src/* that holds Python modules."""
     return {
