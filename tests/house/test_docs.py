@@ -14,8 +14,8 @@ ENTRY = re.compile(r"^(?P<indent>(?:  )*)(?P<name>\w+)/ +(?P<words>\S.*)$")
 
 
 def pages():
-    names = subprocess.run(["git", "ls-files", "-co", "--exclude-standard", "*.md"], cwd=ROOT, capture_output=True,
-                           text=True, check=True).stdout.split("\n")  # fmt: skip
+    names = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True)
+    names = names.stdout.split("\n")
     return [ROOT / n for n in names if n and (ROOT / n).is_file()]
 
 

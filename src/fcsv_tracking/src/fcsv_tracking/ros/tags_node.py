@@ -110,7 +110,7 @@ class TagsNode:
             self._picture_came.notify()
 
     def spin(self) -> None:
-        """One picture after the other; what comes meanwhile is passed over but for the newest."""
+        """Processes one picture after the other; of those that come meanwhile only the newest."""
         while not rospy.is_shutdown():
             with self._picture_came:
                 if self._picture is None:
