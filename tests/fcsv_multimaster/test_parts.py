@@ -2,9 +2,6 @@
 """The relay's parts without a network or a master; time is an argument."""
 
 import doctest
-import platform
-import subprocess
-import sys
 
 import cv2
 import numpy as np
@@ -274,36 +271,6 @@ def test_another_address_is_noticed_once_it_stays():
     watch = AddressWatch(lambda: next(looks))
     assert [watch.changed() for _ in range(8)] == [False] * 6 + [True, False]
     assert not any(a.startswith("127.") for a in local_addresses())
-
-
-# ---- memory ------------------------------------------------------------------------------------------------
-
-
-def test_what_is_free_between_what_is_used_goes_back_to_the_system():
-    """In a process of its own: a thread's thousands of small blocks, of which every hundredth stays."""
-    if "glibc" not in platform.libc_ver():
-        pytest.skip("only glibc keeps a heap per thread")
-    code = """
-import ctypes, threading
-from fcsv_multimaster.heaps import few_heaps, give_back
-assert few_heaps()
-libc = ctypes.CDLL(None)
-libc.malloc.restype = ctypes.c_void_p
-def rss_mb(): return int(open('/proc/self/statm').read().split()[1]) * 4096e-6
-def leave():
-    blocks = [ctypes.c_void_p(libc.malloc(2000)) for _ in range(30000)]
-    for b in blocks: ctypes.memset(b, 1, 2000)
-    for i, b in enumerate(blocks):
-        if i % 100: libc.free(b)
-for _ in range(3):
-    thread = threading.Thread(target=leave); thread.start(); thread.join()
-before = rss_mb()
-assert give_back()
-print(before - rss_mb())
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout) > 30.0  # of 60 MB of one round
 
 
 # ---- the list, for fkie --------------------------------------------------------------------------------------

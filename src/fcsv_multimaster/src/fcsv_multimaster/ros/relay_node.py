@@ -15,7 +15,6 @@ from fcsv_multimaster.addresses import AddressWatch
 from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
 from fcsv_multimaster.errors import EndpointError, RelayError
 from fcsv_multimaster.exchange import Exchange
-from fcsv_multimaster.heaps import few_heaps, give_back
 from fcsv_multimaster.keyring import open_keyring
 from fcsv_multimaster.links import TF_TOPICS, load_links
 from fcsv_multimaster.parcel import Parcel
@@ -27,7 +26,6 @@ from fcsv_multimaster.ros.tf_merge import TfOut
 
 _SWITCH_S = 0.0005  # what is urgent must not wait five milliseconds for a thread that handles pictures
 _TF_HZ = 10.0
-_TIDY_TICKS = 60
 
 
 @dataclass(frozen=True)
@@ -148,8 +146,6 @@ class RelayNode:
             ticks += 1
             if ticks % 2 == 0:
                 self._report()
-            if ticks % _TIDY_TICKS == 0:
-                give_back()
 
     def _look_from_new_address(self) -> bool:
         """Whether it could; else it is to be tried again."""
@@ -175,5 +171,4 @@ class RelayNode:
 
 def main() -> int:
     """Run the node."""
-    few_heaps()
     return node.run("relay", RelayNode)
