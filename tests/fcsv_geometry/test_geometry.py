@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fcsv_geometry import camera, config, transforms, vehicle
+from fcsv_geometry import camera, config, rotations, transforms, vehicle
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import ConfigError, GeometryError, PoseUnavailable
 from fcsv_geometry.trajectory import Trajectory
@@ -27,7 +27,7 @@ poses = st.builds(
 )
 
 
-@pytest.mark.parametrize("module", [transforms, camera])
+@pytest.mark.parametrize("module", [transforms, rotations, camera])
 def test_identities_in_the_docstrings(module):
     result = doctest.testmod(module)
     assert result.attempted > 0 and result.failed == 0

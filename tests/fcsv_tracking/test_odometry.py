@@ -9,7 +9,6 @@ import pytest
 
 from fcsv_geometry import transforms as tf
 from fcsv_geometry.vehicle import load_vehicles
-from fcsv_tracking import quaternions as quat
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, GateParameters
 
@@ -136,18 +135,6 @@ def test_a_clock_set_back_is_followed_after_a_bounded_silence(T_body_t265):
         except OdometryRejected:
             pass
     assert passed == 30 - 19
-
-
-def test_quaternions_agree_with_scipy():
-    rng = np.random.default_rng(2)
-    for _ in range(50):
-        A, B = (tf.Rotation.random(random_state=rng) for _ in range(2))
-        v = rng.normal(size=3)
-        q_a, q_b = tuple(A.as_quat()), tuple(B.as_quat())
-        assert np.allclose(quat.rotate(q_a, tuple(v)), A.apply(v))
-        product = np.array(quat.multiply(q_a, q_b))
-        assert np.isclose(abs(product @ (A * B).as_quat()), 1.0)
-        assert np.isclose(quat.yaw(q_a), tf.yaw(tf.transform(A.as_matrix(), np.zeros(3))))
 
 
 @pytest.mark.ros

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from fcsv_geometry import rotations
 from fcsv_geometry.errors import GeometryError
 
 #: Rotation from the optical frame (z forward) to the body-like frame (x forward) of the same camera.
@@ -63,20 +64,12 @@ def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
     Raises GeometryError where either holds NaN or the quaternion's length is not near one.
     """
     p, q = [float(v) for v in p_a_b_m], [float(v) for v in q_a_b_xyzw]
-    norm = math.hypot(*q)  # written out, here and below: poses come in at hundreds of hertz
+    norm = math.hypot(*q)
     if not (math.isfinite(norm) and all(map(math.isfinite, p))):
         raise GeometryError(f"pose is not finite: position {p}, quaternion {q}")
     if abs(norm - 1.0) > 0.01:
         raise GeometryError(f"quaternion {q} has length {norm:.3g}, not 1")
-    x, y, z, w = (v / norm for v in q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), p[0]],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), p[1]],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), p[2]],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+    return transform(rotations.matrix_of_quaternion([v / norm for v in q]), p)
 
 
 def quaternion_xyzw(T_a_b: np.ndarray) -> np.ndarray:
@@ -86,25 +79,13 @@ def quaternion_xyzw(T_a_b: np.ndarray) -> np.ndarray:
 
 
 def fast_quaternion_xyzw(T_a_b: np.ndarray):
-    """quaternion_xyzw() without scipy, for what runs hundreds of times a second (Shepperd's method); a tuple.
+    """quaternion_xyzw() without scipy, for what runs hundreds of times a second; a tuple.
 
     >>> T = from_xyz_rpy([0, 0, 0], [3.0, -0.2, 2.5])
     >>> np.allclose(fast_quaternion_xyzw(T), quaternion_xyzw(T))
     True
     """
-    (a, b, c), (d, e, f), (g, h, i) = T_a_b[:3, :3].tolist()
-    largest = max(a + e + i, a, e, i)
-    if largest == a + e + i:
-        q = (h - f, c - g, d - b, 1 + a + e + i)
-    elif largest == a:
-        q = (1 + a - e - i, b + d, c + g, h - f)
-    elif largest == e:
-        q = (b + d, 1 - a + e - i, f + h, c - g)
-    else:
-        q = (c + g, f + h, 1 - a - e + i, d - b)
-    norm = (q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2) ** 0.5
-    norm = norm if q[3] >= 0 else -norm
-    return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
+    return rotations.quaternion_of_matrix(T_a_b[:3, :3])
 
 
 def rpy(T_a_b: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from typing import Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.errors import PoseUnavailable
 
 _RING = 2048  # 5 s at 400 Hz
@@ -124,11 +125,6 @@ class TruthReader:
 
 
 def _pose(record: np.ndarray) -> np.ndarray:
-    """T_world_body of a record; written out, because cameras and trackers ask for it hundreds of times a second."""
-    x, y, z, w = (record[4:8] / np.sqrt(record[4:8] @ record[4:8])).tolist()
-    T = np.eye(4)
-    T[0, :3] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
-    T[1, :3] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
-    T[2, :3] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
-    T[:3, 3] = record[1:4]
-    return T
+    """T_world_body of a record."""
+    q = record[4:8] / np.sqrt(record[4:8] @ record[4:8])
+    return transforms.transform(rotations.matrix_of_quaternion(q.tolist()), record[1:4])

@@ -16,9 +16,9 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry import rotations, transforms
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.tags import corner_points
 
@@ -112,7 +112,7 @@ class LinkModel:
         """(N, 8, 4) of residuals with respect to x."""
         q, p_C = self._in_camera(x)
         d_point = self._projection_jacobian(p_C)  # with respect to q
-        J_c = -d_point @ _Rz(-x[3])
+        J_c = -d_point @ rotations.turn_about_z(-x[3])
         minus_z_cross_q = np.stack([q[..., 1], -q[..., 0], np.zeros_like(q[..., 0])], axis=-1)
         J_yaw = d_point @ minus_z_cross_q[..., None]
         return np.concatenate([J_c, J_yaw], axis=-1).reshape(len(self), 8, 4)
@@ -127,7 +127,7 @@ class LinkModel:
         p_C = self._in_camera(x)[1]
         d_point = self._projection_jacobian(p_C).reshape(n, 8, 3)  # with respect to the child's position, negative
         C = np.zeros((n, 8, n, 8))
-        for path_m, B in zip(self._paths_m, (d_point @ _Rz(-x[3]), -d_point)):
+        for path_m, B in zip(self._paths_m, (d_point @ rotations.turn_about_z(-x[3]), -d_point)):
             walk_m2 = self.noise.tracker.walk_m_per_sqrt_m**2 * np.minimum(path_m[:, None], path_m[None, :])
             C += np.einsum("ij,iak,jbk->iajb", walk_m2, B, B, optimize=True)
         late = self._by_clock(x, d_point)
@@ -147,7 +147,7 @@ class LinkModel:
 
     def _by_clock(self, x: np.ndarray, d_point: np.ndarray) -> np.ndarray:
         """(N, 8) px that one standard deviation of the clocks' difference moves the tag in the picture."""
-        return self.noise.clock_s * np.einsum("nak,nk->na", d_point @ _Rz(-x[3]), self.v_Op_A)
+        return self.noise.clock_s * np.einsum("nak,nk->na", d_point @ rotations.turn_about_z(-x[3]), self.v_Op_A)
 
     def drift_covariance(self, x: np.ndarray) -> np.ndarray:
         """(4, 4) of x that no number of detections averages away: level errors, heading drift."""
@@ -159,7 +159,7 @@ class LinkModel:
 
     def link(self, x: np.ndarray, covariance: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """T_Op_Oc and the covariance (4, 4) of its x, y, z, yaw, from x and its covariance."""
-        arm = _Rz(x[3]) @ self.mean_Oc_C
+        arm = rotations.turn_about_z(x[3]) @ self.mean_Oc_C
         J = np.eye(4)
         J[:2, 3] = [arm[1], -arm[0]]
         return transforms.from_xyz_yaw(x[:3] - arm, x[3]), J @ covariance @ J.T
@@ -174,7 +174,7 @@ class LinkModel:
 
     def _in_camera(self, x: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Corners (N, 4, 3) relative to the child's mean camera position, in its odometry's axes; and in the camera."""
-        q = (self.p_Op - x[:3]) @ _Rz(x[3])  # row vectors: Rz(-yaw) from the left
+        q = (self.p_Op - x[:3]) @ rotations.turn_about_z(x[3])  # row vectors: Rz(-yaw) from the left
         return q, np.einsum("nij,nkj->nki", self.R_C_Oc, q + (self.mean_Oc_C - self.p_Oc_C)[:, None])
 
     def _projection_jacobian(self, p_C: np.ndarray) -> np.ndarray:
@@ -184,11 +184,6 @@ class LinkModel:
         D[..., 0, 0] = D[..., 1, 1] = 1.0 / z
         D[..., 0, 2], D[..., 1, 2] = -x / z**2, -y / z**2
         return self.focal_px[:, None, None, None] * D @ self.R_C_Oc[:, None]
-
-
-def _Rz(yaw_rad: float) -> np.ndarray:
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _velocities(stamps_s: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from fcsv_geometry import transforms
+from fcsv_geometry.rotations import wrap
 from fcsv_tracking.detection import Detection, single_link
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.link_model import LinkModel, LinkNoise
-from fcsv_tracking.quaternions import wrap
 from fcsv_tracking.tags import planar_poses
 
 _CHI2_8_MEDIAN, _CHI2_8_LIMIT = 7.34, 26.1  # 8 degrees of freedom; the limit is exceeded by one in a thousand

@@ -13,9 +13,9 @@ from scipy.stats import chi2
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import Place, about_z, places_in_home
+from fcsv_geometry.rotations import wrap
 from fcsv_tracking.calibration import Link
 from fcsv_tracking.errors import CalibrationRefused
-from fcsv_tracking.quaternions import wrap
 
 _ROUNDS = 10
 _CONTRADICTION = 1e-4  # probability below which a loop that does not close is no chance

@@ -14,13 +14,12 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
-from fcsv_tracking import quaternions as quat
+from fcsv_geometry.rotations import Quaternion, Vector
 from fcsv_tracking.errors import OdometryRejected
-from fcsv_tracking.quaternions import Quaternion, Vector
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class BodyOdometry:
         T_t265_body = transforms.invert(T_body_t265)
         self._p_t265_body: Vector = tuple(T_t265_body[:3, 3].tolist())
         self._q_t265_body: Quaternion = tuple(transforms.quaternion_xyzw(T_t265_body).tolist())
-        self._q_body_t265 = quat.conjugate(self._q_t265_body)
+        self._q_body_t265 = rotations.conjugate(self._q_t265_body)
         self._p_body_t265: Vector = tuple(np.asarray(T_body_t265, float)[:3, 3].tolist())
         self._gate, self._period_s = gate or GateParameters(), tracker.period_s
         self._set_rebase(rebase or Rebase())
@@ -135,12 +134,12 @@ class BodyOdometry:
 
     def _body(self, stamp_s, p_raw, q_raw, linear, angular) -> BodyPose:
         """T_odom_body = T_odom_t265odom @ T_t265odom_t265 @ inv(T_body_t265), and the twist of the body's origin."""
-        arm = quat.rotate(q_raw, self._p_t265_body)
-        p = quat.rotate(self._q_rebase, (p_raw[0] + arm[0], p_raw[1] + arm[1], p_raw[2] + arm[2]))
+        arm = rotations.rotate(q_raw, self._p_t265_body)
+        p = rotations.rotate(self._q_rebase, (p_raw[0] + arm[0], p_raw[1] + arm[1], p_raw[2] + arm[2]))
         t = self._rebase.p_m
-        q = quat.multiply(self._q_rebase, quat.multiply(q_raw, self._q_t265_body))
-        w = quat.rotate(self._q_body_t265, angular)
-        v = quat.rotate(self._q_body_t265, linear)
+        q = rotations.multiply(self._q_rebase, rotations.multiply(q_raw, self._q_t265_body))
+        w = rotations.rotate(self._q_body_t265, angular)
+        v = rotations.rotate(self._q_body_t265, linear)
         r = self._p_body_t265  # v_body = v_t265 - w x r
         v_body = (
             v[0] - w[1] * r[2] + w[2] * r[1],
@@ -154,32 +153,32 @@ class BodyOdometry:
         last, gate = self._last, self._gate
         dt_s = max(pose.stamp_s - last.stamp_s, self._period_s)  # never sharper than the tracker's rate
         began_anew = self._rejected_in_a_row >= gate.patience_samples
-        tilt = quat.tilt_between(last.q_odom_body_xyzw, pose.q_odom_body_xyzw)
+        tilt = rotations.tilt_between(last.q_odom_body_xyzw, pose.q_odom_body_xyzw)
         if tilt > max(gate.max_turn_rad, gate.max_rate_radps * dt_s) and not began_anew:
             self._rejected_in_a_row += 1
             raise self.reject("tilt", f"odometry's roll or pitch jumps by {math.degrees(tilt):.1f} deg")
         bridged_s = min(dt_s, gate.bridge_s) if pose.stamp_s > last.stamp_s else 0.0
         predicted = tuple(a + v * bridged_s for a, v in zip(last.p_odom_body, self._velocity))
-        yaw_predicted = quat.yaw(last.q_odom_body_xyzw) + self._yaw_rate * bridged_s
+        yaw_predicted = rotations.yaw(last.q_odom_body_xyzw) + self._yaw_rate * bridged_s
         step_m = math.dist(pose.p_odom_body, last.p_odom_body)
         off_m = math.dist(pose.p_odom_body, predicted)
-        turn_rad = abs(quat.wrap(quat.yaw(pose.q_odom_body_xyzw) - yaw_predicted))
+        turn_rad = abs(rotations.wrap(rotations.yaw(pose.q_odom_body_xyzw) - yaw_predicted))
         turned = turn_rad > max(gate.max_turn_rad, gate.max_rate_radps * (dt_s - bridged_s))
         if not (began_anew or turned or off_m > gate.max_step_m or step_m > gate.max_speed_mps * dt_s):
             return pose
         self._note_jump(pose.stamp_s, off_m, turn_rad)
-        yaw_step = quat.wrap(yaw_predicted - quat.yaw(pose.q_odom_body_xyzw)) if turned or began_anew else 0.0
+        yaw_step = rotations.wrap(yaw_predicted - rotations.yaw(pose.q_odom_body_xyzw)) if turned or began_anew else 0.0
         self._rebase_onto(predicted, yaw_step, p_raw, q_raw)
         return self._body(pose.stamp_s, p_raw, q_raw, (0.0, 0.0, 0.0), pose.angular_radps)
 
     def _rebase_onto(self, p_odom_body: Vector, yaw_step: float, p_raw: Vector, q_raw: Quaternion) -> None:
-        self._set_rebase(Rebase(quat.wrap(self._rebase.yaw_rad + yaw_step)))
+        self._set_rebase(Rebase(rotations.wrap(self._rebase.yaw_rad + yaw_step)))
         without = self._body(0.0, p_raw, q_raw, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)).p_odom_body
         self._set_rebase(Rebase(self._rebase.yaw_rad, tuple(a - b for a, b in zip(p_odom_body, without))))
 
     def _set_rebase(self, rebase: Rebase) -> None:
         self._rebase = rebase
-        self._q_rebase = quat.from_yaw(rebase.yaw_rad)
+        self._q_rebase = rotations.quaternion_of_yaw(rebase.yaw_rad)
 
     def _note_jump(self, stamp_s: float, off_m: float, turn_rad: float) -> None:
         status = self.status
@@ -207,5 +206,5 @@ class BodyOdometry:
         gain = min(1.0, dt_s / 0.05)
         before, now = self._last.p_odom_body, pose.p_odom_body
         self._velocity = tuple(v + gain * ((b - a) / dt_s - v) for v, a, b in zip(self._velocity, before, now))
-        turn = quat.wrap(quat.yaw(pose.q_odom_body_xyzw) - quat.yaw(self._last.q_odom_body_xyzw))
+        turn = rotations.wrap(rotations.yaw(pose.q_odom_body_xyzw) - rotations.yaw(self._last.q_odom_body_xyzw))
         self._yaw_rate += gain * (turn / dt_s - self._yaw_rate)

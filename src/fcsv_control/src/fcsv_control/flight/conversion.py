@@ -6,7 +6,7 @@ from typing import Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 
 
 def swap_ned_enu(p) -> Tuple[float, float, float]:
@@ -24,7 +24,7 @@ def swap_yaw(yaw_rad: float) -> float:
     >>> round(swap_yaw(swap_yaw(0.3)), 12)
     0.3
     """
-    return math.remainder(math.pi / 2.0 - yaw_rad, 2.0 * math.pi)
+    return rotations.wrap(math.pi / 2.0 - yaw_rad)
 
 
 def ned_from_pose(T_odom_body: np.ndarray):

@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from fcsv_geometry import transforms
 from fcsv_geometry.mission import StereoConfiguration
+from fcsv_geometry import rotations, transforms
 
 #: T_home_cam of the reference: position zero, level, looking along home's x.
 T_HOME_CAM_AT_HOME = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
@@ -37,8 +37,7 @@ def heading_rad(T_home_cam: np.ndarray) -> float:
 
 def heading_error_rad(T_home_cam: np.ndarray, T_home_target: np.ndarray) -> float:
     """Unsigned difference (rad) of two cameras' headings."""
-    error = heading_rad(T_home_cam) - heading_rad(T_home_target)
-    return float(abs((error + np.pi) % (2 * np.pi) - np.pi))
+    return abs(rotations.wrap(heading_rad(T_home_cam) - heading_rad(T_home_target)))
 
 
 def body_set_point(T_home_cam: np.ndarray, T_home_odom: np.ndarray, T_body_cam: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from fcsv_sim.autopilot.estimator import wrap
+from fcsv_geometry.rotations import wrap
 
 MAX_SPEED_MPS = 5.0
 MAX_CLIMB_MPS = 2.5

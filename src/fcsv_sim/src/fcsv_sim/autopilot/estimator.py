@@ -12,6 +12,8 @@ from typing import Optional
 
 import numpy as np
 
+from fcsv_geometry.rotations import wrap
+
 START_S = 2.0  # the filter initialises this long after power-on
 HEALTHY_S = 0.3  # a feed older than this prevents arming
 LOST_S = 8.0  # flags stay good this long without a feed
@@ -19,11 +21,6 @@ _GATE_M = 1.5
 _REJECT_S = 5.0
 _YAW_GATE_RAD = np.radians(15.0)
 _POSITION_GAIN, _VELOCITY_GAIN, _YAW_GAIN = 0.12, 0.25, 0.06  # per message at 30 Hz
-
-
-def wrap(angle_rad: float) -> float:
-    """Into -pi..pi."""
-    return float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
 
 
 class Estimator:

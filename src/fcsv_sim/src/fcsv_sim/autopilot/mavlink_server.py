@@ -10,6 +10,7 @@ from typing import Callable, Dict, Tuple
 
 from pymavlink import mavutil
 
+from fcsv_geometry import rotations
 from fcsv_sim.autopilot import modes, parameters
 from fcsv_sim.autopilot.core import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Autopilot
 
@@ -26,7 +27,7 @@ def ned(p_ext_m) -> Tuple[float, float, float]:
 
 def heading(yaw_rad: float) -> float:
     """Counter-clockwise from east to clockwise from north, and back: the map is its own inverse."""
-    return math.remainder(math.pi / 2 - yaw_rad, 2 * math.pi)
+    return rotations.wrap(math.pi / 2 - yaw_rad)
 
 
 class MavlinkServer:
@@ -95,7 +96,7 @@ class MavlinkServer:
         if (m.frame_id, m.child_frame_id) != (20, 12):
             return  # other frames are dropped without a word
         w, x, y, z = m.q
-        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        yaw = rotations.yaw((x, y, z, w))
         self._pilot.estimator.vision(self._now_s, (m.y, m.x, -m.z), heading(yaw), m.reset_counter)
 
     def _on_set_gps_global_origin(self, m) -> None:

@@ -6,8 +6,8 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.rotations import wrap
 from fcsv_sim.autopilot.controller import approach_speed
-from fcsv_sim.autopilot.estimator import wrap
 
 _GAIN_PER_S, _BRAKE_MPS2 = 0.8, 0.4  # poses are up to a third of a second old: no faster than that allows
 _YAW_GAIN_PER_S, _YAW_MOST_RPS = 0.8, np.radians(25.0)

@@ -10,8 +10,8 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
 from fcsv_geometry.tracker import TrackerProfile
+from fcsv_geometry import rotations, transforms
 
 _TAKEOFF_HEIGHT_M = 0.3  # above the ground, where it may jump
 
@@ -27,7 +27,7 @@ class T265:
         self._scale = 1.0 + self._random.normal(0.0, profile.scale)
         self._noise_sigma = np.repeat([profile.position_noise_m, np.radians(profile.attitude_noise_deg)], 3)
         level = np.radians(profile.level_deg) * self._random.standard_normal(2)
-        self._R_level = _small_rotation(np.array([level[0], level[1], 0.0]))
+        self._R_level = rotations.exp(np.array([level[0], level[1], 0.0]))
         self._noise = np.zeros(6)
         self._p_before: Optional[np.ndarray] = None
         self._p_odom = np.zeros(3)
@@ -51,7 +51,7 @@ class T265:
         dt_s = max(stamp_s - self._stamp_s, 1e-4)
         noise = self._coloured_noise(dt_s)
         R_odom_world = self._R_odom_world()
-        R = self._R_level @ _small_rotation(noise[3:]) @ R_odom_world @ T_world_t265[:3, :3]
+        R = self._R_level @ rotations.exp(noise[3:]) @ R_odom_world @ T_world_t265[:3, :3]
         T_odom_t265 = transforms.transform(R, self._p_odom + noise[:3])
         linear, angular = self._velocities(T_world_t265, dt_s)
         self._T_before, self._stamp_s = T_world_t265, stamp_s
@@ -83,10 +83,3 @@ class T265:
         return linear, 0.5 * np.array(
             [step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]
         ) / dt_s
-
-
-def _small_rotation(r: np.ndarray) -> np.ndarray:
-    """Rotation of a vector of at most a few thousandths of a radian, to second order (orthonormal to 1e-9)."""
-    x, y, z = r.tolist()
-    xx, yy, zz, xy, xz, yz = x * x / 2, y * y / 2, z * z / 2, x * y / 2, x * z / 2, y * z / 2
-    return np.array([[1.0 - yy - zz, xy - z, xz + y], [xy + z, 1.0 - xx - zz, yz - x], [xz - y, yz + x, 1.0 - xx - yy]])

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bodies stepped in real time; among them a vehicle: airframe, autopilot, RC receiver and MAVLink link."""
 
-import math
 from dataclasses import dataclass, field
 from typing import Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.people.rc import RcReceiver
@@ -70,8 +69,7 @@ class SteppedBody:
 
 def yaw_of(state: np.ndarray) -> float:
     """Heading (rad) of a state."""
-    x, y, z, w = state[6:10].tolist()
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return rotations.yaw(state[6:10].tolist())
 
 
 class SimulatedVehicle(SteppedBody):
@@ -89,10 +87,7 @@ class SimulatedVehicle(SteppedBody):
         self._v_before = np.zeros(3)
 
     def _decide(self, state: np.ndarray):
-        x, y, z, w = state[6:10].tolist()
-        roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        pitch = math.asin(min(1.0, max(-1.0, 2 * (w * y - z * x))))
-        yaw = yaw_of(state)
+        roll, pitch, yaw = rotations.rpy(state[6:10].tolist())
         acc = (state[3:6] - self._v_before) / PASS_S
         self._v_before = state[3:6].copy()
         frame = self._rc.newest()

@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import F, T, X
 
+from fcsv_geometry import rotations
 from fcsv_stereo.refinement.geometry import PairPrior
 from fcsv_stereo.refinement.structure import Observations, Structure
 from fcsv_stereo.refinement.time_offset import Motion
@@ -94,20 +95,13 @@ def _moving_prior(k: int, i: int, prior: PairPrior, velocity_mps: np.ndarray, si
         rotation = gtsam.Rot3.Logmap(gtsam.Rot3(R))
         if jacobians is not None:
             J = np.zeros((6, 6), order="F")
-            J[:3, :3] = _logmap_derivative(rotation)
+            J[:3, :3] = rotations.inverse_right_jacobian(rotation)
             J[3:, 3:] = R
             jacobians[0] = J
             jacobians[1] = np.asfortranarray(np.concatenate([np.zeros(3), -R_prior.T @ velocity_mps])[:, None])
         return np.concatenate([rotation, R_prior.T @ away])
 
     return gtsam.CustomFactor(sigmas, gtsam.KeyVector([X(k), T(i)]), evaluate)
-
-
-def _logmap_derivative(rotation: np.ndarray) -> np.ndarray:
-    """Of Log(R exp(d)) to d at Log(R) = rotation, to second order: priors are within tenths of a radian."""
-    x, y, z = rotation
-    W = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + W / 2.0 + W @ W / 12.0
 
 
 def _structure_factor(structure: Structure, order: List[int], with_focal: bool) -> gtsam.CustomFactor:

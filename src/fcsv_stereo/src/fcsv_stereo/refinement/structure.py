@@ -10,7 +10,7 @@ from typing import Dict, List, Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 
 _KERNEL = 2.0  # width of the Cauchy kernel in standard deviations
 
@@ -135,8 +135,8 @@ def _derivatives(R, ray, rho, p, xy, gain, f, scale):
         """(m, 2, k) from the derivatives of the point p in the camera (m, 3, k)."""
         return (of_p[:, :2] - xy[:, :, None] * of_p[:, 2:]) * gain[:, None, None]
 
-    turned_ray = np.tensordot(_cross_matrix(ray), -R, axes=(1, 0)).transpose(0, 2, 1)
-    of_k = np.concatenate([_cross_matrix(p), -rho[:, None, None] * np.eye(3)], axis=2)
+    turned_ray = np.tensordot(rotations.skews(ray), -R, axes=(1, 0)).transpose(0, 2, 1)
+    of_k = np.concatenate([rotations.skews(p), -rho[:, None, None] * np.eye(3)], axis=2)
     of_a = np.concatenate([turned_ray, rho[:, None, None] * R.T], axis=2)
     of_focal = projected((-(ray * [1.0, 1.0, 0.0] / scale) @ R)[:, :, None]) + (xy * f[:, None])[:, :, None]
     return projected(of_a), projected(of_k), of_focal
@@ -145,10 +145,3 @@ def _derivatives(R, ray, rho, p, xy, gain, f, scale):
 def _dot(a, b):
     """Row by row; sums along a short axis are slow."""
     return np.einsum("ij,ij->i", a, b)
-
-
-def _cross_matrix(v):
-    """(m, 3, 3) with cross_matrix(v) @ w = v x w."""
-    x, y, z = v.T
-    o = np.zeros_like(x)
-    return np.stack([o, -z, y, z, o, -x, -y, x, o], -1).reshape(-1, 3, 3)

@@ -9,10 +9,9 @@ from typing import Deque, Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_tracking.mocap import so3
 
 
 class Anchor:
@@ -39,7 +38,7 @@ class Anchor:
             return None
         R_M_O = np.stack([M[:3, :3] @ O[:3, :3].T for _, M, O in self._pairs])
         mean = transforms.Rotation.from_matrix(R_M_O).mean().as_matrix()
-        turned = np.array([so3.log(mean.T @ R) for R in R_M_O])
+        turned = np.array([rotations.log(mean.T @ R) for R in R_M_O])
         p_M_O = np.stack([M[:3, 3] - mean @ O[:3, 3] for _, M, O in self._pairs])
         middle = np.median(p_M_O, axis=0)
         # frames are noisy one by one; what must not be is a body that turns over or hops within the window

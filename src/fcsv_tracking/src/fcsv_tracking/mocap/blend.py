@@ -3,8 +3,7 @@
 
 import numpy as np
 
-from fcsv_geometry import transforms
-from fcsv_tracking.mocap import so3
+from fcsv_geometry import rotations, transforms
 
 
 class Blend:
@@ -18,7 +17,7 @@ class Blend:
     def corrected(self, before: np.ndarray, after: np.ndarray) -> None:
         """A correction moved T_M_D from one pose to another at the same moment."""
         self._p_M = self._p_M + before[:3, 3] - after[:3, 3]
-        self._r_M = so3.log(so3.exp(self._r_M) @ before[:3, :3] @ after[:3, :3].T)
+        self._r_M = rotations.log(rotations.exp(self._r_M) @ before[:3, :3] @ after[:3, :3].T)
 
     def advance(self, dt_s: float) -> None:
         self._p_M = _shortened(self._p_M, self._speed_mps * dt_s)
@@ -26,7 +25,7 @@ class Blend:
 
     def pose(self, T_M_D: np.ndarray) -> np.ndarray:
         """The pose to give out for the filter's."""
-        return transforms.transform(so3.exp(self._r_M) @ T_M_D[:3, :3], T_M_D[:3, 3] + self._p_M)
+        return transforms.transform(rotations.exp(self._r_M) @ T_M_D[:3, :3], T_M_D[:3, 3] + self._p_M)
 
     def covariance(self) -> np.ndarray:
         """(6,6) of what is still to come: the pose given out is known to be off by it."""

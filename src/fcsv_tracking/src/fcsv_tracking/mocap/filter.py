@@ -9,9 +9,9 @@ from typing import Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.config import require_positive
-from fcsv_tracking.mocap import measurements, so3
+from fcsv_tracking.mocap import measurements
 from fcsv_tracking.mocap.markers import MarkerNoise, MarkerRules
 from fcsv_tracking.mocap.state import BA, DELAY, G_MPS2, PHI, PO, SIZE, TH, B, P, State, V, advance, advance_jacobian
 
@@ -132,7 +132,7 @@ class MocapFilter:
         s = self.state
         up_M = s.R_M_O[:, 2]
         R = s.R_M_D @ T_O_D[:3, :3].T
-        turn = rotation_between(R[:, 2], up_M)
+        turn = rotations.between(R[:, 2], up_M)
         R_M_O = turn @ R
         moved = State(
             s.p_M_D,
@@ -208,10 +208,3 @@ class Correction:
         C = IKH @ owner.covariance @ IKH.T + K @ self._R @ K.T
         owner.covariance = 0.5 * (C + C.T)
         owner.state = owner.state.boxplus(K @ self.residual)
-
-
-def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The smallest rotation that takes unit vector a to b."""
-    axis = np.cross(a, b)
-    sine = float(np.linalg.norm(axis))
-    return np.eye(3) if sine < 1e-12 else so3.exp(axis / sine * float(np.arctan2(sine, a @ b)))

@@ -10,8 +10,8 @@ from typing import Tuple
 
 import numpy as np
 
+from fcsv_geometry import rotations
 from fcsv_geometry.config import require_positive
-from fcsv_tracking.mocap import so3
 
 Marker = Tuple[float, float, float]
 
@@ -44,8 +44,8 @@ class MarkerNoise:
         inertia = np.trace(spread) * np.eye(3) - spread
         # errors n_i of the markers turn the fit by inertia^-1 sum arm_i x n_i and move its middle by their mean; the
         # body's origin goes along with both
-        turns = np.stack([np.linalg.solve(inertia, so3.skew(arm)) for arm in arms])
-        moves = np.eye(3) / len(arms) + so3.skew(self._layout.mean(axis=0)) @ turns
+        turns = np.stack([np.linalg.solve(inertia, rotations.skew(arm)) for arm in arms])
+        moves = np.eye(3) / len(arms) + rotations.skew(self._layout.mean(axis=0)) @ turns
         self._fit = np.concatenate([moves, turns], axis=1)  # (N,6,3), body's axes
 
     def pose_covariance(self, R_M_D: np.ndarray, p_M_D: np.ndarray) -> np.ndarray:

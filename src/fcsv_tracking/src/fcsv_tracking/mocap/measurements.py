@@ -12,7 +12,7 @@ from typing import Tuple
 
 import numpy as np
 
-from fcsv_tracking.mocap import so3
+from fcsv_geometry import rotations
 from fcsv_tracking.mocap.state import DELAY, PHI, PO, SIZE, TH, B, P, State, V
 
 Residual = Tuple[np.ndarray, np.ndarray]
@@ -20,7 +20,7 @@ Residual = Tuple[np.ndarray, np.ndarray]
 
 def mocap_pose(state: State, T_M_D: np.ndarray) -> Residual:
     """Six: position (m, M), rotation (rad, body) of the tracker's pose."""
-    turn = so3.log(state.R_M_D.T @ T_M_D[:3, :3])
+    turn = rotations.log(state.R_M_D.T @ T_M_D[:3, :3])
     H = np.zeros((6, SIZE))
     H[:3, P] = np.eye(3)
     H[3:, TH] = np.eye(3)
@@ -35,19 +35,19 @@ def odometry(state: State, p_O_D: np.ndarray, v_O: np.ndarray, late_s: float) ->
     speed = max(float(np.sqrt(state.v_M @ state.v_M)), 1e-6)
     H = np.zeros((6, SIZE))
     H[:3, P], H[:3, V], H[:3, PO] = R_O_M, -late_s * R_O_M, -R_O_M
-    H[:3, PHI] = so3.skew(position)
+    H[:3, PHI] = rotations.skew(position)
     H[:3, DELAY] = -v_seen
     H[3:, V] = R_O_M + np.outer(state.drift_O, state.v_M / speed)
-    H[3:, PHI] = so3.skew(v_seen)
+    H[3:, PHI] = rotations.skew(v_seen)
     H[3:, B] = speed * np.eye(3)
     return np.concatenate([p_O_D - position, v_O - v_seen - state.drift_O * speed]), H
 
 
 def attitude(state: State, R_O_D: np.ndarray, rate_radps: np.ndarray, late_s: float) -> Residual:
     """Three (rad, body): the IMU's attitude in its odometry frame."""
-    turned = so3.exp(-rate_radps * late_s)
+    turned = rotations.exp(-rate_radps * late_s)
     R_expected = state.R_M_O.T @ state.R_M_D @ turned
-    residual = so3.log(R_expected.T @ R_O_D)
+    residual = rotations.log(R_expected.T @ R_O_D)
     H = np.zeros((3, SIZE))
     H[:, TH] = turned.T
     H[:, PHI] = -R_expected.T

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fcsv_geometry import transforms
-from fcsv_tracking.mocap import so3
+from fcsv_geometry import rotations, transforms
 
 G_MPS2 = 9.81
 P, V, TH, PO, PHI, B, BA, DELAY = (
@@ -46,16 +45,16 @@ class State:
     def boxplus(self, error: np.ndarray) -> "State":
         """The state moved by an error vector (22,)."""
         return State(
-            self.p_M_D + error[P], self.v_M + error[V], self.R_M_D @ so3.exp(error[TH]), self.p_M_O + error[PO],
-            self.R_M_O @ so3.exp(error[PHI]), self.drift_O + error[B], self.accel_bias_mps2 + error[BA],
+            self.p_M_D + error[P], self.v_M + error[V], self.R_M_D @ rotations.exp(error[TH]), self.p_M_O + error[PO],
+            self.R_M_O @ rotations.exp(error[PHI]), self.drift_O + error[B], self.accel_bias_mps2 + error[BA],
             self.delay_s + float(error[DELAY]),
         )  # fmt: skip
 
     def boxminus(self, other: "State") -> np.ndarray:
         """Error vector (22,) that takes ``other`` to this state."""
         return np.concatenate([
-            self.p_M_D - other.p_M_D, self.v_M - other.v_M, so3.log(other.R_M_D.T @ self.R_M_D),
-            self.p_M_O - other.p_M_O, so3.log(other.R_M_O.T @ self.R_M_O), self.drift_O - other.drift_O,
+            self.p_M_D - other.p_M_D, self.v_M - other.v_M, rotations.log(other.R_M_D.T @ self.R_M_D),
+            self.p_M_O - other.p_M_O, rotations.log(other.R_M_O.T @ self.R_M_O), self.drift_O - other.drift_O,
             self.accel_bias_mps2 - other.accel_bias_mps2, [self.delay_s - other.delay_s],
         ])  # fmt: skip
 
@@ -68,7 +67,7 @@ def advance(state: State, rate_radps: np.ndarray, accel_mps2: np.ndarray, dt_s: 
         state,
         p_M_D=state.p_M_D + state.v_M * dt_s + 0.5 * dt_s**2 * a_M,
         v_M=state.v_M + dt_s * a_M,
-        R_M_D=state.R_M_D @ so3.exp(rate_radps * dt_s),
+        R_M_D=state.R_M_D @ rotations.exp(rate_radps * dt_s),
         p_M_O=state.p_M_O - state.R_M_O @ state.drift_O * moved_m,
         drift_O=state.drift_O * np.exp(-moved_m / drift_length_m),
     )
@@ -81,16 +80,16 @@ def advance_jacobian(
     speed = _speed(state)
     moved_m, keep = speed * dt_s, np.exp(-speed * dt_s / drift_length_m)
     d_moved = state.v_M / speed * dt_s
-    a_th = -state.R_M_D @ so3.skew(accel_mps2 - state.accel_bias_mps2)
-    a_phi = -state.R_M_O @ so3.skew(_G_O)
+    a_th = -state.R_M_D @ rotations.skew(accel_mps2 - state.accel_bias_mps2)
+    a_phi = -state.R_M_O @ rotations.skew(_G_O)
     F = np.eye(SIZE)
     F[P, V] = np.eye(3) * dt_s
     F[P, TH], F[P, PHI] = 0.5 * dt_s**2 * a_th, 0.5 * dt_s**2 * a_phi
     F[V, TH], F[V, PHI] = dt_s * a_th, dt_s * a_phi
     F[P, BA], F[V, BA] = -0.5 * dt_s**2 * state.R_M_D, -dt_s * state.R_M_D
-    F[TH, TH] = so3.exp(-rate_radps * dt_s)
+    F[TH, TH] = rotations.exp(-rate_radps * dt_s)
     F[PO, V] = -np.outer(state.R_M_O @ state.drift_O, d_moved)
-    F[PO, PHI] = moved_m * state.R_M_O @ so3.skew(state.drift_O)
+    F[PO, PHI] = moved_m * state.R_M_O @ rotations.skew(state.drift_O)
     F[PO, B] = -moved_m * state.R_M_O
     F[B, B] = keep * np.eye(3)
     F[B, V] = np.outer(state.drift_O, -keep / drift_length_m * d_moved)

@@ -12,10 +12,9 @@ from typing import Deque, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
 from fcsv_geometry.flow import DropCounter
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_tracking.mocap import so3
 from fcsv_tracking.mocap.anchor import Anchor
 from fcsv_tracking.mocap.blend import Blend
 from fcsv_tracking.mocap.disputes import Disputes
@@ -153,7 +152,7 @@ class MocapTracker:
         gap_s, after = following[0] - self._vehicle_s, following[1]
         share = min(1.0, max(0.0, (moment_s - self._vehicle_s) / gap_s))
         # the turn between two attitudes, not the gyro's momentary reading: at 20 Hz that is vibration
-        rate = so3.log(last.T_O_D[:3, :3].T @ after.T_O_D[:3, :3]) / gap_s
+        rate = rotations.log(last.T_O_D[:3, :3].T @ after.T_O_D[:3, :3]) / gap_s
         return rate, (1 - share) * last.accel_mps2 + share * after.accel_mps2, gap_s
 
     def _take_vehicle(
@@ -212,7 +211,7 @@ class MocapTracker:
     def _moved_on(self, T_M_D: np.ndarray, late_s: float) -> np.ndarray:
         """A pose of a little before the filter's moment, as it would be now."""
         rate_radps = self._imu.gyro_radps if late_s and self._imu is not None else np.zeros(3)
-        turned = T_M_D[:3, :3] @ so3.exp(rate_radps * late_s)
+        turned = T_M_D[:3, :3] @ rotations.exp(rate_radps * late_s)
         return transforms.transform(turned, T_M_D[:3, 3] + self._filter.state.v_M * late_s)
 
     def _begin(self, moment_s: float, T_M_D: np.ndarray) -> None:
