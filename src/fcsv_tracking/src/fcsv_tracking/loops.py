@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Links that close a loop (a tag seen by two vehicles): all are adjusted together to one consistent chain.
 
-A pose graph with four degrees of freedom per vehicle; with a handful of vehicles its normal equations are small
-enough to be solved densely.
+A pose graph with four degrees of freedom per vehicle; with a handful of vehicles it is small enough to be solved
+densely.
 """
 
 from dataclasses import replace
 from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from fcsv_geometry import transforms
@@ -17,7 +18,7 @@ from fcsv_geometry.rotations import wrap
 from fcsv_tracking.calibration import Link
 from fcsv_tracking.errors import CalibrationRefused
 
-_ROUNDS = 10
+_DONE = 1e-12  # least_squares' tolerances
 _CONTRADICTION = 1e-4  # probability below which a loop that does not close is no chance
 
 
@@ -46,30 +47,32 @@ def merge_loops(chain: Sequence[Link], extra: Sequence[Link]) -> List[Link]:
 
 
 def _adjust(links, names: List[str], places: Dict[str, np.ndarray]) -> Tuple[np.ndarray, List[float]]:
-    """Gauss-Newton from ``places`` (changed in place); joint covariance (4n, 4n), and each link's squared residual."""
+    """Least squares from ``places`` (changed in place); joint covariance (4n, 4n), and each link's squared residual."""
     n = len(names)
-    free = slice(4, 4 * n)  # the first is fixed
-    for _ in range(_ROUNDS):
-        N, g = np.zeros((4 * n, 4 * n)), np.zeros(4 * n)
-        for link in links:
-            r, J, at = _residual(link, names, places)
-            W = np.linalg.inv(link.covariance)
-            N[np.ix_(at, at)] += J.T @ W @ J
-            g[at] += J.T @ W @ r
-        step = np.zeros(4 * n)
-        step[free] = -np.linalg.solve(N[free, free], g[free])
-        for i, name in enumerate(names):
-            T, d = places[name], step[4 * i : 4 * i + 4]
-            places[name] = transforms.from_xyz_yaw(T[:3, 3] + d[:3], transforms.yaw(T) + d[3])
-        if np.abs(step).max() < 1e-10:
-            break
-    covariance = np.zeros_like(N)
-    covariance[free, free] = np.linalg.inv(N[free, free])
-    residual2 = []
-    for link in links:
-        r, _, _ = _residual(link, names, places)
-        residual2.append(float(r @ np.linalg.solve(link.covariance, r)))
-    return covariance, residual2
+    whitening = [np.linalg.inv(np.linalg.cholesky(link.covariance)) for link in links]
+
+    def place(x: np.ndarray) -> None:
+        for name, (*p, yaw) in zip(names[1:], x.reshape(-1, 4)):  # the first is fixed
+            places[name] = transforms.from_xyz_yaw(p, yaw)
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        place(x)
+        return np.concatenate([W @ _residual(link, names, places)[0] for W, link in zip(whitening, links)])
+
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        place(x)
+        whole = np.zeros((4 * len(links), 4 * n))
+        for k, (W, link) in enumerate(zip(whitening, links)):
+            _, J, at = _residual(link, names, places)
+            whole[4 * k : 4 * k + 4, at] = W @ J
+        return whole[:, 4:]
+
+    start = np.concatenate([[*places[name][:3, 3], transforms.yaw(places[name])] for name in names[1:]])
+    fit = least_squares(residuals, start, jac=jacobian, method="lm", x_scale="jac", xtol=_DONE, ftol=_DONE, gtol=_DONE)
+    place(fit.x)
+    covariance = np.zeros((4 * n, 4 * n))
+    covariance[4:, 4:] = np.linalg.inv(fit.jac.T @ fit.jac)
+    return covariance, (fit.fun.reshape(-1, 4) ** 2).sum(axis=1).tolist()
 
 
 def _residual(link: Link, names: List[str], places: Dict[str, np.ndarray]):

@@ -12,14 +12,15 @@ from dataclasses import dataclass, fields
 from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from fcsv_geometry import transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import BodyTag
 from fcsv_tracking.tags import TagObservation, corner_points
 
 _SAME_RAD = np.radians(3.0)  # solutions nearer than this are one
-_STEPS, _DONE = 10, 1e-8
+_ROUNDS, _DONE = 5, 1e-7
 
 
 @dataclass(frozen=True)
@@ -73,34 +74,50 @@ class _Model:
         self._place = np.array([rules.tag_m**2] * 3 + [np.radians(rules.tag_deg) ** 2] * 3)
 
     def fit(self, T: np.ndarray) -> Optional[_Fit]:
-        """Gauss-Newton from a start; None where that runs away, as from a mirrored pose of a distant tag it may."""
+        """From a start, in rounds as the weights depend on the pose.
+
+        None where that runs away, as from a mirrored pose of a distant tag it may.
+        """
         try:
-            for _ in range(_STEPS):
-                N, g, _, _ = self._normal(T)
-                step = np.linalg.solve(N, -g)
-                T = transforms.transform(
-                    transforms.Rotation.from_rotvec(step[3:]).as_matrix() @ T[:3, :3], T[:3, 3] + step[:3]
-                )
-                if step @ step < _DONE**2:
+            for _ in range(_ROUNDS):
+                T_before, T = T, self._round(T)
+                if np.abs(T - T_before).max() < _DONE:
                     break
-            N, _, cost, rms = self._normal(T)
-            return _Fit(T, cost, np.linalg.inv(N), rms) if np.isfinite(cost) else None
-        except np.linalg.LinAlgError:
+            W, r = self._whitening(T), self._residuals(T)
+            J, cost = (W @ self._jacobian(T)).reshape(-1, 6), float(((W @ r[..., None]) ** 2).sum())
+            rms = float(np.sqrt((r**2).sum() / (4 * len(r))))
+            return _Fit(T, cost, np.linalg.inv(J.T @ J), rms) if np.isfinite(cost) else None
+        except (np.linalg.LinAlgError, ValueError):  # the latter is scipy's for residuals that are not finite
             return None
 
-    def _normal(self, T: np.ndarray):
-        """Normal matrix, gradient, cost, rms at T."""
-        N, g, cost, squares = np.zeros((6, 6)), np.zeros(6), 0.0, 0.0
-        for image, points, arms, variance in zip(self.image, self.points, self.arms, self._variances):
-            J = projection_jacobian(T, points)
-            p = transforms.apply(T, points)
-            r = (p[:, :2] / p[:, 2:] - image).ravel()
-            B = projection_jacobian(T, points, arms)
-            S = variance * np.eye(8) + (B * self._place) @ B.T
-            weighed = np.linalg.solve(S, np.column_stack([J, r]))
-            N, g = N + J.T @ weighed[:, :6], g + J.T @ weighed[:, 6]
-            cost, squares = cost + float(r @ weighed[:, 6]), squares + float(r @ r)
-        return N, g, cost, float(np.sqrt(squares / (4 * len(self.image))))
+    def _round(self, T: np.ndarray) -> np.ndarray:
+        """The best pose with the weights of T."""
+        W = self._whitening(T)
+        found = least_squares(
+            lambda d: (W @ self._residuals(_moved(T, d))[..., None]).ravel(), np.zeros(6),
+            jac=lambda d: (W @ self._jacobian(_moved(T, d))).reshape(-1, 6), method="lm", max_nfev=20,
+        )  # fmt: skip
+        return _moved(T, found.x)
+
+    def _residuals(self, T: np.ndarray) -> np.ndarray:
+        """(K, 8) corners as predicted less as seen, in the normalised picture."""
+        p = transforms.apply(T, self.points)
+        return (p[..., :2] / p[..., 2:] - self.image).reshape(-1, 8)
+
+    def _jacobian(self, T: np.ndarray) -> np.ndarray:
+        """(K, 8, 6) of the residuals to _moved()'s displacement."""
+        return projection_jacobian(T, self.points.reshape(-1, 3)).reshape(-1, 8, 6)
+
+    def _whitening(self, T: np.ndarray) -> np.ndarray:
+        """(K, 8, 8) W with W'W the inverse covariance of each tag's corners: their own, its place's as seen at T."""
+        B = projection_jacobian(T, self.points.reshape(-1, 3), self.arms.reshape(-1, 3)).reshape(-1, 8, 6)
+        S = self._variances[:, None, None] * np.eye(8) + (B * self._place) @ B.transpose(0, 2, 1)
+        return np.linalg.inv(np.linalg.cholesky(S))
+
+
+def _moved(T: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """T after a displacement (m) and a rotation (rad) about the camera's axes."""
+    return transforms.transform(rotations.exp(d[3:]) @ T[:3, :3], T[:3, 3] + d[:3])
 
 
 def see_body(
