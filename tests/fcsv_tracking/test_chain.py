@@ -9,9 +9,9 @@ from scipy.stats import chi2
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import Place, odoms_in_home, places_in_home
+from fcsv_geometry.rotations import wrap
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_sim.sensors.t265 import T265
-from fcsv_geometry.rotations import wrap
 from fcsv_sim.trials.formation import Formation, FormationParameters
 from fcsv_tracking.calibration import Link, calibrate_link
 from fcsv_tracking.drift import Drift

@@ -16,9 +16,9 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
-from fcsv_geometry import rotations, transforms
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.tags import corner_points
 

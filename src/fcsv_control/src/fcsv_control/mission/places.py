@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from fcsv_geometry.mission import StereoConfiguration
 from fcsv_geometry import rotations, transforms
+from fcsv_geometry.mission import StereoConfiguration
 
 #: T_home_cam of the reference: position zero, level, looking along home's x.
 T_HOME_CAM_AT_HOME = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))

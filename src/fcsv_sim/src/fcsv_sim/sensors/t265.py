@@ -10,8 +10,8 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry.tracker import TrackerProfile
 from fcsv_geometry import rotations, transforms
+from fcsv_geometry.tracker import TrackerProfile
 
 _TAKEOFF_HEIGHT_M = 0.3  # above the ground, where it may jump
 

@@ -12,8 +12,8 @@ from typing import Deque, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry.flow import DropCounter
 from fcsv_geometry import rotations, transforms
+from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.mocap.anchor import Anchor
 from fcsv_tracking.mocap.blend import Blend
