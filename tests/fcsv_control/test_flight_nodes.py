@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 import yaml
-from waiting import within
+from support.waiting import within
 
 from fcsv_geometry import transforms
 from fcsv_sim.machines.machines import free_port

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 import yaml
-from waiting import within
+from support.waiting import within
 
 from fcsv_control import recording
 from fcsv_control.errors import SessionError

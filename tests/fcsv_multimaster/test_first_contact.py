@@ -6,7 +6,7 @@ import time
 from contextlib import ExitStack, closing
 
 import pytest
-from waiting import within
+from support.waiting import within
 
 from fcsv_multimaster import order
 from fcsv_multimaster.endpoints import parse_endpoint

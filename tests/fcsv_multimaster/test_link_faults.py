@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from waiting import within
+from support.waiting import within
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 until = within(30.0)

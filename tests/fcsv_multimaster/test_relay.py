@@ -8,7 +8,7 @@ import time
 
 import psutil
 import pytest
-from waiting import within
+from support.waiting import within
 
 from fcsv_sim.machines.machines import Machine, free_port
 

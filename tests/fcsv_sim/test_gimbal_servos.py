@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from waiting import within
+from support.waiting import within
 
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.vehicle import Mount

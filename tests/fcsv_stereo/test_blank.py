@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import CAMERA, given, photograph
+from support.scenes import CAMERA, given, photograph
 
 from fcsv_stereo.model import Picture
 from fcsv_stereo.pipeline import METHODS

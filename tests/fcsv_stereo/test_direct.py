@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scenes
+from support import scenes
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.refine.pose_alignment import _corners, adjust

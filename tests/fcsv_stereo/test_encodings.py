@@ -6,9 +6,9 @@ import doctest
 import cv2
 import numpy as np
 import pytest
-from scenes import CAMERA, photograph
-from test_photographs import model
-from test_sessions import T_HOME_CAM, write_session
+from support.photographs import model
+from support.scenes import CAMERA, photograph
+from support.sessions import T_HOME_CAM, write_session
 
 from fcsv_stereo import colmap, exposure
 from fcsv_stereo.errors import InputError

@@ -9,13 +9,12 @@ Faults of refinement alone are in test_refinement.py, of joint matching alone in
 
 from dataclasses import replace
 
-import boards
 import cv2
-import faulty
 import numpy as np
 import pytest
-from test_photographs import model
-from test_sessions import T0, write_session
+from support import boards, faulty
+from support.photographs import model
+from support.sessions import T0, write_session
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import pipeline

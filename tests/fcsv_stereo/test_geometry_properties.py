@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import camera_pose
+from support.scenes import camera_pose
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera

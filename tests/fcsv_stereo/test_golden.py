@@ -5,11 +5,9 @@ Where a bound comes from is said beside it. They are those of equation 2.12 for 
 hold on any machine, and not the figures of a run with a margin.
 """
 
-import boards
-import faulty
 import numpy as np
 import pytest
-import scenes
+from support import boards, faulty, scenes
 
 from fcsv_stereo.equations import ErrorThreshold, depth_error
 from fcsv_stereo.joint import JointOptions

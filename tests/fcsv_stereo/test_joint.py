@@ -6,8 +6,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import scenes
-from test_photographs import fountain, motorcycle
+from support import scenes
+from support.photographs import fountain, motorcycle
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera

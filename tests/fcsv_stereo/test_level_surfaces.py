@@ -4,7 +4,7 @@
 import cv2
 import numpy as np
 import pytest
-import scenes
+from support import scenes
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.joint import match_jointly

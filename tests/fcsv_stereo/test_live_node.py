@@ -6,8 +6,8 @@ import time
 import cv2
 import numpy as np
 import pytest
-from scenes import CAMERA, DEPTH_M, camera_pose, photograph
-from waiting import within
+from support.scenes import CAMERA, DEPTH_M, camera_pose, photograph
+from support.waiting import within
 
 from fcsv_geometry import transforms
 

@@ -6,9 +6,9 @@ a reference picture of every configuration: sigma must know, or the place is lef
 test_faults.py.
 """
 
-import faulty
 import numpy as np
 import pytest
+from support import faulty
 
 from bench.scenes import FOV_DEG, R_BODY_CAM, T_WORLD_HOME
 from fcsv_geometry import transforms

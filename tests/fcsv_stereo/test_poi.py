@@ -6,7 +6,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from scenes import CAMERA, camera_pose, given, photograph, true_depth
+from support.scenes import CAMERA, camera_pose, given, photograph, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import ConfigError

@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scenes import CAMERA, camera_pose, given, true_depth
+from support.scenes import CAMERA, camera_pose, given, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_stereo import colmap, output, pipeline

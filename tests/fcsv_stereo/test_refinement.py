@@ -5,11 +5,11 @@ import doctest
 import gc
 from dataclasses import replace
 
-import boards
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support import boards
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera

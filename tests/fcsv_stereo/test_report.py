@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import CAMERA, given, true_depth
+from support.scenes import CAMERA, given, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_stereo.equations import ErrorThreshold

@@ -4,95 +4,15 @@
 import numpy as np
 import pytest
 import rosbag
-import rospy
-from geometry_msgs.msg import PoseWithCovariance
-from nav_msgs.msg import Odometry
-from scenes import CAMERA, camera_pose, photograph, true_depth
-from tf2_msgs.msg import TFMessage
+from support.scenes import true_depth
+from support.sessions import T0, T_HOME_CAM, write_session
 
-from fcsv_geometry import frames, transforms
-from fcsv_geometry.ros import conversions
-from fcsv_msgs.msg import Calibration, CalibrationLink, Capture, Configuration, Home
 from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.output import read_ply
 from fcsv_stereo.ros.session_bags import read_session
 from fcsv_stereo.thesis import ThesisOptions
-
-T0 = 1000.0
-T_BODY_CAM = transforms.from_xyz_rpy([0.1, 0.0, 0.02], [0, 0, 0]) @ transforms.transform(
-    transforms.R_FLU_OPTICAL, np.zeros(3)
-)
-T_O1_HOME = transforms.from_xyz_yaw([2.0, -1.0, 5.0], 0.6)
-T_O1_O2 = transforms.from_xyz_yaw([-3.0, 4.0, 0.5], -1.1)
-T_HOME_CAM = {"uav1": camera_pose([0, 0, 0], (0.2, 0.1, -0.3)), "uav2": camera_pose([0, -0.8, 0], (-0.2, 0.2, 0.3))}
-
-
-def odom_cam(vehicle):
-    T_odom_home = T_O1_HOME if vehicle == "uav1" else transforms.invert(T_O1_O2) @ T_O1_HOME
-    return T_odom_home @ T_HOME_CAM[vehicle]
-
-
-def write_session(
-    folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None
-):
-    """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by their end).
-
-    ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    for vehicle in T_HOME_CAM:
-        with rosbag.Bag(str(folder / f"{vehicle}.bag"), "w") as bag:
-            write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode)
-    with rosbag.Bag(str(folder / "control.bag"), "w") as bag:
-        write_control(bag, drop, windows or [window])
-    (folder / "session.yaml").write_text("version: 1\nbags: {uav1: uav1.bag, uav2: uav2.bag, control: control.bag}\n")
-    return folder
-
-
-def put(bag, topic, message, stamp_s, drop):
-    if not any(topic.endswith(d) for d in drop):
-        bag.write(topic, message, rospy.Time.from_sec(stamp_s))
-
-
-def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode):
-    fixed = conversions.transform_stamped(T_BODY_CAM, T0, frames.base_link(vehicle), frames.camera_optical(vehicle))
-    put(bag, "/tf_static", TFMessage([fixed]), T0, drop)
-    T_odom_body = odom_cam(vehicle) @ transforms.invert(T_BODY_CAM)
-    for i in range(60):
-        t = T0 - 0.5 + i * 0.05
-        odometry = Odometry(header=conversions.header(t, frames.odom(vehicle)))
-        odometry.pose = PoseWithCovariance(pose=conversions.transform_to_pose(T_odom_body))
-        put(bag, f"/{vehicle}/odometry/body", odometry, t, drop)
-    picture = photograph(T_HOME_CAM[vehicle])
-    for i in range(4):
-        t = T0 + 0.1 + 0.25 * i + stamp_offset_s
-        frame_id = f"{vehicle}/camera_color_optical_frame"
-        if encode is None:
-            image = conversions.array_to_image(picture, "rgb8", t, frame_id)
-            image.encoding = encoding
-        else:
-            image = conversions.array_to_image(encode(picture), encoding, t, frame_id)
-        put(bag, f"/{vehicle}/camera/color/image_raw", image, t, drop)
-        info = conversions.info_from_camera(CAMERA, t, image.header.frame_id)
-        put(bag, f"/{vehicle}/camera/color/camera_info", info, t, drop)
-
-
-def write_control(bag, drop, windows):
-    link = CalibrationLink(
-        parent="uav1", child="uav2", child_odom_in_parent_odom=conversions.transform_to_pose(T_O1_O2)
-    )
-    put(bag, "/calibration", Calibration(conversions.header(T0, "uav1/odom"), [link]), T0, drop)
-    home = Home(conversions.header(T0, "uav1/odom"), "uav1", conversions.transform_to_pose(T_O1_HOME))
-    put(bag, "/home", home, T0, drop)
-    for index, window in enumerate(windows):
-        capture = Capture(header=conversions.header(T0, ""), index=index, reference="uav1", vehicle="uav2")
-        name = f"horizontal 0.8 m{f' ({index})' if index else ''}"
-        capture.configuration = Configuration(name, Configuration.HORIZONTAL, 0.8, 0.0, 1.0)
-        capture.start, capture.stop = (rospy.Time.from_sec(t) for t in window)
-        put(bag, "/mission/capture", capture, T0, drop)
-
 
 OPTIONS = ThesisOptions(threshold=ErrorThreshold(5.0, False))
 

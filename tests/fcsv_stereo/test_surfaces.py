@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import scenes
+from support import scenes
 
 from fcsv_stereo.joint.checks.reliability import relied_on
 from fcsv_stereo.joint.refine.residuals import detail, residuals

@@ -6,7 +6,7 @@ import doctest
 
 import numpy as np
 import pytest
-from scenes import CAMERA, camera_pose, given, picture, true_depth
+from support.scenes import CAMERA, camera_pose, given, picture, true_depth
 
 from fcsv_stereo import depth as depth_module
 from fcsv_stereo import equations

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from scenes import camera_pose
+from support.scenes import camera_pose
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.joint.checks.reliability import confirmed, consistent, relied_on

@@ -4,7 +4,7 @@
 import cv2
 import numpy as np
 import pytest
-from boards import pose
+from support.boards import pose
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.joint.checks.reliability import confirmed

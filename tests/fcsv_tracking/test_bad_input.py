@@ -5,8 +5,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from simulated_column import Column
-from test_tags import CAMERA, pose, render
+from support.simulated_column import Column
+from support.tag_pictures import CAMERA, pose, render
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera

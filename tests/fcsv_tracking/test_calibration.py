@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from simulated_column import Column, DriftingColumn
+from support.simulated_column import Column, DriftingColumn
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import home_of, odoms_in_home

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gimbal_scene import CAMERA, GIMBAL
+from support.gimbal_scene import CAMERA, GIMBAL
 
 from fcsv_geometry import transforms as tf
 from fcsv_tracking.gimbal.follow import Follower, FollowRules, Target

@@ -5,7 +5,7 @@ import doctest
 
 import numpy as np
 import pytest
-from gimbal_scene import GIMBAL
+from support.gimbal_scene import GIMBAL
 
 from fcsv_geometry import config
 from fcsv_geometry import transforms as tf

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from waiting import within
+from support.waiting import within
 
 from fcsv_geometry import transforms as tf
 from fcsv_geometry.vehicle import load_vehicles

@@ -5,8 +5,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from gimbal_scene import CAMERA, GIMBAL, body, seen, sides
 from scipy.stats import chi2
+from support.gimbal_scene import CAMERA, GIMBAL, body, seen, sides
 
 from fcsv_geometry import transforms as tf
 from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters

@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from gimbal_scene import CAMERA, GIMBAL, body, seen, sides
+from support.gimbal_scene import CAMERA, GIMBAL, body, seen, sides
 
 from fcsv_geometry import transforms as tf
 from fcsv_geometry.errors import PoseUnavailable

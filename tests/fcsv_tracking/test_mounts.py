@@ -196,7 +196,7 @@ def test_the_command_from_a_bag(root, tmp_path, capsys):
     rosbag = pytest.importorskip("rosbag")
     import rospy
     from nav_msgs.msg import Odometry
-    from test_tags import render
+    from support.tag_pictures import render
 
     from fcsv_geometry.ros import conversions
     from fcsv_tracking.commands.calibrate_mounts import main

@@ -301,7 +301,7 @@ class TestTags:
         return found, health, out
 
     def show(self, out, picture, frame="uav2/camera_color_optical_frame", camera=None, odometry_frame=None, times=6):
-        from test_tags import CAMERA
+        from support.tag_pictures import CAMERA
 
         from fcsv_geometry.ros import conversions
 
@@ -316,7 +316,7 @@ class TestTags:
             time.sleep(0.1)
 
     def test_good_then_wrong(self, start_node, listen, talk, folder):
-        from test_tags import pose, render
+        from support.tag_pictures import pose, render
 
         from fcsv_geometry.camera import PinholeCamera
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from waiting import within
+from support.waiting import within
 
 from fcsv_geometry import frames
 from fcsv_geometry import transforms as tf

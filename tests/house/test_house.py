@@ -83,3 +83,19 @@ def test_linter():
         [ROOT / ".venv/bin/ruff", "check", "src", "tests", "tools"], cwd=ROOT, capture_output=True, text=True
     )
     assert result.returncode == 0, result.stdout[-3000:]
+
+
+def tests_of_the_tree():
+    found = sorted((ROOT / "tests").rglob("*.py"))
+    assert len(found) > 50
+    return found
+
+
+def test_tests_import_no_other_tests():
+    """What several tests share stands in tests/support; it imports no test either."""
+    for path in tests_of_the_tree():
+        whole = {m for m, _ in imports(path)}
+        others = {m for m in whole if m.startswith("test_") or m == "conftest"} | (whole & {"tests"})
+        assert not others, f"{path.relative_to(ROOT)} imports {others}; what tests share stands in tests/support"
+    loose = {p.name for p in (ROOT / "tests").glob("*/*.py")} - {p.name for p in (ROOT / "tests/support").glob("*.py")}
+    assert not {name for name in loose if not name.startswith("test_") and name not in ("conftest.py", "__init__.py")}

@@ -2,7 +2,7 @@
 """One flight that several tests look at."""
 
 import pytest
-from demos import FLIGHT_LIMIT_S, said, start_demo
+from support.demos import FLIGHT_LIMIT_S, said, start_demo
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from demos import FLIGHT_LIMIT_S, left_behind, said, start_demo, wait_for
+from support.demos import FLIGHT_LIMIT_S, left_behind, said, start_demo, wait_for
 
 from fcsv_sim.machines.slow_motion import Page, slow_motion
 

@@ -9,7 +9,7 @@ import time
 
 import pytest
 import rosbag
-from demos import left_behind, said, start_demo, wait_for
+from support.demos import left_behind, said, start_demo, wait_for
 
 from fcsv_geometry import transforms
 from fcsv_geometry.ros import conversions

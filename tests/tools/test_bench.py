@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scenes import CAMERA, camera_pose, photograph, picture, true_depth
+from support.scenes import CAMERA, camera_pose, photograph, picture, true_depth
 
 from bench import colmap_poses, growth, measure, tables
 from bench.__main__ import main

@@ -8,7 +8,7 @@ import sys
 
 import psutil
 import pytest
-from waiting import within
+from support.waiting import within
 
 until = within(120.0)
 

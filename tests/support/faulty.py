@@ -4,12 +4,12 @@
 from dataclasses import replace
 from typing import Sequence
 
-import boards
 import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
+from support import boards
 
 CAMERA = PinholeCamera.from_fov(320, 240, np.radians(56.0))
 BASELINES_M = (2.0, 4.0, 8.0)
