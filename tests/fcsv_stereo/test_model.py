@@ -5,7 +5,7 @@ import doctest
 
 import numpy as np
 import pytest
-from scenes import CAMERA, camera_pose, given, picture
+from support.scenes import CAMERA, camera_pose, given, picture
 
 from fcsv_stereo.joint import JointOptions
 from fcsv_stereo.model import Configuration, Pair, Reference, configuration, inputs
