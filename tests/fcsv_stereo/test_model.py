@@ -2,13 +2,16 @@
 """What methods take and give back: a configuration out of two poses, and what the model's modules promise."""
 
 import doctest
+import json
 
 import numpy as np
 import pytest
 from support.scenes import CAMERA, camera_pose, given, picture
 
+from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
-from fcsv_stereo.model import Configuration, Pair, Reference, configuration, inputs
+from fcsv_stereo.live import MapStage
+from fcsv_stereo.model import AXES, Axis, Configuration, MapInput, Pair, Reference, configuration, inputs
 from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.thesis import ThesisOptions
@@ -85,3 +88,17 @@ def test_pairs_of_both_methods_have_one_interface(method):
         assert all(hasattr(p, n) for n in documented)
         known = np.isfinite(p.depth)
         assert not p.shares_depth or np.array_equal(p.depth[known], result.depth[known])
+
+
+def test_words_are_themselves_on_files_and_refuse_others():
+    c = Configuration("vertical", 2.0)
+    assert c.axis is Axis.VERTICAL and c.axis == "vertical" and f"{c.axis} {c.axis:>9}" == "vertical  vertical"
+    assert json.dumps([Axis.HORIZONTAL]) == '["horizontal"]' and {"vertical": 1}[c.axis] == 1
+    assert AXES == ("horizontal", "vertical") and [a.coordinate for a in Axis] == [0, 1]
+    with pytest.raises(InputError, match="Axis: 'diagonal' is not one of horizontal, vertical"):
+        Configuration("diagonal", 2.0)
+    with pytest.raises(InputError, match="Rectification: 'level' is not one of home, decoupled, bouguet"):
+        ThesisOptions(rectifier="level")
+    with pytest.raises(InputError, match="InputKind: 'film'"):
+        MapInput("film", [])
+    assert {str(s) for s in MapStage} == {"waiting", "mapping", "partial", "ready", "failed"}  # as in MapState.msg

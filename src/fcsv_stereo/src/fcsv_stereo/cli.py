@@ -15,7 +15,7 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
 from fcsv_stereo.model import AXES
 from fcsv_stereo.products import PRODUCTS, parse_products
-from fcsv_stereo.rectify import RECTIFIERS
+from fcsv_stereo.rectify import Rectification
 from fcsv_stereo.refinement import RefineOptions
 from fcsv_stereo.table import demo_table
 from fcsv_stereo.thesis import ThesisOptions
@@ -112,8 +112,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--products", default="", metavar="LIST", help=f"also: {','.join(PRODUCTS)} (or all)")
     parser.add_argument("--matcher", choices=sorted(MATCHERS), help="thesis: default quasi-dense")
     parser.add_argument(
-        "--rectify", choices=sorted(RECTIFIERS), help="thesis: default home for sessions, bouguet for photographs"
-    )
+        "--rectify", choices=sorted(r.value for r in Rectification),
+        help="thesis: default home for sessions, bouguet for photographs",
+    )  # fmt: skip
     parser.add_argument(
         "--error", default="10%", help="accepted depth error: metres, or a share of the distance (10%%)"
     )

@@ -13,7 +13,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.exposure import Exposure
-from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Picture
+from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture
 
 #: Parameters of each camera model in order, as names of fx, fy, cx, cy, k1, k2, p1, p2.
 _MODELS = {
@@ -57,7 +57,7 @@ def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
         for p in posed
         if p.name != first.name
     ]
-    return MapInput("photographs", configurations)
+    return MapInput(InputKind.PHOTOGRAPHS, configurations)
 
 
 def read_cameras(path: Path) -> Dict[int, PinholeCamera]:

@@ -9,7 +9,27 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, LivePicture, MapInput, MapResult, Picture
+from fcsv_stereo.model import (
+    FLOWN,
+    Configuration,
+    ConfigurationInput,
+    InputKind,
+    LivePicture,
+    MapInput,
+    MapResult,
+    Picture,
+    Word,
+)
+
+
+class MapStage(Word):
+    """Of a map that grows in flight, as fcsv_msgs/MapState has it."""
+
+    WAITING = "waiting"
+    MAPPING = "mapping"
+    PARTIAL = "partial"  # a quick look; the finished one follows
+    READY = "ready"
+    FAILED = "failed"
 
 
 @dataclass(frozen=True)
@@ -87,7 +107,7 @@ class LiveSession:
                 configurations.append(ConfigurationInput(window.configuration, *sides))
         if not configurations:
             raise InputError("; ".join(["no configuration has pictures of both vehicles yet", *problems]))
-        return MapInput("session", configurations, None, problems, FLOWN)
+        return MapInput(InputKind.SESSION, configurations, None, problems, FLOWN)
 
     def newest(
         self, reference: str, others: Sequence[str], apart_s: float, after_s: float = float("-inf")
@@ -109,7 +129,7 @@ class LiveSession:
             c = Configuration.between(first.T_home_cam, other.T_home_cam)
             c = replace(c, name=f"{other.vehicle}, {c.axis} {c.baseline_m:.1f} m")
             pairs.append(ConfigurationInput(c, [first], [other]))
-        return MapInput("session", pairs, prior=FLOWN)
+        return MapInput(InputKind.SESSION, pairs, prior=FLOWN)
 
     def _keep(self, window: Window, picture: LivePicture) -> None:
         kept = self._kept[window.index].setdefault(picture.vehicle, [])

@@ -127,7 +127,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         ],
         "configurations": [
             {
-                "name": p.configuration.name, "axis": p.configuration.axis, "baseline_m": p.configuration.baseline_m,
+                "name": p.configuration.name, "axis": p.configuration.axis.value,
+                "baseline_m": p.configuration.baseline_m,
                 "tilt_deg": float(np.degrees(p.configuration.tilt_rad)),
                 "effective_range_m": [round(float(x), 3) for x in p.effective_range_m],
                 "match_rate": p.match_rate, "pair": [p.reference_name, p.other_name],

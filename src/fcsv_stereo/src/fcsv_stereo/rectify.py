@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.model import Picture
+from fcsv_stereo.model import Axis, Picture, Word
 
 R_HOME_CAM = transforms.R_FLU_OPTICAL
 _LEAST_SIDEWAYS = 0.05
@@ -29,7 +29,7 @@ class RectifiedPair:
     centre in the reference's rectified frame; K are 3x3; masks are True where a picture has a source.
     """
 
-    axis: str
+    axis: Axis
     reference: np.ndarray
     other: np.ndarray
     mask_reference: np.ndarray
@@ -42,7 +42,7 @@ class RectifiedPair:
     @property
     def axis_index(self) -> int:
         """0 where the baseline runs along x (columns differ), 1 along y."""
-        return 0 if self.axis == "horizontal" else 1
+        return self.axis.coordinate
 
     @property
     def baseline_m(self) -> float:
@@ -55,7 +55,7 @@ class RectifiedPair:
         return float(self.K_reference[self.axis_index, 2] - self.K_other[self.axis_index, 2])
 
 
-def bouguet(reference: Picture, other: Picture, axis: str, tilt_rad: float = 0.0) -> RectifiedPair:
+def bouguet(reference: Picture, other: Picture, axis: Axis, tilt_rad: float = 0.0) -> RectifiedPair:
     """Bouguet's algorithm: both turned halfway to each other, then an axis laid along the baseline (2.6 to 2.11).
 
     2.6 is taken with the sign that keeps pictures upright (printed, a camera to the left turns them over), 2.8 is
@@ -70,16 +70,16 @@ def bouguet(reference: Picture, other: Picture, axis: str, tilt_rad: float = 0.0
     R_1, R_2 = R_rect @ r_1, R_rect @ r_2
     f = min(reference.camera.fx, other.camera.fx, reference.camera.fy, other.camera.fy)
     centres = [_centre(p, R, f) for p, R in ((reference, R_1), (other, R_2))]
-    across = 1 if axis == "horizontal" else 0
+    across = 1 - Axis(axis).coordinate
     centres[0][across] = centres[1][across] = (centres[0][across] + centres[1][across]) / 2.0
     K_1, K_2 = (np.array([[f, 0.0, c[0]], [0.0, f, c[1]], [0.0, 0.0, 1.0]]) for c in centres)
     (a, mask_a), (b, mask_b) = _warp(reference, K_1, R_1), _warp(other, K_2, R_2)
     return RectifiedPair(
-        axis, a, b, mask_a, mask_b, K_1, K_2, reference.T_home_cam[:3, :3] @ R_1.T, R_1 @ p_ref_other
+        Axis(axis), a, b, mask_a, mask_b, K_1, K_2, reference.T_home_cam[:3, :3] @ R_1.T, R_1 @ p_ref_other
     )  # fmt: skip
 
 
-def decoupled(reference: Picture, other: Picture, axis: str, tilt_rad: float = 0.0) -> RectifiedPair:
+def decoupled(reference: Picture, other: Picture, axis: Axis, tilt_rad: float = 0.0) -> RectifiedPair:
     """R_1 = I (5.5), R_2 = R_ref_other (5.6): the other parallel to the reference, which stays as it is.
 
     The baseline is its component along the axis alone (5.7).
@@ -87,7 +87,7 @@ def decoupled(reference: Picture, other: Picture, axis: str, tilt_rad: float = 0
     return _parallel(reference, other, axis, reference.T_home_cam[:3, :3], tilt_rad)
 
 
-def home(reference: Picture, other: Picture, axis: str, tilt_rad: float = 0.0) -> RectifiedPair:
+def home(reference: Picture, other: Picture, axis: Axis, tilt_rad: float = 0.0) -> RectifiedPair:
     """Both parallel to home: level, with home's heading.
 
     6.2 is printed without the camera's place on the body, and 6.3 with the factors in the order of their inverses;
@@ -97,31 +97,41 @@ def home(reference: Picture, other: Picture, axis: str, tilt_rad: float = 0.0) -
     return _parallel(reference, other, axis, R_HOME_CAM, tilt_rad)
 
 
-#: name: rectifier(reference, other, axis, tilt_rad); the tilt is the nominal one, inward
-RECTIFIERS: Dict[str, Callable[..., RectifiedPair]] = {
-    "home": home,
-    "decoupled": decoupled,
-    "bouguet": bouguet,
+class Rectification(Word):
+    """The ways."""
+
+    HOME = "home"
+    DECOUPLED = "decoupled"
+    BOUGUET = "bouguet"
+
+
+#: rectifier(reference, other, axis, tilt_rad); the tilt is the nominal one, inward
+RECTIFIERS: Dict[Rectification, Callable[..., RectifiedPair]] = {
+    Rectification.HOME: home,
+    Rectification.DECOUPLED: decoupled,
+    Rectification.BOUGUET: bouguet,
 }
 
 
-def _parallel(reference: Picture, other: Picture, axis: str, R_home_rect: np.ndarray, tilt_rad: float) -> RectifiedPair:
+def _parallel(
+    reference: Picture, other: Picture, axis: Axis, R_home_rect: np.ndarray, tilt_rad: float
+) -> RectifiedPair:  # fmt: skip
     """Both in the orientation of R_home_rect. An inward tilt moves the other's principal point, so that what only the
     tilted camera sees stays in its picture; disparities are smaller by f tan(tilt) then (3.5)."""
     K = reference.camera.K
     p = R_home_rect.T @ (other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3])
-    i = 0 if axis == "horizontal" else 1
+    i = Axis(axis).coordinate
     K_other = K.copy()
     K_other[i, 2] += np.sign(p[i]) * K[i, i] * np.tan(tilt_rad)
     a, mask_a = _warp(reference, K, R_home_rect.T @ reference.T_home_cam[:3, :3])
     b, mask_b = _warp(other, K_other, R_home_rect.T @ other.T_home_cam[:3, :3])
-    return RectifiedPair(axis, a, b, mask_a, mask_b, K, K_other, R_home_rect, p)
+    return RectifiedPair(Axis(axis), a, b, mask_a, mask_b, K, K_other, R_home_rect, p)
 
 
-def _along(p_mid_other: np.ndarray, axis: str, names: str) -> np.ndarray:
+def _along(p_mid_other: np.ndarray, axis: Axis, names: str) -> np.ndarray:
     """R_rect (2.10), 3x3, with e1 (horizontal) or e2 (vertical) along the baseline and e3 near the optical axis."""
     length = np.linalg.norm(p_mid_other)
-    i = 0 if axis == "horizontal" else 1
+    i = Axis(axis).coordinate
     if np.hypot(p_mid_other[0], p_mid_other[1]) < _LEAST_SIDEWAYS * length:
         raise MatchingError(f"{names}: one stands ahead of the other; Bouguet's rectification needs them side by side")
     e = p_mid_other / length * (1.0 if p_mid_other[i] >= 0 else -1.0)

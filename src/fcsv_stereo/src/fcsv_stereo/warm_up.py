@@ -6,7 +6,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import StereoError
-from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Method, Picture
+from fcsv_stereo.model import Axis, Configuration, ConfigurationInput, InputKind, MapInput, Method, Picture
 
 _SIZE = (160, 120)
 _SHIFT_PX = 8
@@ -23,9 +23,9 @@ def warm_up(method: Method, options) -> None:
         T_home_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.array([0.0, -1.0 * i, 0.0]))
         image = np.ascontiguousarray(wide[:, i * _SHIFT_PX : i * _SHIFT_PX + _SIZE[0]])
         pictures.append(Picture(f"warm-up {i}", f"uav{i}", 0.0, image, camera, T_home_cam))
-    pair = ConfigurationInput(Configuration("horizontal", 1.0), [pictures[0]], [pictures[1]])
+    pair = ConfigurationInput(Configuration(Axis.HORIZONTAL, 1.0), [pictures[0]], [pictures[1]])
     try:
-        method.map(MapInput("session", [pair]), options)
+        method.map(MapInput(InputKind.SESSION, [pair]), options)
     except StereoError:
         pass  # so small a picture may be refused: everything was loaded by then
 

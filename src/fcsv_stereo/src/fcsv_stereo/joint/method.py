@@ -20,6 +20,7 @@ from fcsv_stereo.model import (
     Configuration,
     ConfigurationInput,
     ImageEntry,
+    InputKind,
     MapInput,
     MapResult,
     Method,
@@ -123,7 +124,7 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     if not len(cloud):
         raise MatchingError(f"no pixel of {reference.name} has a depth that can be relied on: too little texture")
     configurations = [given.configurations[i].configuration for i in kept]
-    pairs = _pairs(configurations, given.kind == "session", reference, pictures, found, options)
+    pairs = _pairs(configurations, given.kind is InputKind.SESSION, reference, pictures, found, options)
     timing_s["fuse"] = time.perf_counter() - started
     progress("map", 3, 3)
     view, images = Reference.of(reference), _images(reference, others, refined)

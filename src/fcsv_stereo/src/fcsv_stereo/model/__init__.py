@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What methods take and give back: pictures, configurations, inputs, results. Nothing here maps anything."""
 
-from fcsv_stereo.model.configuration import AXES, Configuration
+from fcsv_stereo.model.configuration import Configuration
 from fcsv_stereo.model.inputs import FLOWN, ConfigurationInput, MapInput, PosePrior
 from fcsv_stereo.model.method import Method, silent
 from fcsv_stereo.model.pairs import Pair, PairResult
 from fcsv_stereo.model.pictures import LivePicture, Picture, Reference
 from fcsv_stereo.model.results import Cloud, ImageEntry, MapResult, Progress
+from fcsv_stereo.model.words import AXES, Axis, InputKind, Word
 
 __all__ = [
-    "AXES", "FLOWN", "Cloud", "Configuration", "ConfigurationInput", "ImageEntry", "LivePicture", "MapInput",
-    "MapResult", "Method", "Pair", "PairResult", "Picture", "PosePrior", "Progress", "Reference",
+    "AXES", "Axis", "Cloud", "Configuration", "ConfigurationInput", "FLOWN", "ImageEntry", "LivePicture", "MapInput",
+    "MapResult", "Method", "Pair", "PairResult", "Picture", "PosePrior", "Progress", "Reference", "InputKind", "Word",
     "silent",
 ]  # fmt: skip

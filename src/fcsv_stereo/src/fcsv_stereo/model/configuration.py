@@ -5,17 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-AXES = ("horizontal", "vertical")
+from fcsv_stereo.model.words import Axis
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """One stereo configuration: ``axis`` of the baseline, its length (m) and the inward tilt (rad)."""
+    """One stereo configuration: ``axis`` of the baseline (or its word), its length (m) and the inward tilt (rad)."""
 
-    axis: str
+    axis: Axis
     baseline_m: float
     tilt_rad: float = 0.0
     name: str = ""
+
+    def __post_init__(self):
+        object.__setattr__(self, "axis", Axis(self.axis))
 
     @classmethod
     def between(cls, T_home_reference: np.ndarray, T_home_other: np.ndarray) -> "Configuration":
@@ -25,9 +28,9 @@ class Configuration:
 
         >>> T_home_other = np.eye(4)
         >>> T_home_other[:3, 3] = [0.3, -4.0, 0.0]
-        >>> Configuration.between(np.eye(4), T_home_other).axis
+        >>> Configuration.between(np.eye(4), T_home_other).axis.value
         'vertical'
         """
         p_reference_other = T_home_reference[:3, :3].T @ (T_home_other[:3, 3] - T_home_reference[:3, 3])
-        axis = AXES[0] if abs(p_reference_other[0]) >= abs(p_reference_other[1]) else AXES[1]
+        axis = Axis.HORIZONTAL if abs(p_reference_other[0]) >= abs(p_reference_other[1]) else Axis.VERTICAL
         return cls(axis, float(np.linalg.norm(p_reference_other)))

@@ -10,6 +10,7 @@ import numpy as np
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model.configuration import Configuration
 from fcsv_stereo.model.pictures import Picture
+from fcsv_stereo.model.words import InputKind
 
 
 @dataclass(frozen=True)
@@ -54,13 +55,16 @@ FLOWN = PosePrior(position_m=0.15)
 
 @dataclass(frozen=True)
 class MapInput:
-    """``kind`` is "session" (home is level, cameras are nearly parallel) or "photographs" (any poses).
+    """``kind`` (or its word) says what poses there can be.
 
     ``prior`` says how good the pictures' poses are, where that is known better than the method assumes.
     """
 
-    kind: str
+    kind: InputKind
     configurations: List[ConfigurationInput]
     truth_folder: Optional[Path] = None
     warnings: List[str] = field(default_factory=list)
     prior: Optional[PosePrior] = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "kind", InputKind(self.kind))

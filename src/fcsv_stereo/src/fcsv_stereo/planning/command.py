@@ -13,6 +13,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_stereo.equations import parse_threshold
 from fcsv_stereo.errors import OutputError, PlanError
 from fcsv_stereo.planning.mission import MIN_SEPARATION_M, RECORD_S, map_arguments, mission_document, write_mission
+from fcsv_stereo.model import AXES
 from fcsv_stereo.planning.plan import Plan, PlanRequest, make_plan
 
 _EXAMPLES = """examples:
@@ -68,7 +69,7 @@ def _metres(z_m: float) -> str:
 
 
 def _request(args) -> PlanRequest:
-    axes = ("horizontal", "vertical") if args.axis == "both" else (args.axis,)
+    axes = AXES if args.axis == "both" else (args.axis,)
     return PlanRequest(
         range_m=args.range_m, threshold=parse_threshold(args.error), camera=_camera(args), nearest_m=args.nearest_m,
         count=args.number, baselines_m=args.baselines, trim_m=args.trim, whole=args.whole,
@@ -111,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--whole", action="store_true", help="round baselines up to whole metres, trim points down to two digits (6.6)")
     add("--baselines", type=float, nargs="+", metavar="M", help="baselines (m) by hand, instead of --number")
     add("--trim", type=float, nargs="+", metavar="M", help="far end (m) of each baseline's range by hand")
-    add("--axis", choices=["horizontal", "vertical", "both"], default="horizontal")
+    add("--axis", choices=[*AXES, "both"], default=AXES[0])
     add("--tilt-per-m-deg", type=float, default=0.0, help="inward tilt (degrees) per metre of baseline (1 in 3.5)")
     add("--disparity-error-px", type=float, default=1.0, help="error of matching (default 1 px)")
     add("--focal-px", type=float, help="focal length (px), instead of --fov-deg")

@@ -9,7 +9,7 @@ import numpy as np
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.equations import ErrorThreshold, baseline_for, depth_error, farthest, segment_ends
 from fcsv_stereo.errors import PlanError
-from fcsv_stereo.model import AXES
+from fcsv_stereo.model import AXES, Axis
 from fcsv_stereo.planning.overlap import non_overlap, overlap_starts_m
 
 _DEFAULT_COUNT = 4  # n_B of the thesis's own lists (3.2, 6.7)
@@ -29,7 +29,7 @@ class PlanRequest:
     trim_m: Optional[Sequence[float]] = None
     whole: bool = False
     disparity_error_px: float = 1.0
-    axes: Tuple[str, ...] = ("horizontal",)
+    axes: Tuple[str, ...] = (Axis.HORIZONTAL.value,)  # words, as a mission file has them
     tilt_per_m_rad: float = 0.0
 
     def __post_init__(self):
@@ -85,14 +85,14 @@ def make_plan(request: PlanRequest) -> Plan:
         for i in _without_superfluous(request, baselines_m, ends_m, notes):
             planned.append(_planned(request, axis, baselines_m[i], (start_m, ends_m[i]), far_m[i]))
             start_m = ends_m[i]
-    if request.tilt_per_m_rad and "vertical" in request.axes:
+    if request.tilt_per_m_rad and Axis.VERTICAL in request.axes:
         notes.append("a vertical baseline's tilt is pitch, which a fixed camera on a hovering multirotor cannot have")
     return Plan(request, planned, notes)
 
 
 def along(camera: PinholeCamera, axis: str) -> Tuple[float, float]:
     """Focal length (px) and angle of view (rad) along a baseline's axis."""
-    if axis == "horizontal":
+    if axis == Axis.HORIZONTAL:
         return camera.fx, 2.0 * float(np.arctan(camera.width / 2.0 / camera.fx))
     return camera.fy, 2.0 * float(np.arctan(camera.height / 2.0 / camera.fy))
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.model import MapInput, MapResult
+from fcsv_stereo.model import Axis, MapInput, MapResult
 from fcsv_stereo.products.pictures import refined_pictures
 from fcsv_stereo.rectify import RectifiedPair, bouguet
 
-_FILES = {"horizontal": ("left.png", "right.png"), "vertical": ("top.png", "bottom.png")}
+_FILES = {Axis.HORIZONTAL: ("left.png", "right.png"), Axis.VERTICAL: ("top.png", "bottom.png")}
 
 
 def write_pairs(result: MapResult, given: MapInput, folder: Path) -> None:
@@ -58,7 +58,7 @@ def _write_calibration(pair: RectifiedPair, names, p_home_m: np.ndarray, path: P
     if not storage.isOpened():
         raise OSError(f"{path.name} cannot be opened")
     height, width = pair.reference.shape[:2]
-    storage.write("axis", pair.axis)
+    storage.write("axis", pair.axis.value)
     storage.write("first_picture", names[0])
     storage.write("second_picture", names[1])
     for key, value in (("image_width", width), ("image_height", height), ("baseline_m", pair.baseline_m)):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.model import ImageEntry, MapResult, Pair
+from fcsv_stereo.model import Axis, ImageEntry, MapResult, Pair
 
 _FAR_M = 1e5  # where a pixel without depth is taken to look
 _STEP_PX = 4  # of the grid on which overlap is counted
@@ -112,13 +112,13 @@ def followed(p: Pair) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def _along(p: Pair) -> int:
-    return 0 if p.configuration.axis == "horizontal" else 1
+    return p.configuration.axis.coordinate
 
 
 def seams(result: MapResult) -> List[Seam]:
     """Where one baseline of an axis takes over from the next shorter one."""
     found = []
-    for axis in ("horizontal", "vertical"):
+    for axis in Axis:
         pairs = [p for p in result.pairs if p.configuration.axis == axis]
         pairs.sort(key=lambda p: p.configuration.baseline_m)
         for a, b in zip(pairs, pairs[1:]):

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter
 
 from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import Evaluation
-from fcsv_stereo.model import MapResult, Pair
+from fcsv_stereo.model import Axis, MapResult, Pair
 
 DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"
@@ -167,9 +167,9 @@ def _with_none(name: str, color: str = _NONE) -> ListedColormap:
         return colormap
 
 
-def _lines(axes, shape, axis: str) -> None:
+def _lines(axes, shape, axis: Axis) -> None:
     for k in range(1, 6):
-        if axis == "horizontal":
+        if axis is Axis.HORIZONTAL:
             axes.axhline(shape[0] * k / 6, color="#ffe14d", lw=0.6)
         else:
             axes.axvline(shape[1] * k / 6, color="#ffe14d", lw=0.6)

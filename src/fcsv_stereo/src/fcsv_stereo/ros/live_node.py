@@ -16,7 +16,7 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
-from fcsv_stereo.live import Corrections, LiveSession
+from fcsv_stereo.live import Corrections, LiveSession, MapStage
 from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
@@ -67,7 +67,7 @@ class LiveNode:
         self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
         self._mapped: set = set()  # indices of windows
         self._last_s = 0.0  # stamp of the newest picture that is in what is mapped
-        self._state = MapState(state="waiting", detail="waiting for the first configuration")
+        self._state = MapState(state=MapStage.WAITING.value, detail="waiting for the first configuration")
         self._health = Health("map", {"pictures": 0.0})
         latched = {"queue_size": 1, "latch": True}
         self._points = rospy.Publisher("/map/points", PointCloud2, **latched)
@@ -151,7 +151,7 @@ class LiveNode:
                 next_s = time.monotonic() + 1.0 / p.monitor_rate_hz
                 self._watch(method, options, given)
             elif given is not None:  # a quick look first
-                self._map(method, quick, given, "partial")
+                self._map(method, quick, given, MapStage.PARTIAL)
                 unfinished = True
             elif unfinished:
                 unfinished = False
@@ -181,7 +181,7 @@ class LiveNode:
         try:
             return take()
         except FcsvError as error:
-            self._say("failed", str(error))
+            self._say(MapStage.FAILED, str(error))
             return None
 
     def _newest(self) -> Optional[MapInput]:
@@ -208,18 +208,20 @@ class LiveNode:
             return options, given
         return method.trusting_poses(options), self._corrections.apply(given)
 
-    def _map(self, method: Method, options, given: MapInput, state_after: str = "ready") -> Optional[MapResult]:
+    def _map(
+        self, method: Method, options, given: MapInput, state_after: MapStage = MapStage.READY
+    ) -> Optional[MapResult]:  # fmt: skip
         names = ", ".join(c.configuration.name for c in given.configurations)
         if not self._parameters.monitor:
-            self._say("mapping", names)
+            self._say(MapStage.MAPPING, names)
         started = time.monotonic()
         try:
             result = method.map(given, options)
         except FcsvError as error:
-            self._say("failed", str(error), given.warnings)
+            self._say(MapStage.FAILED, str(error), given.warnings)
             return None
         except Exception as error:  # a defect must not take the map away from a flight: the next configuration may do
-            self._say("failed", node.defect(error), given.warnings)
+            self._say(MapStage.FAILED, node.defect(error), given.warnings)
             return None
         self._publish(result)
         state = self._state
@@ -237,14 +239,14 @@ class LiveNode:
         self._info.publish(conversions.info_from_camera(reference.camera, reference.stamp_s, REFERENCE_FRAME))
         self._reference.publish(conversions.array_to_image(reference.image, "rgb8", reference.stamp_s, REFERENCE_FRAME))
 
-    def _say(self, state: str = "", detail: str = "", problems: Optional[List[str]] = None) -> None:
+    def _say(self, state: Optional[MapStage] = None, detail: str = "", problems: Optional[List[str]] = None) -> None:
         """Publish the state, changed or not; a failure is also an error of this node's health."""
         s = self._state
         if state and (state, detail) != (s.state, s.detail):
             rospy.loginfo("map: %s: %s", state, detail)
         if state:
-            s.state, s.detail, s.problems = state, detail, list(problems or [])
-            self._health.problem("map", detail if state == "failed" else "")
+            s.state, s.detail, s.problems = state.value, detail, list(problems or [])
+            self._health.problem("map", detail if state is MapStage.FAILED else "")
         s.header = conversions.header(rospy.get_time(), frames.HOME)
         self._states.publish(s)
 

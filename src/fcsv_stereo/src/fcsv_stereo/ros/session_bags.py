@@ -17,8 +17,8 @@ from fcsv_geometry.home import HomeFrames, camera_in_home
 from fcsv_geometry.ros import conversions, home_messages
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.model import FLOWN, ConfigurationInput, MapInput, Picture
 from fcsv_stereo.ros.session_messages import window_of
+from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.ros.session_pictures import read_pictures
 
 
@@ -50,7 +50,7 @@ def read_session(path: Path) -> MapInput:
     warnings: List[str] = []
     configurations = _pictures(path, recorded, T_home_odom, warnings)
     truth = path / "truth" if path.is_dir() and (path / "truth" / "scene.ply").exists() else None
-    return MapInput("session", configurations, truth, warnings, FLOWN)
+    return MapInput(InputKind.SESSION, configurations, truth, warnings, FLOWN)
 
 
 def _bags(path: Path) -> List[Path]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.model import Axis
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class Layer:
     ``baseline_m`` is the nominal one, which ranges go by; ``measured_m`` that of the pair, which its error goes by.
     """
 
-    axis: str
+    axis: Axis
     baseline_m: float
     measured_m: float
     focal_px: float
@@ -122,7 +123,7 @@ def fuse_layers(
 def _groups(layers: Sequence[Layer], across_axes: bool) -> Dict[str, List[int]]:
     """Which layers share out the range among them; within a group in order of their range."""
     names = ["all"] * len(layers) if across_axes else [layer.axis for layer in layers]
-    groups = {n: [i for i, m in enumerate(names) if m == n] for n in ("all", "horizontal", "vertical")}
+    groups = {n: [i for i, m in enumerate(names) if m == n] for n in ("all", *Axis)}
     return {n: sorted(i, key=lambda k: layers[k].baseline_m) for n, i in groups.items() if i}
 
 

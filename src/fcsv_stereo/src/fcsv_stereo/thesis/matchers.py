@@ -7,6 +7,7 @@ from typing import Callable, Dict, Optional, Tuple
 import cv2
 import numpy as np
 
+from fcsv_stereo.model import Axis
 from fcsv_stereo.rectify import RectifiedPair
 
 #: OpenCV's Quasi-Dense leaves 15 px unmatched on every side, and reads beyond its pictures when told to leave fewer.
@@ -116,9 +117,9 @@ def match_rate(disparity: np.ndarray) -> float:
     return float(np.isfinite(disparity).mean())
 
 
-def _turns(axis: str, sign: float) -> Tuple[Callable, Callable]:
+def _turns(axis: Axis, sign: float) -> Tuple[Callable, Callable]:
     """How to turn pictures so that disparity u_reference - u_other is positive along x, and back."""
-    if axis == "horizontal":
+    if axis is Axis.HORIZONTAL:
         flip = (lambda a: a) if sign > 0 else (lambda a: np.ascontiguousarray(a[:, ::-1]))
         return flip, flip
     k = 1 if sign > 0 else -1  # rows become columns: down (other below) or up (other above) becomes right

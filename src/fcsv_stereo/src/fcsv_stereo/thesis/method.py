@@ -17,6 +17,7 @@ from fcsv_stereo.model import (
     Cloud,
     ConfigurationInput,
     ImageEntry,
+    InputKind,
     MapInput,
     MapResult,
     Method,
@@ -26,7 +27,7 @@ from fcsv_stereo.model import (
     Reference,
     silent,
 )
-from fcsv_stereo.rectify import RECTIFIERS, RectifiedPair
+from fcsv_stereo.rectify import RECTIFIERS, Rectification, RectifiedPair
 from fcsv_stereo.thesis.fuse import Layer, effective_ranges, fuse_layers
 from fcsv_stereo.thesis.matchers import DisparityWindow, match, match_rate
 from fcsv_stereo.thesis.selection import SelectionOptions, select
@@ -36,14 +37,14 @@ _LEAST_SHARE = 0.002  # of the picture: SGBM and Quasi-Dense match as much in pi
 
 @dataclass(frozen=True)
 class ThesisOptions:
-    """Choices of the method; ``rectifier`` None takes home for sessions and bouguet for photographs.
+    """Choices of the method; ``rectifier`` (or its word) None takes home for sessions and bouguet for photographs.
 
     ``trim_m`` holds trim points (m) by hand, per axis (6.6). ``across_axes`` divides the range among all baselines,
     whatever their axis, as for several configurations at once (3.6, figure 3.15); otherwise each axis covers it.
     """
 
     matcher: str = "quasi-dense"
-    rectifier: Optional[str] = None
+    rectifier: Optional[Rectification] = None
     window: DisparityWindow = field(default_factory=DisparityWindow)
     threshold: ErrorThreshold = field(default_factory=lambda: ErrorThreshold(0.1, True))
     selection: SelectionOptions = field(default_factory=SelectionOptions)
@@ -52,6 +53,8 @@ class ThesisOptions:
     threads: int = 2
 
     def __post_init__(self):
+        if self.rectifier is not None:
+            object.__setattr__(self, "rectifier", Rectification(self.rectifier))
         unknown = set(self.trim_m) - {*AXES, "all"}
         if unknown or ("all" in self.trim_m) != (self.across_axes and bool(self.trim_m)):
             raise InputError(
@@ -110,7 +113,7 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
     depths = [resample(m.points_home.reshape(-1, 3), T_cam_home, reference.camera) for m in matched]
     layers = [_layer(m, d) for m, d in zip(matched, depths)]
     ranges_m = effective_ranges(layers, options.threshold, options.trim_m, options.across_axes)
-    if given.kind != "session":  # independent pairs: each keeps what is near
+    if given.kind is not InputKind.SESSION:  # independent pairs: each keeps what is near
         ranges_m = [(0.0, far_m) for _, far_m in ranges_m]
     depth, sigma, source = fuse_layers(layers, ranges_m, options.across_axes)
     if reference.blank is not None:
@@ -129,8 +132,9 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
 
 def _match_all(given: MapInput, options: ThesisOptions, progress: Progress, warnings: List[str]) -> List[_Matched]:
     """Every configuration matched; what cannot be rectified is left out and named in ``warnings``."""
-    rectifier = RECTIFIERS[options.rectifier or ("home" if given.kind == "session" else "bouguet")]
-    offset_px = 0.0 if given.kind == "session" else None
+    session = given.kind is InputKind.SESSION
+    rectifier = RECTIFIERS[options.rectifier or (Rectification.HOME if session else Rectification.BOUGUET)]
+    offset_px = 0.0 if session else None
     selected = [select(c, options.selection) for c in given.configurations]
     total, done = sum(len(others) for _, others in selected), 0
     matched = []
