@@ -12,9 +12,10 @@ from support import scenes
 from fcsv_stereo.joint.checks.reliability import relied_on
 from fcsv_stereo.joint.refine.residuals import detail, residuals
 from fcsv_stereo.joint.surfaces.candidates import MOST, candidates
-from fcsv_stereo.joint.surfaces.colour import _SETTLE_COLOUR, settled
+from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.data_cost import fronts
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
+from fcsv_stereo.joint.tuning import COLOUR
 from fcsv_stereo.joint.views import grey, views
 
 PX_PER_W = 1000.0
@@ -109,7 +110,7 @@ def test_settling_takes_the_weighted_median_of_the_surroundings(pool):
     colours, wrong = image.astype(np.int32), 0
     for y, x in [(y, x) for y in range(26, 40) for x in range(50)]:
         here = slice(max(y - 5, 0), y + 6), slice(max(x - 5, 0), x + 6)
-        likeness = np.exp(-np.square(colours[here] - colours[y, x]).sum(axis=-1) / (2 * _SETTLE_COLOUR**2))
+        likeness = np.exp(-np.square(colours[here] - colours[y, x]).sum(axis=-1) / (2 * COLOUR.settle_grey**2))
         near = likeness[w[here] == np.float32(0.1)].sum() / likeness.sum()
         wrong += abs(near - 0.5) > 0.01 and (found[y, x] > 0.04) != (near > 0.5)
     assert wrong == 0

@@ -5,7 +5,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fcsv_stereo.joint.volume.census import CUT, OFFSETS, RADIUS, STEPS, UNSEEN, census, unseen_bits
+from fcsv_stereo.joint.tuning import CENSUS
+from fcsv_stereo.joint.volume.census import CUT, OFFSETS, RADIUS, STEPS, census, unseen_bits
 from fcsv_stereo.joint.volume.pair_costs import in_view, rank, scratch, warp_row
 
 WIDTH = 64
@@ -54,9 +55,9 @@ def test_a_pair_that_sees_nothing_counts_more_where_noise_alone_differs():
     flat = np.full((20, 20), 90.0, np.float32)
     assert np.all(census(flat) == 0)
     # every other place of a chequer is of the same grey: half of its bits are as unsure as those of the flat one
-    assert UNSEEN <= unseen_bits(strong).max() < unseen_bits(flat).min() < CUT
+    assert CENSUS.unseen_bits <= unseen_bits(strong).max() < unseen_bits(flat).min() < CUT
     wide = np.random.default_rng(1).uniform(0, 255, (20, 20)).astype(np.float32)
-    assert np.median(unseen_bits(wide)) == UNSEEN
+    assert np.median(unseen_bits(wide)) == CENSUS.unseen_bits
 
 
 def bilinear(image, x, y):

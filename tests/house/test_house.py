@@ -2,6 +2,7 @@
 """The house rules that a machine can check: who may import whom, and what may not stand in the tree."""
 
 import ast
+import dataclasses
 import re
 import subprocess
 from pathlib import Path
@@ -99,3 +100,64 @@ def test_tests_import_no_other_tests():
         assert not others, f"{path.relative_to(ROOT)} imports {others}; what tests share stands in tests/support"
     loose = {p.name for p in (ROOT / "tests").glob("*/*.py")} - {p.name for p in (ROOT / "tests/support").glob("*.py")}
     assert not {name for name in loose if not name.startswith("test_") and name not in ("conftest.py", "__init__.py")}
+
+
+JOINT_FROM_THE_GROUND = [
+    {"tuning"}, {"bands"}, {"projecting"}, {"views"}, {"pictures"}, {"volume"}, {"surfaces"}, {"refine"}, {"checks"},
+    {"match", "pairs"}, {"method"},
+]  # fmt: skip
+
+
+def test_stages_of_joint_import_downward_only():
+    """The order that the package's docstring states; a stage may import from itself."""
+    root = ROOT / "src/fcsv_stereo/src/fcsv_stereo/joint"
+    level = {name: i for i, names in enumerate(JOINT_FROM_THE_GROUND) for name in names}
+    found = {p.stem if p.is_file() else p.name for p in root.iterdir()} - {"__init__", "__pycache__"}
+    assert found == set(level), "a part of joint stands in no order"
+    for path in root.rglob("*.py"):
+        own = path.relative_to(root).with_suffix("").parts[0]
+        if own == "__init__":
+            continue  # it offers what the package has
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
+            names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                if not name.startswith("fcsv_stereo.joint"):
+                    continue
+                parts = name.split(".")
+                assert len(parts) > 2, f"{path.relative_to(root)} imports the whole of joint"
+                below = parts[2] == own or level[parts[2]] < level[own]
+                assert below, f"{path.relative_to(root)} imports {name}, which does not stand below it"
+
+
+def test_every_tuned_number_says_its_unit_and_what_it_trades():
+    from fcsv_stereo.joint.tuning import STAGES
+
+    for stage in STAGES:
+        assert dataclasses.is_dataclass(stage) and type(stage).__dataclass_params__.frozen
+        for f in dataclasses.fields(stage):
+            said = [f.metadata.get(key) for key in ("unit", "trades", "chosen", "same")]
+            assert all(said), f"{type(stage).__name__}.{f.name} does not say {said}"
+
+
+def compiled(function):
+    return any("njit" in ast.dump(d) for d in function.decorator_list)
+
+
+def test_numbers_of_joint_stand_in_tuning():
+    """Neither a name at the top of a module nor a compiled function of joint holds a number of its own.
+
+    Halves and the numbers of colours and of bits are arithmetic; what is below 1e-8 or above 1e5 keeps a value finite or means none;
+    the cubic's are those of its formula.
+    """
+    root = ROOT / "src/fcsv_stereo/src/fcsv_stereo/joint"
+    bare = []
+    for path in sorted(root.rglob("*.py")):
+        if "tuning" in path.parts:
+            continue
+        for node in ast.parse(path.read_text()).body:
+            kernel = isinstance(node, ast.FunctionDef) and compiled(node) and node.name != "_cubic"
+            if kernel or isinstance(node, ast.Assign):
+                numbers = [n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) is float]
+                bare += [f"{path.name}: {n}" for n in numbers if 1e-8 < n < 1e5 and n not in (0.5, 1.0, 2.0, 3.0, 32.0)]
+    assert not bare

@@ -3,31 +3,27 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from fcsv_stereo.errors import InputError, MatchingError
-from fcsv_stereo.joint.checks.reliability import confirmed, consistent, relied_on, trusted
-from fcsv_stereo.joint.checks.sigma import LEAST_TRUST, geometry_sigma, matching_sigma
+from fcsv_stereo.joint.checks.reliability import confirmed, relied_on, trusted
+from fcsv_stereo.joint.checks.sigma import geometry_sigma, matching_sigma
 from fcsv_stereo.joint.checks.sky import sky
+from fcsv_stereo.joint.pictures import Pictures, usable
+from fcsv_stereo.joint.refine.exposure import same_exposure
 from fcsv_stereo.joint.refine.pose_alignment import adjust
-from fcsv_stereo.joint.refine.residuals import Residuals, detail, residuals, support_bits
+from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits
 from fcsv_stereo.joint.refine.subpixel import Fine, refine
 from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.views import Views, grey, inverse_depths, seen_by_any, views
-from fcsv_stereo.joint.volume.far_rematch import FINER, sharpened
+from fcsv_stereo.joint.tuning import FAR_REMATCH, MATCH, RESIDUALS
+from fcsv_stereo.joint.views import Views, colours, seen_by_any
+from fcsv_stereo.joint.volume.far_rematch import sharpened
 from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
 from fcsv_stereo.model import Picture
-
-_LEAST_BASELINE_M = 1e-6
-_LEAST_PIXELS = 16
-_ADJUSTMENTS = 4
-_SETTLED_PIXELS = 100000
-_LARGEST_VOLUME = 0.6  # of the picture's size
-_ROUGH_STEP_PX = 1.5
 
 
 @dataclass(frozen=True)
@@ -93,122 +89,135 @@ def match_jointly(
     used, left_out = usable(reference, others)
     if not used:
         raise MatchingError("no picture can be matched: " + "; ".join(left_out.values()))
-    chosen = [others[i] for i in used]
-    poses = [covariances[i] for i in used] if covariances else [None] * len(used)
-    prior = poses if options.adjust_poses and all(p is not None for p in poses) else None
-    greys = [grey(p) for p in (reference, *chosen)]
-    scales = _scales(greys[0].size, options.volume_pixels, 1 if options.stretch else 2)
+    poses = [covariances[i] for i in used] if covariances else None
+    pictures = Pictures.of(reference, [others[i] for i in used], poses, options.adjust_poses)
+    first, *between = _scales(pictures.greys[0].size, options)
     with ThreadPoolExecutor(options.threads) as pool:
-        chosen, poses, levels, coarsest = _coarse(reference, chosen, poses, prior, greys, scales[0], options, pool)
-        known = cv2.resize(coarsest.known.astype(np.uint8), greys[0].shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-        now = coarsest
-        for scale in scales[1:]:
-            found = views(reference, chosen, scale, greys)
-            w = _finer(found, now, _colour(reference, found.shape), scale, options, pool)
-            sharp = np.False_
-            if scale == 1.0 and not options.stretch:
-                w, sharp = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
-            if scale == 1.0 and prior:
-                details = detail(found)
-                certain = known & relied_on(found, w, residuals(details, w, pool))[1]
-                chosen, poses, w = adjust(reference, chosen, prior, details, w, certain, _ADJUSTMENTS, pool)
-                found = views(reference, chosen, scale, greys)
-            step = np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32) * np.where(sharp, FINER, 1.0)
-            fine = refine(detail(found), w, step, _iterations(scale, options), pool)
-            if scale < 1.0:
-                now = Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
-    geometry = geometry_sigma(reference, chosen, poses, fine)
+        pictures, rough = _match_roughly(pictures, first / 2.0, options, pool)
+        pictures, surfaces, levels = _match_in_volume(pictures, rough, first, options, pool)
+        known = _enlarged(surfaces.known, reference)
+        for scale in between:
+            surfaces = _surfaces_between(pictures, surfaces, levels, scale, options, pool)
+        pictures, fine = _at_full_size(pictures, surfaces, levels, known, options, pool)
+    geometry = geometry_sigma(reference, pictures.others, pictures.covariances, fine)
     sigma_w = np.hypot(matching_sigma(fine, known), geometry)
-    return _answer(fine, known, sigma_w, reference.blank, used, left_out, chosen, options)
+    depth, sigma, support = _certain_depth(fine, sigma_w, reference.blank, options)
+    return JointDepth(depth, sigma, support, used, left_out, fine, known, pictures.others)
 
 
-def usable(reference: Picture, others: Sequence[Picture]):
-    """Indices of the pictures that see something of the reference's from another place, and why others do not."""
-    used, left_out = [], {}
-    for i, other in enumerate(others):
-        baseline_m = float(np.linalg.norm(other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
-        if min(*reference.image.shape[:2], *other.image.shape[:2]) < _LEAST_PIXELS:
-            left_out[i] = f"{other.name} or {reference.name} is smaller than {_LEAST_PIXELS} px: nothing to match"
-        elif baseline_m < _LEAST_BASELINE_M:
-            left_out[i] = f"{other.name} and {reference.name} were taken from one place: no baseline"
-        elif len(inverse_depths(views(reference, [other], 0.25, [grey(reference), grey(other)]), 1.0, 64)) < 3:
-            left_out[i] = f"{other.name} does not overlap {reference.name}"
-        else:
-            used.append(i)
-    return used, left_out
+@dataclass(frozen=True)
+class _Rough:
+    """The first match, at half the volume's size, in the pictures ``found``: it bounds the volume's depths."""
+
+    match: Coarse
+    found: Views
 
 
-def _scales(pixels: int, volume_pixels: int, least_steps: int) -> List[float]:
-    """From the volume's size to the full one in even steps, each at most twice the one before."""
-    first = min(_LARGEST_VOLUME, float(np.sqrt(volume_pixels / pixels)))
-    steps = max(least_steps, int(np.ceil(-np.log2(first))))
-    return [first ** (1.0 - k / steps) for k in range(steps)] + [1.0]
+def _scales(pixels: int, options: MatchOptions) -> List[float]:
+    """Of the volume and of those between it and the full size, in even steps, each at most twice the one before."""
+    first = min(MATCH.largest_volume, float(np.sqrt(options.volume_pixels / pixels)))
+    steps = max(1 if options.stretch else MATCH.least_choices, int(np.ceil(-np.log2(first))))
+    return [first ** (1.0 - k / steps) for k in range(steps)]
 
 
-def _finer(found: Views, coarser: Map, image: np.ndarray, scale: float, options: MatchOptions, pool) -> np.ndarray:
-    """Inverse depth (1/m) in the finer pictures ``found``, whose reference in colour is ``image``."""
+def _match_roughly(
+    pictures: Pictures, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+) -> Tuple[Pictures, _Rough]:
+    """Every depth at every pixel of small pictures; poses adjusted by it."""
+    found = pictures.views(scale)
+    everywhere = np.full(found.shape[0], np.inf)
+    match = coarse(found, everywhere, np.inf, options.most_levels, pool, MATCH.rough_step_px)
+    if pictures.prior:
+        details = detail(found)
+        known = trusted(match, found, residuals(details, match.w, pool))
+        pictures, _ = _with_adjusted_poses(pictures, details, match.w, known, pool)
+    return pictures, _Rough(match, found)
+
+
+def _match_in_volume(
+    pictures: Pictures, rough: _Rough, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+) -> Tuple[Pictures, Map, np.ndarray]:
+    """The cost volume's map and its levels (1/m); exposures and poses adjusted by it; the sky at infinity."""
+    found = pictures.views(scale)
+    nearest = nearest_inverse_depth(rough.match, rough.found.reference, found.shape[0])
+    match = coarse(found, nearest, highest_level(rough.match, rough.found), options.most_levels, pool)
+    w, r = match.w, residuals(detail(found), match.w, pool)
+    known = trusted(match, found, r)
+    pictures = replace(pictures, greys=same_exposure(pictures.greys, found, w, r, pool))
+    if pictures.prior:
+        pictures, w = _with_adjusted_poses(pictures, detail(pictures.views(scale)), w, known, pool)
+        found = found.with_poses(pictures.reference, pictures.others)
+    infinite = sky(w, r, colours(pictures.reference, found.shape), ~seen_by_any(found, 0.0))
+    w = np.where(infinite, np.float32(0.0), w)
+    return pictures, Map(found, w, known, known, confirmed(known, r)), match.levels
+
+
+def _surfaces_between(
+    pictures: Pictures, coarser: Map, levels: np.ndarray, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+) -> Map:
+    """Surfaces chosen at a size between, and what of them the pictures confirm."""
+    found = pictures.views(scale)
+    w = _finer(pictures, found, coarser, options.stretch, pool)
+    # half the size is precise enough to choose among surfaces by
+    fine = refine(detail(found), w, _level_sizes(w, levels), int(scale < MATCH.precise_scale), pool)
+    return Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
+
+
+def _at_full_size(
+    pictures: Pictures, coarser: Map, levels: np.ndarray, known: np.ndarray, options: MatchOptions,
+    pool: ThreadPoolExecutor,
+) -> Tuple[Pictures, Fine]:  # fmt: skip
+    """Surfaces chosen, what is far matched again, poses adjusted, and inverse depth between the levels."""
+    found = pictures.views(1.0)
+    w, again = _finer(pictures, found, coarser, options.stretch, pool), np.False_
     if not options.stretch:
+        w, again = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
+    details = detail(found)
+    if pictures.prior:
+        certain = known & relied_on(found, w, residuals(details, w, pool))[1]
+        pictures, w = _with_adjusted_poses(pictures, details, w, certain, pool)
+        details = details.with_poses(pictures.reference, pictures.others)
+    step = _level_sizes(w, levels) * np.where(again, np.float32(FAR_REMATCH.finer), 1.0)
+    return pictures, refine(details, w, step, options.iterations, pool)
+
+
+def _with_adjusted_poses(
+    pictures: Pictures, details: Views, w: np.ndarray, known: np.ndarray, pool: ThreadPoolExecutor
+) -> Tuple[Pictures, np.ndarray]:
+    """Poses that fit the pictures where ``w`` is ``known`` (HxW), and inverse depth (1/m) with them."""
+    others, covariances, w = adjust(
+        pictures.reference, pictures.others, pictures.prior, details, w, known, MATCH.pose_steps, pool
+    )
+    return pictures.posed(others, covariances), w
+
+
+def _finer(pictures: Pictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor) -> np.ndarray:
+    """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated and settled."""
+    image = colours(pictures.reference, found.shape)
+    if not stretch:
         return choose_surfaces(found, coarser, image, pool)
     w = stretched(coarser.w, found.shape)
-    settles = scale < 1.0 or w.size <= _SETTLED_PIXELS  # at a large full size it costs more than it mends
+    full = found.shape == pictures.greys[0].shape
+    settles = not full or w.size <= MATCH.settled_pixels  # at a large full size it costs more than it mends
     return settled(image, w, pool) if settles else w
 
 
-def _iterations(scale: float, options: MatchOptions) -> int:
-    """Of the sub-pixel step; half the size is precise enough to choose among surfaces by."""
-    return options.iterations if scale == 1.0 else int(scale < 0.5)
+def _level_sizes(w: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """HxW float32, 1/m: what the volume's ``levels`` leave uncertain at ``w``."""
+    return np.interp(w, levels[:-1], np.diff(levels)).astype(np.float32)
 
 
-def _coarse(reference: Picture, chosen, poses, prior, greys, scale: float, options: MatchOptions, pool):
-    """The map at a reduced size and its levels of inverse depth; poses adjusted on the way where there is a prior."""
-    small = views(reference, chosen, scale / 2.0, greys)
-    rough = coarse(small, np.full(small.shape[0], np.inf), np.inf, options.most_levels, pool, _ROUGH_STEP_PX)
-    if prior:
-        known, r = _trusted(rough, small, pool)
-        chosen, poses, _ = adjust(reference, chosen, prior, detail(small), rough.w, known, _ADJUSTMENTS, pool)
-    found = views(reference, chosen, scale, greys)
-    nearest = nearest_inverse_depth(rough, small.reference, found.shape[0])
-    result: Coarse = coarse(found, nearest, highest_level(rough, small), options.most_levels, pool)
-    known, r = _trusted(result, found, pool)
-    _equalise(greys, r, found, result.w, pool)
-    if prior:
-        found = views(reference, chosen, scale, greys)
-        chosen, poses, w = adjust(reference, chosen, prior, detail(found), result.w, known, _ADJUSTMENTS, pool)
-        found = views(reference, chosen, scale, greys)
-        result = replace(result, w=w)
-    infinite = sky(result.w, r, _colour(reference, found.shape), ~seen_by_any(found, 0.0))
-    w = np.where(infinite, np.float32(0.0), result.w)
-    return chosen, poses, result.levels, Map(found, w, known, known, confirmed(known, r))
+def _enlarged(mask: np.ndarray, reference: Picture) -> np.ndarray:
+    """A mask at the reference picture's full size."""
+    size = reference.image.shape[1::-1]
+    return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
 
-def _colour(picture: Picture, shape) -> np.ndarray:
-    """HxWx3 float32 at a reduced size."""
-    image = picture.image if picture.image.ndim == 3 else np.repeat(picture.image[..., None], 3, axis=2)
-    return cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
-
-
-def _trusted(result: Coarse, found: Views, pool):
-    """HxW bool, and the residuals that it is from."""
-    r = residuals(detail(found), result.w, pool)
-    return trusted(result, consistent(found, result.w, r)), r
-
-
-def _equalise(greys: List[np.ndarray], r: Residuals, found: Views, w: np.ndarray, pool) -> None:
-    """Brings each other picture's exposure to the reference's, by what agrees at ``w``; in place."""
-    differences = residuals(found, w, pool).difference
-    for i, (t, d) in enumerate(zip(r.trust, differences)):
-        good = t > LEAST_TRUST
-        if good.sum() < 200:
-            continue
-        here, there = found.reference[good], (found.reference - d)[good]
-        gain = float(np.clip(here.std() / max(there.std(), 1e-3), 0.5, 2.0))
-        greys[i + 1] = gain * greys[i + 1] + float(np.median(here - gain * there))
-
-
-def _answer(
-    fine: Fine, known, sigma_w: np.ndarray, blank: Optional[np.ndarray], used, left_out, chosen, options: MatchOptions
-) -> JointDepth:  # fmt: skip
-    """Depth where it is certain enough and the camera saw something; sigma of 1/w to first order."""
+def _certain_depth(
+    fine: Fine, sigma_w: np.ndarray, blank: Optional[np.ndarray], options: MatchOptions
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Depth and sigma (HxW float32, m) and support, where depth is certain enough and the camera saw something; sigma
+    of 1/w to first order."""
     w = np.maximum(fine.w, 1e-9)
     relative = sigma_w / w
     none = ~(relative < options.most_relative_sigma)
@@ -216,6 +225,6 @@ def _answer(
         none |= blank
     depth, sigma = 1.0 / w, relative / w
     depth[none], sigma[none] = np.nan, np.nan
-    support = support_bits(fine.residuals, LEAST_TRUST)
+    support = support_bits(fine.residuals, RESIDUALS.least_trust)
     support[none] = 0
-    return JointDepth(depth.astype(np.float32), sigma.astype(np.float32), support, used, left_out, fine, known, chosen)
+    return depth.astype(np.float32), sigma.astype(np.float32), support

@@ -8,11 +8,8 @@ import cv2
 import numpy as np
 
 from fcsv_stereo.model import Configuration, Picture
+from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.rectify import RectifiedPair, bouguet, home
-
-_BINS_PER_DOUBLING = 4
-_LEAST_SHARE = 0.6  # of a pair's usual agreement: below it the pair stops being useful
-_LEAST_PIXELS = 200
 
 
 class JointPair:
@@ -85,14 +82,15 @@ def nearest_useful_m(depth: np.ndarray, agrees: np.ndarray, sees: np.ndarray) ->
     if not known.any():
         return 0.0
     low, high = np.log2(np.percentile(depth[known], [0.5, 99.5]))
-    count = max(2, int(np.ceil((high - low) * _BINS_PER_DOUBLING)))
+    count = max(2, int(np.ceil((high - low) * PAIRS.bins_per_doubling)))
     edges = np.exp2(np.linspace(low, high, count + 1))
     of, agreeing = (np.histogram(depth[m], edges)[0] for m in (known, known & agrees & sees))
     of, agreeing = (np.convolve(x, np.ones(3))[1:-1] for x in (of, agreeing))
-    enough = of >= _LEAST_PIXELS
+    enough = of >= PAIRS.least_pixels
     if not enough.any():
         return float(edges[-1])
     share = agreeing / np.maximum(of, 1.0)
-    usual = np.percentile(share[enough], 75)
-    failing = np.flatnonzero(enough & (share < _LEAST_SHARE * usual) & (np.arange(count) < np.argmax(share * enough)))
+    usual = np.percentile(share[enough], PAIRS.usual_percentile)
+    nearer_than_best = np.arange(count) < np.argmax(share * enough)
+    failing = np.flatnonzero(enough & (share < PAIRS.least_share * usual) & nearer_than_best)
     return float(edges[failing[-1] + 1]) if failing.size else float(edges[0])

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The geometry of the plane sweep: how pixels of the reference move in the other pictures with inverse depth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import List, Sequence, Tuple
 
 import cv2
@@ -9,10 +10,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.joint.tuning import VIEWS
 from fcsv_stereo.model import Picture
-
-LEAST_FALL = 0.01  # of a ray, per metre of depth: one that falls less does not meet the ground
-LEAST_SEEN = 0.3  # share of the reference picture that a pair must see at an inverse depth for it to count there
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,30 @@ class Views:
         height, width = self.shape
         return self.falling @ np.stack([np.full(height, (width - 1) / 2), np.arange(height), np.ones(height)])
 
+    @cached_property
+    def fastest_px_m(self) -> float:
+        """By how many pixels a pixel moves per 1/m of inverse depth in the pair in which it moves fastest (px m)."""
+        return float(np.hypot(self.projections[:, 9], self.projections[:, 10]).max())
+
     def __len__(self) -> int:
         return len(self.others)
+
+    def only(self, pair: int) -> "Views":
+        """The same of one pair."""
+        one = slice(pair, pair + 1)
+        return replace(self, others=self.others[one], sizes=self.sizes[one], projections=self.projections[one])
+
+    def rows(self, rows: slice) -> "Views":
+        """The same pictures with a part of the reference's rows."""
+        projections, falling = self.projections.copy(), self.falling.copy()
+        projections[:, 2:9:3] += projections[:, 1:9:3] * np.float32(rows.start)
+        falling[2] += falling[1] * rows.start
+        reference = np.ascontiguousarray(self.reference[rows])
+        return replace(self, reference=reference, projections=projections, falling=falling)
+
+    def with_poses(self, reference: Picture, others: Sequence[Picture]) -> "Views":
+        """The same pictures from where ``others`` now say that they were taken."""
+        return replace(self, projections=projections(reference, others, self.shape, self.sizes))
 
 
 def grey(picture: Picture) -> np.ndarray:
@@ -50,6 +71,12 @@ def grey(picture: Picture) -> np.ndarray:
     if picture.image.ndim == 2:
         return picture.image.astype(np.float32)
     return cv2.cvtColor(picture.image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+
+def colours(picture: Picture, shape: Tuple[int, int]) -> np.ndarray:
+    """HxWx3 float32 at a reduced size, 0 to 255."""
+    image = picture.image if picture.image.ndim == 3 else np.repeat(picture.image[..., None], 3, axis=2)
+    return cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
 def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Sequence[np.ndarray]) -> Views:
@@ -60,12 +87,16 @@ def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Se
     for s, g in zip(stack, small[1:]):
         s[: g.shape[0], : g.shape[1]] = g
     K = camera_matrix(reference.camera, small[0].shape)
-    projections = [
-        projection(reference, o, K, camera_matrix(o.camera, g.shape)) for o, g in zip(others, small[1:])
-    ]  # fmt: skip
     sizes = np.array([g.shape for g in small[1:]], np.int64).reshape(-1, 2)
     falling = -reference.T_home_cam[2, :3] @ np.linalg.inv(K)
-    return Views(small[0], stack, sizes, np.array(projections, np.float32).reshape(-1, 12), falling)
+    return Views(small[0], stack, sizes, projections(reference, others, small[0].shape, sizes), falling)
+
+
+def projections(reference: Picture, others: Sequence[Picture], shape: Tuple[int, int], sizes: np.ndarray) -> np.ndarray:
+    """Nx12 float32 as ``Views`` has them, of pictures resized to ``shape`` (the reference) and ``sizes`` (Nx2)."""
+    K = camera_matrix(reference.camera, shape)
+    each = [projection(reference, o, K, camera_matrix(o.camera, tuple(size))) for o, size in zip(others, sizes)]
+    return np.array(each, np.float32).reshape(-1, 12)
 
 
 def projection(reference: Picture, other: Picture, K_reference: np.ndarray, K_other: np.ndarray) -> np.ndarray:
@@ -86,7 +117,7 @@ def inverse_depths(found: Views, step_px: float, most: int, nearest: float = np.
     top = min(max(tops), nearest)
     if top <= 0:
         return np.zeros(1, np.float32)
-    samples = top * np.linspace(0.0, 1.0, 192) ** 2
+    samples = top * np.linspace(0.0, 1.0, VIEWS.samples) ** 2
     rate = np.max([_rate(p, grid, s, samples) for p, s in zip(found.projections, found.sizes)], axis=0)
     moved = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(samples))])
     count = int(np.clip(np.ceil(moved[-1] / step_px), 2, most))
@@ -132,7 +163,8 @@ def camera_matrix(camera: PinholeCamera, shape: Tuple[int, int]) -> np.ndarray:
 
 
 def _grid(shape: Tuple[int, int]) -> np.ndarray:
-    u, v = np.meshgrid(np.linspace(0, shape[1] - 1, 17), np.linspace(0, shape[0] - 1, 13))
+    across, down = VIEWS.grid
+    u, v = np.meshgrid(np.linspace(0, shape[1] - 1, across), np.linspace(0, shape[0] - 1, down))
     return np.stack([u.ravel(), v.ravel(), np.ones(u.size)])
 
 
@@ -158,8 +190,8 @@ def _top(p: np.ndarray, grid: np.ndarray, size: np.ndarray) -> float:
         return 0.0
     # p[9:] is K t: in units of pixels times metres; a point nearer than half the baseline is no stereo
     top = 2.0 * size.max() / np.linalg.norm(p[9:])
-    w = top * np.linspace(0.0, 1.0, 128)
-    enough = _inside(_project(p, grid, w), size).mean(axis=-1) >= LEAST_SEEN
+    w = top * np.linspace(0.0, 1.0, VIEWS.top_samples)
+    enough = _inside(_project(p, grid, w), size).mean(axis=-1) >= VIEWS.least_seen
     return float(w[enough].max()) if enough.any() else 0.0
 
 
@@ -169,8 +201,8 @@ def _rate(p: np.ndarray, grid: np.ndarray, size: np.ndarray, w: np.ndarray) -> n
     dw = 1e-4 * w[-1]
     speed = np.linalg.norm(_project(p, grid, w + dw) - uv, axis=-2) / dw
     inside = _inside(uv, size) & np.isfinite(speed)
-    fast = _percentile(speed, inside, 0.9)
-    return np.where(inside.mean(axis=-1) >= LEAST_SEEN, fast, 0.0)
+    fast = _percentile(speed, inside, VIEWS.fast_share)
+    return np.where(inside.mean(axis=-1) >= VIEWS.least_seen, fast, 0.0)
 
 
 def _percentile(values: np.ndarray, chosen: np.ndarray, share: float) -> np.ndarray:

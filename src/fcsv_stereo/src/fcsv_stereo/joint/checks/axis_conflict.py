@@ -14,13 +14,9 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
 from fcsv_stereo.model import MapInput, MapResult
+from fcsv_stereo.joint.tuning import AXIS_CONFLICT
 
-_LEAST_RELATIVE_SIGMA = 0.2  # of a depth that an axis denies
-_PIXELS = 8e4  # are looked at: places that are denied are larger than pixels
-_WINDOW, _SHARE = (5, 5), 0.7
-_APART_S = 0.5
-_MARGIN = np.ones((9, 9), np.uint8)
-_LEAST_SHARE = 3e-4  # of the picture: smaller spots are edges and noise
+_MARGIN = np.ones((AXIS_CONFLICT.margin_px,) * 2, np.uint8)
 
 
 def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
@@ -28,16 +24,16 @@ def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
 
     Denied: two pairs of an axis (or its only one) see a place that nothing of the map hides, and none agrees; and what
     is connected to it that only one of them sees (the picture ends there for the others), if that one does not agree.
-    Pictures that were taken when a reference picture was do not need it: ``motion`` compares these.
+    Pictures that were taken when a reference picture was do not need it: ``moved`` compares these.
     """
     if len({p.configuration.axis for p in result.pairs}) < 2 or _of_one_moment(given):
         return result
-    step = max(1, int(np.sqrt(result.depth.size / _PIXELS)))
+    step = max(1, int(np.sqrt(result.depth.size / AXIS_CONFLICT.pixels)))
     denied = _denied(result, step)
     if not denied.any():
         return result
     denied = cv2.resize(denied.astype(np.uint8), result.depth.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    least = np.where(denied, np.float32(_LEAST_RELATIVE_SIGMA) * result.depth, np.float32(0.0))
+    least = np.where(denied, np.float32(AXIS_CONFLICT.least_relative_sigma) * result.depth, np.float32(0.0))
     sigma = np.maximum(result.sigma, least).astype(np.float32)
     cloud = replace(result.cloud, sigma_m=sigma[np.isfinite(result.depth)])
     return replace(result, sigma=sigma, cloud=cloud)
@@ -46,7 +42,7 @@ def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
 def _of_one_moment(given: MapInput) -> bool:
     """Whether all pictures have a reference picture of their moment: photographs do not say when they were taken."""
     apart_s = (min(abs(r.stamp_s - o.stamp_s) for r in c.references) for c in given.configurations for o in c.others)
-    return given.kind == "session" and all(s <= _APART_S for s in apart_s)
+    return given.kind == "session" and all(s <= AXIS_CONFLICT.apart_s for s in apart_s)
 
 
 def _denied(result: MapResult, step: int) -> np.ndarray:
@@ -67,7 +63,7 @@ def _denied(result: MapResult, step: int) -> np.ndarray:
     known = np.isfinite(result.depth[::step, ::step])
     denied, sure = (_dense(known & _by_one_axis(by, agreed)) for by in (seen, surely))
     _, labels = cv2.connectedComponents(denied.astype(np.uint8), connectivity=8)
-    large = np.bincount(labels[sure & denied], minlength=labels.max() + 1) >= _LEAST_SHARE * labels.size
+    large = np.bincount(labels[sure & denied], minlength=labels.max() + 1) >= AXIS_CONFLICT.least_share * labels.size
     large[0] = False
     return cv2.dilate(large[labels].astype(np.uint8), _MARGIN) > 0
 
@@ -80,4 +76,4 @@ def _by_one_axis(seen: Dict[str, np.ndarray], agreed: Dict[str, np.ndarray]) -> 
 
 def _dense(denied: np.ndarray) -> np.ndarray:
     """HxW bool: most of the surroundings are denied."""
-    return cv2.blur(denied.astype(np.float32), _WINDOW) > _SHARE
+    return cv2.blur(denied.astype(np.float32), (AXIS_CONFLICT.window_px,) * 2) > AXIS_CONFLICT.share

@@ -5,15 +5,13 @@ import numpy as np
 
 from fcsv_stereo.errors import MatchingError
 from fcsv_stereo.model import MapResult
-
-_KNOWN = 0.1  # of the depth: what sigma must be below to count
-_LEAST_SHARE = 0.02  # of the picture
+from fcsv_stereo.joint.tuning import ENOUGH_EVIDENCE
 
 
 def require_evidence(result: MapResult) -> MapResult:
     """The result back. Raises MatchingError where no pose could be refined and next to nothing is known besides."""
-    known = np.isfinite(result.depth) & (result.sigma < _KNOWN * result.depth)
-    if known.mean() >= _LEAST_SHARE or any(i.refined for i in result.images):
+    known = np.isfinite(result.depth) & (result.sigma < ENOUGH_EVIDENCE.known * result.depth)
+    if known.mean() >= ENOUGH_EVIDENCE.least_share or any(i.refined for i in result.images):
         return result
     raise MatchingError(
         f"{result.reference.name}: no map, since no other picture could be compared with it: "

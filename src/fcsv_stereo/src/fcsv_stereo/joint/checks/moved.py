@@ -16,18 +16,10 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
 from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference
+from fcsv_stereo.joint.tuning import MOVED
 from fcsv_stereo.refinement.features import corners
 
-_CORNERS, _LEAST_CORNERS = 800, 40
-_MOST_OFF_PX = 1.0  # of a corner from where the pose puts it
-_OFF_PX = 0.35  # what is left of the alignment: edges differ by so much of their slope
-_UNKNOWN_1_M = 0.05  # of inverse depth, where there is none
-_CHANGED = 3.0  # times what noise and alignment explain
-_WINDOW = (5, 5)
-_LEAST_SHARE = 1e-4  # of the picture: smaller spots are noise
-_MARGIN_PX = 3
-_SAMPLES = 5000  # pixels tell the exposure
-_SAID_SHARE = 5e-4  # of the picture left out: worth a warning
+_WINDOW = (MOVED.window_px,) * 2
 
 
 @dataclass(frozen=True)
@@ -76,8 +68,8 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[np.
     grey = here.mean(axis=2)
     slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
     noise = float(np.median(difference[comparable])) if comparable.any() else 0.0
-    explained = 2.0 * noise + cv2.blur(slope * _off_px(reference, T_later_ref, still), _WINDOW)
-    unlike = (cv2.blur(difference, _WINDOW) > _CHANGED * explained) & comparable
+    explained = MOVED.noise * noise + cv2.blur(slope * _off_px(reference, T_later_ref, still), _WINDOW)
+    unlike = (cv2.blur(difference, _WINDOW) > MOVED.changed * explained) & comparable
     return _spots(unlike)
 
 
@@ -93,15 +85,15 @@ def _full(image: np.ndarray) -> np.ndarray:
 
 def _off_px(reference: Reference, T_later_ref: np.ndarray, still: _Still) -> np.ndarray:
     """HxW: how far a place may lie from where it is looked for, as places differ and depth is uncertain."""
-    off_1_m = np.nan_to_num(still.sigma / np.square(still.depth), nan=_UNKNOWN_1_M)
-    return _OFF_PX + reference.camera.fx * float(np.linalg.norm(T_later_ref[:3, 3])) * off_1_m
+    off_1_m = np.nan_to_num(still.sigma / np.square(still.depth), nan=MOVED.unknown_1_m)
+    return MOVED.off_px + reference.camera.fx * float(np.linalg.norm(T_later_ref[:3, 3])) * off_1_m
 
 
 def _still(reference: Reference, depth: np.ndarray, sigma: np.ndarray) -> _Still:
     image = reference.image
     image = image if image.ndim == 3 else image[..., None]
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.shape[2] == 3 else image[..., 0]
-    return _Still(image.astype(np.float32), depth, sigma, corners(grey, _CORNERS), _full(image))
+    return _Still(image.astype(np.float32), depth, sigma, corners(grey, MOVED.corners), _full(image))
 
 
 def _reference_of(configurations: List[ConfigurationInput], other_name: str) -> Optional[Picture]:
@@ -120,7 +112,7 @@ def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np
     at = np.round(uv).astype(int)
     z = still.depth[at[:, 1], at[:, 0]] if len(uv) else np.empty(0)
     uv, z = uv[np.isfinite(z)], z[np.isfinite(z)]
-    if len(uv) < _LEAST_CORNERS:
+    if len(uv) < MOVED.least_corners:
         return None
     camera = reference.camera
     rays = np.column_stack([(uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy, np.ones(len(uv))])
@@ -129,17 +121,17 @@ def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np
     start = cv2.projectPoints(points, rotation, position, later.camera.K, None)[0].astype(np.float32)
     a, b = (cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) if i.ndim == 3 else i for i in (reference.image, later.image))
     found, status, _ = cv2.calcOpticalFlowPyrLK(
-        a, b, uv.astype(np.float32).reshape(-1, 1, 2), start, winSize=(15, 15), maxLevel=3,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        a, b, uv.astype(np.float32).reshape(-1, 1, 2), start, winSize=(MOVED.track_px,) * 2,
+        maxLevel=MOVED.track_levels, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )  # fmt: skip
     good = status.ravel() > 0
-    if good.sum() < _LEAST_CORNERS:
+    if good.sum() < MOVED.least_corners:
         return None
     ok, rotation, position, inliers = cv2.solvePnPRansac(
         points[good], found[good].astype(float), later.camera.K, None, rotation, position, useExtrinsicGuess=True,
-        iterationsCount=100, reprojectionError=_MOST_OFF_PX,
+        iterationsCount=MOVED.ransac_rounds, reprojectionError=MOVED.most_off_px,
     )  # fmt: skip
-    if not ok or inliers is None or len(inliers) < max(_LEAST_CORNERS, 0.4 * good.sum()):
+    if not ok or inliers is None or len(inliers) < max(MOVED.least_corners, MOVED.least_inliers * good.sum()):
         return None
     chosen = inliers.ravel()
     rotation, position = cv2.solvePnPRefineLM(
@@ -153,11 +145,11 @@ def _same_exposure(here: np.ndarray, there: np.ndarray, comparable: np.ndarray) 
     there = there.reshape(here.shape)
     out = np.empty_like(there)
     for i in range(here.shape[2]):
-        a, b = (x[..., i][comparable][:: max(1, int(comparable.sum()) // _SAMPLES)] for x in (here, there))
+        a, b = (x[..., i][comparable][:: max(1, int(comparable.sum()) // MOVED.samples)] for x in (here, there))
         gain, offset = 1.0, 0.0
-        for _ in range(3 if len(a) > 100 else 0):
+        for _ in range(MOVED.exposure_rounds if len(a) > MOVED.least_samples else 0):
             off = np.abs(gain * b + offset - a)
-            usual = off <= 2.0 * np.median(off) + 1.0
+            usual = off <= MOVED.unusual * np.median(off) + 1.0
             gain, offset = np.polyfit(b[usual], a[usual], 1) if b[usual].std() > 1.0 else (1.0, 0.0)
         out[..., i] = gain * there[..., i] + offset
     return out
@@ -166,9 +158,9 @@ def _same_exposure(here: np.ndarray, there: np.ndarray, comparable: np.ndarray) 
 def _spots(unlike: np.ndarray) -> np.ndarray:
     """Connected places of some size, with a margin."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(unlike.astype(np.uint8), connectivity=8)
-    large = stats[:, cv2.CC_STAT_AREA] >= max(_LEAST_SHARE * unlike.size, 9)
+    large = stats[:, cv2.CC_STAT_AREA] >= max(MOVED.least_share * unlike.size, MOVED.least_spot_px)
     large[0] = False
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _MARGIN_PX + 1,) * 2)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MOVED.margin_px + 1,) * 2)
     return cv2.dilate(large[labels].astype(np.uint8), kernel) > 0
 
 
@@ -192,7 +184,7 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray]) -> MapResult:
     cloud, stays = replace(result.cloud, sigma_m=sigma[known]), ~gone[known]
     cloud = replace(cloud, **{f.name: getattr(cloud, f.name)[stays] for f in fields(cloud)})
     warnings = list(result.warnings)
-    if gone.mean() >= _SAID_SHARE:
+    if gone.mean() >= MOVED.said_share:
         names = ", ".join(result.pairs[k].configuration.name for k in changed)
         warnings.append(
             f"left out: {gone.mean():.1%} of the picture, where something moved between the recordings (the reference "

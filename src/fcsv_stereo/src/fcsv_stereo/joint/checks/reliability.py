@@ -11,46 +11,39 @@ import cv2
 import numpy as np
 from numba import njit
 
+from fcsv_stereo.joint.projecting import place, ray
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.surfaces.thin_uprights import thin_uprights
+from fcsv_stereo.joint.tuning import DATA_COST, RELIABILITY
 from fcsv_stereo.joint.views import Views
-from fcsv_stereo.joint.volume.winner import Coarse
+from fcsv_stereo.joint.volume.winner import Coarse, well_matched
 
-_MOST_COST = 110  # volume units: eleven bits of 32 differ
-_LEAST_MARGIN = 0.03
-_SPECKLE_PX, _SPECKLE_LEVELS = 60, 3
-_TOLERANCE = 0.06  # of inverse depth: the same surface
-_KNOWN, _CERTAIN = 0.2, 0.5  # trust of the pair that agrees best
-SEEN_THROUGH = 1.2  # by which something must be nearer, to be denied by what is seen behind it
-_BETTER = 0.2  # trust by which that must agree better
+_TOLERANCE, _CERTAIN, _BETTER = RELIABILITY.tolerance, RELIABILITY.certain, RELIABILITY.better
+_SEEN_THROUGH = DATA_COST.seen_through
+_PARTS = 16  # of a level, for OpenCV's whole numbers
 
 
-def trusted(found: Coarse, unique: np.ndarray) -> np.ndarray:
-    """HxW bool: where the match is good, beats the next, is ``unique`` (HxW bool) and part of a surface."""
-    good = well_matched(found) & unique
-    level = (np.searchsorted(found.levels, found.w) * 16).astype(np.int16)
-    level[~good] = -16
-    cv2.filterSpeckles(level, -16, _SPECKLE_PX, 16 * _SPECKLE_LEVELS)
+def trusted(match: Coarse, found: Views, r: Residuals) -> np.ndarray:
+    """HxW bool: where a match is good, beats the next, is ``consistent`` and part of a surface."""
+    good = well_matched(match) & consistent(found, match.w, r)
+    level = (np.searchsorted(match.levels, match.w) * _PARTS).astype(np.int16)
+    level[~good] = -_PARTS
+    cv2.filterSpeckles(level, -_PARTS, RELIABILITY.speckle_px, _PARTS * RELIABILITY.speckle_levels)
     return level >= 0
-
-
-def well_matched(found: Coarse) -> np.ndarray:
-    """HxW bool: where the pictures agree and the next best depth is worse."""
-    return (found.cost < _MOST_COST) & (found.margin > _LEAST_MARGIN)
 
 
 def relied_on(found: Views, w: np.ndarray, r: Residuals) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Three masks by the pictures' agreement at ``w``: where (HxW bool) it may be taken over by what is about it, as
-    any thin thing that stands; where it is certain enough to hide what is behind it: one wrong surface in front speaks
-    all that is right out of court; and what is ``confirmed``."""
+    any thin thing that stands; where it is certain enough to hide what is behind it (one wrong near surface hides
+    all correct ones behind it); and what is ``confirmed``."""
     unique, best = consistent(found, w, r), r.trust.max(axis=0)
     certain = unique & (best > _CERTAIN)
-    return unique & (best > _KNOWN) | thin_uprights(w), certain, confirmed(certain, r)
+    return unique & (best > RELIABILITY.known) | thin_uprights(w), certain, confirmed(certain, r)
 
 
 def confirmed(certain: np.ndarray, r: Residuals) -> np.ndarray:
     """NxHxW bool: where pair i itself agrees with what is ``certain`` (HxW bool), at the pixel and all about it."""
-    about = np.ones((3, 3), np.uint8)
+    about = np.ones((RELIABILITY.about_px,) * 2, np.uint8)
     return np.stack([cv2.erode((certain & (t > _CERTAIN)).astype(np.uint8), about) > 0 for t in r.trust])
 
 
@@ -62,12 +55,12 @@ def consistent(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
     """
     unique, seen_through = np.zeros(found.shape, np.bool_), np.zeros(found.shape, np.bool_)
     for i in range(len(found)):
-        _claim(w, found.projections[i], found.sizes[i], r.trust[i], r.seen[i], unique, seen_through)
+        _claim(w, found.projections, i, found.sizes[i], r.trust[i], r.seen[i], unique, seen_through)
     return unique & ~seen_through
 
 
 @njit(cache=True, nogil=True)
-def _claim(w, p, size, trust, seen, unique, seen_through):
+def _claim(w, projections, i, size, trust, seen, unique, seen_through):
     height, width = w.shape
     best = np.full((size[0], size[1]), np.float32(-1.0))
     winner = np.zeros((size[0], size[1]), np.float32)
@@ -76,9 +69,9 @@ def _claim(w, p, size, trust, seen, unique, seen_through):
             for u in range(width):
                 if seen[v, u] < 0.5:
                     continue
-                z = p[6] * u + p[7] * v + p[8] + w[v, u] * p[11]
-                x = int((p[0] * u + p[1] * v + p[2] + w[v, u] * p[9]) / z + 0.5)
-                y = int((p[3] * u + p[4] * v + p[5] + w[v, u] * p[10]) / z + 0.5)
+                a, b, c = ray(projections, i, u, v)
+                across, down, _, _ = place(a, b, c, projections, i, w[v, u])
+                x, y = int(across + 0.5), int(down + 0.5)
                 if x < 0 or y < 0 or x >= size[1] or y >= size[0]:
                     continue
                 if turn == 0:
@@ -88,6 +81,6 @@ def _claim(w, p, size, trust, seen, unique, seen_through):
                 other, own = winner[y, x], w[v, u]
                 if abs(other - own) <= np.float32(_TOLERANCE) * max(other, own):
                     unique[v, u] = True
-                elif other * np.float32(SEEN_THROUGH) < own:
+                elif other * np.float32(_SEEN_THROUGH) < own:
                     least = max(trust[v, u] + np.float32(_BETTER), np.float32(_CERTAIN))
                     seen_through[v, u] |= best[y, x] > least

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Standard deviation of inverse depth: from the match itself, from its surroundings, and from the refined geometry."""
 
+from enum import IntEnum
 from typing import Optional, Sequence
 
 import cv2
@@ -9,45 +10,51 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.refine.subpixel import Fine
 from fcsv_stereo.model import Picture
+from fcsv_stereo.joint.tuning import RESIDUALS, SIGMA
 
-#: Neighbours' residuals are not independent (interpolation, shared texture), and matching errors have long tails.
-CORRELATED = 1.8
-FLOOR_PX = 0.05  # of movement in the fastest pair that agrees: interpolation and sampling leave at least this
+_STEP_WINDOW = np.ones((SIGMA.step_px,) * 2, np.uint8)
 
 
-#: Relative error of depth at each relative step of inverse depth in the surroundings (STEPS), of four kinds of pixels.
-#: AGREED: a pair agrees and the coarse match was trusted; to be multiplied with a power of the match's noise.
-#: HALF_KNOWN: only one of the two. Neither, and so taken from the surroundings: HIDDEN from the pairs in whose fields
-#: of view the place lies, or UNSEEN, outside of all.
-#: Fitted on 14 scenes of the simulator; the bench's 8 others had no part in it (docs/decisions/0007).
-STEPS = (0.003, 0.01, 0.03, 0.1, 0.25, 0.5)
-AGREED, NOISE_POWER = (0.28, 0.23, 0.23, 0.38, 0.63, 1.26), 0.69
-HALF_KNOWN = (0.006, 0.01, 0.023, 0.05, 0.1, 0.26)
-HIDDEN = (0.25, 0.25, 0.27, 0.33, 0.385, 0.385)
-UNSEEN = (0.07, 0.06, 0.1, 0.36, 0.385, 0.385)
-_UNKNOWN = 0.25  # noise from which on the match tells nothing of the depth
-_STEP_WINDOW = np.ones((9, 9), np.uint8)
-LEAST_TRUST = 0.4
-_CELL = 16
+class Evidence(IntEnum):
+    """How a pixel is known: each kind has errors of its own."""
+
+    AGREED = 0  # a pair agrees and the volume's match was trusted
+    HALF_KNOWN = 1  # only one of the two
+    HIDDEN = 2  # neither, in some pair's field of view: taken over from the surroundings
+    UNSEEN = 3  # neither, outside of all other pictures
+
+
+_ERRORS = {
+    Evidence.AGREED: SIGMA.agreed,
+    Evidence.HALF_KNOWN: SIGMA.half_known,
+    Evidence.HIDDEN: SIGMA.hidden,
+    Evidence.UNSEEN: SIGMA.unseen,
+}
 
 
 def matching_sigma(fine: Fine, known: np.ndarray) -> np.ndarray:
     """HxW float32, 1/m; ``known`` (HxW bool) is where the coarse match was trusted."""
     r = fine.residuals
-    agreed = (r.trust >= LEAST_TRUST).any(axis=0)
-    speed = np.where(r.trust >= LEAST_TRUST, r.speed, 0.0).max(axis=0)
-    speed = np.maximum(speed, 0.25 * r.speed.max(axis=0))
+    agrees = r.trust >= RESIDUALS.least_trust
+    speed = np.where(agrees, r.speed, 0.0).max(axis=0)
+    speed = np.maximum(speed, SIGMA.least_speed * r.speed.max(axis=0))
     w = np.maximum(fine.w, 1e-9)
-    noise = np.hypot(CORRELATED * np.sqrt(fine.variance), FLOOR_PX / np.maximum(speed, 1e-9)) / w
+    noise = np.hypot(SIGMA.correlated * np.sqrt(fine.variance), SIGMA.floor_px / np.maximum(speed, 1e-9)) / w
     step = (cv2.dilate(fine.w, _STEP_WINDOW) - cv2.erode(fine.w, _STEP_WINDOW)) / w
-    cases = np.select([agreed & known, agreed | known, (r.seen > 0).any(axis=0)], [0, 1, 2], 3)
-    log_step = np.log(np.clip(step, STEPS[0], STEPS[-1]))
+    kinds = _kinds(agrees.any(axis=0), known, (r.seen > 0).any(axis=0))
+    log_step = np.log(np.clip(step, SIGMA.steps[0], SIGMA.steps[-1]))
     relative = np.empty_like(w)
-    for case, errors in enumerate((AGREED, HALF_KNOWN, HIDDEN, UNSEEN)):
-        here = cases == case
-        relative[here] = np.exp(np.interp(log_step[here], np.log(STEPS), np.log(errors)))
-    relative = np.where(cases == 0, relative * noise**NOISE_POWER, relative)
-    return (np.where(noise > _UNKNOWN, np.maximum(relative, noise), relative) * w).astype(np.float32)
+    for kind, errors in _ERRORS.items():
+        here = kinds == kind
+        relative[here] = np.exp(np.interp(log_step[here], np.log(SIGMA.steps), np.log(errors)))
+    relative = np.where(kinds == Evidence.AGREED, relative * noise**SIGMA.noise_power, relative)
+    return (np.where(noise > SIGMA.unknown_noise, np.maximum(relative, noise), relative) * w).astype(np.float32)
+
+
+def _kinds(agreed: np.ndarray, known: np.ndarray, in_view: np.ndarray) -> np.ndarray:
+    """HxW ``Evidence`` from where a pair agrees, the volume's match was trusted, and some pair's view is (HxW bool)."""
+    kinds = [Evidence.AGREED, Evidence.HALF_KNOWN, Evidence.HIDDEN]
+    return np.select([agreed & known, agreed | known, in_view], kinds, Evidence.UNSEEN)
 
 
 def geometry_sigma(
@@ -60,7 +67,7 @@ def geometry_sigma(
     """
     r = fine.residuals
     weight = r.trust * np.square(r.slope) + 1e-9 * np.square(r.speed)
-    weight = np.stack([cv2.blur(w, (9, 9)) for w in weight])
+    weight = np.stack([cv2.blur(w, (SIGMA.share_px,) * 2) for w in weight])
     weight /= np.maximum(weight.sum(axis=0), 1e-20)
     sigma = np.zeros(fine.w.shape, np.float32)
     for other, covariance, share in zip(others, covariances, weight):
@@ -78,7 +85,7 @@ def _pose_terms(reference: Picture, other: Picture, covariance: np.ndarray, shap
     A pose that is off by (dtheta, dp) moves the homogeneous image q = R^T (ray + w (c_ref - p)) by
     [q]x dtheta - w R^T dp; only the part along the epipolar line looks like depth.
     """
-    grid_v, grid_u = (np.linspace(0, n - 1, max(2, n // _CELL)) for n in shape)
+    grid_v, grid_u = (np.linspace(0, n - 1, max(2, n // SIGMA.cell_px)) for n in shape)
     u, v = np.meshgrid(grid_u, grid_v)
     camera = reference.camera
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1)

@@ -6,12 +6,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from fcsv_stereo.joint.refine.residuals import Residuals
+from fcsv_stereo.joint.tuning import SKY
 
-_MOST_PX = 1.2  # of movement in the fastest pair: infinity, as well as a coarse match can tell
-_GROWTH_PX = 12  # by which the match makes what is in front of the sky too large
-_STEP = 12.0  # grey levels: the skyline
-_LIKENESS = 25.0  # grey levels of colour
-_BINS = 16  # of each colour
+_BINS = SKY.bins
 
 
 def sky(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray) -> np.ndarray:
@@ -21,22 +18,24 @@ def sky(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray) -> n
     The windows of the match carry the skyline into the sky, which has little texture; so the sky grows again over
     pixels that look like it, up to the next edge of the picture. Where pairs are blind, colour alone decides.
     """
-    still = (cv2.medianBlur(w.astype(np.float32), 5) * r.speed.max(axis=0) < _MOST_PX) & ~blind
-    still = cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0
+    steady = np.ones((SKY.steady_px,) * 2, np.uint8)
+    still = (cv2.medianBlur(w.astype(np.float32), SKY.steady_px) * r.speed.max(axis=0) < SKY.most_px) & ~blind
+    still = cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_CLOSE, steady) > 0
     out = _joined(still | blind, _top_rows(still.shape)) & still
     kernel = np.ones((3, 3), np.uint8)
-    smooth = np.max(cv2.morphologyEx(colour, cv2.MORPH_GRADIENT, kernel), axis=2) < _STEP
-    share = cv2.blur(out.astype(np.float32), (25, 25))
-    mean = cv2.blur(colour * out[..., None], (25, 25)) / np.maximum(share, 1e-3)[..., None]
-    alike = (np.abs(colour - mean).mean(axis=2) < _LIKENESS) & (share > 0.02)
-    for _ in range(_GROWTH_PX):
+    smooth = np.max(cv2.morphologyEx(colour, cv2.MORPH_GRADIENT, kernel), axis=2) < SKY.skyline_grey
+    about = (SKY.about_px,) * 2
+    share = cv2.blur(out.astype(np.float32), about)
+    mean = cv2.blur(colour * out[..., None], about) / np.maximum(share, 1e-3)[..., None]
+    alike = (np.abs(colour - mean).mean(axis=2) < SKY.likeness_grey) & (share > SKY.least_share)
+    for _ in range(SKY.growth_px):
         out = out | (cv2.dilate(out.astype(np.uint8), kernel) > 0) & smooth & alike
     return out | _joined(out | blind & _coloured_like(out, ~blind, colour), out)
 
 
 def _top_rows(shape) -> np.ndarray:
     rows = np.zeros(shape, np.bool_)
-    rows[:2] = True
+    rows[: SKY.top_rows] = True
     return rows
 
 
@@ -53,7 +52,7 @@ def _coloured_like(some: np.ndarray, all_known: np.ndarray, colour: np.ndarray) 
 
     def histogram(of):
         counts = np.bincount(codes[of], minlength=_BINS**3).reshape(_BINS, _BINS, _BINS).astype(np.float32)
-        return gaussian_filter(counts, 1.0)
+        return gaussian_filter(counts, SKY.bin_sigma)
 
     share = histogram(some & all_known) / np.maximum(histogram(all_known), 1e-3)
-    return cv2.medianBlur((share.ravel()[codes] > 0.5).astype(np.uint8), 5) > 0
+    return cv2.medianBlur((share.ravel()[codes] > SKY.mostly).astype(np.uint8), SKY.steady_px) > 0

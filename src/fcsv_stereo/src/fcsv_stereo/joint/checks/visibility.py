@@ -7,10 +7,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-
-_FAR_M = 1e5  # what has no depth
-_HIDDEN = 1.05  # times nearer: what lies before a place hides it
-_BORDER_PX = 2
+from fcsv_stereo.joint.tuning import VISIBILITY
 
 
 def seen_from(
@@ -19,7 +16,7 @@ def seen_from(
     """Where each ``step``-th pixel of a depth image (HxW, m) lies in ``other`` (u, v: px), and its depth there."""
     v, u = np.indices(depth.shape, dtype=np.float32)[:, ::step, ::step]
     z = depth[::step, ::step]
-    z = np.where(np.isfinite(z), z, np.float32(_FAR_M)).astype(np.float32)
+    z = np.where(np.isfinite(z), z, np.float32(VISIBILITY.far_m)).astype(np.float32)
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1)
     p = (rays * z[..., None]) @ T_other_cam[:3, :3].T.astype(np.float32) + T_other_cam[:3, 3].astype(np.float32)
     ahead = np.maximum(p[..., 2], 1e-6)
@@ -30,7 +27,7 @@ def seen_from(
 def visible(uv: Tuple[np.ndarray, np.ndarray], z: np.ndarray, shape: Tuple[int, int], step: int = 1) -> np.ndarray:
     """HxW bool, from ``seen_from``: inside the other picture of that shape, and nothing nearer lies before it there."""
     height, width = (-(-s // step) for s in shape)
-    border = max(_BORDER_PX // step, 1)
+    border = max(VISIBILITY.border_px // step, 1)
     u, v = (np.round(x / step) for x in uv)
     inside = (u >= border) & (v >= border) & (u < width - border) & (v < height - border) & (z > 0)
     at = v[inside].astype(np.int64) * width + u[inside].astype(np.int64)
@@ -38,5 +35,5 @@ def visible(uv: Tuple[np.ndarray, np.ndarray], z: np.ndarray, shape: Tuple[int, 
     np.minimum.at(nearest, at, z[inside])
     nearest = cv2.erode(nearest.reshape(height, width), np.ones((3, 3), np.uint8)).ravel()
     out = np.zeros(z.shape, bool)
-    out[inside] = z[inside] <= _HIDDEN * nearest[at]
+    out[inside] = z[inside] <= VISIBILITY.hidden * nearest[at]
     return out

@@ -4,7 +4,10 @@
 import numpy as np
 from numba import njit
 
-_RADIUS = 3
+from fcsv_stereo.joint.tuning import PLANE_FIT
+
+_RADIUS, _STIFFNESS = PLANE_FIT.radius_px, np.float32(PLANE_FIT.stiffness)
+_TINY = np.float32(1e-30)  # keeps divisions finite
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -44,13 +47,13 @@ def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance):
                     weight += information[r, c]
                     count += np.float32(1.0)
             # a little stiffness of the slope: windows of one row or a few pixels have none of their own
-            stiff = np.float32(0.05) * m00
+            stiff = _STIFFNESS * m00
             m20 += stiff
             m02 += stiff
             c00 = m20 * m02 - m11 * m11
             c01 = m11 * m01 - m10 * m02
             c02 = m10 * m11 - m20 * m01
             det = m00 * c00 + m10 * c01 + m01 * c02
-            shift = (c00 * b0 + c01 * b1 + c02 * b2) / max(det, np.float32(1e-30))
+            shift = (c00 * b0 + c01 * b1 + c02 * b2) / max(det, _TINY)
             out[y, x] = centre + min(max(shift, -limit), limit)
-            variance[y, x] = c00 / max(det, np.float32(1e-30)) * (energy / max(count, np.float32(1.0)))
+            variance[y, x] = c00 / max(det, _TINY) * (energy / max(count, np.float32(1.0)))

@@ -16,20 +16,17 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
+from fcsv_stereo.joint.projecting import place, ray
+from fcsv_stereo.joint.tuning import POSE_ALIGNMENT
 from fcsv_stereo.joint.views import Views, camera_matrix, projection
 from fcsv_stereo.model import Picture
 
-_CELL = 4  # px: one correction of inverse depth each
-_HUBER = 3.0  # grey levels
-_UNLIKE = 0.6  # as photometric.residuals': above it a place is occluded or mismatched
-_NOISE = 1.5  # grey levels
-_CORRELATED = 8.0  # pixels that count as one: interpolation, blur and cells that straddle surfaces
-_LEAST_CELLS, _MOST_CELLS = 200, 20000
-_LOOSE, _FARTHEST = 3.0, 1e-3  # prior sigma of a cell's inverse depth as a share of it; 1/m
-_SCALE = 1e-5  # by which the scale may change
+_CELL = POSE_ALIGNMENT.cell_px
+_WINDOW = (POSE_ALIGNMENT.contrast_px,) * 2
 #: Features determine a turn that grows with the baseline badly, and alike in every picture, which covariances picture
 #: by picture cannot say; nor are they other evidence than the pixels. So their turns weigh little here.
-_LOOSENED = np.repeat([3.0, 1.0], 3)
+_LOOSENED = np.repeat([POSE_ALIGNMENT.loosened_turns, 1.0], 3)
+_BEHIND = np.float32(-1e6)  # px: far outside of every picture
 
 
 def adjust(
@@ -38,15 +35,15 @@ def adjust(
 ) -> Tuple[List[Picture], List[np.ndarray], np.ndarray]:  # fmt: skip
     """The others with adjusted poses, their 6x6 covariances (rad in camera axes, m in home's), and ``w`` with them.
 
-    ``found`` holds the pictures without their local mean (``photometric.detail``); ``w`` is HxW (1/m) and ``known``
+    ``found`` holds the pictures without their local mean (``residuals.detail``); ``w`` is HxW (1/m) and ``known``
     (HxW bool) where it may be relied on. The covariances given are the prior; too little texture leaves it as it is.
     """
     prior, scale, scale_variance = _prior(reference, others, covariances)
     start, total = list(others), np.zeros(6 * len(others))
     pictures, out, now = start, list(covariances), w.astype(np.float32)
-    if known.sum() < _LEAST_CELLS * _CELL**2:
+    if known.sum() < POSE_ALIGNMENT.least_cells * _CELL**2:
         return pictures, out, now
-    corners, contrast = _corners(w.shape), cv2.blur(np.abs(found.reference), (5, 5)) + _NOISE
+    corners, contrast = _corners(w.shape), cv2.blur(np.abs(found.reference), _WINDOW) + POSE_ALIGNMENT.noise_grey
     slopes = list(pool.map(lambda i: _slopes(_other(found, i)), range(len(found))))
     for _ in range(iterations):
         jobs = [
@@ -55,8 +52,8 @@ def adjust(
         ]
         middles = now[tuple(corners.T + _CELL // 2)]
         H, g, energy, solve_w, weight = _reduced([job.result() for job in jobs], middles)
-        information = H / (energy * _CORRELATED)
-        step = np.linalg.solve(information + prior, g / (energy * _CORRELATED) - prior @ total)
+        information = H / (energy * POSE_ALIGNMENT.correlated)
+        step = np.linalg.solve(information + prior, g / (energy * POSE_ALIGNMENT.correlated) - prior @ total)
         total = total + step
         _add(corners, solve_w(step), now)
         pictures = [moved(o, total[6 * i : 6 * i + 6]) for i, o in enumerate(start)]
@@ -68,7 +65,7 @@ def adjust(
 def _corners(shape: Tuple[int, int]) -> np.ndarray:
     """(N,2) row and column of the cells' first pixels, evenly spread where there would be too many."""
     rows, columns = (_CELL * np.arange(n // _CELL) for n in shape)
-    every = int(np.ceil(np.sqrt(len(rows) * len(columns) / _MOST_CELLS)))
+    every = int(np.ceil(np.sqrt(len(rows) * len(columns) / POSE_ALIGNMENT.most_cells)))
     return np.stack(np.meshgrid(rows[::every], columns[::every], indexing="ij"), axis=-1).reshape(-1, 2)
 
 
@@ -84,7 +81,7 @@ def _smooth_change(before: np.ndarray, after: np.ndarray, corners: np.ndarray, w
 
     at = tuple(corners.T + _CELL // 2)
     change, weight = (after - before)[at], np.sqrt(weight)
-    at_most = 3.0 * np.median(np.abs(change[weight > 0])) if (weight > 0).any() else 0.0
+    at_most = POSE_ALIGNMENT.outlier * np.median(np.abs(change[weight > 0])) if (weight > 0).any() else 0.0
     weight[np.abs(change) > at_most] = 0.0
     factors = np.linalg.lstsq(basis(*at, before[at]) * weight[:, None], change * weight, rcond=None)[0]
     v, u = np.indices(before.shape, np.float32)
@@ -112,7 +109,7 @@ def _prior(reference: Picture, others: Sequence[Picture], covariances: Sequence[
     variances = [a @ c[3:, 3:] @ a for a, c in zip(along, covariances)]
     scale = scale.ravel()
     held = scale / (scale @ scale)
-    return prior + np.outer(held, held) / _SCALE**2, scale, float(min(variances))
+    return prior + np.outer(held, held) / POSE_ALIGNMENT.scale_held**2, scale, float(min(variances))
 
 
 def _other(found: Views, i: int) -> np.ndarray:
@@ -134,20 +131,20 @@ def _pair(
     height, width = found.sizes[i]
     K = camera_matrix(other.camera, (height, width))
     T = transforms.invert(other.T_home_cam) @ reference.T_home_cam
-    p = projection(reference, other, camera_matrix(reference.camera, w.shape), K).astype(np.float32)
+    p = projection(reference, other, camera_matrix(reference.camera, w.shape), K).astype(np.float32)[None]
     x, y = np.empty_like(w), np.empty_like(w)
-    _place(p, w, x, y)
+    _places(p, w, x, y)
     warped = cv2.remap(_other(found, i), x, y, cv2.INTER_LINEAR)
     # both pictures' slopes: their mean halves the noise and makes the steps second order
     slopes = [0.5 * (cv2.remap(s, x, y, cv2.INTER_LINEAR) + here) for s, here in zip(there, _slopes(warped))]
     difference = found.reference - warped
-    unlike = cv2.blur(np.abs(difference), (5, 5)) / contrast / _UNLIKE
+    unlike = cv2.blur(np.abs(difference), _WINDOW) / contrast / POSE_ALIGNMENT.unlike
     inside = known & (x >= 1) & (y >= 1) & (x <= width - 2) & (y <= height - 2)
     weight = inside / np.square(1.0 + np.square(unlike))
-    weight *= np.minimum(1.0, _HUBER / np.maximum(np.abs(difference), 1e-6))
+    weight *= np.minimum(1.0, POSE_ALIGNMENT.huber_grey / np.maximum(np.abs(difference), 1e-6))
     H, g, cells, sums = np.zeros((6, 6)), np.zeros(6), np.zeros((len(corners), 8)), np.zeros(2)
     _sum(
-        corners, weight.astype(np.float32), difference, *slopes, x, y, p[6:], w, K, T[:3, 3], other.T_home_cam[:3, :3],
+        corners, weight.astype(np.float32), difference, *slopes, x, y, p, w, K, T[:3, 3], other.T_home_cam[:3, :3],
         H, g, cells, sums,
     )  # fmt: skip
     return H, g, cells, sums
@@ -165,8 +162,9 @@ def _reduced(pairs, w: np.ndarray):
     weight = sum(cells[:, 0] for _, _, cells, _ in pairs)
     push = sum(cells[:, 1] for _, _, cells, _ in pairs)
     mixed = np.concatenate([cells[:, 2:] for _, _, cells, _ in pairs], axis=1)
-    energy = squares / max(weights, 1.0) + 0.1
-    own = weight + 1e-3 * float(np.mean(weight)) + energy / np.square(_LOOSE * np.maximum(w, _FARTHEST))
+    energy = squares / max(weights, 1.0) + POSE_ALIGNMENT.energy_least
+    own = weight + POSE_ALIGNMENT.weight_least * float(np.mean(weight))
+    own = own + energy / np.square(POSE_ALIGNMENT.loose * np.maximum(w, POSE_ALIGNMENT.farthest_1_m))
     H -= mixed.T @ (mixed / own[:, None])
     g -= mixed.T @ (push / own)
 
@@ -177,14 +175,14 @@ def _reduced(pairs, w: np.ndarray):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _place(p, w, x, y):
+def _places(p, w, x, y):
     """Where the reference's pixels are in the other picture; far outside what is behind it."""
     for v in range(w.shape[0]):
         for u in range(w.shape[1]):
-            z = p[6] * u + p[7] * v + p[8] + w[v, u] * p[11]
-            inverse = np.float32(1.0) / z if z > np.float32(1e-9) else np.float32(0.0)
-            x[v, u] = (p[0] * u + p[1] * v + p[2] + w[v, u] * p[9]) * inverse if z > 0 else np.float32(-1e6)
-            y[v, u] = (p[3] * u + p[4] * v + p[5] + w[v, u] * p[10]) * inverse if z > 0 else np.float32(-1e6)
+            a, b, c = ray(p, 0, u, v)
+            across, down, z, _ = place(a, b, c, p, 0, w[v, u])
+            x[v, u] = across if z > 0 else _BEHIND
+            y[v, u] = down if z > 0 else _BEHIND
 
 
 @njit(cache=True, nogil=True)
@@ -197,7 +195,7 @@ def _add(corners, change, w):
 
 @njit(cache=True, nogil=True)
 def _sum(corners, weight, difference, slope_x, slope_y, x, y, p, w, K, t, R_home_cam, H, g, cells, sums):
-    """Into ``H``, ``g``, ``cells`` and ``sums`` as ``_pair`` gives them; ``p`` is the last row of the projection."""
+    """Into ``H``, ``g``, ``cells`` and ``sums`` as ``_pair`` gives them; ``p`` (1x12) is the pair's projection."""
     j = np.zeros(6)
     for k in range(len(corners)):
         for v in range(corners[k, 0], corners[k, 0] + _CELL):
@@ -205,7 +203,8 @@ def _sum(corners, weight, difference, slope_x, slope_y, x, y, p, w, K, t, R_home
                 s = float(weight[v, u])
                 if s <= 0.0:
                     continue
-                z = p[0] * u + p[1] * v + p[2] + w[v, u] * p[5]
+                _, _, c = ray(p, 0, u, v)
+                _, _, z, _ = place(0.0, 0.0, c, p, 0, w[v, u])
                 qx, qy = (x[v, u] - K[0, 2]) / K[0, 0] * z, (y[v, u] - K[1, 2]) / K[1, 1] * z
                 ax, ay = slope_x[v, u] * K[0, 0] / z, slope_y[v, u] * K[1, 1] / z
                 az = -(ax * qx + ay * qy) / z

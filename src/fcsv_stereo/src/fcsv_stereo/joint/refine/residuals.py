@@ -2,18 +2,18 @@
 """How each pair's picture differs from the reference at a map of inverse depth, and how that changes with it."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numba import njit
 
+from fcsv_stereo.joint.projecting import place, ray
+from fcsv_stereo.joint.tuning import RESIDUALS
 from fcsv_stereo.joint.views import Views
 
-_MEAN_SIGMA_PX = 5.0  # brightness over wider distances than this does not count: exposures differ
-_WINDOW = (5, 5)
-_NOISE = 1.5  # grey levels
-_BAND = 64
+_WINDOW = (RESIDUALS.window_px,) * 2
+_BAND = RESIDUALS.band_rows
 
 
 @dataclass(frozen=True)
@@ -35,29 +35,29 @@ def detail(found: Views) -> Views:
     """The pictures without their local mean."""
 
     def without_mean(image):
-        return image - cv2.GaussianBlur(image, (0, 0), _MEAN_SIGMA_PX)
+        return image - cv2.GaussianBlur(image, (0, 0), RESIDUALS.mean_sigma_px)
 
     others = np.zeros_like(found.others)
     for o, g, (h, w) in zip(others, found.others, found.sizes):
         o[:h, :w] = without_mean(np.ascontiguousarray(g[:h, :w]))
-    return Views(without_mean(found.reference), others, found.sizes, found.projections, found.falling)
+    return replace(found, reference=without_mean(found.reference), others=others)
 
 
 def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residuals:
     """Of pictures without their mean (``detail``) at inverse depth ``w`` (HxW float32, 1/m)."""
     shape = (len(found), *found.shape)
     out = Residuals(*(np.empty(shape, np.float32) for _ in range(5)))
-    contrast = cv2.blur(np.abs(found.reference), _WINDOW) + _NOISE
+    contrast = cv2.blur(np.abs(found.reference), _WINDOW) + RESIDUALS.noise_grey
 
     def run(i: int) -> None:
         arrays = out.difference[i], out.slope[i], out.speed[i], out.seen[i]
         for y in range(0, shape[1], _BAND):
             _residual_band(
-                found.reference, found.others[i], found.sizes[i], found.projections[i], w, y,
+                found.reference, found.others[i], found.sizes[i], found.projections, i, w, y,
                 min(y + _BAND, shape[1]), *arrays,
             )  # fmt: skip
         unlike = cv2.blur(np.abs(out.difference[i]), _WINDOW) / contrast
-        np.divide(out.seen[i], np.square(1.0 + np.square(unlike / 0.6)), out=out.trust[i])
+        np.divide(out.seen[i], np.square(1.0 + np.square(unlike / RESIDUALS.unlike)), out=out.trust[i])
 
     list(pool.map(run, range(len(found))))
     return out
@@ -109,20 +109,15 @@ def _sample_cubic(image, height, width, x, y):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _residual_band(reference, image, size, p, w, y0, y1, difference, slope, speed, seen):
+def _residual_band(reference, image, size, p, i, w, y0, y1, difference, slope, speed, seen):
     height, width = size[0], size[1]
     for v in range(y0, y1):
         for u in range(reference.shape[1]):
-            a = p[0] * u + p[1] * v + p[2]
-            b = p[3] * u + p[4] * v + p[5]
-            c = p[6] * u + p[7] * v + p[8]
-            z = c + w[v, u] * p[11]
-            inverse = np.float32(1.0) / max(z, np.float32(1e-9))
-            x = (a + w[v, u] * p[9]) * inverse
-            y = (b + w[v, u] * p[10]) * inverse
+            a, b, c = ray(p, i, u, v)
+            x, y, z, inverse = place(a, b, c, p, i, w[v, u])
             inside = z > 0 and x >= 0 and x <= width - 1 and y >= 0 and y <= height - 1
-            dx = (p[9] - x * p[11]) * inverse
-            dy = (p[10] - y * p[11]) * inverse
+            dx = (p[i, 9] - x * p[i, 11]) * inverse
+            dy = (p[i, 10] - y * p[i, 11]) * inverse
             rate = np.sqrt(dx * dx + dy * dy)
             value, gx, gy = _sample_cubic(image, height, width, x, y)
             seen[v, u] = np.float32(1.0) if inside else np.float32(0.0)

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from fcsv_stereo.joint.bands import for_rows
 from fcsv_stereo.joint.refine.plane_fit import fit_band
 from fcsv_stereo.joint.refine.residuals import Residuals, residuals
+from fcsv_stereo.joint.tuning import SUBPIXEL
 from fcsv_stereo.joint.views import Views
-
-_HUBER = 4.0  # grey levels
-_SAME_STEPS, _SAME = 0.7, 0.02  # steps of the coarse map, and share of inverse depth, that are still one surface
 
 
 @dataclass(frozen=True)
@@ -34,22 +33,27 @@ def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool:
     for _ in range(iterations):
         r = residuals(found, w, pool)
         information, push, energy = _sums(r)
-        prior = (np.float32(0.02) * cv2.blur(information, (7, 7)) + np.float32(1e-6)).astype(np.float32)
-        tau = (np.float32(_SAME_STEPS) * step + np.float32(_SAME) * w).astype(np.float32)
+        prior = _prior(information)
+        tau = (np.float32(SUBPIXEL.same_steps) * step + np.float32(SUBPIXEL.same) * w).astype(np.float32)
         out = np.empty_like(w)
-        bands = [(y, min(y + 32, w.shape[0])) for y in range(0, w.shape[0], 32)]
 
-        def run(band, arrays=(w, tau, information, push, energy, prior), out=out):
-            fit_band(*arrays, *band, out, variance)
+        def run(y0, y1, arrays=(w, tau, information, push, energy, prior), out=out):
+            fit_band(*arrays, y0, y1, out, variance)
 
-        list(pool.map(run, bands))
+        for_rows(pool, w.shape[0], run)
         w = np.maximum(out, 0.0)
     return Fine(w, variance, residuals(found, w, pool))
 
 
+def _prior(information: np.ndarray) -> np.ndarray:
+    """HxW float32: information by which a pixel stays where it is."""
+    about = cv2.blur(information, (SUBPIXEL.prior_px,) * 2)
+    return (np.float32(SUBPIXEL.prior_share) * about + np.float32(SUBPIXEL.prior_least)).astype(np.float32)
+
+
 def _sums(r: Residuals):
     """Over the pairs: information, push and energy, with Huber's weights."""
-    weight = r.trust * np.minimum(1.0, _HUBER / np.maximum(np.abs(r.difference), 1e-6)).astype(np.float32)
+    weight = r.trust * np.minimum(1.0, SUBPIXEL.huber_grey / np.maximum(np.abs(r.difference), 1e-6)).astype(np.float32)
     weighed = weight * r.slope
     information = np.einsum("nij,nij->ij", weighed, r.slope)
     push = np.einsum("nij,nij->ij", weighed, r.difference)

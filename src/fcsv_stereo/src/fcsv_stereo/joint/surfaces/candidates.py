@@ -14,19 +14,23 @@ import cv2
 import numpy as np
 from numba import njit
 
-MOST = 14  # per pixel
-_RINGS = (2, 4, 6, 9)  # px of the coarser map
+from fcsv_stereo.joint.bands import for_rows
+from fcsv_stereo.joint.tuning import CANDIDATES
+
+MOST = CANDIDATES.most
 _DIRECTIONS = np.array(
     [(y, x) for y in range(-2, 3) for x in range(-2, 3) if max(abs(y), abs(x)) == 1 or abs(x * y) == 2], np.int64
 )
-_MOST_DISTANT = 10
-_INWARD = 3  # px from the edge of what is known: the first place may be a mixed one
-_ALIKE, _ALIKE_PX = 0.02, 0.6  # candidates nearer to each other than this (share, px of movement) are one
-_BY_A_STEP, _STEP, _FARTHEST = 3, 0.1, 1e-5  # px, share of inverse depth, 1/m
-_STRETCH = 1.33  # by which a plane may change over a ring
-_FAR_STRETCH = 3.0  # and over the way to what is not known
+_INWARD = CANDIDATES.inward_px
+_ALIKE = CANDIDATES.alike
+_STRETCH, _FAR_STRETCH = CANDIDATES.stretch, CANDIDATES.far_stretch
+_LEAST_PLANE_PX = CANDIDATES.least_plane_px
+_FARTHEST = np.float32(CANDIDATES.farthest_1_m)
 #: A plane's surroundings (px about it), what share of inverse depth is still the same surface, and its stiffness.
-_NEAR_FIT, _FAR_FIT = (3, 0.05, 0.3), (8, 0.15, 0.03)
+_NEAR_FIT = CANDIDATES.near_radius_px, CANDIDATES.near_same, CANDIDATES.near_stiffness
+_FAR_FIT = CANDIDATES.far_radius_px, CANDIDATES.far_same, CANDIDATES.far_stiffness
+#: What a plane at a pixel is written down as, in this order.
+_VALUE, _SLOPE_X, _SLOPE_Y, _SOURCE = range(4)
 
 
 @dataclass(frozen=True)
@@ -54,9 +58,9 @@ def candidates(
     Where it is known and far from every step of depth its own plane is the only one.
     ``px_per_w`` is how fast a pixel of the finer picture moves at most with inverse depth (px times metres).
     """
-    step = np.float32(_ALIKE_PX / px_per_w)
+    step = np.float32(CANDIDATES.alike_px / px_per_w)
     planes = _planes(w, known, np.ones_like(known), *_NEAR_FIT, pool)
-    distant = np.zeros((*w.shape, 4, _MOST_DISTANT), np.float32)
+    distant = np.zeros((*w.shape, 4, CANDIDATES.most_distant), np.float32)
     if not known.all():
         wide = _planes(w, known, _met(known), *_FAR_FIT, pool)
         for_rows(pool, w.shape[0], lambda y0, y1: _distant(*wide, known, _DIRECTIONS, step, y0, y1, distant))
@@ -70,19 +74,14 @@ def candidates(
 
     parts = np.concatenate(for_rows(pool, shape[0], collect), axis=1)
     start = (np.cumsum(count, dtype=np.int64) - count.ravel()).reshape(shape)
-    return Candidates(start, count, parts[0], parts[1:3], parts[3].astype(np.int32), step)
-
-
-def for_rows(pool: ThreadPoolExecutor, height: int, work, band: int = 32):
-    """What ``work(y0, y1)`` returns for each band of rows."""
-    bands = [(y, min(y + band, height)) for y in range(0, height, band)]
-    return list(pool.map(lambda b: work(*b), bands))
+    slopes = parts[_SLOPE_X : _SLOPE_Y + 1]
+    return Candidates(start, count, parts[_VALUE], slopes, parts[_SOURCE].astype(np.int32), step)
 
 
 def _ring_offsets() -> np.ndarray:
     """(N,2) dy, dx; none first."""
     out = [(0, 0)]
-    for r in _RINGS:
+    for r in CANDIDATES.rings_px:
         d = int(round(r * np.sqrt(0.5)))
         out += [(-r, 0), (r, 0), (0, -r), (0, r), (-d, -d), (-d, d), (d, -d), (d, d)]
     return np.array(out, np.int64)
@@ -90,8 +89,9 @@ def _ring_offsets() -> np.ndarray:
 
 def _undecided(w: np.ndarray, known: np.ndarray) -> np.ndarray:
     """HxW bool: where more than one surface is possible."""
-    near = np.ones((2 * _BY_A_STEP + 1,) * 2, np.uint8)
-    return ~known | (cv2.dilate(w, near) > (1.0 + _STEP) * np.maximum(cv2.erode(w, near), _FARTHEST))
+    near = np.ones((2 * CANDIDATES.by_a_step_px + 1,) * 2, np.uint8)
+    far = np.maximum(cv2.erode(w, near), CANDIDATES.farthest_1_m)
+    return ~known | (cv2.dilate(w, near) > (1.0 + CANDIDATES.step) * far)
 
 
 def _met(known: np.ndarray) -> np.ndarray:
@@ -131,13 +131,13 @@ def _fit(w, known, wanted, radius, same, stiff, y0, y1, out):
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
                 for u in range(max(x - radius, 0), min(x + radius + 1, width)):
                     d = w[v, u] - at
-                    if not known[v, u] or abs(d) >= same * at + np.float32(1e-5):
+                    if not known[v, u] or abs(d) >= same * at + _FARTHEST:
                         continue
                     a, b = np.float32(u - x), np.float32(v - y)
                     n, sx, sy, sw = n + np.float32(1.0), sx + a, sy + b, sw + d
                     xx, xy, yy, xw, yw = xx + a * a, xy + a * b, yy + b * b, xw + a * d, yw + b * d
             out[0, y, x], out[1, y, x], out[2, y, x] = at, np.float32(0.0), np.float32(0.0)
-            if n < 4:
+            if n < _LEAST_PLANE_PX:
                 continue
             mx, my, mw = sx / n, sy / n, sw / n
             xx, yy, xy = xx + stiff - n * mx * mx, yy + stiff - n * my * my, xy - n * mx * my
@@ -174,9 +174,9 @@ def _distant(w, slope_x, slope_y, known, directions, step, y0, y1, out):
                         at = w[r, c]
                         value = at + slope_x[r, c] * (x - c) + slope_y[r, c] * (y - r)
                         limit = np.float32(_FAR_STRETCH)
-                        if at / limit < value < at * limit and _is_new(value, out[y, x, 0], n, step):
-                            out[y, x, 0, n], out[y, x, 3, n] = value, r * width + c
-                            out[y, x, 1, n], out[y, x, 2, n] = slope_x[r, c], slope_y[r, c]
+                        if at / limit < value < at * limit and _is_new(value, out[y, x, _VALUE], n, step):
+                            out[y, x, _VALUE, n], out[y, x, _SOURCE, n] = value, r * width + c
+                            out[y, x, _SLOPE_X, n], out[y, x, _SLOPE_Y, n] = slope_x[r, c], slope_y[r, c]
                             n += 1
                     r, c = r + _INWARD * dy, c + _INWARD * dx
 
@@ -195,7 +195,7 @@ def _collect(w, slope_x, slope_y, known, undecided, rings, distant, step, y0, y1
         for x in range(width):
             fx = (x + half) * sx - half
             c0 = min(max(int(fx + half), 0), width_coarse - 1)
-            values, n = found[0, total : total + MOST], 0
+            values, n = found[_VALUE, total : total + MOST], 0
             for k in range(rings.shape[0] if undecided[r0, c0] else 1):
                 r, c = r0 + rings[k, 0], c0 + rings[k, 1]
                 if n == MOST or r < 0 or c < 0 or r >= h or c >= width_coarse or (k > 0 and not known[r, c]):
@@ -204,17 +204,19 @@ def _collect(w, slope_x, slope_y, known, undecided, rings, distant, step, y0, y1
                 value = at + slope_x[r, c] * (fx - c) + slope_y[r, c] * (fy - r)
                 value = min(max(value, at / stretch), at * stretch)
                 if _is_new(value, values, n, step):
-                    found[0, total + n], found[3, total + n] = value, r * width_coarse + c if known[r, c] else -1
-                    found[1, total + n], found[2, total + n] = slope_x[r, c] * sx, slope_y[r, c] * sy
+                    source = r * width_coarse + c if known[r, c] else -1
+                    found[_VALUE, total + n], found[_SOURCE, total + n] = value, source
+                    found[_SLOPE_X, total + n], found[_SLOPE_Y, total + n] = slope_x[r, c] * sx, slope_y[r, c] * sy
                     n += 1
             for k in range(distant.shape[3]):
-                value = distant[r0, c0, 0, k]
+                value = distant[r0, c0, _VALUE, k]
                 if n == MOST or value <= 0:
                     break
-                value += distant[r0, c0, 1, k] * (fx - c0) + distant[r0, c0, 2, k] * (fy - r0)
+                slope_u, slope_v = distant[r0, c0, _SLOPE_X, k], distant[r0, c0, _SLOPE_Y, k]
+                value += slope_u * (fx - c0) + slope_v * (fy - r0)
                 if value > 0 and _is_new(value, values, n, step):
-                    found[0, total + n], found[3, total + n] = value, distant[r0, c0, 3, k]
-                    found[1, total + n], found[2, total + n] = distant[r0, c0, 1, k] * sx, distant[r0, c0, 2, k] * sy
+                    found[_VALUE, total + n], found[_SOURCE, total + n] = value, distant[r0, c0, _SOURCE, k]
+                    found[_SLOPE_X, total + n], found[_SLOPE_Y, total + n] = slope_u * sx, slope_v * sy
                     n += 1
             count[y, x] = n
             total += n

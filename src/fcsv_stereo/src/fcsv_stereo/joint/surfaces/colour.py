@@ -8,14 +8,16 @@ import cv2
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.surfaces.candidates import Candidates, for_rows
+from fcsv_stereo.joint.bands import for_rows
+from fcsv_stereo.joint.surfaces.candidates import Candidates
+from fcsv_stereo.joint.tuning import COLOUR
 from fcsv_stereo.joint.volume.census import OFFSETS
 
-_COLOUR, _MOST_COLOUR, _NO_COLOUR = 0.1, 40.0, 10.0  # per grey level from the plane's place; at most; where it has none
-_ALIKE, _LEAST_ALIKE = 20.0, 4  # grey levels between colours of one surface; census bits
-_SETTLE_PX, _SETTLE_COLOUR = 5, 14.0  # radius, and grey levels of colour, of the surroundings whose surface wins
-_LIKENESS_SHIFT, _LIKENESS_BINS = 4, 512  # bits of squared distance, and how many until a weight is nothing
-_OTHER = 1.1  # by which an inverse depth is another surface's
+_COLOUR, _MOST_COLOUR, _NO_COLOUR = COLOUR.per_grey, COLOUR.most_grey, COLOUR.none_grey
+_ALIKE, _LEAST_ALIKE = COLOUR.alike_grey, COLOUR.least_alike
+_SETTLE_PX = COLOUR.settle_px
+_LIKENESS_SHIFT, _LIKENESS_BINS = COLOUR.likeness_shift, COLOUR.likeness_bins
+_OTHER = COLOUR.other
 
 
 def alike_bits(image: np.ndarray, pool: ThreadPoolExecutor) -> Tuple[np.ndarray, np.ndarray]:
@@ -54,14 +56,14 @@ def _of_its_colour(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -
     Windows take up more than one surface where these meet; the pixels' colours tell them apart. (OpenCV has this
     filter, of the whole picture on one core; where two threads call it, it writes beyond its memory.)
     """
-    log_w = np.log(np.maximum(w, 1e-5))
+    log_w = np.log(np.maximum(w, COLOUR.farthest_1_m))
     low, scale = log_w.min(), 255.0 / max(float(np.ptp(log_w)), 1e-6)
     steps = np.round((log_w - low) * scale).astype(np.uint8)
     about = np.ones((2 * _SETTLE_PX + 1,) * 2, np.uint8)
     mixed = cv2.dilate(log_w, about) - cv2.erode(log_w, about) > np.log(_OTHER)
     colours = np.clip(image, 0.0, 255.0).astype(np.int32)
     squares = np.arange(_LIKENESS_BINS) << _LIKENESS_SHIFT
-    likeness = np.exp(squares / (-2.0 * _SETTLE_COLOUR**2)).astype(np.float32)
+    likeness = np.exp(squares / (-2.0 * COLOUR.settle_grey**2)).astype(np.float32)
     median = steps.copy()
     for_rows(pool, len(w), lambda y0, y1: _median(colours, steps, mixed, likeness, y0, y1, median))
     return np.where(mixed, np.exp(median / scale + low), w).astype(np.float32)

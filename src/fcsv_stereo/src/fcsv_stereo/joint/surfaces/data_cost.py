@@ -11,20 +11,19 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.checks.reliability import SEEN_THROUGH
-from fcsv_stereo.joint.surfaces.candidates import Candidates, for_rows
+from fcsv_stereo.joint.bands import for_rows
+from fcsv_stereo.joint.projecting import place, ray
+from fcsv_stereo.joint.surfaces.candidates import Candidates
 from fcsv_stereo.joint.surfaces.colour import alike_bits
+from fcsv_stereo.joint.tuning import DATA_COST
 from fcsv_stereo.joint.views import Views
 from fcsv_stereo.joint.volume.census import census
 from fcsv_stereo.joint.volume.cost_volume import pair_weights
 from fcsv_stereo.joint.volume.intrinsics import differing_bits
 
-_BITS, _BRIGHTNESS = 0.75, 8.0 / 30.0  # what a bit of 32 and a grey level count
-_MOST_GREY = 30.0
-_CUT = 18.0  # the most that one pair objects
-_UNSEEN = 8.0  # what a pair counts that cannot see the place
-_DENIED = 60.0  # and one that sees through it
-_FRONT = 1.08  # by which something must be nearer to hide
+_BITS, _BRIGHTNESS, _MOST_GREY = DATA_COST.per_bit, DATA_COST.per_grey, DATA_COST.most_grey
+_CUT, _UNSEEN, _DENIED = DATA_COST.cut, DATA_COST.unseen, DATA_COST.denied
+_SEEN_THROUGH, _FRONT, _FRONT_1_M = DATA_COST.seen_through, DATA_COST.front, DATA_COST.front_1_m
 
 
 def evidence(
@@ -54,23 +53,23 @@ def fronts(found: Views, w: np.ndarray, known: np.ndarray) -> np.ndarray:
     """(N,Ho,Wo) the nearest inverse depth (1/m) that each pixel of the other pictures shows, of what is ``known`` to
     its pair (NxHxW bool); 0 where none."""
     out = np.zeros(found.others.shape, np.float32)
-    for front, which, p, size in zip(out, known, found.projections, found.sizes):
-        _draw(w, which, p, size, front)
+    for i, front in enumerate(out):
+        _draw(w, known[i], found.projections, i, found.sizes[i], front)
     return out
 
 
 @njit(cache=True, nogil=True)
-def _draw(w, known, p, size, front):
+def _draw(w, known, projections, i, size, front):
     for v in range(w.shape[0]):
         for u in range(w.shape[1]):
-            z = p[6] * u + p[7] * v + p[8] + w[v, u] * p[11]
+            a, b, c = ray(projections, i, u, v)
+            across, down, z, _ = place(a, b, c, projections, i, w[v, u])
             if not known[v, u] or z <= 0:
                 continue
-            x = int(np.floor((p[0] * u + p[1] * v + p[2] + w[v, u] * p[9]) / z))
-            y = int(np.floor((p[3] * u + p[4] * v + p[5] + w[v, u] * p[10]) / z))
-            for b in range(max(y, 0), min(y + 2, size[0])):
-                for a in range(max(x, 0), min(x + 2, size[1])):
-                    front[b, a] = max(front[b, a], w[v, u])
+            x, y = int(np.floor(across)), int(np.floor(down))
+            for r in range(max(y, 0), min(y + 2, size[0])):
+                for k in range(max(x, 0), min(x + 2, size[1])):
+                    front[r, k] = max(front[r, k], w[v, u])
 
 
 # Only numbers go into what is called for every candidate: arrays are counted references, and counting them took six
@@ -84,21 +83,18 @@ def _judge(
     one, half = np.uintp(1), np.float32(0.5)
     down, along = np.float32(in_front.shape[1] / others.shape[1]), np.float32(in_front.shape[2] / others.shape[2])
     pairs = len(others)
-    ranked, ray = np.empty(pairs, np.float32), np.empty((pairs, 3), np.float32)
+    ranked, rays = np.empty(pairs, np.float32), np.empty((pairs, 3), np.float32)
     for y in range(y0, y1):
         for x in range(reference.shape[1]):
             if count[y, x] < 2:
                 continue
             u, v = np.float32(x), np.float32(y)
             for i in range(pairs):
-                for j in range(3):
-                    ray[i, j] = p[i, 3 * j] * u + p[i, 3 * j + 1] * v + p[i, 3 * j + 2]
+                rays[i, 0], rays[i, 1], rays[i, 2] = ray(p, i, u, v)
             for k in range(start[y, x], start[y, x] + count[y, x]):
                 w = values[k]
                 for i in range(pairs):
-                    z = ray[i, 2] + w * p[i, 11]
-                    near = np.float32(1.0) / max(z, np.float32(1e-9))
-                    a, b = (ray[i, 0] + w * p[i, 9]) * near, (ray[i, 1] + w * p[i, 10]) * near
+                    a, b, z, _ = place(rays[i, 0], rays[i, 1], rays[i, 2], p, i, w)
                     value = np.float32(_UNSEEN)
                     if _inside(a, b, z, sizes[i, 1], sizes[i, 0]):
                         r, c = np.uintp((b + half) * down), np.uintp((a + half) * along)
@@ -135,9 +131,9 @@ def _inside(x, y, z, width, height):
 @njit(cache=True, nogil=True, fastmath=True)
 def _standing(w, in_front, shown):
     """What a pair counts by what is known to be in front of inverse depth w or seen behind it; 0: let it judge."""
-    if in_front > w * np.float32(_FRONT) + np.float32(1e-4):
+    if in_front > w * np.float32(_FRONT) + np.float32(_FRONT_1_M):
         return np.float32(_UNSEEN)
-    if np.float32(0.0) < shown * np.float32(SEEN_THROUGH) < w:
+    if np.float32(0.0) < shown * np.float32(_SEEN_THROUGH) < w:
         return np.float32(_DENIED)
     return np.float32(0.0)
 

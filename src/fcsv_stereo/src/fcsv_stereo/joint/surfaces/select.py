@@ -14,15 +14,15 @@ import cv2
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.surfaces.candidates import MOST, Candidates, candidates, for_rows
+from fcsv_stereo.joint.bands import for_rows
+from fcsv_stereo.joint.surfaces.candidates import MOST, Candidates, candidates
 from fcsv_stereo.joint.surfaces.colour import add_likeness, settle
 from fcsv_stereo.joint.surfaces.data_cost import evidence, fronts
 from fcsv_stereo.joint.surfaces.thin_uprights import add_leaving, thin_uprights
+from fcsv_stereo.joint.tuning import SELECT
 from fcsv_stereo.joint.views import Views
 
-_P1, _P2, _EDGE = 2.0, 40.0, 10.0  # price of planes that do not meet, at most; grey levels that halve the latter
-_MEET = 0.02  # share of inverse depth that counts as P1
-_STEP = 0.05  # a step of inverse depth between neighbours, as a share of the nearer
+_P1, _P2, _EDGE, _MEET = SELECT.p1, SELECT.p2, SELECT.edge_grey, SELECT.meet
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,7 @@ class Map:
 def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
     """Inverse depth (HxW, 1/m) of the plane that each pixel of the finer ``found`` chose; ``image`` is its reference in
     colour (HxWx3)."""
-    fastest = float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max())
-    given = candidates(coarser.w, coarser.known, found.shape, fastest, pool)
+    given = candidates(coarser.w, coarser.known, found.shape, found.fastest_px_m, pool)
     certain = np.broadcast_to(coarser.certain, coarser.confirmed.shape)
     in_front, shown = (fronts(coarser.found, coarser.w, which) for which in (certain, coarser.confirmed))
     cost = evidence(found, in_front, shown, given, image, pool)
@@ -63,7 +62,7 @@ def stretched(w: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
     size = shape[::-1]
     near, far = (cv2.resize(f(w, np.ones((3, 3), np.uint8)), size) for f in (cv2.dilate, cv2.erode))
     own = cv2.resize(w, size, interpolation=cv2.INTER_NEAREST)
-    return np.where(near - far > _STEP * near, own, cv2.resize(w, size, interpolation=cv2.INTER_LINEAR))
+    return np.where(near - far > SELECT.stretch_step * near, own, cv2.resize(w, size, interpolation=cv2.INTER_LINEAR))
 
 
 def _aggregate(grey: np.ndarray, given: Candidates, cost: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:

@@ -11,18 +11,17 @@ import numpy as np
 from numba import njit
 
 from fcsv_stereo.joint.surfaces.candidates import Candidates
+from fcsv_stereo.joint.tuning import THIN_UPRIGHTS
 
-_WIDEST, _TALL = 9, 9  # px: narrower than, and at least as high as
-_NEARER = 1.3  # by which its inverse depth is above what is about it
-_LEAVE = 3.0  # what another surface than the own place's costs there
-_FARTHEST = 1e-4  # 1/m
+_LEAVE = np.float32(THIN_UPRIGHTS.leave)
 
 
 def thin_uprights(w: np.ndarray) -> np.ndarray:
     """HxW bool: pixels of inverse depth ``w`` (HxW, 1/m) that belong to one."""
-    about = cv2.morphologyEx(w, cv2.MORPH_OPEN, np.ones((_WIDEST, _WIDEST), np.uint8))
-    narrow = (w > _NEARER * np.maximum(about, _FARTHEST)).astype(np.uint8)
-    return cv2.morphologyEx(narrow, cv2.MORPH_OPEN, np.ones((_TALL, 1), np.uint8)) > 0
+    widest, tall = THIN_UPRIGHTS.widest_px, THIN_UPRIGHTS.tall_px
+    about = cv2.morphologyEx(w, cv2.MORPH_OPEN, np.ones((widest, widest), np.uint8))
+    narrow = w > THIN_UPRIGHTS.nearer * np.maximum(about, THIN_UPRIGHTS.farthest_1_m)
+    return cv2.morphologyEx(narrow.astype(np.uint8), cv2.MORPH_OPEN, np.ones((tall, 1), np.uint8)) > 0
 
 
 def add_leaving(coarser: np.ndarray, given: Candidates, cost: np.ndarray) -> None:
@@ -39,4 +38,4 @@ def _add_leaving(thin, start, count, cost):
         for x in range(thin.shape[1]):
             if thin[y, x]:
                 for k in range(start[y, x] + 1, start[y, x] + count[y, x]):  # the first is the own place's
-                    cost[k] += np.float32(_LEAVE)
+                    cost[k] += _LEAVE

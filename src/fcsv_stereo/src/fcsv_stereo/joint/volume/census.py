@@ -4,20 +4,19 @@
 import numpy as np
 from numba import njit
 
+from fcsv_stereo.joint.tuning import CENSUS
 from fcsv_stereo.joint.volume.intrinsics import or_if_above
 
-RADIUS = 4
+RADIUS = CENSUS.radius_px
 #: (dy, dx) that the centre is compared with: 5x5, and eight further out.
 OFFSETS = np.array(
     [(y, x) for y in range(-2, 3) for x in range(-2, 3) if (y, x) != (0, 0)]
     + [(-4, 0), (4, 0), (0, -4), (0, 4), (-3, -3), (-3, 3), (3, -3), (3, 3)],
     np.int64,
 )
-CUT = 16.0  # bits of 32, after weighing: half of them differ between unrelated places
-UNSEEN, _BEYOND_MATCH = 9.0, 0.3  # bits that a pair that sees nothing counts: at least, share from a match to none
-_FLIP = 1.5  # grey levels by which a step differs from NOISE that make its bit e times as sure
-STEPS = 32  # of a grey level, in 16 bits: there is room for a picture whose exposure was doubled
-NOISE = 0.75  # grey levels: smaller steps are no texture
+CUT = CENSUS.cut_bits
+STEPS = CENSUS.steps
+_LEAST_STEP = np.int16(CENSUS.noise_grey * CENSUS.steps)
 
 
 def census(image: np.ndarray) -> np.ndarray:
@@ -38,8 +37,9 @@ def unseen_bits(image: np.ndarray) -> np.ndarray:
     match = np.zeros_like(image)
     for dy, dx in OFFSETS + RADIUS:
         step = padded[dy : dy + height, dx : dx + width] - image
-        match += 0.5 * np.exp(np.abs(step - np.float32(NOISE)) / np.float32(-_FLIP))
-    return np.maximum(np.float32(UNSEEN), match + np.float32(_BEYOND_MATCH) * (np.float32(CUT) - match))
+        match += 0.5 * np.exp(np.abs(step - np.float32(CENSUS.noise_grey)) / np.float32(-CENSUS.flip_grey))
+    beyond = np.float32(CENSUS.beyond_match) * (np.float32(CUT) - match)
+    return np.maximum(np.float32(CENSUS.unseen_bits), match + beyond)
 
 
 @njit(cache=True, nogil=True)
@@ -68,7 +68,7 @@ def census_row(padded, row, first, offsets, least, lower, upper):
     middle, width = row * stride + first + RADIUS, np.uintp(lower.shape[0])
     centre = np.uintp(middle)
     for x in range(width):
-        least[x] = np.int16(flat[centre + x] + np.int16(NOISE * STEPS))
+        least[x] = np.int16(flat[centre + x] + _LEAST_STEP)
     for k in range(0, offsets.shape[0], 4):
         codes, bit = (lower if k < 16 else upper), np.uint16(1 << (k % 16))
         a, b = _place(middle, stride, offsets, k), _place(middle, stride, offsets, k + 1)

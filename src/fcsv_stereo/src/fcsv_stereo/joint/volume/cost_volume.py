@@ -12,17 +12,16 @@ from typing import Tuple
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.views import LEAST_FALL, Views
+from fcsv_stereo.joint.bands import for_rows
+from fcsv_stereo.joint.tuning import VIEWS, VOLUME
+from fcsv_stereo.joint.views import Views
 from fcsv_stereo.joint.volume.census import CUT, OFFSETS, census, unseen_bits
 from fcsv_stereo.joint.volume.pair_costs import QUARTERS, rank, scratch, weigh
 
-POWER = 1.0
-_SCALE = 10.0  # volume units per bit
-LEVEL_PRICE = 8.0  # volume units by which an upright surface is preferred
-_LEAST_TILT = 0.12  # px per row by which a level surface shears the fastest pair; less, and upright windows do
-_NO_SKY, _INFINITE = 5, 2  # volume units that a depth counts above the horizon; levels that are as good as infinite
-_BAND = 40
-_BLOCK = 32
+_SCALE = VOLUME.units_per_bit
+_LEVEL_PRICE = VOLUME.level_price
+_LEAST_FALL = VIEWS.least_fall
+_BLOCK = VOLUME.block_levels
 
 
 def cost_volume(
@@ -42,32 +41,30 @@ def cost_volume(
     codes = census(found.reference)
     weights = pair_weights(len(found))
     unseen = np.round(QUARTERS * unseen_bits(found.reference)).astype(np.uint8)
-    bands = [(y, min(y + _BAND, height)) for y in range(0, height, _BAND)]
+    shear = found.fastest_px_m * float(np.hypot(*found.falling[:2]))
+    heights = np.float32([VOLUME.least_tilt / max(shear, 1e-9), highest])
 
-    fastest = float(np.hypot(found.projections[:, 9], found.projections[:, 10]).max())
-    heights = np.float32([_LEAST_TILT / max(fastest * float(np.hypot(*found.falling[:2])), 1e-9), highest])
-
-    def run(band):
-        count = int(np.searchsorted(w, nearest[slice(*band)].max(), side="right"))
+    def run(y0, y1):
+        count = int(np.searchsorted(w, nearest[y0:y1].max(), side="right"))
         _sweep_band(
             codes, found.others, found.sizes, found.projections, w[:count], OFFSETS, weights,
-            unseen, *band, volume,
+            unseen, y0, y1, volume,
         )  # fmt: skip
-        counts[slice(*band)] = count
-        for y in np.flatnonzero(found.falls[slice(*band)] <= 0.0) + band[0]:
-            volume[y, :, _INFINITE:count] += np.uint8(_NO_SKY)
+        counts[y0:y1] = count
+        for y in np.flatnonzero(found.falls[y0:y1] <= 0.0) + y0:
+            volume[y, :, VOLUME.infinite_levels : count] += np.uint8(VOLUME.no_sky)
         _sweep_level(
             codes, found.others, found.sizes, found.projections, found.falling.astype(np.float32), w[:count],
-            *heights, OFFSETS, weights, unseen, *band, volume,
+            *heights, OFFSETS, weights, unseen, y0, y1, volume,
         )  # fmt: skip
 
-    list(pool.map(run, bands))
+    for_rows(pool, height, run, VOLUME.band_rows)
     return volume, counts
 
 
 def pair_weights(pairs: int) -> np.ndarray:
     """(N,) float32 weights of the pairs' costs from the best to the worst at a pixel; their sum is 1."""
-    weights = np.arange(pairs, 0, -1, dtype=np.float64) ** POWER
+    weights = np.arange(pairs, 0, -1, dtype=np.float64)
     return (weights / weights.sum()).astype(np.float32)
 
 
@@ -107,7 +104,7 @@ def _sweep_level(
     """
     width, rows = reference.shape[1], y1 - y0
     lowest = falling[0] * np.float32(0.5) * np.float32(width - 1) + falling[1] * np.float32(y1 - 1) + falling[2]
-    if lowest < np.float32(LEAST_FALL):
+    if lowest < np.float32(_LEAST_FALL):
         return
     room, total = scratch(rows, width), np.empty(width, np.float32)
     ranked = np.empty((rows, others.shape[0], width), np.uint8)
@@ -139,5 +136,5 @@ def _lower(total, plane, y, w, k, costs):
             k += 1
         while k > 0 and at - w[k - 1] < w[k] - at:
             k -= 1
-        value = min(total[x], np.float32(CUT)) * np.float32(_SCALE) + np.float32(LEVEL_PRICE)
+        value = min(total[x], np.float32(CUT)) * np.float32(_SCALE) + np.float32(_LEVEL_PRICE)
         costs[x, k] = min(costs[x, k], np.uint8(value))

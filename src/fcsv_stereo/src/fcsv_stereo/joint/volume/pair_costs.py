@@ -7,12 +7,13 @@ Kernels are handed a row of arrays to write on (``scratch``): allocated once for
 import numpy as np
 from numba import njit
 
+from fcsv_stereo.joint.tuning import VOLUME
 from fcsv_stereo.joint.volume.census import RADIUS, STEPS, census_row, whole_code
 from fcsv_stereo.joint.volume.intrinsics import quarters_that_differ, whole_16
 
-QUARTERS = 4.0  # of a bit: what costs are counted in
-_BLOCK = 32  # columns
-_MOST_DRIFT_PX = 0.5  # beyond the two pixels that one is sampled from
+QUARTERS = VOLUME.quarters
+_BLOCK = VOLUME.block_columns
+_MOST_DRIFT = np.float32(2.0 * VOLUME.most_drift_px)  # from one end of a block to the other
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -80,8 +81,9 @@ def warp_row(image, size, p, w, v, u0, at, out, seen):
 
     By blocks of columns that move as one but for a drift: neighbours there are neighbours here, and vector code loads
     them so. Where the picture ends or the drift is too large, place by place: first where each is, then what is there;
-    only apart does the first become vector code. (All in one function: a call counts references to its arrays, and two
-    threads that count wait for each other.)
+    only apart does the first become vector code. What a row has in common is summed once, in another order than in
+    ``projecting``: with its functions the last bits would differ. (All in one function: a call counts references to its
+    arrays, and two threads that count wait for each other.)
     """
     index, parts_x, parts_y, ramp = at
     height, width = np.float32(size[0] - 1), np.float32(size[1] - 1)
@@ -100,7 +102,7 @@ def warp_row(image, size, p, w, v, u0, at, out, seen):
         drift_x, drift_y = (xb - xa) / span - one, (yb - ya) / span
         x_low, y_low = half * (xa + xb - span), half * (ya + yb)
         inside = (x_low >= one) & (y_low >= one) & (x_low < width - span - one) & (y_low < height - one)
-        if inside & (min(za, zb) > zero) & (max(abs(drift_x), abs(drift_y)) * span < np.float32(2.0 * _MOST_DRIFT_PX)):
+        if inside & (min(za, zb) > zero) & (max(abs(drift_x), abs(drift_y)) * span < _MOST_DRIFT):
             c, r = np.int32(x_low), np.int32(y_low)
             fx, fy = xa - np.float32(c), ya - np.float32(r)
             upper = np.uintp(r * stride + c)

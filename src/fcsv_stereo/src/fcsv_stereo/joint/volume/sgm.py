@@ -13,10 +13,13 @@ from typing import Tuple
 import numpy as np
 from numba import njit
 
-MOST_PRICE = 600
-_FAR = np.int16(1000)  # above every path cost, which is at most those of a cell (255) and of a jump
-_LEVEL = np.int16(5)  # price of going on level: where nothing is known, an upright surface is likelier
-_PARTS = 6  # bits of a level that drifts are rounded to
+from fcsv_stereo.joint.bands import for_rows
+from fcsv_stereo.joint.tuning import SGM
+
+_FAR = np.int16(SGM.far_cost)
+_LEVEL = np.int16(SGM.level_price)
+_PER_GREY, _LEAST_P2 = np.float32(SGM.edge_per_grey), np.float32(SGM.least_p2)
+_PARTS = SGM.parts_bits
 _HALF = np.int16(1 << (_PARTS - 1))
 _DEEPEST = np.int16(1 - (1 << (15 - _PARTS)))  # step whose product with a part has room in sixteen bits
 
@@ -28,11 +31,11 @@ def aggregate(
     """Sums of the path costs (HxWxD uint16) of a volume (HxWxD uint8) over a float32 picture.
 
     Row y has ``counts[y]`` levels; what is beyond is not looked at. ``prices``: of a step of one level, and of any
-    larger one (at most MOST_PRICE), lowered where the picture has an edge. ``drift`` (2xHxD) is by how many levels a
-    level surface differs in the row above, and in the row below.
+    larger one (at most ``SGM.most_price``), lowered where the picture has an edge. ``drift`` (2xHxD) is by how many
+    levels a level surface differs in the row above, and in the row below.
     """
-    if prices[1] > MOST_PRICE:
-        raise ValueError(f"a jump's price is {prices[1]}; path costs have room for {MOST_PRICE}")
+    if prices[1] > SGM.most_price:
+        raise ValueError(f"a jump's price is {prices[1]}; path costs have room for {SGM.most_price}")
     height, _, _ = volume.shape
     # not zeros: two threads that first touch pages of those wait for each other longer than all else takes
     down, up = np.empty(volume.shape, np.uint16), np.empty(volume.shape, np.uint16)
@@ -43,12 +46,8 @@ def aggregate(
     ]
     for job in jobs:
         job.result()
-    half = (height + 1) // 2
-    jobs = [
-        pool.submit(_horizontal, volume, counts, grey, p1, p2, down, up, *rows) for rows in ((0, half), (half, height))
-    ]
-    for job in jobs:
-        job.result()
+    alone = volume, counts, grey, p1, p2, down, up
+    for_rows(pool, height, lambda y0, y1: _horizontal(*alone, y0, y1), (height + 1) // 2)
     return down
 
 
@@ -126,7 +125,7 @@ def _nothing(values, y, x, count):
 @njit(cache=True, nogil=True)
 def _price(p1, p2, step):
     """P2 on a step of grey: a jump of depth is likely there."""
-    price = max(p2 / (np.float32(1.0) + abs(step) * np.float32(0.1)), np.float32(1.5) * p1)
+    price = max(p2 / (np.float32(1.0) + abs(step) * _PER_GREY), _LEAST_P2 * p1)
     return np.int16(price + np.float32(0.5))
 
 

@@ -8,20 +8,13 @@ import cv2
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.views import LEAST_FALL, Views, inverse_depths
+from fcsv_stereo.joint.tuning import SGM, VIEWS, WINNER
+from fcsv_stereo.joint.views import Views, inverse_depths
 from fcsv_stereo.joint.volume.census import census
 from fcsv_stereo.joint.volume.cost_volume import cost_volume
 from fcsv_stereo.joint.volume.sgm import aggregate
 
-P1, P2 = 40.0, 330.0
-_CONFIDENT = 60  # volume units: a match whose better pairs differ in no more than six of 32 bits
-_TEXTURE = 9.0  # variance of grey levels in 5x5
-_LEAST_LEVELS = 8
-_LEAST_GOOD = 50  # px
-_REACH = 0.08  # of the picture's height
-_CLEAR_FALL = 0.05  # of a ray, per metre of depth: it clearly meets the ground
-_LOW, _ABOVE_GROUND = 25, 1.5  # percentile of a row's inverse depths, share of inverse height
-_LEAST_BITS = 5  # set in a census code that tells something
+_BESIDE = WINNER.beside_levels
 
 
 @dataclass(frozen=True)
@@ -42,7 +35,7 @@ def coarse(
     ``step_px``."""
     levels = inverse_depths(found, step_px, most_levels, float(nearest.max()))
     volume, counts = cost_volume(found, levels, nearest, highest, pool)
-    total = aggregate(volume, counts, found.reference, (P1, P2), level_drift(found, levels), pool)
+    total = aggregate(volume, counts, found.reference, (SGM.p1, SGM.p2), level_drift(found, levels), pool)
     w = np.empty(found.shape, np.float32)
     cost = np.empty(found.shape, np.uint8)
     margin = np.empty(found.shape, np.float32)
@@ -54,10 +47,11 @@ def highest_level(found: Coarse, small: Views) -> float:
     """Inverse height under the camera (1/m) above which no level surfaces are to be looked for: half as high again as
     what lies lowest in a smaller picture's rows, inf where no row is below the horizon."""
     falls = small.falls
-    below = falls > _CLEAR_FALL
+    below = falls > WINNER.clear_fall
     if not below.any():
         return np.inf
-    return float(_ABOVE_GROUND * np.median(np.percentile(found.w[below], _LOW, axis=1) / falls[below]))
+    low = np.percentile(found.w[below], WINNER.low_percentile, axis=1)
+    return float(WINNER.above_ground * np.median(low / falls[below]))
 
 
 def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
@@ -69,7 +63,8 @@ def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
     falls = found.falls
     out = np.zeros((2, len(falls), len(levels)), np.float32)
     for k, neighbour in enumerate((np.roll(falls, 1), np.roll(falls, -1))):
-        ratio = np.where((falls > LEAST_FALL) & (neighbour > LEAST_FALL), neighbour / np.maximum(falls, 1e-9), 1.0)
+        below = (falls > VIEWS.least_fall) & (neighbour > VIEWS.least_fall)
+        ratio = np.where(below, neighbour / np.maximum(falls, 1e-9), 1.0)
         there = np.interp(ratio[:, None] * levels, levels, np.arange(len(levels)))
         out[k] = there - np.arange(len(levels))
     out[0, 0] = out[1, -1] = 0.0
@@ -79,18 +74,26 @@ def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
 def nearest_inverse_depth(found: Coarse, grey: np.ndarray, height: int) -> np.ndarray:
     """(height,) upper bounds of the inverse depth in the rows of the picture, from what has texture and was matched
     well in a smaller one."""
-    steady = np.abs(found.w - cv2.medianBlur(found.w, 5)) <= 0.05 * found.w
-    variance = cv2.blur(np.square(grey), (5, 5)) - np.square(cv2.blur(grey, (5, 5)))
+    window = (WINNER.steady_px,) * 2
+    steady = np.abs(found.w - cv2.medianBlur(found.w, WINNER.steady_px)) <= WINNER.steady * found.w
+    variance = cv2.blur(np.square(grey), window) - np.square(cv2.blur(grey, window))
     brighter = np.unpackbits(census(grey).view(np.uint8).reshape(*grey.shape, 4), axis=2).sum(axis=2)
-    good = steady & (found.cost <= _CONFIDENT) & (variance > _TEXTURE) & (brighter >= _LEAST_BITS)
-    if good.sum() < _LEAST_GOOD:
+    tells = (variance > WINNER.texture) & (brighter >= WINNER.least_bits)
+    good = steady & (found.cost <= WINNER.confident_cost) & tells
+    if good.sum() < WINNER.least_good:
         return np.full(height, found.levels[-1])
-    least = found.levels[min(_LEAST_LEVELS, len(found.levels) - 1)]
-    whole = float(np.clip(1.3 * np.percentile(found.w[good], 99.8), least, found.levels[-1]))
-    rows = np.clip(1.5 * np.where(good, found.w, 0.0).max(axis=1), least, whole).astype(np.float32)
-    reach = int(_REACH * len(rows))  # things stand higher than where they are matched well
+    least = found.levels[min(WINNER.least_levels, len(found.levels) - 1)]
+    nearest = np.percentile(found.w[good], WINNER.nearest_percentile)
+    whole = float(np.clip(WINNER.nearest_picture * nearest, least, found.levels[-1]))
+    rows = np.clip(WINNER.nearest_row * np.where(good, found.w, 0.0).max(axis=1), least, whole).astype(np.float32)
+    reach = int(WINNER.reach * len(rows))  # things stand higher than where they are matched well
     rows = cv2.dilate(rows[:, None], np.ones((2 * reach + 1, 1), np.uint8))[:, 0]
     return np.interp(np.linspace(0.0, len(rows) - 1.0, height), np.arange(len(rows)), rows)
+
+
+def well_matched(found: Coarse) -> np.ndarray:
+    """HxW bool: where the pictures agree and the next best depth is worse."""
+    return (found.cost < WINNER.most_cost) & (found.margin > WINNER.least_margin)
 
 
 @njit(cache=True, nogil=True)
@@ -107,7 +110,7 @@ def _minima(total, volume, counts, levels, w, cost, margin):
                     k = d
             second = np.float32(1e9)
             for d in range(depth):
-                if abs(d - k) > 2:
+                if abs(d - k) > _BESIDE:
                     second = min(second, np.float32(sums[d]))
             w[y, x] = levels[k]
             if 0 < k < depth - 1:

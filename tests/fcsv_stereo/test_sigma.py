@@ -4,9 +4,10 @@
 import numpy as np
 import pytest
 
-from fcsv_stereo.joint.checks.sigma import LEAST_TRUST, matching_sigma
+from fcsv_stereo.joint.checks.sigma import matching_sigma
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.refine.subpixel import Fine
+from fcsv_stereo.joint.tuning import RESIDUALS
 
 SIZE, W = 40, 0.1
 TRUSTED = np.ones((SIZE, SIZE), bool)
@@ -34,7 +35,7 @@ def middle(fine, known=TRUSTED):
 
 def test_the_better_a_place_is_known_the_smaller_is_its_sigma():
     agreed, half = middle(match()), middle(match(), ~TRUSTED)
-    hidden = middle(match(trust=LEAST_TRUST / 2), ~TRUSTED)
+    hidden = middle(match(trust=RESIDUALS.least_trust / 2), ~TRUSTED)
     unseen = middle(match(trust=0.0, seen=0.0), ~TRUSTED)
     assert 0.0 < agreed < 0.03 and half < 0.03 and 0.2 < hidden < 0.4 and half < unseen < 0.1  # level ground goes on
 

@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 
 from fcsv_stereo.joint.views import Views
-from fcsv_stereo.joint.volume.far_rematch import _band, _strips, sharpened
+from fcsv_stereo.joint.volume.far_rematch import _strips, sharpened
 from fcsv_stereo.joint.volume.winner import coarse
 
 SIZE = 160, 200
@@ -78,7 +78,7 @@ def test_a_band_of_rows_is_matched_as_in_the_whole_picture(pool):
     rows = slice(40, 100)
     nearest = np.full(SIZE[0], 12.0, np.float32)
     whole = coarse(found, nearest, 0.0, 768, pool, 0.5)
-    part = coarse(_band(found, rows), nearest[rows], 0.0, 768, pool, 0.5)
+    part = coarse(found.rows(rows), nearest[rows], 0.0, 768, pool, 0.5)
     middle = slice(20, 40)  # paths and windows end at a band's borders
     same = np.abs(part.w[middle] - whole.w[rows][middle]) < 0.02 * whole.w[rows][middle]
     assert same.mean() > 0.97

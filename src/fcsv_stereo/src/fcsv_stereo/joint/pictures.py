@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures of a joint match: which serve, and what is known of them at a stage."""
+
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_stereo.inputs import Picture
+from fcsv_stereo.joint.tuning import MATCH
+from fcsv_stereo.joint.views import Views, grey, inverse_depths, views
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The reference and those that are matched with it.
+
+    ``greys`` are HxW float32 at full size, the reference's first, exposures made alike once they are known.
+    ``covariances`` (6x6; rad in camera axes, m in home's) are those of the others' poses, None where not given.
+    ``prior`` is what poses may be adjusted by; None where they are taken as they are.
+    """
+
+    reference: Picture
+    others: List[Picture]
+    greys: List[np.ndarray]
+    covariances: List[Optional[np.ndarray]]
+    prior: Optional[List[np.ndarray]] = None
+
+    @classmethod
+    def of(cls, reference: Picture, others: List[Picture], covariances, adjust_poses: bool) -> "Pictures":
+        """``covariances`` may be None; poses are adjusted only where every one of them is given."""
+        given = list(covariances) if covariances else [None] * len(others)
+        prior = given if adjust_poses and all(c is not None for c in given) else None
+        return cls(reference, others, [grey(p) for p in (reference, *others)], given, prior)
+
+    def views(self, scale: float) -> Views:
+        """At ``scale`` of the full size."""
+        return views(self.reference, self.others, scale, self.greys)
+
+    def posed(self, others: List[Picture], covariances: List[np.ndarray]) -> "Pictures":
+        """The same pictures with other poses."""
+        return replace(self, others=others, covariances=covariances)
+
+
+def usable(reference: Picture, others: Sequence[Picture]) -> Tuple[List[int], Dict[int, str]]:
+    """Indices of the pictures that see something of the reference's from another place, and why others do not."""
+    left_out: Dict[int, str] = {}
+    for i, other in enumerate(others):
+        baseline_m = float(np.linalg.norm(other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
+        if min(*reference.image.shape[:2], *other.image.shape[:2]) < MATCH.least_side_px:
+            left_out[i] = f"{other.name} or {reference.name} is smaller than {MATCH.least_side_px} px: nothing to match"
+        elif baseline_m < MATCH.least_baseline_m:
+            left_out[i] = f"{other.name} and {reference.name} were taken from one place: no baseline"
+    some = [i for i in range(len(others)) if i not in left_out]
+    if some:
+        pictures = [others[i] for i in some]
+        found = views(reference, pictures, MATCH.overlap_scale, [grey(p) for p in (reference, *pictures)])
+        for pair, i in enumerate(some):
+            if len(inverse_depths(found.only(pair), MATCH.overlap_step_px, MATCH.overlap_levels)) < MATCH.least_levels:
+                left_out[i] = f"{others[i].name} does not overlap {reference.name}"
+    return [i for i in range(len(others)) if i not in left_out], dict(sorted(left_out.items()))

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exposures made alike, by what the pictures agree on."""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import List, Sequence
+
+import numpy as np
+
+from fcsv_stereo.joint.refine.residuals import Residuals, residuals
+from fcsv_stereo.joint.tuning import EXPOSURE, RESIDUALS
+from fcsv_stereo.joint.views import Views
+
+
+def same_exposure(
+    greys: Sequence[np.ndarray], found: Views, w: np.ndarray, r: Residuals, pool: ThreadPoolExecutor
+) -> List[np.ndarray]:
+    """``greys`` (the reference's first) with each other picture's exposure brought to the reference's.
+
+    By the pixels of ``found`` at which a pair agrees (``r``, without local means) at inverse depth ``w`` (HxW, 1/m).
+    """
+    out = list(greys)
+    for i, (trust, difference) in enumerate(zip(r.trust, residuals(found, w, pool).difference)):
+        good = trust > RESIDUALS.least_trust
+        if good.sum() < EXPOSURE.least_pixels:
+            continue
+        here, there = found.reference[good], (found.reference - difference)[good]
+        gain = float(np.clip(here.std() / max(there.std(), 1e-3), 1.0 / EXPOSURE.most_gain, EXPOSURE.most_gain))
+        out[i + 1] = gain * greys[i + 1] + float(np.median(here - gain * there))
+    return out
