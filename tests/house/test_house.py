@@ -147,8 +147,8 @@ def compiled(function):
 def test_numbers_of_joint_stand_in_tuning():
     """Neither a name at the top of a module nor a compiled function of joint holds a number of its own.
 
-    Halves and the numbers of colours and of bits are arithmetic; what is below 1e-8 or above 1e5 keeps a value finite or means none;
-    the cubic's are those of its formula.
+    Halves and the numbers of colours and of bits are arithmetic; what is below 1e-8 or above 1e5 keeps a value finite
+    or means none; the cubic's are those of its formula.
     """
     root = ROOT / "src/fcsv_stereo/src/fcsv_stereo/joint"
     bare = []

@@ -15,6 +15,7 @@ from fcsv_stereo.joint.checks.enough_evidence import require_evidence
 from fcsv_stereo.joint.checks.moved import leave_out_moved
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
+from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.model import (
     Cloud,
     Configuration,
@@ -30,7 +31,6 @@ from fcsv_stereo.model import (
     silent,
 )
 from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions, refine
-from fcsv_stereo.joint.tuning import PAIRS
 
 
 @dataclass(frozen=True)

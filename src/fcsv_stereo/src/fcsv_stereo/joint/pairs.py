@@ -7,8 +7,8 @@ from typing import List, Tuple
 import cv2
 import numpy as np
 
-from fcsv_stereo.model import Configuration, Picture
 from fcsv_stereo.joint.tuning import PAIRS
+from fcsv_stereo.model import Configuration, Picture
 from fcsv_stereo.rectify import RectifiedPair, bouguet, home
 
 

@@ -6,9 +6,9 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_stereo.inputs import Picture
 from fcsv_stereo.joint.tuning import MATCH
 from fcsv_stereo.joint.views import Views, grey, inverse_depths, views
+from fcsv_stereo.model import Picture
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError
 from fcsv_stereo.equations import parse_threshold
 from fcsv_stereo.errors import OutputError, PlanError
-from fcsv_stereo.planning.mission import MIN_SEPARATION_M, RECORD_S, map_arguments, mission_document, write_mission
 from fcsv_stereo.model import AXES
+from fcsv_stereo.planning.mission import MIN_SEPARATION_M, RECORD_S, map_arguments, mission_document, write_mission
 from fcsv_stereo.planning.plan import Plan, PlanRequest, make_plan
 
 _EXAMPLES = """examples:

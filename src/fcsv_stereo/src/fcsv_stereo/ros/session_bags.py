@@ -17,8 +17,8 @@ from fcsv_geometry.home import HomeFrames, camera_in_home
 from fcsv_geometry.ros import conversions, home_messages
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.ros.session_messages import window_of
 from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Picture
+from fcsv_stereo.ros.session_messages import window_of
 from fcsv_stereo.ros.session_pictures import read_pictures
 
 

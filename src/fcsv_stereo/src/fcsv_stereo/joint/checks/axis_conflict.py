@@ -13,8 +13,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
-from fcsv_stereo.model import MapInput, MapResult
 from fcsv_stereo.joint.tuning import AXIS_CONFLICT
+from fcsv_stereo.model import MapInput, MapResult
 
 _MARGIN = np.ones((AXIS_CONFLICT.margin_px,) * 2, np.uint8)
 

@@ -4,8 +4,8 @@
 import numpy as np
 
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.model import MapResult
 from fcsv_stereo.joint.tuning import ENOUGH_EVIDENCE
+from fcsv_stereo.model import MapResult
 
 
 def require_evidence(result: MapResult) -> MapResult:

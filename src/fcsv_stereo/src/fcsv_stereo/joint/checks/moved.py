@@ -15,8 +15,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
-from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference
 from fcsv_stereo.joint.tuning import MOVED
+from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference
 from fcsv_stereo.refinement.features import corners
 
 _WINDOW = (MOVED.window_px,) * 2

@@ -9,8 +9,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.refine.subpixel import Fine
-from fcsv_stereo.model import Picture
 from fcsv_stereo.joint.tuning import RESIDUALS, SIGMA
+from fcsv_stereo.model import Picture
 
 _STEP_WINDOW = np.ones((SIGMA.step_px,) * 2, np.uint8)
 
