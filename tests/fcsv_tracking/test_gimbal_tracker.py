@@ -52,6 +52,35 @@ class Loop:
         assert error.value.reason == reason and self.tracker.counts[reason] == before + 1
 
 
+def test_readings_and_commands_go_on_while_a_picture_is_looked_at():
+    """begin(), see(), finish() with readings and a command between them give what feed_tags() gives at once."""
+    at_once, between = Loop(), Loop()
+    for loop in (at_once, between):
+        loop.readings(0.3)
+    pose = at_once.picture(body())
+    stamp_s = between.now_s - 0.02
+    picture = between.tracker.begin(between.now_s, stamp_s, between.observations(body()))
+    between.readings(0.2, rate_radps=0.3)
+    seen = between.tracker.see(picture)
+    between.tracker.command(between.now_s)
+    other = between.tracker.finish(picture, seen)
+    assert other.stamp_s == pose.stamp_s == stamp_s
+    assert np.array_equal(other.T_G_D, pose.T_G_D) and np.array_equal(other.covariance, pose.covariance)
+
+
+def test_a_picture_that_a_newer_one_overtook_is_none():
+    loop = Loop()
+    loop.readings(0.3)
+    stamp_s = loop.now_s - 0.02
+    picture = loop.tracker.begin(loop.now_s, stamp_s, loop.observations(body()))
+    loop.readings(0.1)
+    newer = loop.picture(body())
+    with pytest.raises(SampleRejected) as error:
+        loop.tracker.finish(picture, loop.tracker.see(picture))
+    assert error.value.reason == "overtaken" and loop.tracker.counts["overtaken"] == 1
+    assert loop.tracker.latest is newer
+
+
 @pytest.fixture
 def loop():
     loop = Loop()

@@ -19,6 +19,9 @@ from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.config import BodyTag
 from fcsv_tracking.tags import TagObservation, corner_points
 
+#: The counter of a picture whose attitude alone is not known.
+AMBIGUOUS = "ambiguous"
+
 _SAME_RAD = np.radians(3.0)  # solutions nearer than this are one
 _ROUNDS, _DONE = 5, 1e-7
 
@@ -182,7 +185,7 @@ def _chosen(fits: List[_Fit], rules: PoseRules, prior: Optional[np.ndarray]) -> 
         return fits[0]
     near = [f for f in alike if prior is not None and _angle_deg(f.T, prior) < rules.prior_deg]
     if len(near) != 1:
-        raise SampleRejected("ambiguous", "two mirrored poses fit alike, and the last attitude does not decide")
+        raise SampleRejected(AMBIGUOUS, "two mirrored poses fit alike, and the last attitude does not decide")
     return near[0]
 
 

@@ -21,7 +21,8 @@ from fcsv_tracking.gimbal.config import BodyTag
 from fcsv_tracking.gimbal.follow import Follower, FollowRules, Target
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
 from fcsv_tracking.gimbal.looking import Window, window_about
-from fcsv_tracking.gimbal.pose import BodySight, PoseRules, see_body
+from fcsv_tracking.gimbal.pose import BodySight, PoseRules
+from fcsv_tracking.gimbal.sighting import Seen, TagPicture, see
 from fcsv_tracking.mocap.equations import moved_covariance
 from fcsv_tracking.tags import TagObservation
 
@@ -100,13 +101,33 @@ class GimbalTracker:
         return self._geometry.T_ground_cam(self._angles.latest())
 
     def feed_tags(self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]) -> GroundPose:
-        """What the detector found in the picture of ``stamp_s``. Raises SampleRejected where it gives no pose."""
+        """What the detector found in the picture of ``stamp_s``. Raises SampleRejected where it gives no pose.
+
+        begin(), see() and finish() in one: who shares the tracker holds its lock for the first and the last alone.
+        """
+        picture = self.begin(now_s, stamp_s, observations)
+        return self.finish(picture, self.see(picture))
+
+    def begin(self, now_s: float, stamp_s: float, observations: Sequence[TagObservation]) -> TagPicture:
+        """What see() needs of the picture of ``stamp_s``. Raises SampleRejected where it is none to look at."""
         try:
             self._check_stamp(now_s, stamp_s)
-            return self._pose(stamp_s, observations)
+            return self._picture(stamp_s, observations)
         except PoseUnavailable as error:
             self.counts.count("no angles")
             raise SampleRejected("no angles", f"gimbal: {error}") from error
+        except SampleRejected as error:
+            self.counts.count(error.reason)
+            raise
+
+    def see(self, picture: TagPicture) -> Seen:
+        """The body in the picture: reads nothing that changes, so it needs no lock."""
+        return see(picture, self._tags, 0.5 * (self._camera.fx + self._camera.fy), self._rules.pose)
+
+    def finish(self, picture: TagPicture, seen: Seen) -> GroundPose:
+        """Takes what was seen. Raises SampleRejected where it gives no pose."""
+        try:
+            return self._pose(picture, seen)
         except SampleRejected as error:
             self.counts.count(error.reason)
             raise
@@ -124,27 +145,27 @@ class GimbalTracker:
             raise SampleRejected("stamp goes back", f"picture is {self._stamp_s - stamp_s:.3f} s before the last")
         self._stamp_s = stamp_s
 
-    def _pose(self, stamp_s: float, observations: Sequence[TagObservation]) -> GroundPose:
+    def _picture(self, stamp_s: float, observations: Sequence[TagObservation]) -> TagPicture:
         own = [o for o in observations if o.id in self._tags]
         for o in own:
             if abs(o.size_m - self._tags[o.id].size_m) > 1e-6:
                 raise SampleRejected("tag size", f"tag {o.id} was measured as {o.size_m} m, the file says otherwise")
         angles, rates = self._angles.at(stamp_s)
         T_G_C, turning = self._geometry.T_ground_cam(angles), float(np.max(np.abs(rates)))
-        focal_px = 0.5 * (self._camera.fx + self._camera.fy)
         prior = None if self._lost(stamp_s) or self.latest is None else T_G_C[:3, :3].T @ self.latest.T_G_D[:3, :3]
-        try:
-            sight = see_body(own, self._tags, focal_px, self._rules.pose, prior, self._blur_px(own, T_G_C, turning))
-        except SampleRejected as error:
-            if error.reason == "ambiguous":  # the attitude is; the place is good enough to follow
-                self._remember(stamp_s, transforms.apply(T_G_C @ _rough(own, self._tags), self._centre_D), turning)
-            raise
-        T_G_D = T_G_C @ sight.T_cam_body
-        self._remember(stamp_s, transforms.apply(T_G_D, self._centre_D), turning)
-        if np.degrees(turning) > self._rules.still_degps:
+        return TagPicture(stamp_s, own, angles, rates, T_G_C, prior, self._blur_px(own, T_G_C, turning))
+
+    def _pose(self, picture: TagPicture, seen: Seen) -> GroundPose:
+        if picture.stamp_s != self._stamp_s:
+            raise SampleRejected("overtaken", "looked at, when a newer one was taken or the clock set back")
+        if seen.T_G_D is not None:
+            self._remember(picture.stamp_s, transforms.apply(seen.T_G_D, self._centre_D), picture.turning_radps)
+        if seen.rejected is not None:
+            raise seen.rejected
+        if np.degrees(picture.turning_radps) > self._rules.still_degps:
             raise SampleRejected("gimbal turning", "the gimbal turned while the picture was taken")
-        covariance = self._covariance(angles, rates, T_G_C, T_G_D, sight)
-        self.latest = GroundPose(stamp_s, T_G_D, covariance, sight)
+        covariance = self._covariance(picture.angles, picture.rates_radps, picture.T_G_C, seen.T_G_D, seen.sight)
+        self.latest = GroundPose(picture.stamp_s, seen.T_G_D, covariance, seen.sight)
         return self.latest
 
     def _blur_px(self, own: Sequence[TagObservation], T_G_C: np.ndarray, turning_radps: float) -> float:
@@ -237,9 +258,3 @@ class GimbalTracker:
             self._start_over()  # the clock was set back
             target = None
         return self.follower.command(now_s, target, self._stamp_s)
-
-
-def _rough(own: Sequence[TagObservation], tags: Mapping[int, BodyTag]) -> np.ndarray:
-    """T_cam_body by the largest tag alone, whichever of its two poses holds."""
-    largest = max(own, key=lambda o: o.edge_px)
-    return largest.T_cam_tag @ transforms.invert(tags[largest.id].T_body_tag)

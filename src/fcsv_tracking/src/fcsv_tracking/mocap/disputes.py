@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples that the gates reject: which sensor may be wrong, and whether that can no longer be decided."""
 
+from enum import Enum, auto
 from typing import Optional
 
 import numpy as np
@@ -8,6 +9,14 @@ import numpy as np
 from fcsv_geometry.flow import DropCounter
 from fcsv_tracking.mocap.filter import Correction
 from fcsv_tracking.mocap.rules import TrackerRules
+
+
+class MocapVerdict(Enum):
+    """What becomes of a pose of the mocap."""
+
+    TAKE = auto()
+    KEEP_OUT = auto()  # it is none of this body's
+    CONTRADICTS = auto()  # poses have been kept out for so long that nobody knows who is right
 
 
 class Disputes:
@@ -32,14 +41,18 @@ class Disputes:
         self._mocap_since_s: Optional[float] = None
         self._place_since_s: Optional[float] = None
 
-    def keeps_out(self, correction: Correction, coasting: bool) -> bool:
-        """Whether a pose of the mocap is not this body's."""
-        return self._turned(correction, coasting) or correction.distance2 > self._rules.gate_6
+    def mocap(self, moment_s: float, correction: Correction, coasting: bool, heading_confirmed: bool) -> MocapVerdict:
+        """Of a pose of the mocap against the filter; while ``coasting`` no body turns as swapped markers do."""
+        turned = coasting and float(np.linalg.norm(correction.residual[3:])) > np.radians(self._rules.coast_deg)
+        if not (turned or correction.distance2 > self._rules.gate_6):
+            return MocapVerdict.TAKE
+        lasts = self._kept_out(moment_s, correction, turned, heading_confirmed)
+        return MocapVerdict.CONTRADICTS if lasts else MocapVerdict.KEEP_OUT
 
-    def mocap(self, moment_s: float, correction: Correction, coasting: bool, heading_confirmed: bool) -> bool:
+    def _kept_out(self, moment_s: float, correction: Correction, turned: bool, heading_confirmed: bool) -> bool:
         """A pose was kept out; True where that has lasted too long."""
         place_off = correction.part(slice(0, 3))[0] > self._rules.gate_3
-        heading_off = self._turned(correction, coasting) or correction.part(slice(3, 6))[0] > self._rules.gate_3
+        heading_off = turned or correction.part(slice(3, 6))[0] > self._rules.gate_3
         off = " and ".join(what for what, is_off in (("place", place_off), ("rotation", heading_off)) if is_off)
         self._counts.count(f"mocap: {off} off what was predicted")
         if heading_off and not place_off and heading_confirmed:
@@ -69,6 +82,3 @@ class Disputes:
             return None
         self._counts.count(reason)
         return moment_s if since_s is None else since_s
-
-    def _turned(self, correction: Correction, coasting: bool) -> bool:
-        return coasting and float(np.linalg.norm(correction.residual[3:])) > np.radians(self._rules.coast_deg)

@@ -17,7 +17,7 @@ from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.mocap.anchor import Anchor
 from fcsv_tracking.mocap.blend import Blend
-from fcsv_tracking.mocap.disputes import Disputes
+from fcsv_tracking.mocap.disputes import Disputes, MocapVerdict
 from fcsv_tracking.mocap.filter import PERIOD_S, MocapFilter
 from fcsv_tracking.mocap.rules import TrackerRules
 from fcsv_tracking.mocap.samples import MocapInput, VehicleInput, VehicleSample
@@ -195,9 +195,10 @@ class MocapTracker:
                 self._begin(moment_s, T_M_D)
             return
         correction = self._filter.mocap(self._moved_on(T_M_D, late_s))
-        if self._disputes.keeps_out(correction, self._coasting):
-            if self._disputes.mocap(moment_s, correction, self._coasting, self._heading_confirmed):
-                self._forget("mocap and odometry contradict each other: who is right is not known")
+        verdict = self._disputes.mocap(moment_s, correction, self._coasting, self._heading_confirmed)
+        if verdict is MocapVerdict.CONTRADICTS:
+            self._forget("mocap and odometry contradict each other: who is right is not known")
+        if verdict is not MocapVerdict.TAKE:
             return
         before = self._filter.state.T_M_D
         correction.apply()

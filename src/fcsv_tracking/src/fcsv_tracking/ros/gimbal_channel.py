@@ -121,7 +121,10 @@ class GimbalChannel:
         observations, _ = look(self._detector, conversions.image_to_array(message, "mono8"), camera, window)
         self._health.value(f"{self.name} looking [ms]", f"{(time.perf_counter() - begun_s) * 1e3:.0f}")
         with self.lock:
-            pose = tracker.feed_tags(rospy.get_time(), stamp_s, observations)
+            picture = tracker.begin(rospy.get_time(), stamp_s, observations)
+        seen = tracker.see(picture)  # the longest part: readings and commands go on meanwhile
+        with self.lock:
+            pose = tracker.finish(picture, seen)
         self._on_pose(self.name, pose)
 
     def _wait_for_angles(self, tracker: GimbalTracker, stamp_s: float) -> None:
