@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid transforms, camera models, trajectories, strict configuration and message conversions."""
+"""What all packages stand on: transforms, cameras, trajectories, frames in home, strict configuration, the mission's
+schema, the tracker's profile, counters and gates of message flows."""
