@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from support.waiting import within
 
 from fcsv_geometry import transforms as tf
 from fcsv_geometry.vehicle import load_vehicles
@@ -24,14 +25,14 @@ class Hovering:
     """Two bodies that sway in view; the second leaves the view after leave()."""
 
     def __init__(self, folder):
-        self._leaves_s = np.inf
+        self.leaves_s = np.inf
         self._writers = {n: TruthWriter(folder, n) for n in NAMES}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._fly, daemon=True)
         self._thread.start()
 
     def leave(self):
-        self._leaves_s = time.time() + AHEAD_S
+        self.leaves_s = time.time() + AHEAD_S
 
     def _fly(self):
         began_s = stamp_s = time.time()
@@ -42,7 +43,7 @@ class Hovering:
                 self._step(stamp_s, stamp_s - began_s, before)
 
     def _step(self, stamp_s, t, before):
-        share = min(1.0, max(0.0, stamp_s - self._leaves_s) / 4.0)
+        share = min(1.0, max(0.0, stamp_s - self.leaves_s) / 4.0)
         offset_m = 2.5 * (10 * share**3 - 15 * share**4 + 6 * share**5)
         for i, name in enumerate(NAMES):
             p = np.array([2.0 + 0.25 * np.sin(0.9 * t + i), (0.7 - 1.4 * i) / 2 + 0.25 * np.cos(0.7 * t), 2.0])
@@ -63,14 +64,16 @@ def hovering(tmp_path):
     world.stop()
 
 
-def wait_for(condition, seconds):
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.1)
-    return condition()
+until = within(30.0)
+
+
+def stamp_s(message):
+    return message.header.stamp.to_sec()
+
+
+def poses_up_to(got, end_s):
+    """Wait until both cameras have a pose whose own stamp is past ``end_s``; no clock but the stamps is read."""
+    until(lambda: all(got[n] and stamp_s(got[n][-1]) > end_s for n in NAMES), 60.0, f"camera poses of {end_s:.1f} s")
 
 
 def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, tmp_path):
@@ -85,7 +88,7 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
 
     folder = str(root / "config" / "vehicles")
     vehicles = load_vehicles(folder, NAMES)
-    got, diagnostics = {n: [] for n in NAMES}, {}
+    got, heard, diagnostics = {n: [] for n in NAMES}, {n: [] for n in NAMES}, {}
 
     def on_diagnostics(message):
         for status in message.status:
@@ -95,6 +98,7 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     subscribers = [rospy.Subscriber("/diagnostics", DiagnosticArray, on_diagnostics)]
     for n in NAMES:
         subscribers.append(rospy.Subscriber(f"/{n}/camera_pose", PoseWithCovarianceStamped, got[n].append))
+        subscribers.append(rospy.Subscriber(f"/{n}/tello/odom", Odometry, heard[n].append))
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer)
     start_node("fcsv_sim", "mocap", name="sim_mocap", params={"vehicles": list(NAMES), "sim_dir": str(tmp_path)})
@@ -104,13 +108,12 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     rospy.wait_for_service("/set_home", 20)
     set_home = rospy.ServiceProxy("/set_home", SetHome)
     assert not set_home("nobody").success
-    answer = wait_for(lambda: (r := set_home("tello1")).success and r, 30)
-    assert answer, set_home("tello1").message
+    until(lambda: set_home("tello1").success, what="home of tello1")
 
     # frames with another vehicle's name, NaN: counted, and nothing else happens
     bad = rospy.Publisher("/mocap/tello1/pose", PoseStamped, queue_size=10)
     odom = rospy.Publisher("/tello1/tello/odom", Odometry, queue_size=10)
-    wait_for(lambda: bad.get_num_connections() and odom.get_num_connections(), 5)
+    until(lambda: bad.get_num_connections() and odom.get_num_connections(), what="the tracker's subscriptions")
     wrong = conversions.pose_stamped(np.eye(4), rospy.get_time(), "tello2/mocap")
     nan = conversions.pose_stamped(np.eye(4), rospy.get_time(), "mocap")
     nan.pose.position.x = float("nan")
@@ -118,19 +121,20 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
         bad.publish(wrong)
         bad.publish(nan)
         time.sleep(0.05)
-    time.sleep(4.0)
+    until(lambda: all(got.values()), what="a pose of either camera")
+    poses_up_to(got, stamp_s(got["tello1"][-1]) + 4.0)
     print(diagnostics)
-    check(got, vehicles, tmp_path, 0.02)
+    check(got, heard, vehicles, tmp_path, 0.02)
     hovering.leave()
-    time.sleep(7.0)
+    poses_up_to(got, hovering.leaves_s + 7.0 - AHEAD_S)
     print(diagnostics)
-    check(got, vehicles, tmp_path, 0.15)  # 2.5 m at 2 %, and where home was a moment ago
+    check(got, heard, vehicles, tmp_path, 0.15)  # 2.5 m at 2 %, and where home was a moment ago
     assert buffer.can_transform("home", "tello2/camera_optical", rospy.Time(0))
     found = conversions.transform_from_msg(
         buffer.lookup_transform("home", "tello1/camera_optical", got["tello1"][-5].header.stamp).transform
     )
     assert np.allclose(found, conversions.pose_to_transform(got["tello1"][-5].pose.pose), atol=0.01)
-    wait_for(lambda: "tello1 mocap: not a pose" in diagnostics, 5)
+    until(lambda: "tello1 mocap: not a pose" in diagnostics, what="diagnostics")
     assert (
         int(diagnostics["tello1 mocap: not a pose"]) == 5
         and int(diagnostics["dropped: tello1 mocap: wrong frame"]) == 5
@@ -142,18 +146,20 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     listener.unregister()
 
 
-def check(got, vehicles, folder, bound_m):
-    """The newest pose of either camera relative to the other's, which needs no knowledge of home."""
+def check(got, heard, vehicles, folder, bound_m):
+    """The newest pose of either camera relative to the other's, which needs no knowledge of home.
+
+    It is less than a second older than the newest odometry, by their stamps.
+    """
     from fcsv_geometry.ros import conversions
 
     T = {}
     for n in NAMES:
         recent = got[n][-3:]
         assert recent, f"no camera_pose of {n}"
-        message = recent[0]
-        stamp_s = message.header.stamp.to_sec()
-        assert time.time() - stamp_s < 1.0
-        true = TruthReader(folder, n).at(stamp_s) @ vehicles[n].T_body_cam
+        newest_s, message = stamp_s(heard[n][-1]), recent[0]
+        assert newest_s - stamp_s(message) < 1.0
+        true = TruthReader(folder, n).at(stamp_s(message)) @ vehicles[n].T_body_cam
         T[n] = conversions.pose_to_transform(message.pose.pose), true
         assert np.linalg.eigvalsh(np.array(message.pose.covariance).reshape(6, 6)).min() > 0
     found, true = (tf.invert(T["tello1"][k]) @ T["tello2"][k] for k in (0, 1))
