@@ -5,7 +5,7 @@ import sys
 import textwrap
 import time
 from pathlib import Path
-from typing import Dict, List, Optional
+from typing import Callable, Dict, List, Optional
 
 from radio import Conditions, Radio, in_namespace
 
@@ -55,18 +55,25 @@ class NamespaceMachine(Machine):
 
 
 class Net:
-    """Machines with relays over an emulated radio. ``masters``: who has ROS; all by default."""
+    """Machines with relays over an emulated radio, whose delays go by ``clock`` (s).
 
-    def __init__(self, folder, links, names=("control", "uav1"), conditions=None, congestion="", masters=None):
+    ``masters``: who has ROS, and is told to the relays as a peer; all by default.
+    """
+
+    def __init__(
+        self, folder, links, names=("control", "uav1"), conditions=None, congestion="", masters=None,
+        clock: Callable[[], float] = time.monotonic,
+    ):  # fmt: skip
         self.folder, self.links = Path(folder), Path(links)
         self.keys = self.folder / "keys"
         make_fleet(self.keys, names)
-        self.radio = Radio(names, conditions or Conditions(), congestion=congestion)
+        self.radio = Radio(names, conditions or Conditions(), congestion=congestion, clock=clock)
+        self._with_ros = tuple(names if masters is None else masters)
         self.machines: Dict[str, NamespaceMachine] = {}
         self.relays: Dict[str, Process] = {}
         self._others: List[Process] = []
         try:
-            for name in names if masters is None else masters:
+            for name in self._with_ros:
                 machine = NamespaceMachine(name, self.folder, self.radio.namespace(name))
                 self.machines[name] = machine
                 machine.start_master()
@@ -78,7 +85,8 @@ class Net:
 
     def peers(self, name: str) -> str:
         """As the relay of ``name`` takes them."""
-        return ",".join(f"{n}={a}:{PORT}" for n, a in self.radio.addresses.items() if n != name)
+        others = (n for n in self._with_ros if n != name)
+        return ",".join(f"{n}={self.radio.addresses[n]}:{PORT}" for n in others)
 
     def start_relay(self, name: str, peers: Optional[str] = None, listen: Optional[str] = None,
                     discovery: bool = False) -> Process:  # fmt: skip
