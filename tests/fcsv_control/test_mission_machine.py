@@ -192,6 +192,18 @@ def test_silence_is_told_with_the_limit_that_it_passed(state_age_s, pose_age_s, 
     assert found == ([f"uav2: {words} check the radio link and the clocks"] if words else [])
 
 
+@pytest.mark.parametrize("when", ["travelling", "recording"])
+def test_a_radio_that_is_dead_for_longer_than_a_flight_leg_is_waited_for(flying, when):
+    flying.wait(1.0) if when == "travelling" else until_recording(flying)
+    for vehicle in flying.fleet.values():
+        vehicle.heard = False
+    flying.wait(40.0)
+    assert flying.machine.phase == "CONFIGURATIONS" and not flying.machine.captures
+    for vehicle in flying.fleet.values():
+        vehicle.heard = True
+    resumed(flying)
+
+
 def orders_that_move(f, name):
     return {o.number: o for _, o in f.orders if o.vehicle == name and o.kind != "RECORD"}
 
@@ -436,6 +448,20 @@ def test_two_quick_confirmations_are_one(flight):
     f.wait(1.2)
     assert "'execute' is waited for, not 'set_home'" in f.machine.proceed("set_home")
     assert f.machine.proceed("execute") == "" and f.machine.phase == "GUIDED"
+
+
+def test_abort_while_they_take_off_tells_the_pilot_of_who_is_in_the_air_to_land(flight):
+    f = flight(mission())
+    f.phase("TAKE_OFF")
+    first = f.fleet["uav1"]
+    first.armed, first.mode, first.height_m = True, "ALT_HOLD", 1.0
+    f.wait(0.5)
+    f.machine.abort("stop")
+    f.wait(5.0)
+    assert f.machine.phase == "LAND" and not kinds(f, "uav1", "LAND") and not kinds(f, "uav2", "LAND")
+    assert f.machine.problems == ["uav1 is flown by hand: land it (ALT_HOLD)"]
+    first.mode = "LAND"
+    f.phase("ABORTED", 30.0)
 
 
 def test_abort_while_calibrating_lands_and_ignores_the_late_answer(flight):

@@ -55,6 +55,19 @@ def test_a_wrong_choice_is_one_line_and_starts_nothing(arguments, words, tmp_pat
     assert said.count("\n") == 1 and all(w in said for w in words) and not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("text, words", [
+    ("name: x\nconfigurations: []", ["configurations", "empty"]),
+    ("name: x\nconfigurations: [{axis: horizontal, baseline_m: -2}]", ["configurations[0]", "baseline_m"]),
+    ("name: x\nconfigurations: [{axis: horizontal, baseline_m: 0.5}]", ["baseline_m", "separation"]),
+    ("name: x\nconfigurations: [{axis: horizontal, baselin_m: 2}]", ["unknown key", "baselin_m"]),
+])  # fmt: skip
+def test_a_mission_that_cannot_be_flown_is_one_line_and_starts_nothing(text, words, tmp_path, capsys):
+    (tmp_path / "bad.yaml").write_text(text)
+    assert demo.main(["--mission", str(tmp_path / "bad.yaml"), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and all(w in said for w in ["bad.yaml", *words]) and not (tmp_path / "out").exists()
+
+
 def test_the_map_of_the_thesis_is_made_where_its_baselines_were_flown(root):
     own = load_mission(root / "config" / "missions" / "mocap.yaml")
     assert [m.folder for m in SYSTEMS["mocap"].maps(own)] == ["map", "map_thesis"]
