@@ -4,7 +4,9 @@
 import numpy as np
 import pytest
 
-from fcsv_control.agent import Answer, CommandLog, Holder, Limits, LinkLoss, Verdict
+from fcsv_control.agent.commands import Answer, CommandLog, Verdict
+from fcsv_control.agent.holder import Holder, Limits
+from fcsv_control.agent.link_loss import LinkLoss
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import transforms
 

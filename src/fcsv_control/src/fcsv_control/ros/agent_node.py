@@ -1,29 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent on board: the only one that commands the flight link. It holds when no command comes."""
+"""The agent on board as a node: topics and services around its core."""
 
-import queue
 import threading
 import time
 from dataclasses import dataclass, field
-from typing import Callable, Dict, List, Tuple
+from typing import Callable, Dict
 
 import rospy
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Bool
 
-from fcsv_control.agent import Answer, CommandLog, Holder, Limits, LinkLoss, Verdict
-from fcsv_control.errors import CommandRefused, ControlError
+from fcsv_control.agent.core import (
+    DONE,
+    Ack,
+    AgentCore,
+    AgentRules,
+    Ask,
+    Instruction,
+    Kind,
+    Output,
+    Pictures,
+    Said,
+    SetPoint,
+)
+from fcsv_control.agent.holder import Limits
+from fcsv_control.errors import ControlError
+from fcsv_control.ros.link_services import LinkServices
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, MissionState, Refusal, State, StatusText
-from fcsv_msgs.srv import CommandBool, CommandTOL, SetMode
+from fcsv_msgs.msg import Command, CommandAck, MissionState, State
 
-_REASON_WAIT_S = 0.5  # the reason and the service's answer come by different ways
-_QUIET_S = 0.15  # set-points on their way arrive before the take-off that they would replace
-_STOPPING_MODES = {"LAND", "BRAKE"}
-_MISSION_MODES = {"GUIDED", *_STOPPING_MODES}  # what a mission needs; any other mode is a pilot's
+_STEP_HZ = 50.0
 
 
 @dataclass(frozen=True)
@@ -45,45 +54,36 @@ class AgentParameters:
         if not 0.1 <= self.service_timeout_s <= 30.0:
             raise ValueError(f"service_timeout_s: {self.service_timeout_s} is not in 0.1..30")
 
+    @property
+    def rules(self) -> AgentRules:
+        """What the core needs of them."""
+        return AgentRules(self.set_point_rate_hz, self.link_loss_land_s, self.maintenance, self.limits)
+
 
 class AgentNode:
-    """Commands run in workers, so that a slow service never blocks the radio's callbacks; stopping never queues."""
+    """Requests to the flight link run in threads of their own, so that a slow service blocks nothing."""
 
     def __init__(self):
-        self._parameters = node.parameters(AgentParameters)
-        self._name = self._parameters.vehicle
-        self._log = CommandLog(self._name)
-        self._holder = Holder(frames.odom(self._name), self._parameters.limits)
-        self._link_loss = LinkLoss(self._parameters.link_loss_land_s)
-        self._lock = threading.Lock()
-        self._texts: List[Tuple[float, str]] = []
-        self._refusals: List[Tuple[float, str]] = []
-        self._jobs: queue.Queue[Command] = queue.Queue()
-        self._stops: queue.Queue[Command] = queue.Queue()
+        p = self._parameters = node.parameters(AgentParameters)
+        self._name = p.vehicle
+        self._core = AgentCore(self._name, p.rules)
+        self._lock = threading.RLock()
         self._health = Health(self._name)
         self._acks = rospy.Publisher("command_ack", CommandAck, queue_size=20)
         self._set_points = rospy.Publisher(
             "mavros/setpoint_position/local", PoseStamped, queue_size=1, tcp_nodelay=True
         )
         self._pictures = rospy.Publisher("recorder/pictures", Bool, queue_size=1, latch=True)
-        self._set_mode = rospy.ServiceProxy("mavros/set_mode", SetMode)
-        self._arming = rospy.ServiceProxy("mavros/cmd/arming", CommandBool)
-        self._takeoff = rospy.ServiceProxy("mavros/cmd/takeoff", CommandTOL)
-        self._actions: Dict[int, Callable[[Command], None]] = {
-            Command.SET_MODE: self._command_mode,
-            Command.GOTO: self._go_to,
-            Command.HOLD: self._hold,
-            Command.RECORD: lambda c: self._pictures.publish(Bool(c.flag)),
-            Command.LAND: lambda c: self._change_mode("LAND"),
-            Command.ARM: lambda c: self._call(self._arming, lambda s: s(c.flag).success),
-            Command.TAKEOFF: self._take_off,
+        self._link = LinkServices(p.service_timeout_s)
+        self._send: Dict[type, Callable[[Output], None]] = {
+            Ack: self._send_ack,
+            Ask: self._send_ask,
+            Pictures: lambda o: self._pictures.publish(Bool(o.on)),
+            Said: self._say,
+            SetPoint: self._send_set_point,
         }
-        for waiting in (self._jobs, self._stops):
-            threading.Thread(target=self._work, args=(waiting,), name="commands", daemon=True).start()
-        self._timer = node.every(1.0 / self._parameters.set_point_rate_hz, self._stream)
+        self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._do())
         rospy.Subscriber("mavros/state", State, self._on_state, queue_size=5)
-        rospy.Subscriber("mavros/statustext/recv", StatusText, self._on_text, queue_size=20)
-        rospy.Subscriber("flight_link/refusal", Refusal, self._on_refusal, queue_size=5)
         rospy.Subscriber("mavros/local_position/pose", PoseStamped, self._on_pose, queue_size=5, tcp_nodelay=True)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         rospy.Subscriber("command", Command, self._on_command, queue_size=20)
@@ -91,8 +91,7 @@ class AgentNode:
     # ---- what is heard -------------------------------------------------------------------------------------
 
     def _on_state(self, message: State) -> None:
-        with self._lock:
-            self._holder.state(message.mode, message.armed)
+        self._do(lambda: self._core.state(message.mode, message.armed))
         self._health.problem("link", "" if message.connected else f"{self._name}: no autopilot")
 
     def _on_pose(self, message: PoseStamped) -> None:
@@ -101,157 +100,66 @@ class AgentNode:
         except FcsvError as error:
             self._health.drop("local position", str(error))
             return
-        with self._lock:
-            moved_m = self._holder.pose(message.header.stamp.to_sec(), T_odom_body)
-        if moved_m:
-            rospy.logerr("%s: the autopilot's estimate jumped by %.1f m; the target moves along", self._name, moved_m)
-            self._health.drop("jump of the estimate", f"{moved_m:.1f} m")
-
-    def _on_text(self, message: StatusText) -> None:
-        if message.severity <= StatusText.WARNING:
-            self._texts = [*self._texts[-10:], (time.monotonic(), message.text)]
-
-    def _on_refusal(self, message: Refusal) -> None:
-        self._refusals = [*self._refusals[-10:], (time.monotonic(), message.reason)]
+        self._do(lambda: self._core.pose(message.header.stamp.to_sec(), T_odom_body))
 
     def _on_mission(self, _message: MissionState) -> None:
-        with self._lock:
-            self._link_loss.heard(time.monotonic())
+        self._do(lambda: self._core.control_heard(time.monotonic()))
 
-    def _on_command(self, c: Command) -> None:
-        moves, expires_s, stops = c.kind != Command.RECORD, c.expires.to_sec(), _stops(c)
-        verdict, answer = self._log.judge(rospy.get_time(), c.vehicle, c.sender, c.number, moves, expires_s, stops)
-        if verdict is Verdict.EXECUTE:
-            self._enqueue(c)
-        elif verdict is Verdict.EXPIRED:
-            self._answer(c, CommandAck.EXPIRED, "came too late, or after a newer one")
-        elif verdict is Verdict.REPEAT:
-            self._publish(c, answer)
-
-    def _enqueue(self, c: Command) -> None:
-        """A stop is done before queued commands, and these are dropped."""
-        if not _stops(c):
-            self._jobs.put(c)
+    def _on_command(self, message: Command) -> None:
+        try:
+            instruction = self._instruction(message)
+        except FcsvError as error:
+            self._send_ack(Ack(message.sender, message.number, CommandAck.REFUSED, str(error)))
             return
-        recording = []
-        while True:
-            try:
-                waiting = self._jobs.get_nowait()
-            except queue.Empty:
-                break
-            if waiting.kind == Command.RECORD:
-                recording.append(waiting)
-            else:
-                self._answer(waiting, CommandAck.REFUSED, "overtaken by a command to stop")
-        for waiting in recording:
-            self._jobs.put(waiting)
-        if c.kind == Command.HOLD:  # needs no service: at once
-            self._attempt(c)
-        else:
-            self._stops.put(c)
+        self._do(lambda: self._core.take(rospy.get_time(), instruction))
+
+    @staticmethod
+    def _instruction(m: Command) -> Instruction:
+        """Raises FcsvError on a kind that is not known or a target that is no pose."""
+        try:
+            kind = Kind(m.kind)
+        except ValueError as error:
+            raise ControlError(f"command kind {m.kind} is not known") from error
+        target = conversions.pose_to_transform(m.target.pose) if kind is Kind.GOTO else None
+        return Instruction(
+            m.vehicle, m.sender, m.number, kind, m.expires.to_sec(), m.mode, bool(m.flag), m.altitude_m, target,
+            m.target.header.frame_id,
+        )  # fmt: skip
 
     # ---- what is done --------------------------------------------------------------------------------------
 
-    def _stream(self, _event) -> None:
-        """Repeats the last target; needs no other machine."""
+    def _do(self, heard: Callable[[], None] = lambda: None) -> None:
+        """Let the core hear something, let time pass, and send what it wants sent, in its order."""
         with self._lock:
-            target = self._holder.target
-            alone = self._link_loss.land(time.monotonic(), self._holder.mode, self._holder.armed)
-        if target is not None:
-            self._set_points.publish(conversions.pose_stamped(target, rospy.get_time(), frames.odom(self._name)))
-        if alone:
-            rospy.logerr("%s: nothing from the control PC for too long, landing", self._name)
-            soon = rospy.Time.from_sec(rospy.get_time() + 5.0)
-            self._stops.put(Command(vehicle=self._name, sender="agent", kind=Command.LAND, expires=soon))
+            heard()
+            self._core.step(time.monotonic(), rospy.get_time())
+            for output in self._core.outgoing():
+                self._send[type(output)](output)
 
-    def _work(self, waiting: "queue.Queue[Command]") -> None:
-        while not rospy.is_shutdown():
-            try:
-                command = waiting.get(timeout=0.2)
-            except queue.Empty:
-                continue
-            if rospy.get_time() > command.expires.to_sec() and not _stops(command):
-                self._answer(command, CommandAck.EXPIRED, "waited too long for the command before it")
-            else:
-                self._attempt(command)
+    def _send_ask(self, ask: Ask) -> None:
+        threading.Thread(target=self._ask, args=(ask,), name=ask.kind.name.lower(), daemon=True).start()
 
-    def _attempt(self, c: Command) -> None:
+    def _ask(self, ask: Ask) -> None:
         try:
-            self._execute(c)
-            self._answer(c, CommandAck.DONE, "")
+            self._link.ask(ask)
+            refusal = ""
         except (FcsvError, rospy.ServiceException, rospy.ROSException) as error:
-            self._answer(c, CommandAck.REFUSED, str(error))
+            refusal = str(error) or "the flight link did not answer"
+        self._do(lambda: self._core.finished(ask, refusal))
 
-    def _execute(self, c: Command) -> None:
-        if c.kind not in self._actions:
-            raise CommandRefused(f"command kind {c.kind} is not known")
-        self._actions[c.kind](c)
-
-    def _command_mode(self, c: Command) -> None:
-        if c.mode not in _MISSION_MODES and not self._parameters.maintenance:
-            allowed = ", ".join(sorted(_MISSION_MODES))
-            raise CommandRefused(f"mode '{c.mode}' is for pilots; a mission may ask for {allowed}")
-        self._change_mode(c.mode)
-
-    def _change_mode(self, mode: str) -> None:
-        self._call(self._set_mode, lambda s: s(0, mode).mode_sent)
-
-    def _go_to(self, c: Command) -> None:
-        T_odom_body = conversions.pose_to_transform(c.target.pose)
-        with self._lock:
-            self._holder.go_to(T_odom_body, c.target.header.frame_id)
-
-    def _hold(self, _c: Command) -> None:
-        with self._lock:
-            self._holder.hold()
-
-    def _take_off(self, c: Command) -> None:
-        with self._lock:
-            self._holder.take_off(rospy.get_time(), c.altitude_m)
-        time.sleep(_QUIET_S)
-        try:
-            self._call(self._takeoff, lambda s: s(0, 0, 0, 0, c.altitude_m).success)
-        except Exception:
-            with self._lock:
-                self._holder.take_off_refused()
-            raise
-
-    def _call(self, service, ask) -> None:
-        asked_s = time.monotonic()
-        rospy.wait_for_service(service.resolved_name, timeout=self._parameters.service_timeout_s)
-        if not ask(service):
-            raise ControlError(self._reason(asked_s))
-
-    def _reason(self, asked_s: float) -> str:
-        """Why the flight link refused since ``asked_s``: the reason comes by another way than the answer. MAVROS gives
-        none; then it is what the autopilot said last."""
-        until_s = time.monotonic() + _REASON_WAIT_S
-        while time.monotonic() < until_s:
-            reasons = _since(asked_s, self._refusals)
-            if reasons:
-                return reasons[-1]
-            time.sleep(0.02)
-        return ["the flight link refused without a reason", *_since(asked_s, self._texts)][-1]
-
-    def _answer(self, c: Command, result: int, reason: str) -> None:
-        answer = Answer(result, reason)
-        self._log.answered(c.sender, c.number, answer)
-        if result != CommandAck.DONE:
-            self._health.drop("command", f"{c.kind}: {reason}")
-        self._publish(c, answer)
-
-    def _publish(self, c: Command, answer: Answer) -> None:
+    def _send_ack(self, ack: Ack) -> None:
+        if ack.result != DONE:
+            self._health.drop("command", ack.reason)
         header = conversions.header(rospy.get_time(), "")
-        self._acks.publish(CommandAck(header, self._name, c.sender, c.number, answer.result, answer.reason))
+        self._acks.publish(CommandAck(header, self._name, ack.sender, ack.number, ack.result, ack.reason))
 
+    def _send_set_point(self, output: SetPoint) -> None:
+        frame = frames.odom(self._name)
+        self._set_points.publish(conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame))
 
-def _stops(c: Command) -> bool:
-    """Whether a command stops the vehicle: it never waits and never comes too late."""
-    return c.kind in (Command.HOLD, Command.LAND) or (c.kind == Command.SET_MODE and c.mode in _STOPPING_MODES)
-
-
-def _since(asked_s: float, said: List[Tuple[float, str]]) -> List[str]:
-    return [text for at_s, text in said if at_s >= asked_s]
+    def _say(self, output: Said) -> None:
+        rospy.logerr("%s", output.text)
+        self._health.drop("said", output.text)
 
 
 def main() -> int:

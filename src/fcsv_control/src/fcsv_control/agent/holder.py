@@ -1,78 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent's judgement: which commands it executes, which target it holds, when a silent control PC means landing.
-
-A vehicle never depends on another machine: what was last accepted is held until something newer comes.
-"""
+"""The target that a vehicle holds: what was last accepted, until something newer comes."""
 
 import math
-from collections import OrderedDict
 from dataclasses import dataclass
-from enum import Enum, auto
-from typing import Dict, Optional, Tuple
+from typing import Optional
 
 import numpy as np
 
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
-
-_REMEMBERED = 200
-
-
-class Verdict(Enum):
-    """What becomes of a command."""
-
-    EXECUTE = auto()
-    REPEAT = auto()  # its answer: it was executed already
-    WAIT = auto()  # it is under way
-    EXPIRED = auto()  # it came too late
-    IGNORE = auto()  # it is another vehicle's
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What was answered to a command: CommandAck.result and reason."""
-
-    result: int
-    reason: str
-
-
-class CommandLog:
-    """Decides on numbered commands; keyed by sender and number, numbers of one sender rise."""
-
-    def __init__(self, vehicle: str):
-        self._vehicle = vehicle
-        self._answers: OrderedDict[Tuple[str, int], Optional[Answer]] = OrderedDict()
-        self._newest: Dict[str, int] = {}  # number of the last move of each sender
-
-    def judge(
-        self, now_s: float, vehicle: str, sender: str, number: int, moves: bool, expires_s: float, stops: bool = False
-    ) -> Tuple[Verdict, Optional[Answer]]:
-        """(what to do, the answer to repeat). A command under way waits; one never executed may be too late.
-
-        Of commands that move the vehicle (``moves``), one that a newer one of its sender overtook is too late,
-        too: a way-point that the radio delayed must not undo the hold that came after it. A command that ``stops``
-        (HOLD, BRAKE, LAND) is never too late by the clock, which may be wrong on either machine.
-        """
-        if vehicle != self._vehicle:
-            return Verdict.IGNORE, None
-        key = (sender, number)
-        if key in self._answers:
-            answer = self._answers[key]
-            return (Verdict.WAIT, None) if answer is None else (Verdict.REPEAT, answer)
-        self._answers[key] = None
-        while len(self._answers) > _REMEMBERED:
-            self._answers.popitem(last=False)
-        overtaken = moves and number < self._newest.get(sender, 0)
-        if overtaken or (now_s > expires_s and not stops):
-            return Verdict.EXPIRED, None
-        if moves:
-            self._newest[sender] = number
-        return Verdict.EXECUTE, None
-
-    def answered(self, sender: str, number: int, answer: Answer) -> None:
-        """Remember what was answered."""
-        self._answers[(sender, number)] = answer
 
 
 @dataclass(frozen=True)
@@ -217,31 +154,3 @@ class Holder:
             raise CommandRefused(f"it is in {self._mode or 'no mode yet'}, not in GUIDED")
         if self._here is None:
             raise CommandRefused("the autopilot does not know where it is")
-
-
-class LinkLoss:
-    """Whether to land because the control PC is silent. ``land_s`` 0: hold for ever."""
-
-    _REPEAT_S = 5.0
-
-    def __init__(self, land_s: float):
-        self._land_s = land_s
-        self._heard_s: Optional[float] = None
-        self._said_s: Optional[float] = None
-        self._obeyed = False
-
-    def heard(self, now_s: float) -> None:
-        """Something came from the control PC."""
-        self._heard_s, self._said_s, self._obeyed = now_s, None, False
-
-    def land(self, now_s: float, mode: str, armed: bool) -> bool:
-        """Whether to land now: only a vehicle that this agent flies (armed in GUIDED), again until it leaves GUIDED."""
-        if self._said_s is not None and mode != "GUIDED":
-            self._obeyed = True  # who then goes back to GUIDED means it
-        if not self._land_s or self._heard_s is None or self._obeyed or not armed or mode != "GUIDED":
-            return False
-        silent = now_s - self._heard_s > self._land_s
-        if not silent or (self._said_s is not None and now_s - self._said_s < self._REPEAT_S):
-            return False
-        self._said_s = now_s
-        return True
