@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from support.waiting import within
 
 from fcsv_sim.machines.slow_motion import slow_motion
 
