@@ -19,6 +19,7 @@ from fcsv_control.agent.core import (
 from fcsv_geometry import transforms
 
 STEP_S = 0.02
+WALL_S = 1.7e9  # the wall clock is far from monotonic time
 
 
 class Board:
@@ -35,14 +36,14 @@ class Board:
     def tell(self, kind, sender="mission", lifetime_s=5.0, **fields):
         """A new command; its number."""
         self.number += 1
-        expires_s = self.now_s + lifetime_s
-        self.core.take(self.now_s, Instruction("uav1", sender, self.number, kind, expires_s, **fields))
+        expires_s = WALL_S + self.now_s + lifetime_s
+        self.core.take(WALL_S + self.now_s, Instruction("uav1", sender, self.number, kind, expires_s, **fields))
         return self.number
 
     def run(self, seconds=STEP_S):
         out = []
         for _ in range(int(round(seconds / STEP_S))):
-            self.core.step(self.now_s, self.now_s)
+            self.core.step(self.now_s, WALL_S + self.now_s)
             out += self.core.outgoing()
             self.now_s += STEP_S
         return out
@@ -102,6 +103,7 @@ def test_a_take_off_waits_a_moment_and_streams_nothing():
     board.run(1.0)
     board.tell(Kind.TAKEOFF, altitude_m=5.0)
     assert not of(board.run(0.1), Ask)
+    board.core.pose(board.now_s, transforms.from_xyz_yaw([0.0, 0.0, 3.5], 0.0))
     out = board.run(1.0)
     [ask] = of(out, Ask)
     assert ask.altitude_m == 5.0 and not of(out, SetPoint)

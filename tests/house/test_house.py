@@ -86,7 +86,7 @@ def test_linter():
     assert result.returncode == 0, result.stdout[-3000:]
 
 
-def tests_of_the_tree():
+def tree_of_tests():
     found = sorted((ROOT / "tests").rglob("*.py"))
     assert len(found) > 50
     return found
@@ -94,7 +94,7 @@ def tests_of_the_tree():
 
 def test_tests_import_no_other_tests():
     """What several tests share stands in tests/support; it imports no test either."""
-    for path in tests_of_the_tree():
+    for path in tree_of_tests():
         whole = {m for m, _ in imports(path)}
         others = {m for m in whole if m.startswith("test_") or m == "conftest"} | (whole & {"tests"})
         assert not others, f"{path.relative_to(ROOT)} imports {others}; what tests share stands in tests/support"

@@ -134,9 +134,9 @@ class AgentCore:
         """The flight controller's mode."""
         self._holder.state(mode, armed)
 
-    def pose(self, stamp_s: float, T_odom_body: np.ndarray) -> None:
-        """The autopilot's estimate; a jump of it is said."""
-        moved_m = self._holder.pose(stamp_s, T_odom_body)
+    def pose(self, now_s: float, T_odom_body: np.ndarray) -> None:
+        """The autopilot's estimate came; a jump of it is said."""
+        moved_m = self._holder.pose(now_s, T_odom_body)
         if moved_m:
             self._say(f"the autopilot's estimate jumped by {moved_m:.1f} m; the target moves along")
 

@@ -72,18 +72,18 @@ class Holder:
         if entered and self._here is not None:
             self._target = transforms.level(self._here)
 
-    def pose(self, stamp_s: float, T_odom_body: np.ndarray) -> float:
-        """The autopilot's estimate. Returns by how far (m) the frame was found to have moved, mostly 0."""
+    def pose(self, now_s: float, T_odom_body: np.ndarray) -> float:
+        """The autopilot's estimate came. Returns by how far (m) the frame was found to have moved, mostly 0."""
         before, before_s = self._here, self._here_s
-        self._here, self._here_s = T_odom_body, stamp_s
+        self._here, self._here_s = T_odom_body, now_s
         if self._armed is False:
             self._ground_m = float(T_odom_body[2, 3])
-        self._watch_take_off(stamp_s)
+        self._watch_take_off(now_s)
         if before is None:
             if self._mode == "GUIDED" and self._above is None and self._target is None:
                 self._target = transforms.level(T_odom_body)  # started in flight: the mode was known first
             return 0.0
-        gap_s = stamp_s - before_s
+        gap_s = now_s - before_s
         step = T_odom_body[:3, 3] - before[:3, 3]
         step_m = float(np.linalg.norm(step))
         if not 0.0 <= gap_s <= self._GAP_S or step_m <= self._limits.reset_step_m + self._FASTEST_MPS * gap_s:

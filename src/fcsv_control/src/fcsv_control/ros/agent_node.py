@@ -100,7 +100,7 @@ class AgentNode:
         except FcsvError as error:
             self._health.drop("local position", str(error))
             return
-        self._do(lambda: self._core.pose(message.header.stamp.to_sec(), T_odom_body))
+        self._do(lambda: self._core.pose(time.monotonic(), T_odom_body))
 
     def _on_mission(self, _message: MissionState) -> None:
         self._do(lambda: self._core.control_heard(time.monotonic()))
