@@ -166,7 +166,7 @@ def _fit_to_match(refined: List[RefinedPicture], warnings: List[str]) -> List[in
     for i, r in enumerate(refined):
         rotation_rad = float(np.sqrt(np.max(np.diag(r.covariance)[:3])))
         off_px = r.picture.camera.fx * rotation_rad
-        if r.refined or off_px <= PAIRS.most_pose_px:
+        if r.refined or off_px <= PAIRS.most_pose_off_px(r.picture.camera.fx):
             kept.append(i)
         else:
             warnings.append(f"left out: {r.picture.name}: its pose is only known to {off_px:.1f} px ({r.reason})")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a pixel of the reference lies in another picture: the one place where compiled loops compute it.
 
-Both functions are inlined before numba compiles the caller, so that they take over the caller's types and rules of
+The functions are inlined before numba compiles the caller, so that they take over the caller's types and rules of
 arithmetic, and no array is counted on the way. ``projections`` (Nx12) are those of ``Views``.
 
 Two places compute whole rows instead, since what is common to a row stands outside of their vector code
@@ -33,3 +33,12 @@ def place(a, b, c, projections, i, w):
     z = c + w * projections[i, 11]
     inverse = np.float32(1.0) / max(z, _LEAST_Z)
     return (a + w * projections[i, 9]) * inverse, (b + w * projections[i, 10]) * inverse, z, inverse
+
+
+@njit(inline="always")
+def motion(x, y, inverse, projections, i):
+    """By how many px along x and y a ``place`` in picture i moves per 1/m of inverse depth."""
+    return (
+        (projections[i, 9] - x * projections[i, 11]) * inverse,
+        (projections[i, 10] - y * projections[i, 11]) * inverse,
+    )

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from fcsv_stereo.joint.projecting import place, ray
+from fcsv_stereo.joint.projecting import motion, place, ray
 from fcsv_stereo.joint.tuning import RESIDUALS
 from fcsv_stereo.joint.views import Views
 
@@ -116,8 +116,7 @@ def _residual_band(reference, image, size, p, i, w, y0, y1, difference, slope, s
             a, b, c = ray(p, i, u, v)
             x, y, z, inverse = place(a, b, c, p, i, w[v, u])
             inside = z > 0 and x >= 0 and x <= width - 1 and y >= 0 and y <= height - 1
-            dx = (p[i, 9] - x * p[i, 11]) * inverse
-            dy = (p[i, 10] - y * p[i, 11]) * inverse
+            dx, dy = motion(x, y, inverse, p, i)
             rate = np.sqrt(dx * dx + dy * dy)
             value, gx, gy = _sample_cubic(image, height, width, x, y)
             seen[v, u] = np.float32(1.0) if inside else np.float32(0.0)

@@ -10,7 +10,7 @@ most with inverse depth. A *volume unit* is a tenth of a bit of the census code'
 
 from fcsv_stereo.joint.tuning.checks import AXIS_CONFLICT, ENOUGH_EVIDENCE, MOVED, RELIABILITY, SIGMA, SKY, VISIBILITY
 from fcsv_stereo.joint.tuning.matching import MATCH, PAIRS, VIEWS
-from fcsv_stereo.joint.tuning.recorded import Tuned, beyond_reference, table
+from fcsv_stereo.joint.tuning.recorded import REFERENCE_FOCAL_PX, Tuned, beyond_reference, table
 from fcsv_stereo.joint.tuning.refine import EXPOSURE, PLANE_FIT, POSE_ALIGNMENT, RESIDUALS, SUBPIXEL
 from fcsv_stereo.joint.tuning.surfaces import CANDIDATES, COLOUR, DATA_COST, SELECT, THIN_UPRIGHTS
 from fcsv_stereo.joint.tuning.volume import CENSUS, FAR_REMATCH, SGM, VOLUME, WINNER
@@ -23,7 +23,7 @@ STAGES = (
 
 __all__ = [
     "AXIS_CONFLICT", "CANDIDATES", "CENSUS", "COLOUR", "DATA_COST", "ENOUGH_EVIDENCE", "EXPOSURE", "FAR_REMATCH",
-    "MATCH", "MOVED", "PAIRS", "PLANE_FIT", "POSE_ALIGNMENT", "RELIABILITY", "RESIDUALS", "SELECT", "SGM", "SIGMA",
-    "SKY", "STAGES", "SUBPIXEL", "THIN_UPRIGHTS", "Tuned", "VIEWS", "VISIBILITY", "VOLUME", "WINNER",
-    "beyond_reference", "table",
+    "MATCH", "MOVED", "PAIRS", "PLANE_FIT", "POSE_ALIGNMENT", "REFERENCE_FOCAL_PX", "RELIABILITY", "RESIDUALS",
+    "SELECT", "SGM", "SIGMA", "SKY", "STAGES", "SUBPIXEL", "THIN_UPRIGHTS", "Tuned", "VIEWS", "VISIBILITY", "VOLUME",
+    "WINNER", "beyond_reference", "table",
 ]  # fmt: skip

@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Tuple
 
-from fcsv_stereo.joint.tuning.recorded import CAR, FOUR_DENIED, FOURTEEN, SIX, TILTED, Tuned, beyond_reference, tuned
+from fcsv_stereo.joint.tuning.recorded import CAR, FOUR_DENIED, FOURTEEN, SIX, TILTED, Tuned, tuned
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,11 @@ class Sigma(Tuned):
 
 @dataclass(frozen=True)
 class Sky(Tuned):
-    """``checks.sky``."""
+    """``checks.sky``.
+
+    Sizes do not grow with the focal length: the volume's windows of so many px are what they mend, and the volume's
+    size is bounded.
+    """
 
     most_px: float = tuned(1.2, "px of the volume's scale, fastest pair", "infinity, as well as a match can tell")
     growth_px: int = tuned(12, "px of the volume's scale", "by which the match makes what is before the sky too large")
@@ -72,10 +76,6 @@ class Sky(Tuned):
     bins: int = tuned(16, "of each colour", "precision of colours' shares against noise", TILTED)
     bin_sigma: float = tuned(1.0, "bins", "by which the shares are smoothed", TILTED)
     mostly: float = tuned(0.5, "share of a colour's pixels", "a colour that is sky more often is", TILTED)
-
-    def grows_px(self, focal_px: float) -> int:
-        """``growth_px`` in a picture of that focal length: beyond the bench's it grows with it."""
-        return int(beyond_reference(focal_px) * self.growth_px)
 
 
 @dataclass(frozen=True)

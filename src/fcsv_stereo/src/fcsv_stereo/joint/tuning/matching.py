@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 
-from fcsv_stereo.joint.tuning.recorded import FOURTEEN, SIX, Tuned, tuned
+from fcsv_stereo.joint.tuning.recorded import FOURTEEN, SIX, Tuned, beyond_reference, tuned
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,14 @@ class Pairs(Tuned):
     least_pixels: int = tuned(200, "px of the full picture", "a band with fewer tells nothing")
     usual_percentile: float = tuned(75.0, "percentile of the bands' agreement", "what is usual of a pair")
     most_pose_px: float = tuned(
-        1.5, "px of the full picture", "a picture whose pose is known worse is left out where others serve"
-    )
+        1.5, "px of the full picture at the bench's focal length", "a picture whose pose is known worse is left out "
+        "where others serve",
+    )  # fmt: skip
+
+    def most_pose_off_px(self, focal_px: float) -> float:
+        """``most_pose_px`` in a picture of that focal length: the first match is made at a size that is bounded, so
+        that the same angle is as harmful in a larger picture."""
+        return beyond_reference(focal_px) * self.most_pose_px
 
 
 VIEWS, MATCH, PAIRS = Views(), Match(), Pairs()

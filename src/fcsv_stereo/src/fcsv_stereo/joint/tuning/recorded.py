@@ -33,9 +33,9 @@ def tuned(value: Any, unit: str, trades: str, chosen: str = NOT_RECORDED, same: 
 
 
 def beyond_reference(focal_px: float) -> float:
-    """By what pixel sizes grow where pictures are finer than those that they were chosen on: 1 up to there.
+    """By what angles given in px grow where pictures are finer than those that they were chosen on: 1 up to there.
 
-    Not below 1: the smaller sizes on the way to the full one use the same numbers as it does.
+    Not below 1: a smaller picture has no more to tell. In whole hundredths, so that a lens's spread changes nothing.
 
     >>> beyond_reference(361.1), beyond_reference(601.8), beyond_reference(1203.7)
     (1.0, 1.0, 2.0)

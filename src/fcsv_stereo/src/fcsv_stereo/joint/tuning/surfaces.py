@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Tuple
 
-from fcsv_stereo.joint.tuning.recorded import EIGHT_THIN, FOUR_DENIED, FOURTEEN, SEED_3, Tuned, beyond_reference, tuned
+from fcsv_stereo.joint.tuning.recorded import EIGHT_THIN, FOUR_DENIED, FOURTEEN, SEED_3, Tuned, tuned
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,10 @@ class DataCost(Tuned):
 
 @dataclass(frozen=True)
 class ThinUprights(Tuned):
-    """``surfaces.thin_uprights``."""
+    """``surfaces.thin_uprights``.
+
+    Sizes do not grow with the focal length: what outvotes a thin thing are windows of so many px, however large it is.
+    """
 
     widest_px: int = tuned(
         9, "px of this scale", "narrower is thin: thin things against edges of broad ones", EIGHT_THIN
@@ -97,11 +100,6 @@ class ThinUprights(Tuned):
         "for all near stripes however they lie: 0.1 to 0.3 points fewer",
     )  # fmt: skip
     farthest_1_m: float = tuned(1e-4, "1/m", "as good as infinite")
-
-    def window_px(self, focal_px: float) -> Tuple[int, int]:
-        """Width and height in a picture of that focal length: beyond the bench's they grow with it."""
-        by = beyond_reference(focal_px)
-        return int(by * self.widest_px), int(by * self.tall_px)
 
 
 @dataclass(frozen=True)

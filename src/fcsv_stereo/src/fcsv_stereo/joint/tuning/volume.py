@@ -2,9 +2,8 @@
 """Numbers of the cost volume, its aggregation, and what is taken from it."""
 
 from dataclasses import dataclass
-from typing import Tuple
 
-from fcsv_stereo.joint.tuning.recorded import FIVE, SEED_3_AND_PLAIN_1, SIX, Tuned, beyond_reference, tuned
+from fcsv_stereo.joint.tuning.recorded import FIVE, SEED_3_AND_PLAIN_1, SIX, Tuned, tuned
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,11 @@ class Winner(Tuned):
 
 @dataclass(frozen=True)
 class FarRematch(Tuned):
-    """``volume.far_rematch``."""
+    """``volume.far_rematch``.
+
+    Sizes do not grow with the focal length: the step is what the sub-pixel step can begin from, so that the levels, and
+    the time of each pixel, would grow with it.
+    """
 
     far_px: float = tuned(
         40.0, "px of the full picture, fastest pair", "what moves less is matched again: depth of far things against "
@@ -142,14 +145,9 @@ class FarRematch(Tuned):
         0.4, "of a level of the smaller volume", "what the match leaves uncertain: the sub-pixel step looks less far"
     )
 
-    def sizes_px(self, focal_px: float) -> Tuple[float, float]:
-        """``far_px`` and ``step_px`` in a picture of that focal length: beyond the bench's both grow with it, as a
-        level of the smaller volume does, whose size is bounded."""
-        by = beyond_reference(focal_px)
-        return by * self.far_px, by * self.step_px
-
     @property
     def levels(self) -> int:
+        """Of inverse depth."""
         return int(self.far_px / self.step_px) + 1
 
 
