@@ -6,6 +6,7 @@ import socket
 import subprocess
 import time
 from pathlib import Path
+from typing import List
 
 import psutil
 
@@ -31,10 +32,15 @@ def wait_for(out: Path, words: str, demo: subprocess.Popen, timeout_s: float = F
         time.sleep(0.2)
 
 
-def left_behind(out: Path):
-    """Processes and masters of this demo that still live."""
+def processes_of(out: Path) -> List[str]:
+    """Those of this demo that still live."""
     lines = [f"{p.pid} {' '.join(p.info['cmdline'] or [])}" for p in psutil.process_iter(["cmdline"])]
-    mine = [line for line in lines if str(out) in line and "pytest" not in line]
+    return [line for line in lines if str(out) in line and "pytest" not in line]
+
+
+def left_behind(out: Path) -> List[str]:
+    """Processes and masters of this demo that still live."""
+    mine = processes_of(out)
     for machine in json.loads((out / "run" / "fleet.json").read_text()).values():
         port = int(machine["ROS_MASTER_URI"].rsplit(":", 1)[1])
         with socket.socket() as probe:

@@ -1,27 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demos of the gimbal and of the mocap system as a user starts them: a short mission, its session, its map."""
+"""The demos of the gimbal and of the mocap system as a user starts them: a short mission, its session, its map.
+
+Ctrl-C in a pair's flight: tests/fcsv_sim/test_demo_flights.py.
+"""
 
 import json
 import re
-import signal
-import subprocess
-import time
 
 import pytest
 import rosbag
-from support.demos import left_behind, said, start_demo, wait_for
+from support.demos import left_behind, said, start_demo
 
 from fcsv_geometry import transforms
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.vehicle import load_vehicles
+from fcsv_sim.truth import TruthReader
 from fcsv_stereo.truth import load_truth
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800)]
 
 NAMES = ("tello1", "tello2")
 MISSIONS = {
-    "gimbal": "[{axis: horizontal, baseline_m: 1.5}, {axis: vertical, baseline_m: 1.0}]",
-    "mocap": "[{axis: vertical, baseline_m: 1.0}, {axis: vertical, baseline_m: 3.0}]",
+    "gimbal": "[{axis: horizontal, baseline_m: 1.5, record_s: 2.5}, {axis: vertical, baseline_m: 1.0, record_s: 2.5}]",
+    "mocap": "[{axis: vertical, baseline_m: 1.0, record_s: 2.5}, {axis: vertical, baseline_m: 3.0, record_s: 2.5}]",
 }
 HEIGHTS_M = {"gimbal": 1.7, "mocap": 2.0}
 
@@ -101,27 +102,8 @@ def test_a_gimbals_map_is_in_the_ground_robots_frame(flown, root):
     assert max(abs(a - b) for a, b in zip(found, true[:3, 3])) < 0.05
 
 
-def test_nothing_is_left_behind(flown):
-    assert left_behind(flown[1]) == []
-
-
-def test_ctrl_c_lands_and_closes_the_bags(tmp_path):
-    demo = start_demo(tmp_path, "--system", "mocap", "--fly-only")
-    try:
-        wait_for(tmp_path, "SET_HOME", demo)
-        time.sleep(1.0)
-        demo.send_signal(signal.SIGINT)
-        assert demo.wait(300) == 130, said(tmp_path)[-3000:]
-    finally:
-        demo.kill()
-    assert left_behind(tmp_path) == [] and not list((tmp_path / "session").glob("*.active"))
-    from fcsv_sim.truth import TruthReader
-
+def test_both_have_landed_and_nothing_is_left_behind(flown):
+    _, out = flown
+    assert left_behind(out) == [] and not list((out / "session").glob("*.active"))
     for name in NAMES:
-        assert TruthReader(tmp_path / "run" / "sim", name).latest()[1][2, 3] < 0.1
-
-
-def test_an_unknown_system_is_one_line(tmp_path):
-    command = ["rosrun", "fcsv_sim", "demo", "--system", "stars", "--out", str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "SYSTEM is one of" in done.stderr
+        assert TruthReader(out / "run" / "sim", name).latest()[1][2, 3] < 0.1
