@@ -33,7 +33,17 @@ class Parsed(BaseException):
 
 
 def parse_only(monkeypatch, path, arguments):
-    """Run a program up to the end of its parse_args; SystemExit where that refuses the arguments."""
+    """Run a program up to the end of its parse_args; SystemExit where that refuses the arguments.
+
+    A node that begins without having parsed its arguments fails.
+    """
+
+    def too_far(*_, **__):
+        raise AssertionError(f"{path} runs without parsing its arguments")
+
+    import rospy
+
+    monkeypatch.setattr(rospy, "init_node", too_far)
     parse = argparse.ArgumentParser.parse_args
 
     def stop(self, args=None, namespace=None):
@@ -104,7 +114,7 @@ def check_script(monkeypatch, script, arguments):
     monkeypatch.syspath_prepend(str(path if path.is_dir() else path.parent))
     if script == "tools/run":
         assert f"  {arguments[0]})" in path.read_text(), f"tools/run does no {arguments[0]}"
-    elif path.suffix == ".py" or path.is_dir():
+    elif "ArgumentParser" in (path / "__main__.py" if path.is_dir() else path).read_text():
         parse_only(monkeypatch, path, arguments)
 
 
