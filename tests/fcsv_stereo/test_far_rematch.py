@@ -52,9 +52,9 @@ def test_far_depths_and_edges_get_better_and_near_ones_are_left(pool):
     far = np.zeros(SIZE, bool)
     far[10:100, 20:-20] = True
     before, after = (np.abs(m / true - 1.0) for m in (rough, better))
-    assert where[far].mean() > 0.5 and not where[124:].any()
-    assert np.median(after[where]) < 0.02
-    assert (after[far] > 0.05).mean() < 0.6 * (before[far] > 0.05).mean()
+    assert where[far].mean() > 0.88 and not where[124:].any()
+    assert np.median(after[where]) < 0.013  # measured 2026-11-24: 0.916 of it, 0.0103, a share of 0.40
+    assert (after[far] > 0.05).mean() < 0.45 * (before[far] > 0.05).mean()
     assert np.array_equal(better[~where], rough[~where])
 
 
@@ -81,7 +81,7 @@ def test_a_band_of_rows_is_matched_as_in_the_whole_picture(pool):
     part = coarse(found.rows(rows), nearest[rows], 0.0, 768, pool, 0.5)
     middle = slice(20, 40)  # paths and windows end at a band's borders
     same = np.abs(part.w[middle] - whole.w[rows][middle]) < 0.02 * whole.w[rows][middle]
-    assert same.mean() > 0.97
+    assert same.mean() > 0.99  # measured 2026-11-24: 0.9985
 
 
 def test_with_little_memory_it_is_matched_in_strips(pool):
@@ -93,8 +93,8 @@ def test_with_little_memory_it_is_matched_in_strips(pool):
     assert len(strips) > 2 and strips[0].start == 0 and strips[-1].stop == 120
     assert all(a.stop == b.start for a, b in zip(strips, strips[1:]))
     both = where & where_parts
-    assert both.sum() > 0.95 * where.sum()
-    assert (np.abs(parts / whole - 1.0)[both] < 0.02).mean() > 0.97
+    assert both.sum() > 0.99 * where.sum()
+    assert (np.abs(parts / whole - 1.0)[both] < 0.02).mean() > 0.99  # measured 2026-11-24: 0.9999
 
 
 def test_what_no_pair_sees_stays_as_it_is(pool):

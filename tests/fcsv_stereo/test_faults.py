@@ -2,8 +2,8 @@
 """Bad input: a map without the bad part, which is named, or an error in one line; never a confident wrong map.
 
 A claim is a pixel whose sigma is below 3 % of its depth, and it is refuted by an error of more than 10 %; of the claims
-at most 5 % may be (the issue's "sigma must know"). The flight without a fault makes claims on 28 % of its pixels, of
-which 1.7 % are wrong (a third of the picture is sky, and 320x240 pixels know 250 m only to 10 %).
+at most 5 % may be. With two good pictures it makes claims on 31 % of its pixels, of
+which 0.2 % are wrong (measured 2026-11-24; a third of the picture is sky, and 320x240 pixels know 250 m only to 10 %).
 Faults of refinement alone are in test_refinement.py, of joint matching alone in test_joint.py.
 """
 
@@ -81,7 +81,7 @@ def test_one_bad_picture_of_three_is_left_out_and_named(flown, truth, fault):
     bad = FAULTS[fault](flown)
     result = joint(reference, faulty.replaced(priors, 2, bad))
     sure, wrong = faulty.claims(result, truth)
-    assert sure > 0.2 and wrong <= faulty.MOST_WRONG
+    assert sure > 0.28 and wrong <= 0.01
     assert [p.other_name for p in result.pairs] == [p.name for p in priors[:2]]
     said = [w for w in result.warnings if priors[2].name in w and "left out" in w]
     assert said and WORDS.get(fault, "") in said[0], result.warnings

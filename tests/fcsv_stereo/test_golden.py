@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Golden scenes: two small seeded ones through the whole of each method; a change of the map shows here first.
 
-Where a bound comes from is said beside it. They are those of equation 2.12 for a stated matching error, so that they
-hold on any machine, and not the figures of a run with a margin.
+Where a bound comes from is said beside it: equation 2.12 for a stated matching error, or what was measured, with its
+spread.
 """
 
 import numpy as np
@@ -28,12 +28,12 @@ def errors_px(depth, truth, baseline_m, focal_px):
 
 
 @pytest.mark.parametrize("method, options, most_px, least_share", [
-    # sub-pixel, all pairs at once, poses refined: a tenth, of which bilinear sampling leaves some hundredths; the
-    # occluded strips beside the near wall (5 % of the picture for the longest baseline) are filled or not answered
-    ("joint", JointOptions(), 0.1, 0.95),
+    # sub-pixel, all pairs at once, poses refined: bilinear sampling leaves some hundredths; the occluded strips beside
+    # the near wall (5 % of the picture for the longest baseline) are filled. Measured 2026-11-24: 0.023 px, 0.990
+    ("joint", JointOptions(), 0.04, 0.975),
     # whole pixels (Quasi-Dense), poses exact: half a pixel of the baseline that answers; unanswered are those strips
-    # and 15 px of border where nothing comes, a tenth of the picture
-    ("thesis", ThesisOptions(threshold=ErrorThreshold(5.0, False)), 0.5, 0.85),
+    # and 15 px of border where nothing comes, a tenth of the picture. Measured 2026-11-24: 0.43 px, 0.916
+    ("thesis", ThesisOptions(threshold=ErrorThreshold(5.0, False)), 0.5, 0.90),
 ])  # fmt: skip
 def test_walls(method, options, most_px, least_share):
     """A wall at 20 m, one of 5 x 5 m before it at 12 m; 320x240, baselines of 0.5 and 1 m, and 1 m up."""
@@ -46,19 +46,21 @@ def test_walls(method, options, most_px, least_share):
 
 
 def test_boards():
-    """Forty boards from 10 to 160 m before a background at 250 m; 320x240, 2, 4 and 8 m, noisy poses (issue 3).
+    """Forty boards from 10 to 160 m before a background at 250 m; 320x240, 2, 4 and 8 m, noisy poses.
 
-    One pixel of 8 m is what 2.12 and 3.1 allow (10 % at 241 m). Of the errors 60 % are to lie within one sigma (the
-    issue's least); within two the issue wants 90 % on its scenes, and this smaller one reached 87 % in November 2026:
-    edges of forty boards in 320x240 pixels. Below 85 % something has broken.
+    Measured 2026-11-24 with seeds 1 to 5 of the poses' noise: median error 0.12 to 0.53 px of 8 m (2.12 and 3.1 allow
+    one: 10 % at 241 m); 82 to 87 % within one sigma, where 68 % would do; 85 to 91 % within two, since edges of forty
+    boards are many in 320x240 pixels (`make bench` has 91 %); claims on 34 to 37 % of the pixels, 0.2 to 0.4 % of them
+    wrong. This seed is the worst of them in the median, with 90 % within two sigma.
     """
     reference, _, priors = faulty.flight(seed=1)
     result = METHODS["joint"].map(faulty.given(reference, priors), JointOptions(), quiet)
     truth = boards.depth(reference.T_home_cam, faulty.TOWN, faulty.CAMERA)
-    assert np.median(errors_px(result.depth, truth, 8.0, faulty.CAMERA.fx)) <= 1.0
+    assert np.median(errors_px(result.depth, truth, 8.0, faulty.CAMERA.fx)) <= 0.7
     known = np.isfinite(result.depth) & np.isfinite(truth)
     relative = np.abs(result.depth - truth)[known] / result.sigma[known]
-    assert (relative < 1.0).mean() >= 0.60 and (relative < 2.0).mean() >= 0.85
-    assert faulty.claims(result, truth)[1] <= faulty.MOST_WRONG
+    assert (relative < 1.0).mean() >= 0.68 and (relative < 2.0).mean() >= 0.87
+    sure, wrong = faulty.claims(result, truth)
+    assert sure > 0.31 and wrong <= 0.01
     assert all(i.refined for i in result.images if i.name != reference.name)
     assert [round(p.configuration.baseline_m) for p in result.pairs] == [2, 4, 8]

@@ -52,26 +52,32 @@ def errors_px(found, truth, baseline_m):
     ([(0, -2.0, 0)], 4.0),
 ])  # fmt: skip
 def test_walls(offsets, tilt_deg):
-    """Pixels that a pair sees: to a tenth of a pixel in the middle (bilinear sampling leaves some hundredths)."""
+    """Pixels that a pair sees: bilinear sampling leaves some hundredths of a pixel.
+
+    Measured 2026-11-24, six cases: 0.995 to 0.999 answered, median 0.015 to 0.027 px, 0.983 to 0.992 within 10 %.
+    """
     reference, others, truth = walls(*offsets, tilt_deg=tilt_deg)
     found = match_jointly(reference, others)
     longest_m = max(np.linalg.norm(o) for o in offsets)
     answered = np.isfinite(found.depth)
     error = errors_px(found.depth[answered], truth[answered], longest_m)
-    assert answered.mean() > 0.85 and np.median(error) < 0.1
-    assert (np.abs(found.depth / truth - 1.0) < 0.1).mean() > 0.9
+    assert answered.mean() > 0.98 and np.median(error) < 0.04
+    assert (np.abs(found.depth / truth - 1.0) < 0.1).mean() > 0.97
     assert found.used == list(range(len(offsets))) and not found.left_out
 
 
 def test_sigma_tells_the_errors():
-    """Issue: 60-75 % within one and 90-97 % within two on scenes like the town; walls are kinder, never less."""
+    """Of a normal distribution 68 % lie within one and 95 % within two; walls are kinder, never less.
+
+    Measured 2026-11-24: 94 and 99 %, median sigma 0.57 %. Sigma is calibrated on scenes as the bench's (74 and 91 %).
+    """
     reference, others, truth = walls((0, -0.5, 0), (0, -1.0, 0))
     found = match_jointly(reference, others)
     answered = np.isfinite(found.depth)
     error = np.abs(found.depth - truth)[answered] / found.sigma[answered]
-    assert (error < 1).mean() > 0.6 and (error < 2).mean() > 0.9
+    assert (error < 1).mean() > 0.68 and (error < 2).mean() > 0.95
     relative = (found.sigma / found.depth)[answered]
-    assert np.median(relative) < 0.02  # and it is not bought by saying nothing: 2 % is a third of a pixel here
+    assert np.median(relative) < 0.008  # and it is not bought by saying nothing: 0.8 % is an eighth of a pixel here
 
 
 def test_sigma_grows_with_the_poses_uncertainty():
@@ -92,12 +98,15 @@ def test_sigma_grows_with_the_poses_uncertainty():
 
 
 def test_an_occluded_pair_is_not_asked():
-    """Left of the near wall only the short baseline sees the far one: depth there is still right, with its support."""
+    """Left of the near wall only the short baseline sees the far one: depth there is still right, with its support.
+
+    Measured 2026-11-24: median error 1.1 %, which is 0.05 px of that baseline.
+    """
     reference, others, truth = walls((0, -0.3, 0), (0, -3.0, 0))
     found = match_jointly(reference, others)
     near = np.flatnonzero(truth[120] < 15.0)
     strip = (slice(100, 140), slice(near[0] - 20, near[0] - 8))
-    assert np.median(np.abs(found.depth[strip] / truth[strip] - 1.0)) < 0.05
+    assert np.median(np.abs(found.depth[strip] / truth[strip] - 1.0)) < 0.02
     assert found.agrees(0)[strip].mean() > found.agrees(1)[strip].mean()
 
 
@@ -120,7 +129,7 @@ def test_a_thin_pole_stays():
     found = match_jointly(pictures[0], pictures[1:])
     on_pole = drawn[0][1]
     on_pole[:10], on_pole[-10:] = False, False
-    assert (np.abs(found.depth[on_pole] / 8.0 - 1.0) < 0.1).mean() > 0.6
+    assert (np.abs(found.depth[on_pole] / 8.0 - 1.0) < 0.1).mean() > 0.87  # measured 2026-11-24: 0.929
 
 
 def test_sky_has_no_depth():
@@ -134,7 +143,8 @@ def test_sky_has_no_depth():
         image[:100] = sky[:100]
         pictures.append(replace(p, image=image, T_home_cam=T))
     found = match_jointly(pictures[0], pictures[1:])
-    assert np.isfinite(found.depth[:85]).mean() < 0.1 and np.isfinite(found.depth[115:]).mean() > 0.85
+    # measured 2026-11-24: 0.000 and 0.997
+    assert np.isfinite(found.depth[:85]).mean() < 0.02 and np.isfinite(found.depth[115:]).mean() > 0.97
     only = [replace(p, image=np.repeat(sky, 1, axis=0)) for p in pictures]
     with pytest.raises(MatchingError, match="relied on"):
         map_joint(_given(only), UNREFINED, quiet)
@@ -156,7 +166,7 @@ def test_pictures_that_cannot_serve_are_left_out_and_named():
     assert [p.other_name for p in result.pairs] == ["other 0"]
     said = " ".join(result.warnings)
     assert "same place" in said and "no baseline" in said and "away" in said and "overlap" in said
-    assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.85
+    assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.95  # measured 2026-11-24: 0.972
     with pytest.raises(MatchingError, match="no baseline"):
         match_jointly(reference, [same_place])
 
@@ -175,8 +185,9 @@ def test_another_exposure(change):
     others[0] = replace(others[0], image=change(others[0].image).astype(np.uint8))
     found = match_jointly(reference, others)
     answered = np.isfinite(found.depth)
-    assert answered.mean() > 0.8
-    assert (np.abs(found.depth[answered] / truth[answered] - 1.0) > 0.1).mean() < 0.08
+    # measured 2026-11-24: 0.972 and 0.982 answered, 0.016 and 0.013 of it wrong
+    assert answered.mean() > 0.95
+    assert (np.abs(found.depth[answered] / truth[answered] - 1.0) > 0.1).mean() < 0.03
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (20, 20)])
@@ -209,9 +220,9 @@ def test_the_map_of_a_session():
     result = map_joint(given, JointOptions(), quiet)
     truth = scenes.true_depth(result.reference.T_home_cam)
     assert result.method == "joint" and len(result.pairs) == 3 and result.points == np.isfinite(result.depth).sum()
-    assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.9
+    assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.97  # measured 2026-11-24: 0.990
     x = result.cloud.points_home_m[:, 0]
-    assert np.minimum(np.abs(x - 20.0), np.abs(x - 12.0)).mean() < 0.6
+    assert np.minimum(np.abs(x - 20.0), np.abs(x - 12.0)).mean() < 0.1  # measured 2026-11-24: 0.063 m
     for p in result.pairs:
         assert 0.3 < p.match_rate <= 1.0 and 0 < p.effective_range_m[0] <= p.effective_range_m[1]
         assert p.disparity.shape == p.depth.shape == p.reference_rectified.shape[:2]
@@ -228,9 +239,9 @@ def test_depth_of_half_the_size():
     camera = scenes.CAMERA.resized(160, 120)
     assert result.reference.camera == camera and result.reference.image.shape == (120, 160, 3)
     truth = cv2.resize(scenes.true_depth(result.reference.T_home_cam), (160, 120), interpolation=cv2.INTER_NEAREST)
-    assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.85
+    assert (np.abs(result.depth / truth - 1.0) < 0.1).mean() > 0.96  # measured 2026-11-24: 0.981
     x = result.cloud.points_home_m[:, 0]
-    assert np.median(np.minimum(np.abs(x - 20.0), np.abs(x - 12.0))) < 0.2
+    assert np.median(np.minimum(np.abs(x - 20.0), np.abs(x - 12.0))) < 0.06  # measured 2026-11-24: 0.043 m
     # later pictures were compared at that size, too
     assert len(result.watched) == 1 and not any("moved" in w for w in result.warnings)
     with pytest.raises(InputError, match="scale is 0.05"):
@@ -254,23 +265,23 @@ def test_nonsense_options():
 
 
 def test_motorcycle(shared_data, tmp_path):
-    """Issue: at least 85 % of the pixels with truth within 2 px of disparity."""
+    """Of the pixels with truth, within 2 px of disparity: measured 2026-11-24, 88.4 %."""
     disparity, truth, f, baseline_m, doffs = motorcycle(shared_data, tmp_path)
     depth = map_joint(colmap.read_photographs(tmp_path), UNREFINED, quiet).depth
     found = f * baseline_m / depth - doffs
-    assert (np.abs(found - disparity)[truth] < 2.0).mean() >= 0.85
+    assert (np.abs(found - disparity)[truth] < 2.0).mean() >= 0.87
 
 
 @pytest.mark.slow
 def test_disjoint_pairs_of_the_fountain_agree(shared_data, tmp_path):
-    """Issue: depth from disjoint pairs of one reference within 1 % (median)."""
+    """Depth from disjoint pairs of one reference; measured 2026-11-24: both answer 99.2 %, median difference 0.12 %."""
     depths = []
     for i, names in enumerate((["0005.jpg", "0004.jpg"], ["0005.jpg", "0006.jpg"])):
         folder = fountain(shared_data, tmp_path / str(i), names)
         depths.append(map_joint(colmap.read_photographs(folder, "0005.jpg"), UNREFINED, quiet).depth)
     both = np.isfinite(depths[0]) & np.isfinite(depths[1])
-    assert both.mean() > 0.4
-    assert np.median(np.abs(depths[0][both] / depths[1][both] - 1.0)) < 0.01
+    assert both.mean() > 0.97
+    assert np.median(np.abs(depths[0][both] / depths[1][both] - 1.0)) < 0.002
 
 
 def town(seed, baselines_m):
@@ -302,16 +313,18 @@ def town(seed, baselines_m):
 
 @pytest.mark.slow
 def test_the_town():
-    """The issue's median (0.8 %) on a town without the camera's noise, one of those that sigma's constants are from.
+    """A town without the camera's noise, one of those that sigma's constants are from; kinder than the bench's.
 
-    The rest guards what there is: the issue wants 0.90 within 10 %, 4 % wrong and 0.90 to 0.97 within two sigma.
+    Measured 2026-11-24, seeds 1 to 5: median 0.41 to 0.74 %, within 10 % 0.885 to 0.958, wrong of the answered 0.039 to
+    0.108, within one sigma 0.67 to 0.88 (0.68 would do), within two 0.930 to 0.957. This one, seed 4: 0.41 %, 0.958,
+    0.039, 0.88, 0.952.
     """
     given, truth = town(4, (2.0, 4.0, 6.0, 8.0))
     result = map_joint(given, JointOptions(), quiet)
     e = evaluate(result, None, truth)
-    assert e.overall.median_relative_error <= 0.008
-    assert e.overall.within_10_percent >= 0.80 and e.overall.wrong_of_answered <= 0.12
-    assert 0.60 <= e.within_1_sigma and 0.87 <= e.within_2_sigma
+    assert e.overall.median_relative_error <= 0.005
+    assert e.overall.within_10_percent >= 0.945 and e.overall.wrong_of_answered <= 0.05
+    assert 0.68 <= e.within_1_sigma and 0.935 <= e.within_2_sigma
     nearest = [p.effective_range_m[0] for p in result.pairs]
     assert nearest[0] < nearest[-1]  # a short baseline is useful nearer than a long one
 

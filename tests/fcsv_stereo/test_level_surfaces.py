@@ -91,4 +91,4 @@ def test_pale_ground_is_mapped(ground):
     near = np.isfinite(depth) & (depth < 60.0)
     near[:, :80] = near[:, -80:] = False  # not all pictures see the sides
     right = np.abs(found.depth[near] / depth[near] - 1.0) < 0.1
-    assert right.mean() > 0.9
+    assert right.mean() > 0.98  # measured 2026-11-24: 1.000

@@ -19,22 +19,22 @@ def quiet(*_):
 
 @pytest.mark.slow
 def test_two_independent_pairs_of_the_fountain_agree(shared_data, tmp_path):
-    """Issue: within 2 % for most pixels that both see."""
+    """Measured 2026-11-24: both see 75 % of the pixels, of which 90.6 % are within 2 %; 1.44 million points."""
     folder = fountain(shared_data, tmp_path / "model", ["0005.jpg", "0004.jpg", "0006.jpg"])
     result = map_thesis(colmap.read_photographs(folder, "0005.jpg"), ThesisOptions(), quiet)
     a, b = (p.depth for p in result.pairs)
     both = np.isfinite(a) & np.isfinite(b)
-    assert both.mean() > 0.4
-    assert (np.abs(a[both] / b[both] - 1) < 0.02).mean() > 0.75
-    assert result.points > 500000 and 6.0 < np.nanmedian(result.depth) < 12.0
+    assert both.mean() > 0.72
+    assert (np.abs(a[both] / b[both] - 1) < 0.02).mean() > 0.88
+    assert result.points > 1_350_000 and 6.0 < np.nanmedian(result.depth) < 12.0
 
 
 def test_motorcycle_depth(shared_data, tmp_path):
-    """Issue: metric depth within 3 % of truth for at least 75 % of the pixels that have truth."""
+    """Metric depth within 3 % of truth, of the pixels that have truth: measured 2026-11-24, 79.7 %."""
     disparity, truth, f, baseline_m, doffs = motorcycle(shared_data, tmp_path)
     depth = map_thesis(colmap.read_photographs(tmp_path), ThesisOptions(), quiet).depth
     relative = np.abs(depth[truth] / (f * baseline_m / (disparity[truth] + doffs)) - 1)
-    assert (relative < 0.03).mean() >= 0.75
+    assert (relative < 0.03).mean() >= 0.78
 
 
 def test_pixel_origin_axis_and_reference(tmp_path):

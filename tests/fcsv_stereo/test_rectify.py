@@ -147,7 +147,7 @@ def test_tilted_pairs_give_the_same_depth(side, matcher):
     known = np.isfinite(depth)
     error = np.abs(depth[known] - true_depth(a.T_home_cam)[known])
     bound_m = 20.0**2 / (1.5 * CAMERA.fx)
-    assert known.mean() > 0.4 and np.median(error) < 0.6 * bound_m
+    assert known.mean() > 0.82 and np.median(error) < 0.6 * bound_m  # measured 2026-11-24: 0.845 to 0.910
 
 
 @pytest.mark.parametrize("tilt_deg, least_px", [(6.0, 16), (4.0, 32)])

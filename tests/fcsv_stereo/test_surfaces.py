@@ -83,7 +83,7 @@ def test_a_near_surface_that_was_carried_over_its_edge_moves_back(pool):
     chosen = choose(found, coarser, fat, known, reference, pool)
     before = np.abs(cv2.resize(fat, true.shape[::-1], interpolation=cv2.INTER_NEAREST) / true - 1.0) > 0.1
     after = np.abs(chosen / true - 1.0) > 0.1
-    assert before.mean() > 0.01 and after.mean() < 0.4 * before.mean()
+    assert before.mean() > 0.01 and after.mean() < 0.25 * before.mean()  # measured 2026-11-24: 0.17
 
 
 def test_a_map_that_is_only_stretched_may_settle_where_the_colours_change(pool):
@@ -134,7 +134,7 @@ def test_what_is_not_known_follows_its_surroundings(pool):
     broken[rows, columns] = 2.0 * half.max()
     chosen = choose(found, coarser, broken, known, reference, pool)
     here = (slice(2 * rows.start, 2 * rows.stop), slice(2 * columns.start, 2 * columns.stop))
-    assert (np.abs(chosen[here] / true[here] - 1.0) < 0.1).mean() > 0.9
+    assert (np.abs(chosen[here] / true[here] - 1.0) < 0.1).mean() > 0.98  # measured 2026-11-24: 1.000
 
 
 def test_where_the_pictures_agree_a_map_is_relied_on(pool):
@@ -148,5 +148,5 @@ def test_fronts_show_the_nearest_known(pool):
     _, _, half, _, coarser = walls()
     known = np.ones(half.shape, bool)
     shown = fronts(coarser, half, known[None])[0]
-    assert shown.max() <= half.max() and (shown > 0).mean() > 0.5
+    assert shown.max() <= half.max() and (shown > 0).mean() > 0.88  # measured 2026-11-24: 0.921
     assert not fronts(coarser, half, ~known[None]).any()

@@ -59,7 +59,8 @@ def test_depth_in_every_direction(xyz, axis, rectifier):
     known = np.isfinite(result.depth)
     error = np.abs(result.depth[known] - truth[known])
     bound = depth_error(20.0, 0.8, CAMERA.fx)  # 2.12 for one pixel at the far wall
-    assert known.mean() > 0.6
+    # measured 2026-11-24: 0.863 to 0.917; 0.673 where Bouguet turns both pictures to an oblique baseline
+    assert known.mean() > (0.64 if xyz[0] and rectifier == "bouguet" else 0.84)
     assert np.median(error) < 0.6 * bound and np.percentile(error, 85) < 1.6 * bound
 
 
@@ -70,7 +71,7 @@ def test_every_matcher(matcher):
     result = map_thesis(scene, options, quiet)
     known = np.isfinite(result.depth)
     relative = np.abs(result.depth / true_depth(result.reference.T_home_cam) - 1)[known]
-    assert known.mean() > 0.35 and np.median(relative) < 0.05
+    assert known.mean() > 0.83 and np.median(relative) < 0.005  # measured 2026-11-24: 0.855 to 0.916, 0.0031
 
 
 @pytest.mark.parametrize("matcher", ["sgbm", "bm"])
@@ -81,7 +82,7 @@ def test_a_wide_window_costs_no_border(matcher, xyz, axis):
     scene = given((xyz, axis)).configurations[0]
     pair = RECTIFIERS["home"](scene.references[0], scene.others[0], axis)
     wide, narrow = (match(pair, matcher, DisparityWindow(4, most)) for most in (220, 60))
-    assert np.isfinite(wide).mean() > 0.85 * np.isfinite(narrow).mean()
+    assert np.isfinite(wide).mean() > 0.98 * np.isfinite(narrow).mean()  # measured 2026-11-24: 0.9956 and more
 
 
 def test_baselines_share_the_range():

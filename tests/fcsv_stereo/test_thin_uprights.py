@@ -70,4 +70,5 @@ def test_a_post_of_the_grey_of_the_wall_behind_it_stays(pool, width, share):
     chosen = choose_surfaces(found, Map(half, w, known, known, shown), reference.image, pool)
     right = np.abs(chosen / true - 1.0) < 0.1
     post = true > 0.05
-    assert right[post].mean() > share and right[~post].mean() > 0.98  # outvoted: 0.23 and 0.68 of the post
+    # measured 2026-11-24: 0.730 and 0.973 of the post, 0.998 of the rest; outvoted: 0.23 and 0.68 of the post
+    assert right[post].mean() > share and right[~post].mean() > 0.99

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must not become a pose: the issue's list for tags and calibration, each rejected with a reason and counted."""
+"""What must not become a pose: tags and calibrations that are wrong, each rejected with a reason and counted."""
 
 import dataclasses
 

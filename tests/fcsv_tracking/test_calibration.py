@@ -43,19 +43,20 @@ def test_corners_are_taken_for_as_sharp_as_they_are_but_no_worse_than_assumed(th
 
 
 def test_figures_over_ten_seeds():
-    """Issue: median within 0.05 m and 0.5 deg; here also the later bound 0.02 m, 0.2 deg; worst 0.05 m, 0.5 deg."""
+    """Measured 2026-11-24: median 0.011 m, 0.11 deg, worst 0.015, 0.29; ten more seeds 0.008, 0.06, 0.016, 0.18."""
     errors = []
     for seed in range(10):
         column = Column(seed)
         errors.append(column.relative_pose_error(calibrate_link("uav1", "uav2", column.detections()).T_parent_child))
     errors = np.array(errors)
-    assert (np.median(errors, axis=0) <= [0.02, 0.2]).all(), errors
-    assert (errors.max(axis=0) <= [0.05, 0.5]).all(), errors
+    assert (np.median(errors, axis=0) <= [0.014, 0.14]).all(), errors
+    assert (errors.max(axis=0) <= [0.02, 0.35]).all(), errors
 
 
 def test_figures_over_ten_seeds_of_drifting_odometry():
-    """The whole simulated T265 (walk, heading, scale, level, noise), four quick sways. The bounds are the issue's.
+    """The whole simulated T265 (walk, heading, scale, level, noise), four quick sways.
 
+    Measured 2026-11-24: median 0.014 m, 0.16 deg, worst 0.023 m, 0.30 deg; ten more seeds 0.014, 0.20, 0.019, 0.47.
     The walk sets the yaw: 0.2 deg (1 sigma) is the best that 8 s give, more and quicker sways give less.
     """
     errors = []
@@ -63,8 +64,8 @@ def test_figures_over_ten_seeds_of_drifting_odometry():
         column = DriftingColumn(seed, sway_period_s=5.0)
         errors.append(column.relative_pose_error(calibrate_link("uav1", "uav2", column.detections()).T_parent_child))
     errors = np.array(errors)
-    assert (np.median(errors, axis=0) <= [0.02, 0.2]).all(), errors
-    assert (errors.max(axis=0) <= [0.05, 0.5]).all(), errors
+    assert (np.median(errors, axis=0) <= [0.018, 0.2]).all(), errors
+    assert (errors.max(axis=0) <= [0.03, 0.4]).all(), errors
 
 
 @pytest.mark.parametrize("kind, least", [(Column, 0.1), (DriftingColumn, 0.3)])

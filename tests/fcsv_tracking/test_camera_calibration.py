@@ -138,7 +138,7 @@ def test_the_parsers_of_ros_read_the_file(tmp_path):
 class TestPhotographs:
     """OpenCV's pairs (see the data's README): left RMS 0.41 px, f about 536 px, baseline 83.6 mm by its authors."""
 
-    def test_figures_of_the_issue(self, shared_data, tmp_path, capsys):
+    def test_figures_of_the_authors(self, shared_data, tmp_path, capsys):
         sides = ["--prefix", "left", "--right-prefix", "right"]
         assert main([str(shared_data / "chessboard"), "-o", str(tmp_path), *sides]) == 0
         said = capsys.readouterr().out

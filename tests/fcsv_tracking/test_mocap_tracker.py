@@ -85,12 +85,12 @@ def since_start(message):
     return message.arrival_s - evaluation.START_S
 
 
-# -- the bounds of the issue, one seed; ten of them in docs/mocap.md ---------------------------------------------------
+# -- one seed of the ten in docs/mocap.md; bounds: their worst (1.2 mm, 0.20 deg, 13.6 mm, 0.15 deg) and a fifth more --
 
 
 def test_in_view(flight):
     found = evaluation.in_view(flight)
-    assert found["rms_m"] < 0.005 and found["rms_deg"] < 0.3
+    assert found["rms_m"] < 0.0015 and found["rms_deg"] < 0.24
 
 
 def test_twenty_metres_out_of_view(flight):
@@ -103,13 +103,13 @@ def test_twenty_metres_out_of_view(flight):
 
 def test_no_jump_at_re_entry_and_right_again_soon(flight):
     records = flight.records["b"]
-    assert evaluation.largest_jump_m(records) < 0.02
+    assert evaluation.largest_jump_m(records) < 0.0165
     assert records[-1].settled and np.linalg.norm(records[-1].error_m) < 0.005
 
 
 def test_level_from_both(flight):
     worst = max(v for t, v in flight.level_deg if t > evaluation.START_S + evaluation.LEVEL_AFTER_S)
-    assert worst < 0.2
+    assert worst < 0.18
 
 
 def test_relative_pose_is_consistent_in_view_and_out_of_it(flight):
@@ -133,7 +133,7 @@ def test_consistent_over_ten_flights():
     """The last pose of each: constant errors of a mounting make poses of one flight alike."""
     values = []
     for seed in range(11, 21):
-        messages, truth = recorded(14.0, seed)
+        messages, truth = recorded(10.0, seed)
         values.append(normalised(run(messages, truth)[1][-1], truth)[1])
     low, high = chi2.ppf([0.025, 0.975], 6 * len(values))
     assert low < sum(values) < high
@@ -258,6 +258,8 @@ def test_an_old_pose_streamed_while_hidden_is_not_believed():
     for now_s, _, message in mocap_flight.messages(truths, FlightErrors(), 5, hidden):
         take(tracker, message)
         t_s, pose = now_s - evaluation.START_S, tracker.pose(now_s)
+        if t_s > 32.0:
+            break
         if 19.0 < t_s < 25.9:
             assert tracker.old_pose and not pose.in_view
             worst = max(worst, normalised(pose, truths["a"])[1])
