@@ -96,12 +96,13 @@ def _udp(address=None) -> socket.socket:
 
 def fly(
     plan: FleetPlan, conditions: Conditions, cut_s: float, cut_at: str, limit_s: float = 420.0,
-    clock: Callable[[], float] = time.monotonic,
+    clock: Callable[[], float] = time.monotonic, during_cut: Callable[[float], None] = lambda _since_s: None,
 ) -> List[str]:  # fmt: skip
     """Fly a plan's mission, with nothing carried for ``cut_s`` seconds once its state begins with ``cut_at``.
 
-    ``clock`` is that of the fleet, where it flies in slow motion. Returns what the mission said, line by line. Raises
-    MachineError where it does not end, or not well.
+    ``clock`` is that of the fleet, where it flies in slow motion. ``during_cut`` is called again and again with the
+    seconds since the cut. Returns what the mission said, line by line. Raises MachineError where it does not end, or
+    not well.
     """
     from fcsv_sim.demo.demo import build_world  # not for the watch
 
@@ -119,6 +120,8 @@ def fly(
                     mended_s = clock() + cut_s
                 elif mended_s is not None and clock() > mended_s:
                     radio.mend()
+                elif mended_s is not None:
+                    during_cut(clock() - (mended_s - cut_s))
             if watch.returncode != 0:
                 raise MachineError(f"the mission did not end well ({watch.returncode}):\n{watch.tail(20)}")
             if mended_s is None:
