@@ -63,6 +63,8 @@ def test_what_comes_twice_counts_once_and_a_window_said_again_is_replaced(sessio
 
 
 def test_configurations_come_in_their_order_and_the_incomplete_one_is_named(session):
+    for vehicle, t in (("uav1", 10.0), ("uav1", 20.0), ("uav2", 20.0)):
+        session.add_covariance(vehicle, t, 1e-3 * np.eye(6))
     for t in (10.0, 20.0):
         session.add_picture(picture("uav1", t))
     session.add_picture(picture("uav2", 20.0))
@@ -71,6 +73,16 @@ def test_configurations_come_in_their_order_and_the_incomplete_one_is_named(sess
     given = session.inputs()
     assert [c.configuration.name for c in given.configurations] == ["second"]
     assert given.warnings == ["configuration 'first': no picture of uav2 yet"]
+    (c,) = given.configurations
+    assert all(np.array_equal(p.covariance, 1e-3 * np.eye(6)) for p in (*c.references, *c.others))
+
+
+def test_a_live_map_without_covariances_says_which_prior_serves(session):
+    for vehicle in ("uav1", "uav2"):
+        session.add_picture(picture(vehicle, 10.0))
+    session.add_window(window(0, 9.0, 11.0))
+    (line,) = session.inputs().warnings
+    assert "uav1, uav2" in line and "15 cm" in line
 
 
 def test_a_vehicle_whose_place_is_unknown_is_an_error_and_not_identity(session):

@@ -32,6 +32,35 @@ def test_a_session_becomes_a_map(tmp_path):
     pipeline.run(session, out, "thesis", OPTIONS, None, lambda *_: None)  # an earlier map is replaced
 
 
+def test_a_session_carries_the_covariance_of_each_picture(tmp_path):
+    covariance = np.diag([0.01**2] * 3 + [0.003**2] * 3)
+    given = read_session(write_session(tmp_path / "session", covariance=covariance))
+    (c,) = given.configurations
+    assert given.warnings == []
+    for p in (*c.references, *c.others):
+        nearest = round((p.stamp_s - T0 + 0.5) * 15.0)
+        assert np.allclose(p.covariance, covariance * (1 + nearest))
+
+
+NOT_POSITIVE = np.diag([1e-4] * 5 + [-1e-6])
+
+
+@pytest.mark.parametrize("covariance, drop, vehicles, why", [
+    (None, (), "uav1, uav2", "no camera_pose near"),  # a session of before
+    (1e-4 * np.eye(6), ("/uav2/camera_pose",), "uav2", "no camera_pose near"),
+    (np.full((6, 6), np.nan), (), "uav1, uav2", "NaN"),
+    (np.zeros((6, 6)), (), "uav1, uav2", "not positive definite"),
+    (NOT_POSITIVE, (), "uav1, uav2", "not positive definite"),
+])  # fmt: skip
+def test_without_a_covariance_a_session_says_which_prior_serves(tmp_path, covariance, drop, vehicles, why):
+    given = read_session(write_session(tmp_path / "session", covariance=covariance, drop=drop))
+    (line,) = given.warnings
+    assert f"poses of {vehicles} are known is not recorded" in line and why in line and "15 cm" in line
+    (c,) = given.configurations
+    without = {p.vehicle for p in (*c.references, *c.others) if p.covariance is None}
+    assert without == set(vehicles.split(", ")) and given.prior.position_m == 0.15
+
+
 def test_one_bag_that_holds_everything_is_a_session(tmp_path):
     session = write_session(tmp_path / "session")
     merged = tmp_path / "all.bag"

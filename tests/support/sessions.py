@@ -4,7 +4,7 @@
 import numpy as np
 import rosbag
 import rospy
-from geometry_msgs.msg import PoseWithCovariance
+from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from tf2_msgs.msg import TFMessage
 
@@ -28,8 +28,9 @@ def odom_cam(vehicle):
 
 
 def write_session(
-    folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None
-):
+    folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None,
+    covariance=None,
+):  # fmt: skip
     """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by their end).
 
     ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says.
@@ -40,6 +41,8 @@ def write_session(
             write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode)
     with rosbag.Bag(str(folder / "control.bag"), "w") as bag:
         write_control(bag, drop, windows or [window])
+        if covariance is not None:
+            write_camera_poses(bag, drop, covariance)
     (folder / "session.yaml").write_text("version: 1\nbags: {uav1: uav1.bag, uav2: uav2.bag, control: control.bag}\n")
     return folder
 
@@ -70,6 +73,17 @@ def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode):
         put(bag, f"/{vehicle}/camera/color/image_raw", image, t, drop)
         info = conversions.info_from_camera(CAMERA, t, image.header.frame_id)
         put(bag, f"/{vehicle}/camera/color/camera_info", info, t, drop)
+
+
+def write_camera_poses(bag, drop, covariance):
+    """Poses of both cameras at 15 Hz, whose covariance grows from ``covariance`` (6, 6) on."""
+    for i in range(40):
+        t = T0 - 0.5 + i / 15.0
+        for vehicle, T_home_cam in T_HOME_CAM.items():
+            message = PoseWithCovarianceStamped(header=conversions.header(t, frames.HOME))
+            message.pose.pose = conversions.transform_to_pose(T_home_cam)
+            message.pose.covariance = (covariance * (1 + i)).ravel().tolist()
+            put(bag, f"/{vehicle}/camera_pose", message, t, drop)
 
 
 def write_control(bag, drop, windows):

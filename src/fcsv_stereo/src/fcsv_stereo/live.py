@@ -20,6 +20,9 @@ from fcsv_stereo.model import (
     Picture,
     Word,
 )
+from fcsv_stereo.pose_covariance import KnownCovariances, unknown_warning
+
+_MOST_COVARIANCES = 900  # of a vehicle: half a minute at 30 Hz, longer than a picture is on its way
 
 
 class MapStage(Word):
@@ -55,16 +58,24 @@ class LiveSession:
     most_pictures: int = 60
     T_home_odom: Dict[str, np.ndarray] = field(default_factory=dict)
     windows: Dict[int, Window] = field(default_factory=dict)
+    _covariances: Dict[str, KnownCovariances] = field(default_factory=dict)
     _newest: Dict[str, Deque[LivePicture]] = field(default_factory=dict)
     _kept: Dict[int, Dict[str, List[LivePicture]]] = field(default_factory=dict)
 
     def add_picture(self, picture: LivePicture) -> None:
         """A picture came; those of a window may come before or after its end is said."""
+        known = self._covariances.get(picture.vehicle)
+        if known is not None:
+            picture = replace(picture, covariance=known.at(picture.stamp_s))
         newest = self._newest.setdefault(picture.vehicle, deque(maxlen=self.most_pictures))
         newest.append(picture)
         for window in self.windows.values():
             if picture.vehicle in (window.reference, window.vehicle) and window.holds(picture.stamp_s):
                 self._keep(window, picture)
+
+    def add_covariance(self, vehicle: str, stamp_s: float, covariance: np.ndarray) -> None:
+        """How well a vehicle's camera is known in home, said before its pictures of that time come."""
+        self._covariances.setdefault(vehicle, KnownCovariances(_MOST_COVARIANCES)).add(stamp_s, covariance)
 
     def add_window(self, window: Window) -> None:
         """A recording ended; said again with the same index it is replaced."""
@@ -107,6 +118,7 @@ class LiveSession:
                 configurations.append(ConfigurationInput(window.configuration, *sides))
         if not configurations:
             raise InputError("; ".join(["no configuration has pictures of both vehicles yet", *problems]))
+        problems += unknown_warning(configurations, FLOWN)
         return MapInput(InputKind.SESSION, configurations, None, problems, FLOWN)
 
     def newest(

@@ -30,6 +30,7 @@ from fcsv_stereo.model import (
     Reference,
     silent,
 )
+from fcsv_stereo.pose_covariance import prior_covariance
 from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions, refine
 
 
@@ -149,12 +150,8 @@ def _refine(reference: Picture, others: List[Picture], options: JointOptions, wa
     prior = options.refinement.prior
     unrefined = []
     for o in others:
-        distance_m = float(np.linalg.norm(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
-        sigmas = np.repeat([prior.rotation_rad, prior.position_sigma_m(distance_m)], 3)
-        nan = float("nan")
-        unrefined.append(
-            RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, np.diag(sigmas**2))
-        )  # fmt: skip
+        covariance, nan = prior_covariance(reference, o, prior), float("nan")
+        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, covariance))
     return unrefined
 
 

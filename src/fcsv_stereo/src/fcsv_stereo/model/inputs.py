@@ -49,7 +49,8 @@ class ConfigurationInput:
     others: List[Picture]
 
 
-#: Of a flight: the calibration's few centimetres, and one per cent of the way flown since by both.
+#: Of a flight whose session does not say how good its poses are: the calibration's few centimetres, and one per cent
+#: of the way flown since by both.
 FLOWN = PosePrior(position_m=0.15)
 
 
@@ -57,7 +58,8 @@ FLOWN = PosePrior(position_m=0.15)
 class MapInput:
     """``kind`` (or its word) says what poses there can be.
 
-    ``prior`` says how good the pictures' poses are, where that is known better than the method assumes.
+    ``prior`` says how good the poses of pictures without a covariance are, where that is known better than the method
+    assumes.
     """
 
     kind: InputKind

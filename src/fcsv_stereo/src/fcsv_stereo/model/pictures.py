@@ -17,7 +17,8 @@ class Picture:
     """An undistorted picture (HxWx3 uint8 RGB), its pinhole camera and the prior of its pose.
 
     ``blank`` (HxW bool) are pixels that the camera did not take, as taking out the distortion leaves them along the
-    borders; None where there are none.
+    borders; None where there are none. ``covariance`` (6, 6) is of the prior in home (pose_covariance); None where the
+    input's ``prior`` says how good it is.
     """
 
     name: str
@@ -27,12 +28,15 @@ class Picture:
     camera: PinholeCamera
     T_home_cam: np.ndarray
     blank: Optional[np.ndarray] = None
+    covariance: Optional[np.ndarray] = None
 
     @classmethod
-    def undistorted(cls, name, vehicle, stamp_s, image, camera: PinholeCamera, T_home_cam) -> "Picture":
+    def undistorted(
+        cls, name, vehicle, stamp_s, image, camera: PinholeCamera, T_home_cam, covariance=None
+    ) -> "Picture":  # fmt: skip
         """From the picture as a ``camera`` with distortion took it."""
         undistorted = camera.undistort(image)
-        return cls(name, vehicle, stamp_s, undistorted, camera.undistorted(), T_home_cam, camera.blank())
+        return cls(name, vehicle, stamp_s, undistorted, camera.undistorted(), T_home_cam, camera.blank(), covariance)
 
     def shrunk(self, scale: float) -> "Picture":
         """The picture at a share of its size."""
@@ -53,6 +57,7 @@ class LivePicture:
     jpeg: bytes
     camera: PinholeCamera
     T_odom_cam: np.ndarray
+    covariance: Optional[np.ndarray] = None  # of the pose in home, as far as it is known (pose_covariance)
 
     @cached_property
     def image(self) -> np.ndarray:
@@ -72,7 +77,7 @@ class LivePicture:
         name = f"{self.vehicle}/{self.stamp_s:.3f}"
         T_home_cam = T_home_odom @ self.T_odom_cam
         camera, blank = self.camera.undistorted(), self.camera.blank()
-        return Picture(name, self.vehicle, self.stamp_s, self.image, camera, T_home_cam, blank)
+        return Picture(name, self.vehicle, self.stamp_s, self.image, camera, T_home_cam, blank, self.covariance)
 
 
 @dataclass(frozen=True)

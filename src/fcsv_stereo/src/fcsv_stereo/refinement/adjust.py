@@ -2,7 +2,7 @@
 """One robust adjustment of all pictures' poses with their priors (GTSAM), points eliminated."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 import gtsam
 import numpy as np
@@ -20,7 +20,8 @@ _PRIOR_KERNEL = 4.0  # standard deviations from which a prior pulls no harder: o
 class Problem:
     """Pictures by number, 0 the reference: priors of T_ref_cam, focal lengths and measuring noise (px).
 
-    ``focal_sigma`` is the prior's share for a common scale of the focal lengths, 0 where it is held.
+    ``focal_sigma`` is the prior's share for a common scale of the focal lengths, 0 where it is held. ``shared`` are
+    (6, 6) cross covariances of two pictures' priors, rotation first, in their camera axes.
     """
 
     observations: Observations
@@ -30,6 +31,7 @@ class Problem:
     focal_sigma: float = 0.0
     moving: List[Motion] = field(default_factory=list)
     time_offset_sigma_s: float = 0.1
+    shared: Dict[Tuple[int, int], np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,16 @@ def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> 
     structure.settle(poses, scale)
     residual = structure.linearise(poses, scale, poses_too=False).residual
     offsets = [float(result.atVector(T(i))[0]) for i in range(len(problem.moving))]
-    return Adjusted(poses, order, _covariance(graph, result, order), structure.rho, scale, offsets, residual)
+    covariance = _with_shared(_covariance(graph, result, order), problem, order)
+    return Adjusted(poses, order, covariance, structure.rho, scale, offsets, residual)
 
 
 def _prior_factor(problem: Problem, k: int):
     prior = problem.priors[k]
-    sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([prior.rotation_rad, prior.position_m], 3))
+    if prior.covariance is not None:
+        sigmas = gtsam.noiseModel.Gaussian.Covariance(prior.covariance)
+    else:
+        sigmas = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([prior.rotation_rad, prior.position_m], 3))
     sigmas = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(_PRIOR_KERNEL), sigmas)
     for i, motion in enumerate(problem.moving):
         if k in motion.pictures:
@@ -156,3 +162,25 @@ def _covariance(graph, result, order) -> np.ndarray:
     scale = 1.0 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
     return covariance[: 6 * len(order), : 6 * len(order)]
+
+
+def _with_shared(covariance: np.ndarray, problem: Problem, order: List[int]) -> np.ndarray:
+    """The covariance of the same poses where the priors' errors are not independent, as the adjustment takes them.
+
+    The poses follow the priors' errors e by P L e (P: covariance, L: priors' information), so P, which takes L^-1 for
+    the covariance S of e, grows by P L (S - L^-1) L P. Without it one vehicle's scale, which is in all its pictures,
+    would seem to average out.
+    """
+    if not problem.shared:
+        return covariance
+    place = {k: slice(6 * i, 6 * i + 6) for i, k in enumerate(order)}
+    own, shared = np.zeros_like(covariance), np.zeros_like(covariance)
+    for k in order:
+        if problem.priors[k].covariance is not None:
+            own[place[k], place[k]] = problem.priors[k].covariance
+    for (a, b), cross in problem.shared.items():
+        shared[place[a], place[b]], shared[place[b], place[a]] = cross, cross.T
+    value, vector = np.linalg.eigh(own + shared)  # what is taken to be carried along can be too much
+    together = (vector * np.maximum(value, 0.0)) @ vector.T
+    gain = covariance @ np.linalg.pinv(own)
+    return covariance + gain @ (together - own) @ gain.T

@@ -6,10 +6,11 @@ from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
+from fcsv_stereo.pose_covariance import relative_common, to_camera
 from fcsv_stereo.refinement.adjust import Adjusted, Problem, adjust
 from fcsv_stereo.refinement.features import View
 from fcsv_stereo.refinement.geometry import PairPrior
-from fcsv_stereo.refinement.graph import distance_m, prior_of
+from fcsv_stereo.refinement.graph import prior_to_reference
 from fcsv_stereo.refinement.links import Link
 from fcsv_stereo.refinement.structure import Observations
 from fcsv_stereo.refinement.time_offset import Motion
@@ -82,7 +83,7 @@ def _priors(views, links, starts, options) -> Dict[int, PairPrior]:
     priors = {}
     for k in sorted(starts):
         if k:
-            given = prior_of(views[0], views[k], (0.0, distance_m(views, k)), options.prior)
+            given = prior_to_reference(views, k, options.prior)
             direct = [l.prior for l in links if (l.a, l.b) == (0, k)]
             loose = [l for l in links if l.loosened and l.b == k and l.a]
             if direct:
@@ -101,7 +102,18 @@ def _problem(views, observations, priors, noise_px, moving, options) -> Problem:
     noise = {**dict.fromkeys(pictures, min(noise_px.values())), **noise_px}  # one that only anchors has none
     focal_sigma = options.focal_sigma if options.refine_focal else 0.0
     still = [m for m in (m.among(list(priors)) for m in moving) if m.pictures]
-    return Problem(observations, priors, focals_px, noise, focal_sigma, still, options.time_offset_sigma_s)
+    shared = _shared(views, priors)
+    return Problem(observations, priors, focals_px, noise, focal_sigma, still, options.time_offset_sigma_s, shared)
+
+
+def _shared(views: List[View], priors: Dict[int, PairPrior]) -> Dict[Tuple[int, int], np.ndarray]:
+    """What the priors of two pictures have in common: the reference's error, and that of a vehicle's odometry."""
+    known = [k for k, p in sorted(priors.items()) if p.covariance is not None]
+    turn = {k: to_camera(views[k].picture, position_too=True) for k in known}
+    return {
+        (a, b): turn[a] @ relative_common(*(views[i].picture for i in (0, a, b))) @ turn[b].T
+        for a in known for b in known if a < b
+    }  # fmt: skip
 
 
 def _among(observations: Observations, pictures: List[int]) -> Observations:

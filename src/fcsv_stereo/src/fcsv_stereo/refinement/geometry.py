@@ -5,7 +5,7 @@ The pair's pose is T_a_b; rays are (N, 3) with z = 1, in a's or b's optical fram
 """
 
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -15,11 +15,15 @@ from fcsv_geometry import transforms
 
 @dataclass(frozen=True)
 class PairPrior:
-    """T_a_b with standard deviations per axis: of its rotation (rad, b's axes) and position (m, a's axes)."""
+    """T_a_b with standard deviations per axis: of its rotation (rad, b's axes) and position (m, a's axes).
+
+    Where the pictures' ``covariance`` is known, (6, 6) of rotation and position in b's axes, they are its largest.
+    """
 
     T_a_b: np.ndarray
     rotation_rad: float
     position_m: float
+    covariance: Optional[np.ndarray] = None
 
     @property
     def information(self) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.model import PosePrior
+from fcsv_stereo.pose_covariance import relative, to_camera
 from fcsv_stereo.refinement.features import View
 from fcsv_stereo.refinement.geometry import PairPrior
 from fcsv_stereo.refinement.links import Link, link
@@ -19,11 +20,25 @@ _WIDEST_RAD = float(np.radians(60.0))  # views turned further against each other
 
 
 def prior_of(a: View, b: View, distances_m: Tuple[float, float], prior: PosePrior) -> PairPrior:
-    """Of b relative to a, both with errors of their own; ``distances_m`` from the reference, 0 for itself."""
+    """Of b relative to a, both with errors of their own; ``distances_m`` from the reference, 0 for itself.
+
+    From the pictures' covariances; ``prior`` serves where they have none.
+    """
     T_a_b = transforms.invert(a.picture.T_home_cam) @ b.picture.T_home_cam
+    known = relative(a.picture, b.picture)
+    if known is not None:
+        turn = to_camera(b.picture, position_too=True)
+        covariance = turn @ known @ turn.T
+        sigmas = [float(np.sqrt(np.linalg.eigvalsh(covariance[i, i])[-1])) for i in (slice(3), slice(3, 6))]
+        return PairPrior(T_a_b, *sigmas, covariance)
     sides = [d for d in distances_m if d > 0.0]
     position_m = float(np.hypot.reduce([prior.position_sigma_m(d) for d in sides] or [prior.position_m]))
     return PairPrior(T_a_b, prior.rotation_rad * float(np.sqrt(max(len(sides), 1))), position_m)
+
+
+def prior_to_reference(views: List[View], k: int, prior: PosePrior) -> PairPrior:
+    """Of picture k relative to the reference."""
+    return prior_of(views[0], views[k], (0.0, distance_m(views, k)), prior)
 
 
 def link_all(views: List[View], options: RefineOptions, pool: Executor) -> Tuple[Dict[int, Link], List[Link]]:
@@ -67,7 +82,7 @@ def _links(views, pairs, options: RefineOptions, pool: Executor) -> List[Link]:
 
 def _at_reference(views: List[View], k: int, prior: PosePrior) -> bool:
     """Taken from the reference's own place: no baseline, whoever else sees it."""
-    return distance_m(views, k) < 3.0 * prior.position_sigma_m(distance_m(views, k))
+    return distance_m(views, k) < 3.0 * prior_to_reference(views, k, prior).position_m
 
 
 def _neighbours(views: List[View], k: int) -> List[int]:

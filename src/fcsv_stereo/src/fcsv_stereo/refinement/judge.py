@@ -8,10 +8,11 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.pose_covariance import prior_covariance
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.features import View
 from fcsv_stereo.refinement.geometry import epipolar_error
-from fcsv_stereo.refinement.graph import distance_m
+from fcsv_stereo.refinement.graph import distance_m, prior_to_reference
 from fcsv_stereo.refinement.links import Link
 from fcsv_stereo.refinement.types import RefinedPicture, RefineOptions
 
@@ -46,7 +47,7 @@ def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
 
 def _doubt(views: List[View], k: int, T_home_cam, covariance, options: RefineOptions) -> str:
     sigma_rad = float(np.sqrt(np.diag(covariance)[:3]).max())
-    if sigma_rad > _LEAST_GAIN * options.prior.rotation_rad:
+    if sigma_rad > _LEAST_GAIN * prior_to_reference(views, k, options.prior).rotation_rad:
         return f"the pictures fix its rotation no better than {np.degrees(sigma_rad):.2f} degrees"
     away_m = float(np.linalg.norm(T_home_cam[:3, 3] - views[k].picture.T_home_cam[:3, 3]))
     allowed_m = _FARTHEST_SHARE * distance_m(views, k)
@@ -58,7 +59,7 @@ def _doubt(views: List[View], k: int, T_home_cam, covariance, options: RefineOpt
 def surprise(views: List[View], k: int, refined: RefinedPicture, options: RefineOptions) -> str:
     """In words, where a refined pose says that the prior was wrong; empty where it was not."""
     words = []
-    if refined.correction_rad > _SURPRISE * options.prior.rotation_rad:
+    if refined.correction_rad > _SURPRISE * prior_to_reference(views, k, options.prior).rotation_rad:
         words.append(f"rotation by {np.degrees(refined.correction_rad):.1f} degrees")
     if refined.correction_m > _position_surprise_m(views, k, options):
         words.append(f"position by {refined.correction_m:.2f} m")
@@ -66,7 +67,7 @@ def surprise(views: List[View], k: int, refined: RefinedPicture, options: Refine
 
 
 def _position_surprise_m(views: List[View], k: int, options: RefineOptions) -> float:
-    return _SURPRISE * options.prior.position_sigma_m(distance_m(views, k))
+    return _SURPRISE * prior_to_reference(views, k, options.prior).position_m
 
 
 def _covariance(reference: View, adjusted, k: int) -> np.ndarray:
@@ -78,8 +79,7 @@ def _covariance(reference: View, adjusted, k: int) -> np.ndarray:
 
 
 def _prior(views: List[View], k: int, options: RefineOptions) -> np.ndarray:
-    sigmas = [options.prior.rotation_rad, options.prior.position_sigma_m(distance_m(views, k))]
-    return np.diag(np.repeat(sigmas, 3) ** 2)
+    return prior_covariance(views[0].picture, views[k].picture, options.prior)
 
 
 def _epipolar(views: List[View], k: int, consensus: Consensus) -> Tuple[float, float, int]:

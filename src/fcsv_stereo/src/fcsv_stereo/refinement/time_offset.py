@@ -7,6 +7,7 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from fcsv_stereo.model import Picture
+from fcsv_stereo.pose_covariance import relative
 from fcsv_stereo.refinement.types import RefineOptions
 
 _LEAST_PICTURES = 3
@@ -36,11 +37,17 @@ def motions(reference: Picture, others: Sequence[Picture], options: RefineOption
         if len(mine) < _LEAST_PICTURES or len(velocities) < _LEAST_PICTURES:
             why = f"needs {_LEAST_PICTURES} pictures {_LONGEST_GAP_S:g} s apart or less and has {len(velocities)}"
             refused.append(f"{vehicle}: its time offset was not refined: it {why}")
-        elif speed_mps * options.time_offset_sigma_s < options.prior.position_m:
+        elif speed_mps * options.time_offset_sigma_s < _least_position_m(reference, mine, options):
             refused.append(f"{vehicle}: its time offset was not refined: it hardly moves in its pictures")
         else:
             out.append(Motion(vehicle, velocities))
     return out, refused
+
+
+def _least_position_m(reference: Picture, mine: List[Tuple[int, Picture]], options: RefineOptions) -> float:
+    """What the position of the best known picture is known by."""
+    known = [c for c in (relative(reference, p) for _, p in mine) if c is not None]
+    return min((float(np.sqrt(np.diag(c)[:3].max())) for c in known), default=options.prior.position_m)
 
 
 def _velocities(mine: List[Tuple[int, Picture]], reference: Picture) -> Dict[int, np.ndarray]:

@@ -8,6 +8,7 @@ from typing import Callable, List, Optional
 
 import rospy
 import tf2_ros
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from fcsv_geometry import frames
@@ -21,7 +22,7 @@ from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
-from fcsv_stereo.ros.session_messages import window_of
+from fcsv_stereo.ros.session_messages import camera_covariance, window_of
 from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0
@@ -83,6 +84,7 @@ class LiveNode:
         for name in self._parameters.vehicles:
             topic = f"/{name}/capture/picture"
             rospy.Subscriber(topic, CapturedPicture, self._on_picture, name, queue_size=20, buff_size=8 << 20)
+            rospy.Subscriber(f"/{name}/camera_pose", PoseWithCovarianceStamped, self._on_pose, name, queue_size=20)
 
     # ---- what comes in -------------------------------------------------------------------------------------
 
@@ -131,6 +133,15 @@ class LiveNode:
             self._session.add_picture(picture)
             self._news = True
             self._changed.notify()
+
+    def _on_pose(self, message: PoseWithCovarianceStamped, name: str) -> None:
+        try:
+            stamp_s, covariance = camera_covariance(message, name)
+        except FcsvError as error:
+            self._health.drop("camera_pose", str(error))
+            return
+        with self._changed:
+            self._session.add_covariance(name, stamp_s, covariance)
 
     # ---- the worker ----------------------------------------------------------------------------------------
 

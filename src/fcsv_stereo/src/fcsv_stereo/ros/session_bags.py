@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A session folder, or one bag that holds everything, as input of a map (docs/architecture.md, "Session")."""
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Dict, List, Optional
@@ -18,7 +19,8 @@ from fcsv_geometry.ros import conversions, home_messages
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Picture
-from fcsv_stereo.ros.session_messages import window_of
+from fcsv_stereo.pose_covariance import KnownCovariances, unknown_warning
+from fcsv_stereo.ros.session_messages import camera_covariance, window_of
 from fcsv_stereo.ros.session_pictures import read_pictures
 
 
@@ -33,6 +35,7 @@ class _Recorded:
     T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
     cameras: Dict[str, PinholeCamera] = field(default_factory=dict)
     tracks: Dict[str, Trajectory] = field(default_factory=dict)
+    covariances: Dict[str, KnownCovariances] = field(default_factory=lambda: defaultdict(KnownCovariances))
 
 
 def is_session(path: Path) -> bool:
@@ -49,6 +52,7 @@ def read_session(path: Path) -> MapInput:
     T_home_odom = _odoms_in_home(path, recorded)
     warnings: List[str] = []
     configurations = _pictures(path, recorded, T_home_odom, warnings)
+    warnings += unknown_warning(configurations, FLOWN, (k.refused for k in recorded.covariances.values()))
     truth = path / "truth" if path.is_dir() and (path / "truth" / "scene.ply").exists() else None
     return MapInput(InputKind.SESSION, configurations, truth, warnings, FLOWN)
 
@@ -106,8 +110,17 @@ def _take(path: Path, topic: str, message, recorded: _Recorded) -> None:
         elif name == "odometry/body":
             track = recorded.tracks.setdefault(vehicle, Trajectory(gap_s=0.1))
             track.add(message.header.stamp.to_sec(), conversions.pose_to_transform(message.pose.pose))
+        elif name == "camera_pose":
+            _take_covariance(message, vehicle, recorded.covariances[vehicle])
     except GeometryError as error:
         raise InputError(f"{path}, topic {topic}: {error}") from error
+
+
+def _take_covariance(message, vehicle: str, known: KnownCovariances) -> None:
+    try:
+        known.add(*camera_covariance(message, vehicle))
+    except InputError as error:  # the map can do without, and says so
+        known.refused = str(error)
 
 
 def _take_extrinsics(message, recorded: _Recorded) -> None:
@@ -189,7 +202,8 @@ def _vehicle_pictures(vehicle: str, recorded: _Recorded, T_home_odom, warnings: 
             continue
         T_home_cam = camera_in_home(T_home_odom[vehicle], T_odom_body, recorded.T_body_cam[vehicle])
         name = f"{vehicle}/{stamp_s:.3f}"
-        pictures.append(Picture.undistorted(name, vehicle, stamp_s, image, camera, T_home_cam))
+        covariance = recorded.covariances[vehicle].at(stamp_s)
+        pictures.append(Picture.undistorted(name, vehicle, stamp_s, image, camera, T_home_cam, covariance))
     if lost:
         warnings.append(f"{lost} pictures of {vehicle} have no odometry at their stamp and are left out")
     return sorted(pictures, key=lambda p: p.stamp_s)

@@ -1,8 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the control PC says of a recording (/mission/capture), for bags and for live maps."""
 
+from typing import Tuple
+
+import numpy as np
+
+from fcsv_geometry import frames
+from fcsv_stereo.errors import InputError
 from fcsv_stereo.live import Window
 from fcsv_stereo.model import Axis, Configuration
+from fcsv_stereo.pose_covariance import checked
+
+
+def camera_covariance(message, vehicle: str) -> Tuple[float, np.ndarray]:
+    """Stamp (s) and covariance (6, 6) of a camera_pose, as trackers publish it. Raises InputError where it is none."""
+    if message.header.frame_id != frames.HOME:
+        raise InputError(f"covariance of the pose of {vehicle} is of frame '{message.header.frame_id}', not home")
+    return message.header.stamp.to_sec(), checked(message.pose.covariance, vehicle)
 
 
 def window_of(capture) -> Window:
