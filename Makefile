@@ -9,7 +9,7 @@ LIVE ?=
 SPEED ?= auto
 export SYSTEM MISSION SEED WORLD RVIZ LIVE SPEED
 
-.PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link study
+.PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma study
 setup build:
 	@tools/setup.sh
 demo: setup
@@ -24,5 +24,7 @@ bench-gimbal: setup
 	@tools/run bench-gimbal
 bench-link: setup
 	@tools/run bench-link
+bench-sigma: setup
+	@tools/run bench-sigma
 study: setup
 	@tools/run study
