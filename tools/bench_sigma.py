@@ -28,7 +28,7 @@ from fcsv_geometry.vehicle import load_vehicles
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.evaluation import evaluate
-from fcsv_stereo.inputs import MapInput
+from fcsv_stereo.model import MapInput
 from fcsv_stereo.truth import Truth, load_truth
 
 ROOT = Path(__file__).resolve().parents[1]

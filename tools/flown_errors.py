@@ -14,17 +14,20 @@ import numpy as np
 import rosbag
 
 from fcsv_geometry import transforms
+from fcsv_geometry.home import Place
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.tracker import TrackerProfile
 from fcsv_geometry.vehicle import VehicleGeometry
-from fcsv_sim.sensors.t265 import T265, T265Errors
-from fcsv_stereo.inputs import MapInput, Picture
+from fcsv_sim.sensors.t265 import T265
 from fcsv_stereo.joint.method import choose_pictures
+from fcsv_stereo.model import MapInput, Picture
 from fcsv_stereo.pose_covariance import relative, relative_common
 from fcsv_stereo.truth import Truth
-from fcsv_tracking.chain import Place
 from fcsv_tracking.ros import link_messages
 
-_NO_ERRORS = T265Errors(*[0.0] * 6)
+_NO_ERRORS = TrackerProfile(
+    scale=0.0, walk_m_per_sqrt_m=0.0, heading_deg_per_sqrt_m=0.0, level_deg=0.0, position_noise_m=0.0, attitude_noise_deg=0.0
+)
 
 
 class FlownErrors:
@@ -71,7 +74,7 @@ class FlownErrors:
     def _tracked(self, name: str, way: List[Tuple[float, np.ndarray]], seed: int):
         """Where the odometry begins in the world, level as it should be, and T_odom_body by stamp in milliseconds."""
         T_body_t265 = self._vehicles[name].T_body_t265
-        exact, tracker = (T265(e, T_body_t265, seed) for e in (_NO_ERRORS, T265Errors()))
+        exact, tracker = (T265(e, T_body_t265, seed) for e in (_NO_ERRORS, TrackerProfile()))
         begun_s, first = way[0]
         T_world_odom = first @ T_body_t265 @ transforms.invert(exact.odometry(begun_s, first)[0])
         T_t265_body = transforms.invert(T_body_t265)

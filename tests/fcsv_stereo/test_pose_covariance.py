@@ -9,6 +9,7 @@ from support import boards
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import places_in_home
+from fcsv_geometry.tracker import T265_PROFILE
 from fcsv_stereo import pose_covariance
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput
