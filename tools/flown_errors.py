@@ -26,8 +26,9 @@ from fcsv_stereo.truth import Truth
 from fcsv_tracking.ros import link_messages
 
 _NO_ERRORS = TrackerProfile(
-    scale=0.0, walk_m_per_sqrt_m=0.0, heading_deg_per_sqrt_m=0.0, level_deg=0.0, position_noise_m=0.0, attitude_noise_deg=0.0
-)
+    scale=0.0, walk_m_per_sqrt_m=0.0, heading_deg_per_sqrt_m=0.0, level_deg=0.0, position_noise_m=0.0,
+    attitude_noise_deg=0.0,
+)  # fmt: skip
 
 
 class FlownErrors:
