@@ -184,6 +184,38 @@ def test_frames_publish_covariance_that_grows_and_call_for_calibration(start_nod
     assert np.allclose([p.x, p.y, p.z], expected[:3, 3], atol=1e-6)
 
 
+def test_what_was_flown_before_the_calibration_is_heard_of_is_in_the_covariance(start_node, listen, talk, folder):
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from nav_msgs.msg import Odometry
+
+    from fcsv_geometry.ros import conversions
+    from fcsv_msgs.msg import Calibration, Home
+    from fcsv_tracking.calibration import Link
+    from fcsv_tracking.ros import link_messages
+
+    camera = listen("/uav2/camera_pose", PoseWithCovarianceStamped)
+    calibration, home = talk("/calibration", Calibration, latch=True), talk("/home", Home, latch=True)
+    track = talk("/uav2/odometry/state", Odometry)
+    start_node("fcsv_tracking", "frames", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder})
+    connected(track, calibration, home)
+    now_s = time.time()
+    for i in range(41):  # 20 m
+        T_odom_body = transforms.from_xyz_yaw([0.5 * i, 0.0, 0.0], 0.0)
+        track.publish(odometry("uav2", now_s - 4.0 + 0.1 * i, T_odom_body))
+        time.sleep(0.01)
+    time.sleep(0.5)
+    message = Calibration(header=conversions.header(now_s - 4.0, "uav1/odom"))
+    message.links = [link_messages.to_message(Link("uav1", "uav2", np.eye(4), 1e-6 * np.eye(4), 0.0, 0.0, 0.0, 40, 0))]
+    calibration.publish(message)
+    home.publish(Home(header=message.header, reference="uav1", home_in_odom=conversions.transform_to_pose(np.eye(4))))
+    for i in range(200):  # standing, until calibration and home have arrived
+        track.publish(odometry("uav2", now_s + 0.1 * (i + 1), T_odom_body))
+        if camera.wait(seconds=0.1) is not None:
+            break
+    covariance = np.reshape(camera.messages[0].pose.covariance, (6, 6))
+    assert np.sqrt(covariance[2, 2]) == pytest.approx(0.012 * np.sqrt(20.0), rel=0.1)
+
+
 def doubled(message):
     message.detections = message.detections * 2
     return message
@@ -277,6 +309,8 @@ def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(start_node, t
     T = conversions.pose_to_transform(answer.calibration.links[0].child_odom_in_parent_odom)
     estimated, true = column.flight.relative({"uav2": T}, 1)
     assert np.linalg.norm((estimated - true)[:3, 3]) < 0.05  # docs/tracking.md: at worst 0.018 m
+    # the moment for which the links hold, not that at which they are told
+    assert answer.calibration.header.stamp.to_sec() == pytest.approx(column.begin_s + column.flight.end_s, abs=1e-6)
 
 
 class TestTags:

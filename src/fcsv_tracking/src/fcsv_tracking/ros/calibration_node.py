@@ -3,7 +3,7 @@
 
 import threading
 from dataclasses import dataclass, field, replace
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 import numpy as np
 import rospy
@@ -96,11 +96,11 @@ class CalibrationNode:
     def _on_calibrate(self, request) -> CalibrateResponse:
         column = list(request.column) or self._names
         try:
-            links = self._calibrate(column, request.duration_s)
+            stamp_s, links = self._calibrate(column, request.duration_s)
         except FcsvError as error:
             rospy.logwarn("calibration refused: %s", error)
             return CalibrateResponse(False, str(error), Calibration())
-        message = Calibration(header=conversions.header(rospy.get_time(), frames.odom(column[0])))
+        message = Calibration(header=conversions.header(stamp_s, frames.odom(column[0])))
         message.links = [link_messages.to_message(link) for link in links]
         self._calibrated = set(column)
         self._calibration.publish(message)
@@ -108,7 +108,8 @@ class CalibrationNode:
         rospy.loginfo("calibrated: %s", text)
         return CalibrateResponse(True, text, message)
 
-    def _calibrate(self, column: List[str], duration_s: float) -> List[Link]:
+    def _calibrate(self, column: List[str], duration_s: float) -> Tuple[float, List[Link]]:
+        """The links, and the stamp (s) that all hold for: what the vehicles fly after it adds to their errors."""
         unknown = [n for n in column if n not in self._vehicles]
         if unknown or len(column) < 2:
             raise TrackingError(f"a column needs two known vehicles or more, front first; got {column}")
@@ -122,8 +123,12 @@ class CalibrationNode:
         with self._lock:
             self._collecting = False
             collected = self._collected
-        links = [self._link(front, back, collected) for front, back in zip(column, column[1:])]
-        return merge_loops(links, self._loops(column, collected))
+        links, ends_s = [], []
+        for front, back in zip(column, column[1:]):
+            seen = self._seen(front, back, collected)
+            links.append(calibrate_link(front, back, seen, self._rules))
+            ends_s.append(max(d.stamp_s for d in seen))
+        return min(ends_s), merge_loops(links, self._loops(column, collected))
 
     def _wait_for_enough(self, column: List[str], most_s: float) -> None:
         """Go on collecting while every link gets detections, until all have plenty or the time is over."""
@@ -141,9 +146,9 @@ class CalibrationNode:
         messages = self._collected.get(back, [])
         return [m.header.stamp.to_sec() for m in messages if any(tag.id == tag_id for tag in m.detections)]
 
-    def _link(self, front: str, back: str, collected: Dict[str, List[TagDetections]]) -> Link:
+    def _seen(self, front: str, back: str, collected: Dict[str, List[TagDetections]]) -> List[Detection]:
         self._require_one_time(front, back)
-        return calibrate_link(front, back, self._detections(front, back, collected.get(back, [])), self._rules)
+        return self._detections(front, back, collected.get(back, []))
 
     def _loops(self, column: List[str], collected: Dict[str, List[TagDetections]]) -> List[Link]:
         """What vehicles see of tags further ahead, where that is good enough; the column does not depend on it."""
@@ -151,7 +156,7 @@ class CalibrationNode:
         for i, back in enumerate(column):
             for front in column[: max(i - 1, 0)]:
                 try:
-                    found.append(self._link(front, back, collected))
+                    found.append(calibrate_link(front, back, self._seen(front, back, collected), self._rules))
                 except CalibrationRefused as error:
                     rospy.logdebug("no loop from %s to %s: %s", front, back, error)
         return found

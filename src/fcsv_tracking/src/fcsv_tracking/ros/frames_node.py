@@ -77,7 +77,7 @@ class FramesNode:
                 return
             self._calibrated_s = message.header.stamp.to_sec()
             for drift in self._drifts.values():
-                drift.begin()
+                drift.begin(self._calibrated_s)
 
     def _on_home(self, message: Home) -> None:
         with self._lock:
