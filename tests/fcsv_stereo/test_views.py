@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scenes
 from numba import njit
+from support import scenes
 
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.pictures import Pictures, usable
