@@ -286,6 +286,7 @@ def test_pictures_cut_in_the_middle_come_whole_and_codecs_keep_the_type(net, tmp
         until(net, lambda c=count: begun.stat().st_size > c, what="the next capture")
         pause(net, 0.15)  # a capture takes 0.4 s of this link: it is under way now
         cut_until_noticed(net)
+        pause(net, 3.0)
         net.radio.mend()
         images.wait(net.now_s())
         hear_each_other(net)

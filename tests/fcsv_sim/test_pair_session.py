@@ -18,6 +18,7 @@ NAMES = ["tello1", "tello2"]
 CAMERA = PinholeCamera.from_fov(64, 48, np.radians(70.0))
 MISSION = Mission("m", [StereoConfiguration("horizontal", 1.0), StereoConfiguration("vertical", 1.5)], "tello1", 0.7,
                   home_height_m=1.7)  # fmt: skip
+COVARIANCE = np.diag([1e-4, 2e-4, 3e-4, 1e-5, 2e-5, 3e-5])
 T_GROUND_HOME = tf.from_xyz_yaw([2.6, 1.4, 1.7], 0.1)
 
 
@@ -31,6 +32,9 @@ def camera_pose(k):
 def session(ros_master, tmp_path, root):
     """(folder, T_home_cam by vehicle and stamp) of two configurations with three pictures of either vehicle, a second
     apart, as where a machine is slow."""
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    from fcsv_geometry import frames
     from fcsv_geometry.ros import conversions
     from fcsv_sim.demo.ros.pair_session import PairSession
 
@@ -46,6 +50,10 @@ def session(ros_master, tmp_path, root):
                 picture = conversions.array_to_image(image, "rgb8", stamp_s, "optical")
                 info = conversions.info_from_camera(CAMERA, stamp_s, "optical")
                 session.picture(name, picture, info, poses[name, stamp_s])
+                told = PoseWithCovarianceStamped(header=conversions.header(stamp_s, frames.HOME))
+                told.pose.pose = conversions.transform_to_pose(poses[name, stamp_s])
+                told.pose.covariance = COVARIANCE.ravel().tolist()
+                session.camera_pose(name, told)
                 k += 1
         session.capture(CaptureWindow(index, "tello2", stamps[0] - 1e-3, stamps[-1] + 1e-3, 0.05), time.time())
     assert not list(tmp_path.glob("*.bag")) and len(list(tmp_path.glob("*.active"))) == 3
@@ -64,6 +72,8 @@ def test_map_reads_every_picture_with_the_pose_that_went_in(session):
     assert len(pictures) == len(poses) == 12
     for p in pictures:
         assert np.allclose(p.T_home_cam, T_GROUND_HOME @ poses[p.vehicle, p.stamp_s], atol=1e-9)
+        R = np.kron(np.eye(2), T_GROUND_HOME[:3, :3])  # it was told about the axes of the mission's home
+        assert np.allclose(p.covariance, R @ COVARIANCE @ R.T)
 
 
 def test_it_is_a_session_as_any_other(session):

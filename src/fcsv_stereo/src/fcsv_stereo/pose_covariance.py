@@ -41,6 +41,17 @@ def checked(covariance, name: str) -> np.ndarray:
     return C
 
 
+def turned(covariance: np.ndarray, R_b_a: np.ndarray) -> np.ndarray:
+    """(6, 6) about the axes of frame b, of one about the axes of frame a.
+
+    >>> R_b_a = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> turned(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), R_b_a).diagonal().tolist()
+    [2.0, 1.0, 3.0, 5.0, 4.0, 6.0]
+    """
+    turn = np.kron(np.eye(2), R_b_a)
+    return turn @ covariance @ turn.T
+
+
 class KnownCovariances:
     """Covariances of one vehicle's camera in home as they were said, by stamp; ``refused`` says why others were not.
 

@@ -19,7 +19,7 @@ from fcsv_geometry.ros import conversions, home_messages
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Picture
-from fcsv_stereo.pose_covariance import KnownCovariances, unknown_warning
+from fcsv_stereo.pose_covariance import KnownCovariances, turned, unknown_warning
 from fcsv_stereo.ros.session_messages import camera_covariance, window_of
 from fcsv_stereo.ros.session_pictures import read_pictures
 
@@ -117,8 +117,11 @@ def _take(path: Path, topic: str, message, recorded: _Recorded) -> None:
 
 
 def _take_covariance(message, vehicle: str, known: KnownCovariances) -> None:
+    """About the camera's axes: a pair before a tracker flies in another home than its session's."""
     try:
-        known.add(*camera_covariance(message, vehicle))
+        stamp_s, covariance = camera_covariance(message, vehicle)
+        R_home_cam = conversions.pose_to_transform(message.pose.pose)[:3, :3]
+        known.add(stamp_s, turned(covariance, R_home_cam.T))
     except InputError as error:  # the map can do without, and says so
         known.refused = str(error)
 
@@ -203,6 +206,8 @@ def _vehicle_pictures(vehicle: str, recorded: _Recorded, T_home_odom, warnings: 
         T_home_cam = camera_in_home(T_home_odom[vehicle], T_odom_body, recorded.T_body_cam[vehicle])
         name = f"{vehicle}/{stamp_s:.3f}"
         covariance = recorded.covariances[vehicle].at(stamp_s)
+        if covariance is not None:
+            covariance = turned(covariance, T_home_cam[:3, :3])
         pictures.append(Picture.undistorted(name, vehicle, stamp_s, image, camera, T_home_cam, covariance))
     if lost:
         warnings.append(f"{lost} pictures of {vehicle} have no odometry at their stamp and are left out")
