@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The MAVLink 2 side of the simulated autopilot, over UDP towards a companion (NED and FRD live only here)."""
+"""The MAVLink 2 side of the simulated autopilot: messages and time in, messages out (NED and FRD live only here)."""
 
 import os
 
 os.environ.setdefault("MAVLINK20", "1")
 
 import math
-from typing import Callable, Dict, Tuple
+from typing import Callable, Dict, List, Optional, Tuple
 
 from pymavlink import mavutil
 
@@ -31,19 +31,18 @@ def heading(yaw_rad: float) -> float:
 
 
 class MavlinkServer:
-    """Speaks for one Autopilot. ``step`` reads what came and sends what is due; it never waits."""
+    """Speaks for one Autopilot: ``take`` what came, ``step`` often, send what ``outgoing`` gives."""
 
-    def __init__(self, autopilot: Autopilot, companion: str, system_id: int):
+    def __init__(self, autopilot: Autopilot, system_id: int):
         self._pilot = autopilot
-        self._link = mavutil.mavlink_connection(
-            f"udpout:{companion}", source_system=system_id, source_component=1, dialect="ardupilotmega"
-        )
-        self._mav = self._link.mav
+        self._system = system_id
+        self._encoder = _M.MAVLink(None)
+        self._out: List[object] = []
         self._parameters = dict(parameters.DEFAULTS, SYSID_THISMAV=(system_id, parameters.INT16))
         self._intervals_s: Dict[int, float] = {}
         self._due_s: Dict[int, float] = {_M.MAVLINK_MSG_ID_HEARTBEAT: 0.0}
         self._client_seen = False
-        self._boot_s = None
+        self._boot_s: Optional[float] = None
         self._next_timesync_s = 0.0
         self._attitude = (0.0, 0.0, 0.0)
         self._streams: Dict[int, Callable] = {
@@ -59,34 +58,36 @@ class MavlinkServer:
             _M.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
         }
 
-    def step(self, now_s: float, attitude_rpy_rad) -> None:
-        """Handle all that came; send heartbeats, streams and texts that are due. ENU attitude of the body."""
-        if self._boot_s is None:
-            self._boot_s = now_s
-        self._now_s, self._attitude = now_s, attitude_rpy_rad
-        while True:
-            try:
-                message = self._link.recv_msg()
-            except ConnectionRefusedError:
-                break  # nobody listens yet
-            if message is None:
-                break
-            self._handle(message)
-        try:
-            self._send_due()
-        except (ConnectionRefusedError, BlockingIOError):
-            pass
-
-    def close(self) -> None:
-        self._link.close()
-
-    # ---- incoming ------------------------------------------------------------------------------------------
-
-    def _handle(self, message) -> None:
+    def take(self, now_s: float, message) -> None:
+        """One message from a companion or a ground station."""
+        self._begin(now_s)
         self._client_seen = True
         handler = getattr(self, "_on_" + message.get_type().lower(), None)
         if handler is not None:
             handler(message)
+
+    def step(self, now_s: float, attitude_rpy_rad) -> None:
+        """Heartbeats, streams and texts that are due. ENU attitude of the body."""
+        self._begin(now_s)
+        self._attitude = attitude_rpy_rad
+        self._send_due()
+
+    def outgoing(self) -> List[object]:
+        """Messages to send now, each given once; their header names their source."""
+        out, self._out = self._out, []
+        return out
+
+    def _begin(self, now_s: float) -> None:
+        self._boot_s = now_s if self._boot_s is None else self._boot_s
+        self._now_s = now_s
+
+    def _send(self, kind: str, *fields) -> None:
+        message = getattr(self._encoder, kind + "_encode")(*fields)
+        header = message.get_header()
+        header.srcSystem, header.srcComponent = self._system, 1
+        self._out.append(message)
+
+    # ---- incoming ------------------------------------------------------------------------------------------
 
     def _on_vision_position_estimate(self, m) -> None:
         position = (m.y, m.x, -m.z)
@@ -135,7 +136,7 @@ class MavlinkServer:
     def _send_parameter(self, name: str) -> None:
         value, kind = self._parameters[name]
         index = list(self._parameters).index(name)
-        self._mav.param_value_send(name.encode(), value, kind, len(self._parameters), index)
+        self._send("param_value", name.encode(), value, kind, len(self._parameters), index)
 
     def _on_request_data_stream(self, m) -> None:
         groups = {1: (24, 27), 2: (1, 36), 6: (32, 33), 10: (30,), 11: (74,), 12: (193,), 0: (1, 30, 32, 193)}
@@ -144,7 +145,7 @@ class MavlinkServer:
                 self._set_interval(message_id, 1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1)
 
     def _on_command_long(self, m) -> None:
-        self._mav.command_ack_send(m.command, self._command(m), 0, 0, m.get_srcSystem(), m.get_srcComponent())
+        self._send("command_ack", m.command, self._command(m), 0, 0, m.get_srcSystem(), m.get_srcComponent())
 
     def _command(self, m) -> int:
         pilot, now_s = self._pilot, self._now_s
@@ -188,14 +189,14 @@ class MavlinkServer:
             self._heartbeat()
         if now_s >= self._next_timesync_s:
             self._next_timesync_s = now_s + 10.0
-            self._mav.timesync_send(0, int(now_s * 1e9))
+            self._send("timesync", 0, int(now_s * 1e9))
         for message_id, interval_s in self._intervals_s.items():
             if now_s >= self._due_s[message_id]:
                 self._due_s[message_id] = max(self._due_s[message_id] + interval_s, now_s - interval_s)
                 self._streams[message_id]()
         if self._client_seen:
             for severity, text in self._pilot.texts:
-                self._mav.statustext_send(severity, text[:50].encode())
+                self._send("statustext", severity, text[:50].encode())
             self._pilot.texts.clear()
 
     def _milliseconds(self) -> int:
@@ -206,24 +207,24 @@ class MavlinkServer:
         base |= _M.MAV_MODE_FLAG_GUIDED_ENABLED if self._pilot.mode == modes.GUIDED else 0
         base |= _M.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED if self._pilot.rc_alive(self._now_s) else 0
         status = _M.MAV_STATE_ACTIVE if self._pilot.flying else _M.MAV_STATE_STANDBY
-        self._mav.heartbeat_send(_M.MAV_TYPE_QUADROTOR, _M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self._pilot.mode, status)
+        self._send("heartbeat", _M.MAV_TYPE_QUADROTOR, _M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self._pilot.mode, status)
 
     def _local_position(self) -> None:
         if self._pilot.origin is None or not self._pilot.estimator.position_ok(self._now_s):
             return  # ack 0 does not promise data
         estimate = self._pilot.estimator
-        self._mav.local_position_ned_send(self._milliseconds(), *ned(estimate.p_ext_m), *ned(estimate.v_ext_mps))
+        self._send("local_position_ned", self._milliseconds(), *ned(estimate.p_ext_m), *ned(estimate.v_ext_mps))
 
     def _attitude_message(self) -> None:
         roll, pitch, _ = self._attitude
         yaw = heading(self._pilot.estimator.yaw_ext_rad)
-        self._mav.attitude_send(self._milliseconds(), roll, -pitch, yaw, 0.0, 0.0, 0.0)
+        self._send("attitude", self._milliseconds(), roll, -pitch, yaw, 0.0, 0.0, 0.0)
 
     def _sys_status(self) -> None:
         ready = self._pilot.armed or not self._pilot.prearm_failures(self._now_s)
         health = 0x0FFFFFFF | (_PREARM_BIT if ready else 0)
         share = int(self._pilot.battery_share * 100)
-        self._mav.sys_status_send(
+        self._send("sys_status",
             0x1FFFFFFF, 0x1FFFFFFF, health, 200, int(self._pilot.battery_v * 1000), 1500, share, 0, 0, 0, 0, 0, 0
         )
 
@@ -231,25 +232,25 @@ class MavlinkServer:
         cell_mv = int(self._pilot.battery_v * 250)
         voltages = [cell_mv] * 4 + [65535] * 6
         share = int(self._pilot.battery_share * 100)
-        self._mav.battery_status_send(0, 0, 1, 32767, voltages, 1500, 0, 0, share)
+        self._send("battery_status", 0, 0, 1, 32767, voltages, 1500, 0, 0, share)
 
     def _ekf_status(self) -> None:
         good = self._pilot.estimator.position_ok(self._now_s)
-        self._mav.ekf_status_report_send(_FLAGS_OK if good else 0x0A7, 0.05, 0.05, 0.05, 0.0, 0.0)
+        self._send("ekf_status_report", _FLAGS_OK if good else 0x0A7, 0.05, 0.05, 0.05, 0.0, 0.0)
 
     def _origin(self) -> None:
         if self._pilot.origin is not None:
-            self._mav.gps_global_origin_send(*self._pilot.origin, int(self._now_s * 1e6))
+            self._send("gps_global_origin", *self._pilot.origin, int(self._now_s * 1e6))
 
     def _home(self) -> None:
         if self._pilot.origin is not None:
-            self._mav.home_position_send(*self._pilot.origin, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+            self._send("home_position", *self._pilot.origin, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
 
     def _rc_channels(self) -> None:
-        self._mav.rc_channels_send(self._milliseconds(), 8, *([1500] * 18), 255)
+        self._send("rc_channels", self._milliseconds(), 8, *([1500] * 18), 255)
 
     def _version(self) -> None:
-        self._mav.autopilot_version_send(0, 0x04030800, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+        self._send("autopilot_version", 0, 0x04030800, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
 
     def _extended_state(self) -> None:
-        self._mav.extended_sys_state_send(0, 2 if self._pilot.flying else 1)
+        self._send("extended_sys_state", 0, 2 if self._pilot.flying else 1)

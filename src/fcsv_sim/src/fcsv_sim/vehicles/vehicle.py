@@ -9,6 +9,7 @@ import numpy as np
 from fcsv_geometry import rotations, transforms
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
+from fcsv_sim.autopilot.udp import UdpLine
 from fcsv_sim.people.rc import RcReceiver
 from fcsv_sim.truth import TruthWriter
 from fcsv_sim.vehicles.dynamics import STEP_S, Airframe, Quadrotor
@@ -83,7 +84,8 @@ class SimulatedVehicle(SteppedBody):
         super().__init__(body, TruthWriter(parameters.sim_dir, parameters.name), now_s)
         self.autopilot = Autopilot(self.body.hover_thrust, seed)
         self._rc = RcReceiver(parameters.rc_port)
-        self._server = MavlinkServer(self.autopilot, parameters.companion, parameters.system_id)
+        server = MavlinkServer(self.autopilot, parameters.system_id)
+        self._line = UdpLine(server, parameters.companion, parameters.system_id)
         self._v_before = np.zeros(3)
 
     def _decide(self, state: np.ndarray):
@@ -94,9 +96,9 @@ class SimulatedVehicle(SteppedBody):
         if frame is not None:
             self.autopilot.rc_frame(self._now_s, frame)
         self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, state[12], state[2])
-        self._server.step(self._now_s, (roll, pitch, yaw))
+        self._line.step(self._now_s, (roll, pitch, yaw))
         return self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, state[5])
 
     def close(self) -> None:
         self._rc.close()
-        self._server.close()
+        self._line.close()
