@@ -3,7 +3,7 @@
 
 import socket
 import struct
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
 
 #: FLTMODE1..6 of the simulated autopilot, chosen by channel 5, and the PWM in the middle of each range.
 MODE_SWITCH = ("STABILIZE", "ALT_HOLD", "LOITER", "BRAKE", "GUIDED", "LAND")
@@ -27,6 +27,13 @@ def mode_of(pwm_us: int) -> str:
     return MODE_SWITCH[sum(pwm_us > limit for limit in _MODE_LIMITS)]
 
 
+def frame_of(roll: float, pitch: float, throttle: float, yaw: float, mode_name: str) -> Tuple[int, ...]:
+    """PWM of eight channels from sticks (-1 to 1). Raises ValueError for a mode that is not on the switch."""
+    mode_pwm = _MODE_PWM[MODE_SWITCH.index(mode_name)]
+    # on channel 2 stick forward is low, as on a real transmitter
+    return pwm(roll), pwm(-pitch), pwm(throttle), pwm(yaw), mode_pwm, 1500, 1500, 1500
+
+
 class RcSender:
     """The transmitter's side. Sticks from -1 to 1: roll right, pitch forward, throttle up, yaw right."""
 
@@ -36,9 +43,7 @@ class RcSender:
 
     def send(self, roll: float, pitch: float, throttle: float, yaw: float, mode_name: str) -> None:
         """One frame. Raises ValueError for a mode that is not on the switch."""
-        mode_pwm = _MODE_PWM[MODE_SWITCH.index(mode_name)]
-        # on channel 2 stick forward is low, as on a real transmitter
-        channels = [pwm(roll), pwm(-pitch), pwm(throttle), pwm(yaw), mode_pwm, 1500, 1500, 1500]
+        channels = frame_of(roll, pitch, throttle, yaw, mode_name)
         try:
             self._socket.sendto(struct.pack("<8H", *channels), self._address)
         except ConnectionRefusedError:

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A whole rehearsed flight: vehicles, radios, control PC and people on one clock."""
+
+from dataclasses import dataclass, field
+from typing import Callable, Dict, List, Optional, Sequence
+
+import numpy as np
+
+from fcsv_geometry.mission import Mission
+from fcsv_sim.people.operator import ButtonPresser, Field, Pilot
+from fcsv_sim.rehearsal.control import ControlPc
+from fcsv_sim.rehearsal.invariants import Invariants, Violation
+from fcsv_sim.rehearsal.radio import Radio, RadioQuality
+from fcsv_sim.rehearsal.vehicle import RehearsedVehicle, Start
+from fcsv_sim.trials.formation import formation_vehicle
+from fcsv_sim.vehicles.vehicle import PASS_S
+
+_PEOPLE_EVERY, _MISSION_EVERY = 5, 10  # passes
+_LONGEST_S = 900.0
+_DOWN_S = 10.0  # everybody down for so long: the flight is over, whatever the mission thinks
+
+
+@dataclass
+class Result:
+    """How a flight went."""
+
+    seed: int
+    phase: str
+    detail: str
+    flown_s: float
+    captures: int
+    nearest_m: float  # smallest distance between two vehicles in the air
+    violations: List[Violation] = field(default_factory=list)
+    faults: Sequence[str] = ()
+
+
+class Flight:
+    """``run`` flies a mission to its end. A fault is told the flight with every pass and may do what it likes."""
+
+    def __init__(self, mission: Mission, vehicles: int, seed: int, quality: Optional[RadioQuality] = None):
+        names = [f"uav{k + 1}" for k in range(vehicles)]
+        random = np.random.default_rng([seed, 20])
+        field_ = Field(home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m)
+        self.fleet: Dict[str, RehearsedVehicle] = {}
+        for k, name in enumerate(names):
+            xy = np.array([-mission.column_spacing_m * k, 0.0]) + random.uniform(-0.3, 0.3, 2)
+            start = Start((*xy, 0.0, random.uniform(-0.1, 0.1)), random.uniform(0.3, 2.0))
+            self.fleet[name] = RehearsedVehicle(formation_vehicle(k + 1), start, seed)
+        self.radios = {n: Radio(quality or RadioQuality(), seed * 100 + k) for k, n in enumerate(names)}
+        self.control = ControlPc(mission, self.fleet, self.radios, seed)
+        self.pilots = {n: Pilot(k, field_, seed) for k, n in enumerate(names)}
+        self.presser = ButtonPresser()
+        self.operator_there = True
+        self.hands: Dict[str, Callable] = {}  # by vehicle: sticks in place of its pilot's
+        self.seed, self.now_s = seed, 0.0
+        self.invariants = Invariants(self)
+        self._passes = 0
+        self._up_s = float("inf")
+
+    @property
+    def phase(self) -> str:
+        """The mission's."""
+        return self.control.machine.phase
+
+    def step(self) -> None:
+        """One pass of 10 ms."""
+        self.now_s += PASS_S
+        self._passes += 1
+        now_s = self.now_s
+        for vehicle in self.fleet.values():
+            vehicle.step(now_s)
+        for radio in self.radios.values():
+            radio.step(now_s)
+        if self._passes % _PEOPLE_EVERY == 0:
+            self._people(now_s)
+            self.control.listen(now_s)
+            self.invariants.check(now_s)
+        if self._passes % _MISSION_EVERY == 0:
+            self.control.step(now_s)
+
+    def _people(self, now_s: float) -> None:
+        phase = self.phase
+        sights = {n: v.sight() for n, v in self.fleet.items()}
+        for name, pilot in self.pilots.items():
+            decide = self.hands.get(name, pilot.sticks)
+            self.fleet[name].sticks(now_s, decide(now_s, phase, sights[name]))
+        machine = self.control.machine
+        if self.operator_there and self.control.alive:
+            if self.presser.press(now_s, machine.waits_for, phase, sights, list(self.pilots.values())):
+                machine.proceed(machine.waits_for)
+
+    @property
+    def over(self) -> bool:
+        """The mission has ended and nobody flies, or everybody who flew has been down for a while."""
+        if any(v.autopilot.armed for v in self.fleet.values()):
+            self._up_s = self.now_s
+            return False
+        return self.control.machine.over or self.now_s > self._up_s + _DOWN_S
+
+    def run(self, faults: Sequence[Callable[["Flight"], None]] = ()) -> Result:
+        """To its end, or for 15 minutes; ``faults`` are told of every pass."""
+        while not self.over and self.now_s < _LONGEST_S:
+            for fault in faults:
+                fault(self)
+            self.step()
+        machine = self.control.machine
+        self.invariants.end(self.over)
+        return Result(
+            self.seed, machine.phase, machine.detail, self.now_s, len(machine.captures), self.invariants.nearest_m,
+            self.invariants.violations, [getattr(f, "name", "") for f in faults],
+        )  # fmt: skip

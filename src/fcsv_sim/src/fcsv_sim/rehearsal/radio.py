@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The radio between the vehicles and the control PC: delay, loss, cuts."""
+
+import heapq
+import itertools
+from dataclasses import dataclass
+from typing import Any, Callable, List, Tuple
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class RadioQuality:
+    """Delay (s) and its jitter; share of messages that get lost, each way."""
+
+    delay_s: float = 0.02
+    jitter_s: float = 0.01
+    loss: float = 0.01
+
+
+class Radio:
+    """Messages of one vehicle, both ways, each delivered by a call. ``cut`` until it is False again loses all."""
+
+    def __init__(self, quality: RadioQuality, seed: int):
+        self.quality, self.cut = quality, False
+        self._random = np.random.default_rng([seed, 21])
+        self._numbers = itertools.count()
+        self._flying: List[Tuple[float, int, Callable[[Any], None], Any]] = []
+
+    def send(self, now_s: float, deliver: Callable[[Any], None], message: Any) -> None:
+        """``deliver(message)`` after the delay, unless it gets lost."""
+        if self.cut or self._random.random() < self.quality.loss:
+            return
+        arrives_s = now_s + self.quality.delay_s + self.quality.jitter_s * self._random.random()
+        heapq.heappush(self._flying, (arrives_s, next(self._numbers), deliver, message))
+
+    def step(self, now_s: float) -> None:
+        """Deliver what has arrived."""
+        while self._flying and self._flying[0][0] <= now_s:
+            _, _, deliver, message = heapq.heappop(self._flying)
+            deliver(message)

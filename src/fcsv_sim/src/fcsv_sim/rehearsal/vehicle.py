@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One vehicle of a rehearsal: airframe, autopilot and tracker of the simulation; odometry, link and agent that fly."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Callable, Dict, List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_control.agent.core import Ack, AgentCore, AgentRules, Ask, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.errors import ControlError
+from fcsv_control.flight.core import LinkCore, LinkParameters
+from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
+from fcsv_control.flight.listener import BatteryHeard, PoseHeard, StateHeard
+from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_geometry import transforms
+from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.autopilot.mavlink_server import MavlinkServer
+from fcsv_sim.people.operator import Sight, Sticks
+from fcsv_sim.people.rc import frame_of
+from fcsv_sim.sensors.t265 import T265
+from fcsv_sim.vehicles.dynamics import STEP_S, Airframe, Quadrotor
+from fcsv_sim.vehicles.vehicle import PASS_S, yaw_of
+from fcsv_tracking.errors import OdometryRejected
+from fcsv_tracking.odometry import BodyOdometry, BodyPose
+
+WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
+_SUBSTEPS = int(round(PASS_S / STEP_S))
+_BOARD_EVERY = 2  # passes between two steps of link and agent
+_TRACKER_EVERY = 3  # passes between two samples of the tracker: 33 Hz, what goes to the autopilot of its 200 Hz
+
+
+@dataclass
+class Heard:
+    """What the control PC was sent of a vehicle last, and when it arrived."""
+
+    pose: Optional[np.ndarray] = None  # T_odom_body
+    speed_mps: float = math.inf
+    pose_s: float = -math.inf
+    mode: str = ""
+    armed: bool = False
+    connected: bool = False
+    state_s: float = -math.inf
+    height_m: float = 0.0
+    battery_share: float = math.nan
+    pictures: int = 0
+    recorder_s: float = -math.inf
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a vehicle stands (x, y, z, yaw in the world) and what the wind is."""
+
+    xyz_yaw: Tuple[float, float, float, float]
+    wind_mps: float = 1.0
+    tracker: TrackerProfile = T265_PROFILE
+    rules: AgentRules = field(default_factory=AgentRules)
+
+
+class RehearsedVehicle:
+    """``step`` advances everything on board by one pass. ``clock_offset_s``: its wall clock against the others'."""
+
+    def __init__(self, geometry: VehicleGeometry, start: Start, seed: int):
+        seed = seed * 1000 + geometry.system_id
+        *position, yaw = start.xyz_yaw
+        self.geometry, self.name = geometry, geometry.name
+        self.clock_offset_s = 0.0
+        self.body = Quadrotor(Airframe(), transforms.from_xyz_yaw(position, yaw), seed, start.wind_mps)
+        self.autopilot = Autopilot(self.body.hover_thrust, seed)
+        self._server = MavlinkServer(self.autopilot, geometry.system_id)
+        self.tracker = T265(start.tracker, geometry.T_body_t265, seed)
+        self.tracker_on = True
+        self._odometry = BodyOdometry(geometry.T_body_t265)
+        self._feed = VisionFeed(FeedParameters())
+        self._watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
+        self.link = LinkCore(LinkParameters(target_system=geometry.system_id))
+        self.agent = AgentCore(self.name, start.rules)
+        self.recording = False
+        self.pictures = 0
+        self.acks: List[Ack] = []
+        self.odometry: Optional[BodyPose] = None
+        self.height_m = self._ground_m = 0.0
+        self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
+        self._requests: List[Tuple[Ask, object]] = []
+        self._command = (0.0, 0.0, 0.0, 0.0)
+        self._v_before = np.zeros(3)
+        self._passes = 0
+        self._do: Dict[type, Callable[[float, object], None]] = {
+            Ack: lambda now_s, o: self.acks.append(o), Ask: self._ask, Pictures: self._switch, SetPoint: self._hold,
+        }  # fmt: skip
+
+    # ---- what people see and do --------------------------------------------------------------------------------
+
+    @property
+    def p_world_m(self) -> np.ndarray:
+        """Where it truly is."""
+        return self.body.position_m
+
+    def sight(self) -> Sight:
+        """What a pilot sees of it."""
+        mode, armed = self.link.state.mode, self.autopilot.armed
+        return Sight(self.body.T_world_body, self.body.velocity_mps, armed, mode)
+
+    def sticks(self, now_s: float, s: Sticks) -> None:
+        """A frame of its transmitter."""
+        self.autopilot.rc_frame(now_s, frame_of(s.roll, s.pitch, s.throttle, s.yaw, s.mode))
+
+    def obey(self, instruction: Instruction, now_s: float) -> None:
+        """A command came over the radio."""
+        self.agent.take(self._wall_s(now_s), instruction)
+
+    # ---- time --------------------------------------------------------------------------------------------------
+
+    def step(self, now_s: float) -> None:
+        """One pass of the autopilot (10 ms), which ends at ``now_s``."""
+        state = self.body.advance(self._command, _SUBSTEPS)[-1]
+        x, y, z, w = state[6:10].tolist()
+        roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        pitch = math.asin(min(1.0, max(-1.0, 2 * (w * y - z * x))))
+        acc = (state[3:6] - self._v_before) / PASS_S
+        self._v_before = state[3:6].copy()
+        self.autopilot.estimator.predict(now_s, PASS_S, acc, yaw_of(state), state[12], state[2])
+        self._passes += 1
+        if self.tracker_on and self._passes % _TRACKER_EVERY == 0:
+            self._track(now_s)
+        if self._passes % _BOARD_EVERY == 0:
+            self._server.step(now_s, (roll, pitch, yaw_of(state)))
+            self._on_board(now_s)
+        self._command = self.autopilot.update(now_s, PASS_S, self.body.on_ground, state[5])
+
+    def _track(self, now_s: float) -> None:
+        """A sample of the tracker, through the odometry's gate, to the autopilot."""
+        stamp_s = self._wall_s(now_s)
+        T, linear, angular = self.tracker.odometry(stamp_s, self.body.T_world_body)
+        p, q = tuple(T[:3, 3].tolist()), tuple(transforms.quaternion_xyzw(T).tolist())
+        try:
+            self.odometry = self._odometry.feed(stamp_s, p, q, tuple(linear.tolist()), tuple(angular.tolist()))
+        except OdometryRejected:
+            return
+        if self._feed.judge(stamp_s, stamp_s)[0] is FeedVerdict.SEND:
+            self.link.send_pose(stamp_s, self.T_odom_body)
+            self._watchdog.feed(now_s)
+
+    @property
+    def T_odom_body(self) -> np.ndarray:
+        """What the odometry says."""
+        return transforms.from_xyz_quaternion(self.odometry.p_odom_body, self.odometry.q_odom_body_xyzw)
+
+    def _on_board(self, now_s: float) -> None:
+        """The line between autopilot and link, the link's events, the watchdog, the agent."""
+        for message in self._server.outgoing():
+            self.link.take(now_s, _as_received(message))
+        self._end_requests()
+        for event in self.link.events():
+            if isinstance(event, PoseHeard):
+                self._estimate(now_s, event.T_odom_body)
+            elif isinstance(event, (StateHeard, BatteryHeard)):
+                self.agent.state(self.link.state.mode, self.link.state.armed)
+        state = self.link.state
+        if self._watchdog.check(now_s, state.armed, state.mode) is Alarm.LAND:
+            self._set_mode(now_s, "LAND")
+        self.agent.step(now_s, self._wall_s(now_s))
+        for output in self.agent.outgoing():
+            handler = self._do.get(type(output))
+            if handler is not None:
+                handler(now_s, output)
+        self.link.step(now_s)
+        for message in self.link.outgoing():
+            self._server.take(now_s, _as_received(message))
+        if self.recording and self._passes % 10 == 0:
+            self.pictures += 1
+
+    def _estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
+        self.agent.pose(now_s, T_odom_body)
+        if not self.link.state.armed:
+            self._ground_m = float(T_odom_body[2, 3])
+        self.height_m = float(T_odom_body[2, 3]) - self._ground_m
+
+    # ---- what the agent wants ----------------------------------------------------------------------------------
+
+    def _ask(self, now_s: float, ask: Ask) -> None:
+        try:
+            if ask.kind is Kind.SET_MODE:
+                request = self._set_mode(now_s, ask.mode)
+            elif ask.kind is Kind.ARM:
+                request = self.link.arm(now_s, ask.flag)
+            else:
+                request = self.link.take_off(now_s, ask.altitude_m)
+        except ControlError as error:
+            self.agent.finished(ask, str(error))
+            return
+        self._requests.append((ask, request))
+
+    def _set_mode(self, now_s: float, mode: str):
+        self.modes_asked.append((now_s, mode))
+        return self.link.set_mode(now_s, mode)
+
+    def _end_requests(self) -> None:
+        for ask, request in [r for r in self._requests if r[1].over]:
+            self._requests.remove((ask, request))
+            try:
+                request.require_done()
+                self.agent.finished(ask, "")
+            except ControlError as error:
+                self.agent.finished(ask, str(error))
+
+    def _switch(self, _now_s: float, output: Pictures) -> None:
+        self.recording = output.on
+
+    def _hold(self, _now_s: float, output: SetPoint) -> None:
+        self.link.send_set_point(output.T_odom_body)
+
+    def _wall_s(self, now_s: float) -> float:
+        return WALL_S + now_s + self.clock_offset_s
+
+
+def _as_received(message):
+    """A message as the other side reads it: texts are strings, not bytes."""
+    for name in ("text", "param_id"):
+        value = getattr(message, name, None)
+        if isinstance(value, bytes):
+            setattr(message, name, value.rstrip(b"\0").decode("ascii", "replace"))
+    return message
