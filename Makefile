@@ -9,7 +9,7 @@ LIVE ?=
 SPEED ?= auto
 export SYSTEM MISSION SEED WORLD RVIZ LIVE SPEED
 
-.PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma study
+.PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study
 setup build:
 	@tools/setup.sh
 demo: setup
@@ -26,5 +26,7 @@ bench-link: setup
 	@tools/run bench-link
 bench-sigma: setup
 	@tools/run bench-sigma
+rehearse: setup
+	@tools/run rehearse
 study: setup
 	@tools/run study

@@ -68,7 +68,7 @@ def test_a_radio_delays_loses_and_keeps_order_of_arrival():
 
 def test_the_command_says_what_is_wrong(tmp_path, capsys):
     assert main([str(tmp_path / "none.yaml")]) == 2
-    assert "cannot be read" in capsys.readouterr().err
+    assert "no mission" in capsys.readouterr().err
     path = tmp_path / "m.yaml"
     path.write_text("name: m\nconfigurations: [{axis: horizontal, baseline_m: 2.0}]")
     assert main([str(path), "--faults", "meteorite"]) == 2

@@ -14,9 +14,9 @@ from typing import List, Optional
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import load_mission
+from fcsv_sim.bringup import mission_file
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
-from fcsv_sim.demo.flights import bringup
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, MapRun, System
 from fcsv_sim.demo.truth_export import export_truth
@@ -120,14 +120,7 @@ def _system(name: str) -> System:
 
 
 def _plan(system: System, args) -> FleetPlan:
-    folder = bringup() / "config" / "missions"
-    wished = args.mission or system.mission
-    mission = Path(wished)
-    if not mission.suffix:
-        mission = folder / f"{wished}.yaml"
-    if not mission.is_file():
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml")))
-        raise MachineError(f"no mission '{wished}': give a file or one of {known}")
+    mission = mission_file(args.mission or system.mission)
     flown = load_mission(mission)  # a list that cannot be flown is refused before anything is started
     flown.check_vehicles(system.vehicles)
     system.require(flown)
@@ -136,7 +129,7 @@ def _plan(system: System, args) -> FleetPlan:
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
     out = Path(args.out).resolve()
-    return FleetPlan(out, mission.resolve(), args.seed, args.world, system.vehicles, rviz=rviz, live=live)
+    return FleetPlan(out, mission, args.seed, args.world, system.vehicles, rviz=rviz, live=live)
 
 
 def _chosen(word: str, default: bool) -> bool:

@@ -6,6 +6,7 @@ from typing import Callable, Tuple
 
 from fcsv_geometry.mission import load_mission
 from fcsv_geometry.vehicle import load_vehicles
+from fcsv_sim.bringup import vehicles_folder
 from fcsv_sim.demo.fleet import FleetPlan, Machines, SimulatedFleet, SimulatedPair
 from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
 from fcsv_sim.demo.site import PairSite
@@ -57,19 +58,6 @@ def fly_pair(site: PairSite, plan: FleetPlan, say: Say) -> Tuple[float, float]:
     finally:
         if mission is not None:
             uninterrupted(mission.close)
-
-
-def vehicles_folder():
-    return bringup() / "config" / "vehicles"
-
-
-def bringup():
-    """The package whose folders are the top-level config/ and launch/."""
-    from pathlib import Path
-
-    import rospkg
-
-    return Path(rospkg.RosPack().get_path("fcsv_bringup"))
 
 
 def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Callable[[], None], say: Say):

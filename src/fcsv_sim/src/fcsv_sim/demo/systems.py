@@ -9,6 +9,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.mission import Mission
+from fcsv_sim.bringup import bringup
 from fcsv_sim.demo import flights, reach
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.flights import Say
@@ -44,7 +45,7 @@ class System:
 
 
 def _gimbal_can(mission: Mission) -> None:
-    robot = load_ground_robot(flights.bringup() / "config" / "gimbal" / "ground_robot.yaml")
+    robot = load_ground_robot(bringup() / "config" / "gimbal" / "ground_robot.yaml")
     reach.require_gimbal_reach(robot, GIMBAL_SITE, mission, _TELLOS)
 
 

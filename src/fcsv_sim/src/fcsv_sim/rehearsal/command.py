@@ -7,7 +7,6 @@ import os
 import sys
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -15,14 +14,15 @@ from tqdm import tqdm
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import Mission, load_mission
+from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal.faults import FAULTS
 from fcsv_sim.rehearsal.flight import Flight, Result
 
 _NONE = "none"
 _HELP = """examples:
-  rosrun fcsv_sim rehearse config/missions/short.yaml --flights 1000
-  rosrun fcsv_sim rehearse config/missions/short.yaml --faults "radio cut,tracker gone" --seed 17 --flights 1
+  rosrun fcsv_sim rehearse short --flights 1000
+  rosrun fcsv_sim rehearse short --faults "radio cut" --seed 17 --flights 1
 """
 
 
@@ -83,7 +83,7 @@ def table(results: Sequence[Tuple[Job, Result]]) -> List[str]:
 
 
 def _jobs(args) -> List[Job]:
-    mission = load_mission(args.mission)
+    mission = load_mission(mission_file(args.mission))
     names = {"all": [_NONE, *FAULTS], _NONE: [_NONE]}.get(args.faults, args.faults.split(","))
     for name in names:
         if name not in FAULTS and name != _NONE:
@@ -98,7 +98,7 @@ def _parse(argv):
     parser = argparse.ArgumentParser(
         prog="rehearse", description=__doc__, epilog=_HELP, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("mission", type=Path, help="mission file")
+    parser.add_argument("mission", help="a mission file, or the name of one in config/missions")
     parser.add_argument("--flights", type=int, default=100)
     parser.add_argument("--faults", default="all", help="all, none, or names with commas: " + ", ".join(FAULTS))
     parser.add_argument("--vehicles", type=int, default=2)

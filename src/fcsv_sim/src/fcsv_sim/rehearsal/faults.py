@@ -181,6 +181,14 @@ class Aborted(Fault):
 FAULTS: Dict[str, Callable[[np.random.Generator], Fault]] = {
     f.name: f
     for f in (
-        TrackerGone, TrackerFrozen, TrackerDrifts, TrackerJumps, RadioCut, ClockSteps, Battery, PilotTakesOver, Aborted,
+        TrackerGone,
+        TrackerFrozen,
+        TrackerDrifts,
+        TrackerJumps,
+        RadioCut,
+        ClockSteps,
+        Battery,
+        PilotTakesOver,
+        Aborted,
     )  # fmt: skip
 }

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the workspace's configuration is: the package whose folders are the top-level config/ and launch/."""
+
+from pathlib import Path
+
+from fcsv_sim.errors import SimulationError
+
+
+def bringup() -> Path:
+    """The package's folder."""
+    import rospkg
+
+    return Path(rospkg.RosPack().get_path("fcsv_bringup"))
+
+
+def vehicles_folder() -> Path:
+    """config/vehicles."""
+    return bringup() / "config" / "vehicles"
+
+
+def mission_file(wished: str) -> Path:
+    """A mission's file: as given, or by its name in config/missions. Raises SimulationError where there is none."""
+    folder, path = bringup() / "config" / "missions", Path(wished)
+    if not path.suffix:
+        path = folder / f"{wished}.yaml"
+    if not path.is_file():
+        known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml")))
+        raise SimulationError(f"no mission '{wished}': give a file or one of {known}")
+    return path.resolve()
