@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 from fcsv_control.errors import CommandRefused, ControlError
 from fcsv_control.flight.commands import ACCEPTED, FAILED
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
+from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_geometry import frames
@@ -39,6 +40,7 @@ class FlightLinkNodeParameters:
     link: LinkParameters = field(default_factory=LinkParameters)
     feed: FeedParameters = field(default_factory=FeedParameters)
     watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
+    feed_check: FeedCheckRules = field(default_factory=FeedCheckRules)
 
 
 class FlightLinkNode:
@@ -50,6 +52,7 @@ class FlightLinkNode:
         self._odom = frames.odom(self._name)
         self._feed = VisionFeed(self._parameters.feed)
         self._watchdog = FeedWatchdog(self._parameters.watchdog, time.monotonic())
+        self._check = FeedCheck(self._parameters.feed_check)
         self._watched_s = time.monotonic()
         self._warned = False
         self._landing: Optional[threading.Thread] = None
@@ -97,10 +100,25 @@ class FlightLinkNode:
         if verdict is not FeedVerdict.SEND:
             return
         T_odom_body = self._converted(message, "pose feed")
-        if T_odom_body is not None:
+        if T_odom_body is not None and self._believed(T_odom_body):
             self._link.send_pose(stamp_s, T_odom_body)
             self._watchdog.feed(time.monotonic())
             self._health.tick("pose feed")
+
+    def _believed(self, T_odom_body: np.ndarray) -> bool:
+        """Whether a pose agrees with what the autopilot feels. What does not is withheld, and the watchdog lands."""
+        if not self._link.state.armed:
+            self._check.begin_again()
+            self._watchdog.distrust(False)
+            return True
+        known = self._check.doubt
+        doubt = self._check.feed(time.monotonic(), T_odom_body)
+        if doubt:
+            self._health.drop("pose that is not believed", doubt)
+            self._watchdog.distrust(True)
+        if doubt and not known:
+            self._on_text(StatusText.ALERT, f"{self._name}: {doubt}")
+        return not doubt
 
     def _on_set_point(self, message: PoseStamped) -> None:
         T_odom_body = self._converted(message, "set-point")
@@ -125,7 +143,7 @@ class FlightLinkNode:
             self._watchdog.slept(now_s, pause_s - _WATCH_S)
         alarm = self._watchdog.check(now_s, s.armed, s.mode)
         late = alarm is not Alarm.NONE
-        age = f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
+        age = self._check.doubt or f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
         self._health.problem("feed", f"{self._name}: {age} while flying in {s.mode}" if late else "")
         if late and not self._warned:
             self._on_text(StatusText.CRITICAL, f"{self._name}: {age}")
@@ -172,6 +190,7 @@ class FlightLinkNode:
 
     def _on_pose(self, T_odom_body: np.ndarray) -> None:
         self._health.tick("autopilot")
+        self._check.estimate(time.monotonic(), T_odom_body)
         self._pose.publish(conversions.pose_stamped(T_odom_body, rospy.get_time(), self._odom))
 
     def _on_battery(self) -> None:
@@ -206,6 +225,7 @@ class FlightLinkNode:
 
     def _odometry_reset(self, _request) -> TriggerResponse:
         self._link.note_reset()
+        self._check.begin_again()
         return TriggerResponse(True, "the next pose is adopted at once; the set-point has to be issued again")
 
     def _attempt(self, action) -> int:

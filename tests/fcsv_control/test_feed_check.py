@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trackers that freeze, run off, or leave the autopilot's estimate; and those that only shake."""
+
+import numpy as np
+import pytest
+
+from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
+from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_geometry import transforms
+
+HZ = 30.0
+
+
+class Air:
+    """A vehicle that hovers or flies, its noisy tracker and the autopilot's view of it."""
+
+    def __init__(self, seed=1):
+        self.random = np.random.default_rng(seed)
+        self.check = FeedCheck()
+        self.now_s, self.p, self.v = 100.0, np.zeros(3), np.zeros(3)
+
+    def run(self, seconds, acc=(0.0, 0.0), tracker=lambda p, since_s: p):
+        """Fly with an acceleration; what ``tracker`` makes of the place is fed. When doubt came (s), or None."""
+        begun_s = self.now_s
+        while self.now_s < begun_s + seconds:
+            self.now_s += 1.0 / HZ
+            self.v[:2] += np.array(acc) / HZ
+            self.p = self.p + self.v / HZ
+            lean = [-np.arctan2(acc[1], 9.81), np.arctan2(acc[0], 9.81), 0.0]
+            shake = np.radians(self.random.normal(0.0, 0.1, 3))
+            self.check.estimate(self.now_s, transforms.from_xyz_rpy(self.p, np.array(lean) + shake))
+            p = tracker(self.p, self.now_s - begun_s)
+            noise_m, noise_rad = self.random.normal(0.0, 0.0015, 3), np.radians(self.random.normal(0.0, 0.03, 3))
+            T = transforms.from_xyz_rpy(p + noise_m, np.array(lean) + noise_rad)
+            if p is FROZEN:
+                T = np.eye(4)
+            if self.check.feed(self.now_s, T):
+                return self.now_s - begun_s
+        return None
+
+
+FROZEN = np.zeros(3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_hovering_and_flying_raise_no_doubt(seed):
+    air = Air(seed)
+    assert air.run(20.0) is None
+    for acc in ([3.0, 0.0], [-3.0, 0.0], [0.0, 2.0], [0.0, -2.0], [0.0, 0.0]):
+        assert air.run(1.5, acc) is None, acc
+    assert air.run(10.0) is None
+
+
+def test_a_frozen_tracker_is_doubted_within_half_a_second():
+    air = Air()
+    air.run(3.0)
+    assert air.run(3.0, tracker=lambda p, since_s: FROZEN) < 0.5
+    assert "frozen" in air.check.doubt
+
+
+@pytest.mark.parametrize("speed_mps", [2.5, 4.0, 9.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tracker_that_runs_off_is_doubted_within_a_second(speed_mps, seed):
+    air = Air(seed)
+    air.run(3.0)
+    assert air.run(3.0, tracker=lambda p, since_s: p + np.array([speed_mps * since_s, 0.0, 0.0])) < 1.0
+
+
+def test_a_tracker_that_leaves_the_autopilots_estimate_is_doubted():
+    """The autopilot rejects a jump and flies on by its own."""
+    air = Air()
+    air.run(3.0)
+    took_s = air.run(3.0, tracker=lambda p, since_s: p + np.array([0.0, 1.2, 0.0]))
+    assert took_s is not None and took_s < 1.0
+
+
+def test_doubt_stays_until_the_vehicle_is_disarmed():
+    air = Air()
+    air.run(3.0)
+    air.run(1.0, tracker=lambda p, since_s: FROZEN)
+    assert air.run(5.0) is not None, "come to itself again, but where is it?"
+    air.check.begin_again()
+    assert air.run(5.0) is None
+
+
+def test_the_watchdog_lands_at_once_for_a_feed_that_is_not_believed():
+    dog = FeedWatchdog(WatchdogParameters(), 0.0)
+    dog.feed(10.0)
+    dog.distrust(True)
+    assert dog.check(10.05, True, "GUIDED") is Alarm.LAND
+    assert dog.check(10.1, True, "GUIDED") is Alarm.WARN
+    assert dog.check(10.2, True, "LAND") is Alarm.NONE
+    assert dog.check(12.0, True, "LOITER") is Alarm.WARN, "the pilot took over: no fight"
+    dog.distrust(False)
+    dog.feed(20.0)
+    assert dog.check(20.1, True, "GUIDED") is Alarm.NONE
+
+
+@pytest.mark.parametrize("name", ["frozen_s", "run_off_mps", "apart_m"])
+def test_rules_out_of_range_are_refused(name):
+    with pytest.raises(ValueError, match=name):
+        FeedCheckRules(**{name: -1.0})
