@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the external navigation can be believed, held against the autopilot's own attitude and estimate.
 
-A T265 that looks down is known to freeze (one pose with fresh stamps) and to run off. Both pass every gate on stamps and
-steps. The autopilot's attitude comes from its IMU and knows nothing of the tracker.
+A T265 that looks down is known to freeze (one pose with fresh stamps) and to run off. Both pass every gate on stamps
+and steps. The attitude of the autopilot comes from its IMU and knows nothing of the tracker.
 """
 
 import math
