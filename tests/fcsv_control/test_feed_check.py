@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
-from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_geometry import transforms
 
 HZ = 30.0
@@ -34,7 +33,7 @@ class Air:
             T = transforms.from_xyz_rpy(p + noise_m, np.array(lean) + noise_rad)
             if p is FROZEN:
                 T = np.eye(4)
-            if self.check.feed(self.now_s, T):
+            if self.check.feed(self.now_s, 1.7e9 + self.now_s, T):
                 return self.now_s - begun_s
         return None
 
@@ -83,17 +82,13 @@ def test_doubt_stays_until_the_vehicle_is_disarmed():
     assert air.run(5.0) is None
 
 
-def test_the_watchdog_lands_at_once_for_a_feed_that_is_not_believed():
-    dog = FeedWatchdog(WatchdogParameters(), 0.0)
-    dog.feed(10.0)
-    dog.distrust(True)
-    assert dog.check(10.05, True, "GUIDED") is Alarm.LAND
-    assert dog.check(10.1, True, "GUIDED") is Alarm.WARN
-    assert dog.check(10.2, True, "LAND") is Alarm.NONE
-    assert dog.check(12.0, True, "LOITER") is Alarm.WARN, "the pilot took over: no fight"
-    dog.distrust(False)
-    dog.feed(20.0)
-    assert dog.check(20.1, True, "GUIDED") is Alarm.NONE
+def test_a_clock_that_is_set_raises_no_doubt():
+    air = Air()
+    air.v[0] = 2.0
+    for k in range(90):
+        T = transforms.from_xyz_rpy([2.0 * k / HZ, 0.0, 3.0], np.radians(air.random.normal(0.0, 0.1, 3)))
+        air.check.estimate(k / HZ, T)
+        assert air.check.feed(k / HZ, 1.7e9 + k / HZ + (0.4 if k > 40 else 0.0) - (2.0 if k > 70 else 0.0), T) == ""
 
 
 @pytest.mark.parametrize("name", ["frozen_s", "run_off_mps", "apart_m"])

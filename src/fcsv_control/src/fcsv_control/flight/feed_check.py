@@ -42,7 +42,7 @@ class FeedCheck:
 
     def __init__(self, rules: Optional[FeedCheckRules] = None):
         self._rules = rules or FeedCheckRules()
-        self._samples: Deque[Tuple[float, np.ndarray, np.ndarray]] = deque()  # time, position, forward and left axes
+        self._samples: Deque[Tuple[float, np.ndarray, np.ndarray]] = deque()  # stamp, position, forward and left axes
         self._leans: Deque[Tuple[float, np.ndarray]] = deque()  # time, acceleration (m/s2, odom) that the lean makes
         self._estimate: Optional[np.ndarray] = None
         self._apart_since_s: Optional[float] = None
@@ -64,17 +64,23 @@ class FeedCheck:
         while self._leans[0][0] < now_s - 2.0 * self._rules.run_off_s:
             self._leans.popleft()
 
-    def feed(self, now_s: float, T_odom_body: np.ndarray) -> str:
-        """A pose that is about to go to the autopilot of an armed vehicle; the doubt, empty where there is none."""
-        self._samples.append((now_s, T_odom_body[:3, 3].copy(), T_odom_body[:3, :2].copy()))
-        while self._samples[0][0] < now_s - self._rules.run_off_s - 0.2:
+    def feed(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> str:
+        """A pose of an armed vehicle on its way to the autopilot; the doubt, empty where there is none.
+
+        Speeds go by the poses' own stamps: when they arrive tells how busy the computer is. A clock that was set begins
+        anew.
+        """
+        if self._samples and not 0.0 < stamp_s - self._samples[-1][0] < 1.0:
+            self._samples.clear()
+        self._samples.append((stamp_s, T_odom_body[:3, 3].copy(), T_odom_body[:3, :2].copy()))
+        while self._samples[0][0] < stamp_s - self._rules.run_off_s - 0.2:
             self._samples.popleft()
-        self.doubt = self.doubt or self._frozen(now_s) or self._ran_off(now_s) or self._apart(now_s)
+        self.doubt = self.doubt or self._frozen(stamp_s) or self._ran_off(now_s, stamp_s) or self._apart(now_s)
         return self.doubt
 
-    def _frozen(self, now_s: float) -> str:
+    def _frozen(self, stamp_s: float) -> str:
         r = self._rules
-        recent = [s for s in self._samples if s[0] >= now_s - r.frozen_s - 0.02]
+        recent = [s for s in self._samples if s[0] >= stamp_s - r.frozen_s - 0.02]
         if len(recent) < r.least_samples or recent[-1][0] - recent[0][0] < r.frozen_s - 0.05:
             return ""
         first = recent[0]
@@ -85,10 +91,10 @@ class FeedCheck:
         )
         return f"the tracker has not moved at all for {r.frozen_s:g} s: frozen" if still else ""
 
-    def _ran_off(self, now_s: float) -> str:
+    def _ran_off(self, now_s: float, stamp_s: float) -> str:
         """The feed's change of velocity against what the lean can have made of it."""
         r = self._rules
-        before = [s for s in self._samples if s[0] <= now_s - r.run_off_s]
+        before = [s for s in self._samples if s[0] <= stamp_s - r.run_off_s]
         if len(before) < 2 or len(self._samples) < len(before) + r.least_samples or len(self._leans) < 2:
             return ""
         v_then, v_now = _velocity(before[-1], before[0]), _velocity(self._samples[-1], self._samples[-4])

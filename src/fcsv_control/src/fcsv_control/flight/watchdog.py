@@ -43,12 +43,6 @@ class FeedWatchdog:
         self._last_s = now_s  # a feed that never begins is as dead as one that ends
         self._asked_s: Optional[float] = None
         self._obeyed = False
-        self._doubted = False
-
-    def distrust(self, doubted: bool) -> None:
-        """Poses come, but they are not to be believed: as good as none. False: they are again."""
-        if doubted != self._doubted:
-            self._doubted, self._asked_s, self._obeyed = doubted, None, False
 
     def feed(self, now_s: float) -> None:
         """A pose went to the autopilot."""
@@ -72,9 +66,9 @@ class FeedWatchdog:
             return Alarm.NONE
         if self._asked_s is not None and mode == "LAND":
             self._obeyed = True
-        if mode not in POSITION_MODES or (self.age_s(now_s) <= self._parameters.warn_s and not self._doubted):
+        if mode not in POSITION_MODES or self.age_s(now_s) <= self._parameters.warn_s:
             return Alarm.NONE
-        dead = self._parameters.land_s > 0 and (self._doubted or self.age_s(now_s) > self._parameters.land_s)
+        dead = self._parameters.land_s > 0 and self.age_s(now_s) > self._parameters.land_s
         if not dead or self._obeyed or (self._asked_s is not None and now_s - self._asked_s < _REPEAT_S):
             return Alarm.WARN
         self._asked_s = now_s

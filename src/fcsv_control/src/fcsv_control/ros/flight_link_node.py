@@ -100,25 +100,19 @@ class FlightLinkNode:
         if verdict is not FeedVerdict.SEND:
             return
         T_odom_body = self._converted(message, "pose feed")
-        if T_odom_body is not None and self._believed(T_odom_body):
+        if T_odom_body is not None:
             self._link.send_pose(stamp_s, T_odom_body)
             self._watchdog.feed(time.monotonic())
             self._health.tick("pose feed")
+            self._compare(stamp_s, T_odom_body)
 
-    def _believed(self, T_odom_body: np.ndarray) -> bool:
-        """Whether a pose agrees with what the autopilot feels. What does not is withheld, and the watchdog lands."""
+    def _compare(self, stamp_s: float, T_odom_body: np.ndarray) -> None:
+        """Whether a pose agrees with what the autopilot feels: said, so far, and not acted upon."""
         if not self._link.state.armed:
             self._check.begin_again()
-            self._watchdog.distrust(False)
-            return True
-        known = self._check.doubt
-        doubt = self._check.feed(time.monotonic(), T_odom_body)
-        if doubt:
-            self._health.drop("pose that is not believed", doubt)
-            self._watchdog.distrust(True)
-        if doubt and not known:
-            self._on_text(StatusText.ALERT, f"{self._name}: {doubt}")
-        return not doubt
+        else:
+            self._check.feed(time.monotonic(), stamp_s, T_odom_body)
+        self._health.problem("tracker", f"{self._name}: {self._check.doubt}" if self._check.doubt else "")
 
     def _on_set_point(self, message: PoseStamped) -> None:
         T_odom_body = self._converted(message, "set-point")
@@ -143,7 +137,7 @@ class FlightLinkNode:
             self._watchdog.slept(now_s, pause_s - _WATCH_S)
         alarm = self._watchdog.check(now_s, s.armed, s.mode)
         late = alarm is not Alarm.NONE
-        age = self._check.doubt or f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
+        age = f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
         self._health.problem("feed", f"{self._name}: {age} while flying in {s.mode}" if late else "")
         if late and not self._warned:
             self._on_text(StatusText.CRITICAL, f"{self._name}: {age}")

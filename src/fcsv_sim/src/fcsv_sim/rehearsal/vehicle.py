@@ -11,7 +11,6 @@ from fcsv_control.agent.core import Ack, AgentCore, AgentRules, Ask, Instruction
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
-from fcsv_control.flight.feed_check import FeedCheck
 from fcsv_control.flight.listener import BatteryHeard, PoseHeard, StateHeard
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_geometry import transforms
@@ -76,7 +75,6 @@ class RehearsedVehicle:
         self._odometry = BodyOdometry(geometry.T_body_t265)
         self._feed = VisionFeed(FeedParameters())
         self._watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
-        self._check = FeedCheck()
         self.link = LinkCore(LinkParameters(target_system=geometry.system_id))
         self.agent = AgentCore(self.name, start.rules)
         self.recording = False
@@ -141,20 +139,9 @@ class RehearsedVehicle:
             self.odometry = self._odometry.feed(stamp_s, p, q, tuple(linear.tolist()), tuple(angular.tolist()))
         except OdometryRejected:
             return
-        if self._feed.judge(stamp_s, stamp_s)[0] is FeedVerdict.SEND and self._believed(now_s):
+        if self._feed.judge(stamp_s, stamp_s)[0] is FeedVerdict.SEND:
             self.link.send_pose(stamp_s, self.T_odom_body)
             self._watchdog.feed(now_s)
-
-    def _believed(self, now_s: float) -> bool:
-        """As the flight link's node does."""
-        if not self.link.state.armed:
-            self._check.begin_again()
-            self._watchdog.distrust(False)
-            return True
-        doubt = self._check.feed(now_s, self.T_odom_body)
-        if doubt:
-            self._watchdog.distrust(True)
-        return not doubt
 
     @property
     def T_odom_body(self) -> np.ndarray:
@@ -186,7 +173,6 @@ class RehearsedVehicle:
             self.pictures += 1
 
     def _estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
-        self._check.estimate(now_s, T_odom_body)
         self.agent.pose(now_s, T_odom_body)
         if not self.link.state.armed:
             self._ground_m = float(T_odom_body[2, 3])
