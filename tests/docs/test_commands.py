@@ -86,6 +86,9 @@ def check_make(monkeypatch, command):
         check_mission(variables)
         options = [word for name, value in variables.items() for word in (f"--{name.lower()}", value)]
         parse_only(monkeypatch, ROOT / "src/fcsv_sim/nodes/demo", options)
+    elif target == "rehearse":
+        check_mission(variables)
+        parse_only(monkeypatch, ROOT / "src/fcsv_sim/nodes/rehearse", [variables.get("MISSION", "short"), *arguments])
     elif target == "test":
         check_pytest(arguments)
     elif arguments:
