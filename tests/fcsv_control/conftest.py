@@ -160,13 +160,17 @@ class Flight:
         self.wait(1.1)  # nobody presses twice within a second
         assert self.machine.proceed(button) == ""
 
-    def up_to_configurations(self) -> None:
-        """Everything that people do, done well."""
+    def line_up(self) -> None:
+        """Up to the column, where everybody sees the tag in front."""
         self.phase("TAKE_OFF")
         self.take_off()
         self.phase("COLUMN")
         for v in list(self.fleet.values())[1:]:
             v.sees_front_s = 3.0
+
+    def up_to_configurations(self) -> None:
+        """Everything that people do, done well."""
+        self.line_up()
         self.press("calibrate")
         assert self.machine.wants == "calibrate"
         self.machine.answer("calibrate", True, "good")

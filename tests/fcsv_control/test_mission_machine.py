@@ -123,10 +123,7 @@ def test_waits_for_what_people_do(flight):
 
 def test_a_tag_that_is_lost_again_takes_the_button_away(flight):
     f = flight(mission())
-    f.phase("TAKE_OFF")
-    f.take_off()
-    f.phase("COLUMN")
-    f.fleet["uav2"].sees_front_s = 3.0
+    f.line_up()
     f.wait(0.2)
     assert f.machine.waits_for == "calibrate"
     f.fleet["uav2"].sees_front_s = 0.0
@@ -435,10 +432,7 @@ def test_abort_before_anybody_was_heard_is_not_over(flight):
 def test_two_quick_confirmations_are_one(flight):
     """Two calls at set_home used to hand over to GUIDED."""
     f = flight(mission())
-    f.phase("TAKE_OFF")
-    f.take_off()
-    f.phase("COLUMN")
-    f.fleet["uav2"].sees_front_s = 3.0
+    f.line_up()
     f.press("calibrate")
     f.machine.answer("calibrate", True, "good")
     f.press("set_home")
@@ -466,10 +460,7 @@ def test_abort_while_they_take_off_tells_the_pilot_of_who_is_in_the_air_to_land(
 
 def test_abort_while_calibrating_lands_and_ignores_the_late_answer(flight):
     f = flight(mission())
-    f.phase("TAKE_OFF")
-    f.take_off()
-    f.phase("COLUMN")
-    f.fleet["uav2"].sees_front_s = 3.0
+    f.line_up()
     f.press("calibrate")
     f.machine.abort("stop")
     f.machine.answer("calibrate", True, "good")

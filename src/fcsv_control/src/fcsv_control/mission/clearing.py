@@ -10,30 +10,23 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry import transforms
 
 
+def clearance_m(separation_m: float) -> float:
+    """How far apart horizontally vehicles must be for one to come down beside the other."""
+    return separation_m + 0.5
+
+
 def below(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
     """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally; flying or not.
 
     None where places are not known yet: before home is set they stand in a column.
     """
-    if snapshot.vehicles[name].T_home_cam is None:
-        return None
-    for other in _known(snapshot, name):
-        offset_m = snapshot.p_home_cam(name) - snapshot.p_home_cam(other)
-        if offset_m[2] > 0 and np.linalg.norm(offset_m[:2]) < clear_m:
-            return other
-    return None
+    return next((n for n in _known(snapshot, name) if _stands_above(snapshot, name, n, clear_m)), None)
 
 
 def coming_down_on(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
     """A vehicle in LAND above ``name`` that would come down upon it."""
-    if snapshot.vehicles[name].T_home_cam is None:
-        return None
-    for other in _known(snapshot, name):
-        view = snapshot.vehicles[other]
-        offset_m = snapshot.p_home_cam(other) - snapshot.p_home_cam(name)
-        if view.armed and view.mode == "LAND" and offset_m[2] > 0 and np.linalg.norm(offset_m[:2]) < clear_m:
-            return other
-    return None
+    landing = [n for n in _known(snapshot, name) if snapshot.vehicles[n].armed and snapshot.vehicles[n].mode == "LAND"]
+    return next((n for n in landing if _stands_above(snapshot, n, name, clear_m)), None)
 
 
 def aside(snapshot: Snapshot, name: str, away_from: str, clear_m: float) -> np.ndarray:
@@ -50,6 +43,13 @@ def aside(snapshot: Snapshot, name: str, away_from: str, clear_m: float) -> np.n
     return transforms.transform(level_camera(snapshot.vehicles[name].T_home_cam)[:3, :3], best)
 
 
+def _stands_above(snapshot: Snapshot, upper: str, lower: str, clear_m: float) -> bool:
+    offset_m = snapshot.p_home_cam(upper) - snapshot.p_home_cam(lower)
+    return bool(offset_m[2] > 0 and np.linalg.norm(offset_m[:2]) < clear_m)
+
+
 def _known(snapshot: Snapshot, name: str) -> List[str]:
-    """The other vehicles whose places in home are known."""
+    """The other vehicles whose places in home are known; none where that of ``name`` is not."""
+    if snapshot.vehicles[name].T_home_cam is None:
+        return []
     return [n for n, v in snapshot.vehicles.items() if n != name and v.T_home_cam is not None]

@@ -85,12 +85,13 @@ class FlightList:
 
     def _dodge(self, snapshot: Snapshot, name: str) -> bool:
         """Whether a vehicle comes down on this one: then it is sent aside, again where it did not obey."""
-        upper = clearing.coming_down_on(snapshot, name, self._mission.min_separation_m + 0.5)
+        clear_m = clearing.clearance_m(self._mission.min_separation_m)
+        upper = clearing.coming_down_on(snapshot, name, clear_m)
         if upper is None:
             return False
         order = self._dodged.get(name)
         if order is None or order.failed:
-            place = clearing.aside(snapshot, name, upper, self._mission.min_separation_m + 0.5)
+            place = clearing.aside(snapshot, name, upper, clear_m)
             self._dodged[name] = go_to(self._outbox, snapshot, name, place)
         return True
 

@@ -23,7 +23,7 @@ class Landing:
         self._vehicles = list(vehicles)
         self._outbox = outbox
         self._hands = hands
-        self._clear_m = separation_m + 0.5
+        self._clear_m = clearing.clearance_m(separation_m)
         self._next_s: Dict[str, float] = dict.fromkeys(vehicles, float("-inf"))
         self._recorders_off: Dict[str, Optional[Order]] = dict.fromkeys(vehicles)
         self.problems: List[str] = []

@@ -3,14 +3,13 @@
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Dict, List
+from typing import Dict, List, Set, Tuple
 
 import numpy as np
 
 _CONTACT_M = 0.6  # between centres of two 250 mm vehicles
 _DOWNWASH = 3.0  # vertical over horizontal semi-axis of the ellipsoid about a vehicle
 _TOUCH_DOWN_MPS = 1.0
-_CROSSING_M = 1.5  # horizontally, where the heights of a landing and another vehicle cross
 _IN_THE_AIR_M = 0.3
 
 
@@ -28,7 +27,7 @@ class Invariants:
 
     def __init__(self, flight):
         self._flight = flight
-        self._told: Dict[str, bool] = {}
+        self._told: Set[Tuple[str, str]] = set()
         self._sink_mps: Dict[str, float] = {}
         self.violations: List[Violation] = []
         self.nearest_m = float("inf")
@@ -64,6 +63,6 @@ class Invariants:
             self._tell("no end", "", self._flight.now_s, f"still {self._flight.phase}")
 
     def _tell(self, kind: str, who: str, now_s: float, text: str) -> None:
-        if not self._told.get(kind + who):
-            self._told[kind + who] = True
+        if (kind, who) not in self._told:
+            self._told.add((kind, who))
             self.violations.append(Violation(kind, now_s, text))

@@ -22,7 +22,7 @@ from fcsv_sim.people.operator import Sight, Sticks
 from fcsv_sim.people.rc import frame_of
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.vehicles.dynamics import STEP_S, Airframe, Quadrotor
-from fcsv_sim.vehicles.vehicle import PASS_S, yaw_of
+from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose
 
@@ -85,7 +85,7 @@ class RehearsedVehicle:
         self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
         self._requests: List[Tuple[Ask, object]] = []
         self._command = (0.0, 0.0, 0.0, 0.0)
-        self._v_before = np.zeros(3)
+        self._piloted = Piloted(self.body, self.autopilot)
         self._passes = 0
         self._do: Dict[type, Callable[[float, object], None]] = {
             Ack: lambda now_s, o: self.acks.append(o), Ask: self._ask, Pictures: self._switch, SetPoint: self._hold,
@@ -116,19 +116,14 @@ class RehearsedVehicle:
     def step(self, now_s: float) -> None:
         """One pass of the autopilot (10 ms), which ends at ``now_s``."""
         state = self.body.advance(self._command, _SUBSTEPS)[-1]
-        x, y, z, w = state[6:10].tolist()
-        roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        pitch = math.asin(min(1.0, max(-1.0, 2 * (w * y - z * x))))
-        acc = (state[3:6] - self._v_before) / PASS_S
-        self._v_before = state[3:6].copy()
-        self.autopilot.estimator.predict(now_s, PASS_S, acc, yaw_of(state), state[12], state[2])
+        rpy_rad = self._piloted.sense(now_s, state)
         self._passes += 1
         if self.tracker_on and self._passes % _TRACKER_EVERY == 0:
             self._track(now_s)
         if self._passes % _BOARD_EVERY == 0:
-            self._server.step(now_s, (roll, pitch, yaw_of(state)))
+            self._server.step(now_s, rpy_rad)
             self._on_board(now_s)
-        self._command = self.autopilot.update(now_s, PASS_S, self.body.on_ground, state[5])
+        self._command = self._piloted.decide(now_s, state)
 
     def _track(self, now_s: float) -> None:
         """A sample of the tracker, through the odometry's gate, to the autopilot."""

@@ -73,6 +73,26 @@ def yaw_of(state: np.ndarray) -> float:
     return rotations.yaw(state[6:10].tolist())
 
 
+class Piloted:
+    """An airframe under its autopilot: one pass of both, in real time and rehearsed."""
+
+    def __init__(self, body: Quadrotor, autopilot: Autopilot):
+        self._body, self._autopilot = body, autopilot
+        self._v_before = np.zeros(3)
+
+    def sense(self, now_s: float, state: np.ndarray) -> Tuple[float, float, float]:
+        """What the autopilot's sensors feel of a state as Quadrotor.advance gives it; roll, pitch, yaw (rad, ENU)."""
+        rpy_rad = rotations.rpy(state[6:10].tolist())
+        acc = (state[3:6] - self._v_before) / PASS_S
+        self._v_before = state[3:6].copy()
+        self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], state[12], state[2])
+        return rpy_rad
+
+    def decide(self, now_s: float, state: np.ndarray) -> Tuple[float, ...]:
+        """The airframe's command for the next pass."""
+        return self._autopilot.update(now_s, PASS_S, self._body.on_ground, state[5])
+
+
 class SimulatedVehicle(SteppedBody):
     """Airframe and autopilot."""
 
@@ -86,18 +106,14 @@ class SimulatedVehicle(SteppedBody):
         self._rc = RcReceiver(parameters.rc_port)
         server = MavlinkServer(self.autopilot, parameters.system_id)
         self._line = UdpLine(server, parameters.companion, parameters.system_id)
-        self._v_before = np.zeros(3)
+        self._piloted = Piloted(body, self.autopilot)
 
     def _decide(self, state: np.ndarray):
-        roll, pitch, yaw = rotations.rpy(state[6:10].tolist())
-        acc = (state[3:6] - self._v_before) / PASS_S
-        self._v_before = state[3:6].copy()
         frame = self._rc.newest()
         if frame is not None:
             self.autopilot.rc_frame(self._now_s, frame)
-        self.autopilot.estimator.predict(self._now_s, PASS_S, acc, yaw, state[12], state[2])
-        self._line.step(self._now_s, (roll, pitch, yaw))
-        return self.autopilot.update(self._now_s, PASS_S, self.body.on_ground, state[5])
+        self._line.step(self._now_s, self._piloted.sense(self._now_s, state))
+        return self._piloted.decide(self._now_s, state)
 
     def close(self) -> None:
         self._rc.close()
