@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import List, Sequence, Tuple
+from typing import Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -124,12 +124,6 @@ def inverse_depths(found: Views, step_px: float, most: int, nearest: float = np.
     return np.interp(np.linspace(0.0, moved[-1], count + 1), moved, samples).astype(np.float32)
 
 
-def seen_share(found: Views, w: float) -> List[float]:
-    """Share of the reference picture that each pair sees at inverse depth w."""
-    grid = _grid(found.shape)
-    return [float(_inside(_project(p, grid, w), s).mean()) for p, s in zip(found.projections, found.sizes)]
-
-
 def seen_by_any(found: Views, w: float) -> np.ndarray:
     """HxW bool: whether some pair sees the pixel if it is at inverse depth w (1/m)."""
     height, width = found.shape
@@ -137,17 +131,6 @@ def seen_by_any(found: Views, w: float) -> np.ndarray:
     pixels = np.stack([u.ravel(), v.ravel(), np.ones(u.size)])
     inside = [_inside(_project(p, pixels, w), s) for p, s in zip(found.projections, found.sizes)]
     return np.any(inside, axis=0).reshape(found.shape)
-
-
-def epipolar_directions(found: Views) -> np.ndarray:
-    """(N,2) unit vectors: where the middle of the reference picture moves in each pair as it comes nearer."""
-    middle = np.array([[(found.shape[1] - 1) / 2], [(found.shape[0] - 1) / 2], [1.0]])
-    out = np.zeros((len(found), 2))
-    for d, p in zip(out, found.projections.astype(float)):
-        q = p[:9].reshape(3, 3) @ middle[:, 0]
-        motion = p[9:11] * q[2] - q[:2] * p[11]
-        d[:] = motion / max(np.linalg.norm(motion), 1e-12)
-    return out
 
 
 def _resize(image: np.ndarray, scale: float) -> np.ndarray:
