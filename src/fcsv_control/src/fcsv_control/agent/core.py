@@ -7,7 +7,7 @@ No ROS, no thread, no clock. ``now_s`` is monotonic time, ``wall_s`` the wall cl
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Deque, Dict, List, Optional, Tuple, Union
+from typing import Deque, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -127,6 +127,8 @@ class AgentCore:
         self._due: List[Tuple[float, Ask]] = []  # asks that wait for a moment
         self._asks = 0
         self._out: List[Output] = []
+        self._guarded = ""  # why the guardian flies, empty where it does not
+        self._forbidden: Sequence[str] = ()
 
     # ---- what is heard ---------------------------------------------------------------------------------------
 
@@ -143,6 +145,14 @@ class AgentCore:
     def control_heard(self, now_s: float) -> None:
         """Something came from the control PC."""
         self._link_loss.heard(now_s)
+
+    def guarded(self, holds: bool, why: str, forbids: Sequence[str]) -> None:
+        """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it is;
+        ``forbids`` tells why the vehicle is not to be handed over."""
+        if self._guarded and not holds:
+            self._holder.stay()
+        self._guarded = (why or "it holds") if holds else ""
+        self._forbidden = forbids
 
     def take(self, wall_s: float, c: Instruction) -> None:
         """A command came, perhaps again."""
@@ -177,7 +187,7 @@ class AgentCore:
         self._out += [ask for due_s, ask in self._due if now_s >= due_s]
         self._due = [(due_s, ask) for due_s, ask in self._due if now_s < due_s]
         target = self._holder.target
-        if target is not None and self._gate.passes(now_s):
+        if target is not None and not self._guarded and self._gate.passes(now_s):
             self._out.append(SetPoint(target))
         if self._link_loss.land(now_s, self._holder.mode, self._holder.armed):
             self._say("nothing from the control PC for too long, landing")
@@ -203,6 +213,8 @@ class AgentCore:
         if c.kind is Kind.RECORD:
             self._out.append(Pictures(c.flag))
             self._answer(c, DONE, "")
+        elif self._guarded and c.kind in (Kind.GOTO, Kind.TAKEOFF):
+            raise CommandRefused(f"the guardian flies: {self._guarded}")
         elif c.kind is Kind.GOTO:
             self._holder.go_to(c.target, c.frame)
             self._answer(c, DONE, "")
@@ -214,6 +226,8 @@ class AgentCore:
             if c.kind is Kind.SET_MODE and c.mode not in MISSION_MODES and not self._rules.maintenance:
                 allowed = ", ".join(sorted(MISSION_MODES))
                 raise CommandRefused(f"mode '{c.mode}' is for pilots; a mission may ask for {allowed}")
+            if self._forbidden and (c.mode == "GUIDED" or (c.kind is Kind.ARM and c.flag)):
+                raise CommandRefused("the guardian forbids it: " + "; ".join(self._forbidden))
             self._running = c
             self._ask(c, c.kind, mode=c.mode, flag=c.flag)
 

@@ -125,6 +125,11 @@ class Holder:
         self._above = None
         self._target = transforms.level(self._here)
 
+    def stay(self) -> None:
+        """Whatever was the target, it is here now, where it is flown in GUIDED."""
+        if self._mode == "GUIDED" and self._here is not None:
+            self.hold()
+
     def take_off(self, now_s: float, altitude_m: float) -> None:
         """Before the autopilot is told to take off. Raises CommandRefused."""
         self._require_guided()

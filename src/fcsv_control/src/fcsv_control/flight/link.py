@@ -26,7 +26,7 @@ _POLL_S = 0.05
 
 
 class FlightLink:
-    """Callbacks, from the reading thread: on_state(), on_pose(T_odom_body), on_battery(), on_text(severity, text).
+    """Callbacks, from the reading thread: on_state(), on_pose(T_odom_body, v_odom_mps), on_battery(), on_text(severity, text).
 
     ``fcu_url`` as Transport has it. Raises LinkError where it cannot be opened.
     """
@@ -143,7 +143,7 @@ class FlightLink:
 
     def _tell(self, event: Event) -> None:
         if isinstance(event, PoseHeard):
-            self._call("on_pose", event.T_odom_body)
+            self._call("on_pose", event.T_odom_body, event.v_odom_mps)
         elif isinstance(event, TextHeard):
             self._call("on_text", event.severity, event.text)
         elif isinstance(event, (StateHeard, BatteryHeard)):

@@ -7,7 +7,7 @@ import numpy as np
 
 from fcsv_control.mission.places import level_camera
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_geometry import transforms
+from fcsv_geometry import separation, transforms
 
 
 def clearance_m(separation_m: float) -> float:
@@ -33,13 +33,7 @@ def aside(snapshot: Snapshot, name: str, away_from: str, clear_m: float) -> np.n
     """T_home_cam at the same height, clear of everybody: away from a vehicle, else right, left, back, front."""
     here = snapshot.p_home_cam(name)
     others = [snapshot.p_home_cam(n) for n in _known(snapshot, name)]
-    away = here[:2] - snapshot.p_home_cam(away_from)[:2]
-    directions = [np.array(d, float) for d in ((0, -1), (0, 1), (-1, 0), (1, 0))]
-    if np.linalg.norm(away) > 0.3:
-        directions.insert(0, away / np.linalg.norm(away))
-    places = [here + 2.0 * clear_m * np.array([*d, 0.0]) for d in directions]
-    room_m = [min(float(np.linalg.norm((p - o)[:2])) for o in others) for p in places]
-    best = next((p for p, m in zip(places, room_m) if m > clear_m), places[int(np.argmax(room_m))])
+    best = separation.aside(here, others, clear_m, snapshot.p_home_cam(away_from))
     return transforms.transform(level_camera(snapshot.vehicles[name].T_home_cam)[:3, :3], best)
 
 

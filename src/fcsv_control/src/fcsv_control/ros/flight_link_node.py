@@ -182,9 +182,9 @@ class FlightLinkNode:
             self._published, self._published_s = now, time.monotonic()
             self._state.publish(State(conversions.header(rospy.get_time(), ""), *now))
 
-    def _on_pose(self, T_odom_body: np.ndarray) -> None:
+    def _on_pose(self, T_odom_body: np.ndarray, v_odom_mps: np.ndarray) -> None:
         self._health.tick("autopilot")
-        self._check.estimate(time.monotonic(), T_odom_body)
+        self._check.estimate(time.monotonic(), T_odom_body, v_odom_mps)
         self._pose.publish(conversions.pose_stamped(T_odom_body, rospy.get_time(), self._odom))
 
     def _on_battery(self) -> None:

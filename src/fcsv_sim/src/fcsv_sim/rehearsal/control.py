@@ -85,7 +85,7 @@ class ControlPc:
                 now_s, lambda c, v=vehicle, t=now_s: v.obey(c, t), _instruction(order, WALL_S)
             )
         for name, vehicle in self._fleet.items():
-            self._radios[name].send(now_s, lambda _m, v=vehicle, t=now_s: v.agent.control_heard(t), None)
+            self._radios[name].send(now_s, lambda m, v=vehicle, t=now_s: v.hear_control(t, m), self.T_home_odom)
 
     def _snapshot(self, now_s: float) -> Snapshot:
         views = {n: self._view(now_s, n) for n in self._fleet}

@@ -77,6 +77,15 @@ class Flight:
             self.invariants.check(now_s)
         if self._passes % _MISSION_EVERY == 0:
             self.control.step(now_s)
+            self._tell_each_other(now_s)
+
+    def _tell_each_other(self, now_s: float) -> None:
+        """Every vehicle tells the others where it is, over its own radio; who has none does not hear it."""
+        for name, vehicle in self.fleet.items():
+            told = vehicle.tell()
+            for other, hearer in self.fleet.items():
+                if told is not None and other != name and not self.radios[other].cut:
+                    self.radios[name].send(now_s, lambda m, v=hearer, t=now_s: v.hear_other(t, m), told)
 
     def _people(self, now_s: float) -> None:
         phase = self.phase

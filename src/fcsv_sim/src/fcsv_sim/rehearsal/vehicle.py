@@ -11,8 +11,12 @@ from fcsv_control.agent.core import Ack, AgentCore, AgentRules, Ask, Instruction
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
+from fcsv_control.flight.feed_check import FeedCheck
 from fcsv_control.flight.listener import BatteryHeard, PoseHeard, StateHeard
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.guardian.air import LinkReport, Other
+from fcsv_control.guardian.core import AskMode, Guardian, HoldAt
+from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_geometry.vehicle import VehicleGeometry
@@ -29,6 +33,7 @@ from fcsv_tracking.odometry import BodyOdometry, BodyPose
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _SUBSTEPS = int(round(PASS_S / STEP_S))
 _BOARD_EVERY = 2  # passes between two steps of link and agent
+_GUARDIAN_EVERY = 4  # and of the guardian: 25 Hz
 _TRACKER_EVERY = 3  # passes between two samples of the tracker: 33 Hz, what goes to the autopilot of its 200 Hz
 
 
@@ -57,6 +62,19 @@ class Start:
     wind_mps: float = 1.0
     tracker: TrackerProfile = T265_PROFILE
     rules: AgentRules = field(default_factory=AgentRules)
+    guardian: GuardianRules = field(default_factory=GuardianRules)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a vehicle tells the others of itself."""
+
+    name: str
+    T_odom_body: np.ndarray
+    speed_mps: float
+    armed: bool
+    mode: str
+    uncontrolled: bool
 
 
 class RehearsedVehicle:
@@ -77,6 +95,11 @@ class RehearsedVehicle:
         self._watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
         self.link = LinkCore(LinkParameters(target_system=geometry.system_id))
         self.agent = AgentCore(self.name, start.rules)
+        self.agent_lives = True
+        self.guardian = Guardian(self.name, start.guardian)
+        self._check = FeedCheck()
+        self._throttle = math.nan
+        self.T_home_odom: Dict[str, np.ndarray] = {}  # as the control PC told it last
         self.recording = False
         self.pictures = 0
         self.acks: List[Ack] = []
@@ -105,11 +128,40 @@ class RehearsedVehicle:
 
     def sticks(self, now_s: float, s: Sticks) -> None:
         """A frame of its transmitter."""
+        self._throttle = s.throttle
         self.autopilot.rc_frame(now_s, frame_of(s.roll, s.pitch, s.throttle, s.yaw, s.mode))
 
     def obey(self, instruction: Instruction, now_s: float) -> None:
         """A command came over the radio."""
+        if not self.agent_lives:
+            return
+        if instruction.kind in (Kind.GOTO, Kind.HOLD):
+            self.guardian.moved(now_s)
         self.agent.take(self._wall_s(now_s), instruction)
+
+    def hear_control(self, now_s: float, T_home_odom: Dict[str, np.ndarray]) -> None:
+        """The mission's state came, and where odometry frames stand in home."""
+        self.agent.control_heard(now_s)
+        self.guardian.control_heard(now_s)
+        self.T_home_odom = T_home_odom
+        self.guardian.home(T_home_odom.get(self.name))
+
+    def tell(self) -> Optional[Told]:
+        """What the other vehicles are told."""
+        if self.odometry is None:
+            return None
+        state, blind = self.link.state, self.guardian.verdict.uncontrolled
+        speed = math.hypot(*self.odometry.linear_mps)
+        return Told(self.name, self.T_odom_body, speed, state.armed, state.mode, blind)
+
+    def hear_other(self, now_s: float, told: Told) -> None:
+        """Another vehicle told of itself."""
+        T_home_odom = self.T_home_odom.get(told.name)
+        if T_home_odom is not None:
+            p = (T_home_odom @ told.T_odom_body)[:3, 3]
+            self.guardian.other(
+                told.name, Other(p, now_s, told.speed_mps, told.armed, told.mode, told.uncontrolled)
+            )
 
     # ---- time --------------------------------------------------------------------------------------------------
 
@@ -135,7 +187,13 @@ class RehearsedVehicle:
         except OdometryRejected:
             return
         if self._feed.judge(stamp_s, stamp_s)[0] is FeedVerdict.SEND:
-            self.link.send_pose(stamp_s, self.T_odom_body)
+            T_odom_body = self.T_odom_body
+            self.guardian.feed(now_s, T_odom_body)
+            if not self.guardian.air.flying:
+                self._check.begin_again()
+            elif not self._check.judge(now_s, stamp_s, T_odom_body):
+                return
+            self.link.send_pose(stamp_s, T_odom_body)
             self._watchdog.feed(now_s)
 
     @property
@@ -150,25 +208,46 @@ class RehearsedVehicle:
         self._end_requests()
         for event in self.link.events():
             if isinstance(event, PoseHeard):
-                self._estimate(now_s, event.T_odom_body)
+                self._estimate(now_s, event)
             elif isinstance(event, (StateHeard, BatteryHeard)):
                 self.agent.state(self.link.state.mode, self.link.state.armed)
+                self.guardian.state(now_s, self.link.state.mode, self.link.state.armed)
+                self.guardian.battery(self.link.state.battery_share)
         state = self.link.state
         if self._watchdog.check(now_s, state.armed, state.mode) is Alarm.LAND:
             self._set_mode(now_s, "LAND")
-        self.agent.step(now_s, self._wall_s(now_s))
-        for output in self.agent.outgoing():
-            handler = self._do.get(type(output))
-            if handler is not None:
-                handler(now_s, output)
+        if self._passes % _GUARDIAN_EVERY == 0:
+            self._guard(now_s)
+        if self.agent_lives:
+            self.guardian.agent_lives(now_s)
+            self.agent.step(now_s, self._wall_s(now_s))
+            for output in self.agent.outgoing():
+                handler = self._do.get(type(output))
+                if handler is not None:
+                    handler(now_s, output)
         self.link.step(now_s)
         for message in self.link.outgoing():
             self._server.take(now_s, _as_received(message))
         if self.recording and self._passes % 10 == 0:
             self.pictures += 1
 
-    def _estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
+    def _guard(self, now_s: float) -> None:
+        """One step of the guardian, and what it wants done."""
+        self.guardian.link(now_s, LinkReport(self._check.doubt, throttle=self._throttle))
+        self.guardian.step(now_s)
+        for output in self.guardian.outgoing():
+            if isinstance(output, AskMode):
+                self._set_mode(now_s, output.mode)
+            elif isinstance(output, HoldAt):
+                self.link.send_set_point(output.T_odom_body)
+        verdict = self.guardian.verdict
+        self.agent.guarded(verdict.holds, "; ".join(verdict.reasons), verdict.forbids)
+
+    def _estimate(self, now_s: float, heard: PoseHeard) -> None:
+        T_odom_body = heard.T_odom_body
         self.agent.pose(now_s, T_odom_body)
+        self.guardian.estimate(now_s, T_odom_body)
+        self._check.estimate(now_s, T_odom_body, heard.v_odom_mps)
         if not self.link.state.armed:
             self._ground_m = float(T_odom_body[2, 3])
         self.height_m = float(T_odom_body[2, 3]) - self._ground_m
@@ -190,6 +269,7 @@ class RehearsedVehicle:
 
     def _set_mode(self, now_s: float, mode: str):
         self.modes_asked.append((now_s, mode))
+        self.guardian.mode_asked(now_s, mode)
         return self.link.set_mode(now_s, mode)
 
     def _end_requests(self) -> None:

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a guardian knows of its own vehicle and of the others at one moment."""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Deque, Dict, Optional
+
+import numpy as np
+
+_INF = float("inf")
+_FLYING_M = 0.5  # above where it stood
+
+
+@dataclass(frozen=True)
+class LinkReport:
+    """What the flight link says of the autopilot and of the feed; ``throttle`` -1..1, NaN without a transmitter."""
+
+    doubt: str = ""  # FeedCheck's
+    ekf_variance: float = 0.0  # the largest
+    throttle: float = math.nan
+    failsafe: bool = False
+
+
+@dataclass(frozen=True)
+class Other:
+    """Another vehicle as heard last; position (m) in home. ``uncontrolled``: it comes down without a position."""
+
+    p_home_m: np.ndarray
+    heard_s: float
+    speed_mps: float = 0.0
+    armed: bool = True
+    mode: str = ""
+    uncontrolled: bool = False
+    sigma_m: float = 0.1  # of its place in home
+
+
+@dataclass
+class Air:
+    """Own times are when something was heard last; poses T_odom_body."""
+
+    mode: str = ""
+    armed: bool = False
+    state_s: float = -_INF
+    feed_s: float = -_INF
+    feed: Optional[np.ndarray] = None
+    estimate: Optional[np.ndarray] = None
+    estimate_s: float = -_INF
+    take_off: Optional[np.ndarray] = None  # estimate when last on the ground
+    confidence: float = math.nan
+    link: LinkReport = field(default_factory=LinkReport)
+    link_s: float = -_INF
+    battery_share: float = math.nan
+    control_s: float = -_INF
+    agent_s: float = -_INF
+    T_home_odom: Optional[np.ndarray] = None
+    others: Dict[str, Other] = field(default_factory=dict)
+    feeds: Deque[float] = field(default_factory=deque)  # times within the last second
+
+    def fed(self, now_s: float, T_odom_body: np.ndarray) -> None:
+        """A pose came from the odometry."""
+        self.feed, self.feed_s = T_odom_body, now_s
+        self.feeds.append(now_s)
+        while self.feeds[0] < now_s - 1.0:
+            self.feeds.popleft()
+
+    def feed_hz(self, now_s: float) -> float:
+        """Poses in the last second."""
+        return float(sum(1 for at_s in self.feeds if at_s >= now_s - 1.0))
+
+    @property
+    def flying(self) -> bool:
+        """Armed and off the ground, as the autopilot believes."""
+        if not self.armed or self.estimate is None or self.take_off is None:
+            return self.armed
+        return bool(self.estimate[2, 3] - self.take_off[2, 3] > _FLYING_M)
+
+    @property
+    def from_take_off_m(self) -> Optional[np.ndarray]:
+        """(3,) the place against the take-off place; None while either is not known."""
+        if self.estimate is None or self.take_off is None:
+            return None
+        return self.estimate[:3, 3] - self.take_off[:3, 3]
+
+    @property
+    def p_home_m(self) -> Optional[np.ndarray]:
+        """(3,) in home; None while home is not known."""
+        if self.estimate is None or self.T_home_odom is None:
+            return None
+        return self.T_home_odom[:3, :3] @ self.estimate[:3, 3] + self.T_home_odom[:3, 3]
+
+    def tilt_rad(self) -> float:
+        """Of the body's up axis against the vertical."""
+        return 0.0 if self.estimate is None else math.acos(max(-1.0, min(1.0, float(self.estimate[2, 2]))))

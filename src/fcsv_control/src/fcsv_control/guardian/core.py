@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The guardian's decisions: what is heard on board and over the radio in, modes and set-points out.
+
+It warns, holds, moves aside, brakes and lands, in this order of strength, and never asks for LOITER. It acts only while the
+companion flies the vehicle; in a mode that the pilot chose it only speaks. No ROS, no thread, no clock.
+"""
+
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Set, Tuple, Union
+
+import numpy as np
+
+from fcsv_control.guardian.air import Air, LinkReport, Other
+from fcsv_control.guardian.findings import Finding, Watches, Wish
+from fcsv_control.guardian.hands import Hands
+from fcsv_control.guardian.rules import GuardianRules
+from fcsv_geometry import separation, transforms
+from fcsv_geometry.flow import RateGate
+
+_SET_POINT_HZ = 10.0
+_AGAIN_S = 0.5  # a mode is asked for again
+_THERE_M = 0.4
+_CALM_S = 3.0  # what asked for a hold must be over for so long
+_SAY_AGAIN_S = 10.0
+
+
+@dataclass(frozen=True)
+class AskMode:
+    """A mode command for the autopilot."""
+
+    mode: str
+
+
+@dataclass(frozen=True)
+class HoldAt:
+    """Where to be: T_odom_body, streamed while the guardian holds."""
+
+    T_odom_body: np.ndarray
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused; ``uncontrolled``: the
+    vehicle comes down without a position."""
+
+    action: str = ""
+    holds: bool = False
+    uncontrolled: bool = False
+    reasons: Tuple[str, ...] = ()
+    forbids: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Warned:
+    """A text for people; ``acts`` where the guardian does something."""
+
+    text: str
+    acts: bool
+
+
+Output = Union[AskMode, HoldAt, Verdict, Warned]
+
+
+class Guardian:
+    """One vehicle's. Hear, ``step`` at 20 Hz or more, and do what ``outgoing`` says."""
+
+    def __init__(self, vehicle: str, rules: Optional[GuardianRules] = None, now_s: float = 0.0):
+        self._vehicle, self._rules = vehicle, rules or GuardianRules()
+        self._watches, self._hands, self.air = Watches(self._rules), Hands(), Air()
+        self.air.control_s = self.air.agent_s = self.air.link_s = self.air.feed_s = now_s  # silence counts from now on
+        self._gate = RateGate(_SET_POINT_HZ)
+        self._place: Optional[np.ndarray] = None  # T_odom_body that is held
+        self._aside_s: Optional[float] = None  # when the way aside began
+        self._held_s = now_s  # when something last asked for a hold
+        self._landing = False
+        self._braking_for = ""
+        self._answered: Set[str] = set()  # findings for which it braked: a fence counts once per crossing
+        self._asked: Tuple[str, float, float] = ("", now_s, now_s)  # mode, first and last asked
+        self._said_s: Dict[str, float] = {}
+        self._verdict = Verdict()
+        self._out: List[Output] = []
+
+    # ---- what is heard ---------------------------------------------------------------------------------------
+
+    def state(self, now_s: float, mode: str, armed: bool) -> None:
+        """The flight controller's mode."""
+        if self._hands.see(now_s, mode, armed):
+            self._let_go()
+            self._say(now_s, f"mode {mode}", f"{mode} was not asked for by the companion: it stays with who chose it", False)
+        if not armed:
+            self._landing = False
+            self._answered.clear()
+        self.air.mode, self.air.armed, self.air.state_s = mode, armed, now_s
+
+    def feed(self, now_s: float, T_odom_body: np.ndarray) -> None:
+        """A pose of the odometry, as it goes to the autopilot."""
+        self.air.fed(now_s, T_odom_body)
+
+    def estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
+        """The autopilot's estimate."""
+        self.air.estimate, self.air.estimate_s = T_odom_body, now_s
+        if not self.air.armed:
+            self.air.take_off = T_odom_body
+
+    def link(self, now_s: float, report: LinkReport) -> None:
+        """The flight link lives."""
+        self.air.link, self.air.link_s = report, now_s
+
+    def battery(self, share: float) -> None:
+        """0..1, NaN where not known."""
+        self.air.battery_share = share
+
+    def confidence(self, level: float) -> None:
+        """Of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
+        self.air.confidence = level
+
+    def agent_lives(self, now_s: float) -> None:
+        """A heartbeat of the agent."""
+        self.air.agent_s = now_s
+
+    def control_heard(self, now_s: float) -> None:
+        """Something came from the control PC."""
+        self.air.control_s = now_s
+
+    def mode_asked(self, now_s: float, mode: str) -> None:
+        """The agent asks the autopilot for a mode, on a command's behalf."""
+        if mode == "GUIDED":
+            self._hands.commanded(now_s)
+        else:
+            self._hands.asked(now_s, mode)
+
+    def moved(self, now_s: float) -> None:
+        """A command moves the vehicle."""
+        self._hands.commanded(now_s)
+
+    def home(self, T_home_odom: Optional[np.ndarray]) -> None:
+        """Where this vehicle's odometry frame stands in home; None: not known (any more)."""
+        self.air.T_home_odom = T_home_odom
+
+    def other(self, name: str, other: Other) -> None:
+        """Another vehicle was heard."""
+        self.air.others[name] = other
+
+    # ---- time ------------------------------------------------------------------------------------------------
+
+    def step(self, now_s: float) -> None:
+        """Look at everything, and act where it is needed."""
+        air = self.air
+        found = self._watches.findings(now_s, air) if air.armed else []
+        forbids = tuple(self._watches.forbids(now_s, air)) if air.mode != "GUIDED" else ()
+        worst = max((f.wish for f in found), default=Wish.SAY)
+        acting = air.armed and self._hands.ours
+        if acting:
+            self._act(now_s, found)
+        else:
+            self._let_go()
+        for f in found:
+            self._say(now_s, f.what, f.text, acting and f.wish > Wish.SAY)
+        blind = worst is Wish.LAND and air.flying
+        reasons = tuple(f.text for f in found if f.wish > Wish.SAY)
+        action = self._action(now_s) if acting else ""
+        self._verdict = Verdict(action, self._place is not None, blind, reasons, forbids)
+
+    @property
+    def verdict(self) -> Verdict:
+        """As of the last step: what the agent, the mission, the others and the operator are told."""
+        return self._verdict
+
+    def outgoing(self) -> List[Output]:
+        """What to do now, each given once."""
+        out, self._out = self._out, []
+        return out
+
+    # ---- what is done ----------------------------------------------------------------------------------------
+
+    def _act(self, now_s: float, found: List[Finding]) -> None:
+        self._answered &= {f.what for f in found}
+        wishes = [f for f in found if f.wish > Wish.SAY and f.what not in self._answered]
+        worst = max(wishes, key=lambda f: f.wish, default=None)
+        if self._landing or (worst is not None and worst.wish in (Wish.LAND, Wish.LAND_ASIDE)):
+            self._land(now_s, worst)
+        elif self.air.mode != "GUIDED":
+            self._place = None  # BRAKE stops it by itself
+            self._answered.add(self._braking_for)
+        elif worst is None:
+            self._release(now_s)
+        elif worst.wish is Wish.BRAKE:
+            self._brake(now_s, worst)
+        elif worst.wish is Wish.ASIDE:
+            self._move_aside(now_s, worst.away_from)
+        else:
+            self._hold(now_s)
+        if self._place is not None and self.air.mode == "GUIDED" and self._gate.passes(now_s):
+            self._out.append(HoldAt(self._place))
+
+    def _land(self, now_s: float, worst: Optional[Finding]) -> None:
+        if self.air.mode == "LAND":
+            self._landing, self._place = False, None
+            return
+        self._landing = True
+        blind = worst is not None and worst.wish is Wish.LAND
+        beneath = None if blind or self.air.mode != "GUIDED" else self._watches.beneath(now_s, self.air)
+        if beneath is not None and self._way_aside(now_s, beneath):
+            return
+        self._place = None
+        self._ask(now_s, "LAND")
+
+    def _way_aside(self, now_s: float, away_from: str) -> bool:
+        """Whether it is still on its way."""
+        self._move_aside(now_s, away_from)
+        return self._aside_s is not None and now_s - self._aside_s < self._rules.aside_s
+
+    def _move_aside(self, now_s: float, away_from: str) -> None:
+        here, air = self.air.p_home_m, self.air
+        if here is None or air.T_home_odom is None:
+            self._hold(now_s)
+            return
+        self._held_s = now_s
+        if self._aside_s is not None and self._place is not None:
+            left_m = float(np.linalg.norm((air.estimate - self._place)[:2, 3]))
+            if left_m > _THERE_M:
+                return
+        other = air.others[away_from].p_home_m
+        upper = here[2] > other[2]
+        side = np.array([0.0, 1.0 if upper else -1.0])  # of two in one column the upper goes left, the lower right
+        others = [o.p_home_m for o in air.others.values()]
+        p_home = separation.aside(here, others, self._rules.clear_m, other, side)
+        T_odom_home = transforms.invert(air.T_home_odom)
+        self._place = transforms.level(air.estimate)
+        self._place[:3, 3] = T_odom_home[:3, :3] @ p_home + T_odom_home[:3, 3]
+        self._aside_s = self._aside_s or now_s
+
+    def _hold(self, now_s: float) -> None:
+        self._held_s = now_s
+        if self._place is None and self.air.estimate is not None:
+            self._place = transforms.level(self.air.estimate)
+
+    def _brake(self, now_s: float, finding: Finding) -> None:
+        """BRAKE, once per finding; LAND where it does not show."""
+        if now_s - self._ask(now_s, "BRAKE") > self._rules.obey_s:
+            self._landing = True
+        self._braking_for = finding.what
+
+    def _release(self, now_s: float) -> None:
+        if self._place is not None and now_s - self._held_s > _CALM_S:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        self._place, self._aside_s, self._landing = None, None, False
+
+    def _ask(self, now_s: float, mode: str) -> float:
+        """Ask for a mode, now and again until it shows; when it was asked for first."""
+        asked, first_s, last_s = self._asked
+        if asked != mode or now_s - last_s > 3.0:
+            first_s, last_s = now_s, float("-inf")
+        if now_s - last_s >= _AGAIN_S:
+            self._hands.asked(now_s, mode)
+            self._out.append(AskMode(mode))
+            last_s = now_s
+        self._asked = (mode, first_s, last_s)
+        return first_s
+
+    def _action(self, now_s: float) -> str:
+        asked, _, last_s = self._asked
+        if asked and now_s - last_s < 1.0:
+            return asked
+        if self._place is None:
+            return ""
+        return "aside" if self._aside_s is not None else "hold"
+
+    def _say(self, now_s: float, what: str, text: str, acts: bool) -> None:
+        if now_s - self._said_s.get(what, float("-inf")) > _SAY_AGAIN_S:
+            self._out.append(Warned(f"{self._vehicle}: {text}", acts))
+        self._said_s[what] = now_s

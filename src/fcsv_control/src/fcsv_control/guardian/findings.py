@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a vehicle now, and what should become of it. Each watch looks at one thing."""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Dict, Iterator, List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_control.guardian.air import Air, Other
+from fcsv_control.guardian.rules import NEVER, GuardianRules
+from fcsv_geometry import separation
+
+_OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
+_MOST_AGE_S = 1.0  # of a pose of another vehicle, in the separation: then it is its silence that counts
+_BELOW_M = 0.5
+
+
+class Wish(IntEnum):
+    """What a finding asks for; the strongest wins."""
+
+    SAY = 1
+    HOLD = 2  # where it is
+    ASIDE = 3  # out of another's way, then hold
+    BRAKE = 4
+    LAND_ASIDE = 5  # LAND, first out of the way of who is beneath
+    LAND = 6  # at once: the position cannot be relied on
+
+
+@dataclass(frozen=True)
+class Finding:
+    """``what`` names it and stays the same while it lasts; ``away_from`` is a vehicle."""
+
+    what: str
+    wish: Wish
+    text: str
+    away_from: str = ""
+
+
+class Watches:
+    """All of them; each finding lasts as long as its cause. Times since which something lasts are kept here."""
+
+    def __init__(self, rules: GuardianRules):
+        self._rules = rules
+        self._since_s: Dict[str, float] = {}
+        self._was_outside = False
+
+    def findings(self, now_s: float, air: Air) -> List[Finding]:
+        """What is wrong with an armed vehicle."""
+        watches = (self._feed, self._doubt, self._ekf, self._confidence, self._tilt, self._battery, self._control,
+                   self._agent, self._link, self._stick, self._fence, self._others)  # fmt: skip
+        return [finding for watch in watches for finding in watch(now_s, air)]
+
+    def forbids(self, now_s: float, air: Air) -> List[str]:
+        """Why the vehicle must not be handed over to the mission now."""
+        r, reasons = self._rules, []
+        if air.link.doubt:
+            reasons.append(f"{air.link.doubt}; land by hand and begin anew")
+        if now_s - air.feed_s > r.feed_warn_s:
+            reasons.append("no poses come from the tracking camera")
+        if not air.flying and self._lasts(now_s, "apart", self._apart_m(air) > r.apart_m, 0.5):
+            reasons.append(f"autopilot and tracker are {self._apart_m(air):.1f} m apart; restart the autopilot")
+        if math.isnan(air.battery_share):
+            reasons.append("the battery is not known; see BATT_MONITOR")
+        elif air.battery_share < r.low_battery:
+            reasons.append(f"battery below {r.low_battery:.0%}")
+        if abs(air.link.throttle) > r.throttle_middle:
+            reasons.append("the throttle stick is not in the middle: who takes over would climb or fall")
+        if air.confidence <= r.confidence:
+            reasons.append("the tracking camera has low confidence")
+        return reasons
+
+    def separations(self, now_s: float, air: Air) -> Iterator[Tuple[str, float]]:
+        """The margin (m) to each other vehicle whose place is known."""
+        here = air.p_home_m
+        if here is None:
+            return
+        for name, other in air.others.items():
+            age_s = min(max(0.0, now_s - other.heard_s), _MOST_AGE_S)
+            if other.armed and now_s - other.heard_s < _OLD_S:
+                offset = here - other.p_home_m
+                yield name, separation.margin_m(
+                    offset, self._rules.separation, other.sigma_m, age_s, min(other.speed_mps, 2.0)
+                )
+
+    def beneath(self, now_s: float, air: Air) -> Optional[str]:
+        """A vehicle that this one would come down upon, flying or not."""
+        here = air.p_home_m
+        if here is None:
+            return None
+        for name, other in air.others.items():
+            offset = here - other.p_home_m
+            if offset[2] > _BELOW_M and math.hypot(offset[0], offset[1]) < self._rules.clear_m:
+                return name
+        return None
+
+    # ---- the position ----------------------------------------------------------------------------------------
+
+    def _feed(self, now_s: float, air: Air) -> Iterator[Finding]:
+        r, age_s, hz = self._rules, now_s - air.feed_s, air.feed_hz(now_s)
+        if not air.flying or air.feed is None:
+            return
+        if age_s > r.feed_land_s:
+            yield Finding("feed", Wish.LAND, "the tracking camera is silent")
+        elif age_s > r.feed_warn_s:
+            yield Finding("feed", Wish.SAY, "the tracking camera is late")
+        elif self._lasts(now_s, "slow", hz < r.feed_land_hz, 1.0):
+            yield Finding("rate", Wish.LAND, f"the tracking camera gives fewer than {r.feed_land_hz:g} poses a second")
+        elif self._lasts(now_s, "slowish", hz < r.feed_warn_hz, 1.0):
+            yield Finding("rate", Wish.SAY, f"the tracking camera gives fewer than {r.feed_warn_hz:g} poses a second")
+
+    def _doubt(self, _now_s: float, air: Air) -> Iterator[Finding]:
+        if air.link.doubt:
+            yield Finding("tracker", Wish.LAND, air.link.doubt)
+
+    def _ekf(self, now_s: float, air: Air) -> Iterator[Finding]:
+        if self._lasts(now_s, "ekf", air.link.ekf_variance > self._rules.ekf_variance, self._rules.ekf_s):
+            yield Finding("ekf", Wish.LAND, "the autopilot's filter does not agree with its sensors")
+        if air.link.failsafe:
+            yield Finding("failsafe", Wish.SAY, "the autopilot has a failsafe of its own")
+
+    def _confidence(self, now_s: float, air: Air) -> Iterator[Finding]:
+        r, low = self._rules, air.confidence <= self._rules.confidence
+        if self._lasts(now_s, "confidence", low, r.confidence_land_s):
+            yield Finding("confidence", Wish.LAND_ASIDE, "the tracking camera has had low confidence for too long")
+        elif self._lasts(now_s, "confidence", low, r.confidence_hold_s):
+            yield Finding("confidence", Wish.HOLD, "the tracking camera has low confidence")
+
+    def _tilt(self, now_s: float, air: Air) -> Iterator[Finding]:
+        r, tilt_deg = self._rules, math.degrees(air.tilt_rad())
+        if self._lasts(now_s, "tilt", tilt_deg > r.tilt_land_deg, r.tilt_s):
+            yield Finding("tilt", Wish.LAND, f"it leans by more than {r.tilt_land_deg:g} deg")
+        elif self._lasts(now_s, "tilts", tilt_deg > r.tilt_warn_deg, r.tilt_s):
+            yield Finding("tilt", Wish.SAY, f"it leans by more than {r.tilt_warn_deg:g} deg")
+
+    @staticmethod
+    def _apart_m(air: Air) -> float:
+        if air.feed is None or air.estimate is None:
+            return 0.0
+        return float(np.linalg.norm(air.feed[:3, 3] - air.estimate[:3, 3]))
+
+    # ---- what it lives on, and who flies it ------------------------------------------------------------------
+
+    def _battery(self, now_s: float, air: Air) -> Iterator[Finding]:
+        r, share = self._rules, air.battery_share
+        unknown = math.isnan(share)
+        low = unknown or share < r.low_battery
+        if self._lasts(now_s, "empty", share < r.empty_battery, r.battery_s):
+            yield Finding("battery", Wish.LAND_ASIDE, f"battery below {r.empty_battery:.0%}")
+        elif self._lasts(now_s, "low", low, r.low_battery_s):
+            yield Finding("battery", Wish.LAND_ASIDE, f"battery below {r.low_battery:.0%} for too long")
+        elif self._lasts(now_s, "low", low, r.battery_s):
+            yield Finding("battery", Wish.SAY, "battery not known" if unknown else f"battery below {r.low_battery:.0%}")
+
+    def _control(self, now_s: float, air: Air) -> Iterator[Finding]:
+        r, silent_s = self._rules, now_s - air.control_s
+        if silent_s > r.link_hold_s and r.link_loss != NEVER:
+            yield Finding("control", Wish.LAND_ASIDE, f"nothing from the control PC for {r.link_hold_s:g} s")
+        elif silent_s > r.link_warn_s:
+            yield Finding("control", Wish.SAY, "nothing from the control PC")
+
+    def _agent(self, now_s: float, air: Air) -> Iterator[Finding]:
+        r, silent_s = self._rules, now_s - air.agent_s
+        if silent_s > r.agent_land_s:
+            yield Finding("agent", Wish.LAND_ASIDE, f"the agent has been silent for {r.agent_land_s:g} s")
+        elif silent_s > r.agent_silent_s:
+            yield Finding("agent", Wish.HOLD, "the agent is silent")
+
+    def _link(self, now_s: float, air: Air) -> Iterator[Finding]:
+        if now_s - air.link_s > self._rules.link_silent_s:
+            yield Finding("link", Wish.SAY, "the flight link is silent")
+
+    def _stick(self, now_s: float, air: Air) -> Iterator[Finding]:
+        off = air.mode == "GUIDED" and abs(air.link.throttle) > self._rules.throttle_middle
+        if self._lasts(now_s, "stick", off, 1.0):
+            yield Finding("stick", Wish.SAY, "put the throttle stick in the middle before you take over")
+
+    # ---- where it is -----------------------------------------------------------------------------------------
+
+    def _fence(self, _now_s: float, air: Air) -> Iterator[Finding]:
+        place = air.from_take_off_m
+        out_m = 0.0 if place is None else self._rules.fence.outside_m(place, air.p_home_m)
+        if out_m > self._rules.fence_land_m:
+            yield Finding("far outside", Wish.LAND_ASIDE, "it is far outside the fence")
+        elif out_m > 0.0:
+            yield Finding("fence", Wish.BRAKE, "it is outside the fence")
+
+    def _others(self, now_s: float, air: Air) -> Iterator[Finding]:
+        for name, margin_m in self.separations(now_s, air):
+            if margin_m < 0.0 and air.flying:
+                yield Finding("separation", Wish.ASIDE, f"too near to {name}", name)
+        here = air.p_home_m
+        for name, other in air.others.items():
+            if here is not None and air.flying and self._comes_down(now_s, other, other.p_home_m - here):
+                yield Finding("above", Wish.ASIDE, f"{name} comes down", name)
+
+    def _comes_down(self, now_s: float, other: Other, offset_m: np.ndarray) -> bool:
+        """Whether another vehicle may come down on this one."""
+        r, silent_s = self._rules, now_s - other.heard_s
+        if not other.armed or silent_s > _OLD_S or offset_m[2] < -_BELOW_M:
+            return False
+        away_m = math.hypot(offset_m[0], offset_m[1])
+        if other.uncontrolled:
+            return away_m < r.uncontrolled_clear_m
+        return offset_m[2] > 0.0 and away_m < r.clear_m and (other.mode == "LAND" or silent_s > r.silent_above_s)
+
+    def _lasts(self, now_s: float, what: str, holds: bool, seconds: float) -> bool:
+        """Whether a condition has held for some time; a name counts from the first moment it held."""
+        if not holds:
+            self._since_s.pop(what, None)
+            return False
+        return now_s - self._since_s.setdefault(what, now_s) >= seconds
