@@ -26,8 +26,8 @@ class Air:
             self.v[:2] += np.array(acc) / HZ
             self.p = self.p + self.v / HZ
             lean = [-np.arctan2(acc[1], 9.81), np.arctan2(acc[0], 9.81), 0.0]
-            shake = np.radians(self.random.normal(0.0, 0.1, 3))
-            self.check.estimate(self.now_s, transforms.from_xyz_rpy(self.p, np.array(lean) + shake))
+            T, felt = transforms.from_xyz_rpy(self.p, lean), self.v + self.random.normal(0.0, 0.03, 3)
+            self.check.estimate(self.now_s, T, felt)
             p = tracker(self.p, self.now_s - begun_s)
             noise_m, noise_rad = self.random.normal(0.0, 0.0015, 3), np.radians(self.random.normal(0.0, 0.03, 3))
             T = transforms.from_xyz_rpy(p + noise_m, np.array(lean) + noise_rad)
@@ -58,7 +58,7 @@ def test_a_frozen_tracker_is_doubted_within_half_a_second():
     assert "frozen" in air.check.doubt
 
 
-@pytest.mark.parametrize("speed_mps", [0.8, 2.5, 4.0, 9.0])
+@pytest.mark.parametrize("speed_mps", [0.5, 2.5, 4.0, 9.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_tracker_that_runs_off_is_doubted_within_a_second(speed_mps, seed):
     air = Air(seed)
@@ -88,12 +88,12 @@ def test_a_clock_that_is_set_raises_no_doubt():
     air.v[0] = 2.0
     for k in range(90):
         T = transforms.from_xyz_rpy([2.0 * k / HZ, 0.0, 3.0], np.radians(air.random.normal(0.0, 0.1, 3)))
-        air.check.estimate(k / HZ, T)
+        air.check.estimate(k / HZ, T, air.v)
         air.check.judge(k / HZ, 1.7e9 + k / HZ + (0.4 if k > 40 else 0.0) - (2.0 if k > 70 else 0.0), T)
         assert air.check.doubt == ""
 
 
-@pytest.mark.parametrize("name", ["frozen_s", "acceleration_mps2", "apart_m"])
+@pytest.mark.parametrize("name", ["frozen_s", "noise_m", "apart_m"])
 def test_rules_out_of_range_are_refused(name):
     with pytest.raises(ValueError, match=name):
         FeedCheckRules(**{name: -1.0})

@@ -10,7 +10,7 @@ does not learn from it; when such poses go on, the feed is in doubt.
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Optional, Tuple
+from typing import Deque, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from fcsv_geometry.config import require_positive
 
 _CLOCK_STEP_S = 0.15  # between the sender's clock and ours
 _GAP_S = 0.5  # silence after which nothing of before counts
+_SETTLE_S = 1.5  # so long the autopilot's filter needs after one
+
+Vector = Tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -47,31 +50,32 @@ class FeedCheck:
 
     def __init__(self, rules: Optional[FeedCheckRules] = None):
         self._rules = rules or FeedCheckRules()
-        self._way: Deque[Tuple[float, np.ndarray, np.ndarray]] = deque()  # time, way by velocity (m, odom), velocity
-        self._estimate: Optional[np.ndarray] = None
+        self._way: Deque[Tuple[float, Vector, Vector]] = deque()  # time, way by velocity (m, odom), velocity
+        self._estimate: Optional[Vector] = None
         self._clock_s: Optional[float] = None
         self._skew_s = 0.0
+        self._settled_s = -math.inf
         self.begin_again()
 
     def begin_again(self) -> None:
         """On the ground, or the odometry frame was begun anew: nothing of before counts."""
-        self._samples: Deque[Tuple[float, np.ndarray]] = deque()  # stamp; position and forward, left axes (3, 3)
-        self._believed: Deque[Tuple[float, np.ndarray, np.ndarray, np.ndarray]] = deque()  # stamp, position, way, velocity
+        self._samples: Deque[Tuple[float, Tuple[float, ...]]] = deque()  # stamp; position, forward and left axes (9,)
+        self._believed: Deque[Tuple[float, Vector, Vector, Vector]] = deque()  # stamp, position, way, velocity
         self._withheld_since_s: Optional[float] = None
         self._apart_since_s: Optional[float] = None
         self._off_m = 0.0
         self.doubt = ""
 
-    def estimate(self, now_s: float, T_odom_body: np.ndarray, v_odom_mps: np.ndarray) -> None:
-        """The autopilot's position and velocity (m/s, (3,), odom)."""
-        self._estimate = T_odom_body[:3, 3]
-        v = np.asarray(v_odom_mps, float)
+    def estimate(self, now_s: float, T_odom_body: np.ndarray, v_odom_mps: Sequence[float]) -> None:
+        """The autopilot's position and velocity (m/s, odom)."""
+        self._estimate = tuple(T_odom_body[:3, 3].tolist())
+        x, y, z = v_odom_mps
+        way = (0.0, 0.0, 0.0)
         if self._way:
-            before_s, way, v_before = self._way[-1]
-            way = way + 0.5 * (v + v_before) * min(now_s - before_s, _GAP_S)
-        else:
-            way = np.zeros(3)
-        self._way.append((now_s, way, v))
+            before_s, (wx, wy, wz), (bx, by, bz) = self._way[-1]
+            half_s = 0.5 * min(now_s - before_s, _GAP_S)
+            way = (wx + half_s * (x + bx), wy + half_s * (y + by), wz + half_s * (z + bz))
+        self._way.append((now_s, way, (x, y, z)))
         while self._way[0][0] < now_s - 2.0 * _GAP_S:
             self._way.popleft()
 
@@ -82,24 +86,29 @@ class FeedCheck:
         begin anew.
         """
         self._continue(now_s, stamp_s)
-        pose = T_odom_body[:3, [3, 0, 1]]
-        repeats = bool(self._samples) and np.array_equal(pose, self._samples[-1][1])  # to the last bit: no news
+        rows = T_odom_body.tolist()
+        p_m = (rows[0][3], rows[1][3], rows[2][3])
+        pose = (*p_m, rows[0][0], rows[1][0], rows[2][0], rows[0][1], rows[1][1], rows[2][1])
+        repeats = bool(self._samples) and pose == self._samples[-1][1]  # to the last bit: no news
         self._samples.append((stamp_s, pose))
         while self._samples[0][0] < stamp_s - self._rules.frozen_s - 0.05:
             self._samples.popleft()
-        believed = not repeats and self._explained(stamp_s, pose[:, 0])
+        believed = not repeats and self._explained(stamp_s, p_m)
         if believed:
             self._withheld_since_s = None
         elif self._withheld_since_s is None:
             self._withheld_since_s = stamp_s
-        self.doubt = self.doubt or self._frozen(stamp_s) or self._ran_off(stamp_s) or self._apart(now_s)
+        self.doubt = self.doubt or self._frozen(stamp_s) or self._ran_off(stamp_s) or self._apart(now_s, p_m)
         return believed and not self.doubt
 
     def _continue(self, now_s: float, stamp_s: float) -> None:
-        """After a step of the sender's clock, or a gap, everything but a doubt begins anew."""
+        """After a step of the sender's clock, or a gap, everything but a doubt begins anew. After a gap the autopilot's filter
+        finds its way back first."""
         if self._clock_s is not None:
-            stepped = abs(now_s - stamp_s - self._skew_s) > _CLOCK_STEP_S
-            if stepped or not 0.0 < stamp_s - self._clock_s < _GAP_S:
+            step_s, arrived_s = stamp_s - self._clock_s, now_s - self._skew_s - self._clock_s
+            if arrived_s > _GAP_S:
+                self._settled_s = now_s + _SETTLE_S
+            if abs(step_s - arrived_s) > _CLOCK_STEP_S or not 0.0 < step_s < _GAP_S:
                 kept = self.doubt
                 self.begin_again()
                 self.doubt = kept
@@ -107,49 +116,51 @@ class FeedCheck:
 
     # ---- against the velocity --------------------------------------------------------------------------------
 
-    def _explained(self, stamp_s: float, p_m: np.ndarray) -> bool:
+    def _explained(self, stamp_s: float, p_m: Vector) -> bool:
         """Whether the velocity has brought the vehicle here, from what was believed last and some time ago."""
-        if not self._way:
+        if not self._way or stamp_s + self._skew_s < self._settled_s:
             return True
-        way, v = self._way_at(stamp_s + self._skew_s)
+        r, (way, v) = self._rules, self._way_at(stamp_s + self._skew_s)
         known = (self._believed[0], self._believed[-1]) if self._believed else ()
         for then_s, p_then, way_then, v_then in known:
-            off_m = float(np.linalg.norm(p_m - p_then - (way - way_then)))
-            r = self._rules
+            off_m = math.dist(p_m, [p + b - a for p, a, b in zip(p_then, way_then, way)])
             bound_m = r.noise_m + r.speed_mps * min(stamp_s - then_s, r.horizon_s)
-            if off_m > bound_m + r.lag_s * float(np.linalg.norm(v - v_then)):
+            if off_m > bound_m + r.lag_s * math.dist(v, v_then):
                 self._off_m = off_m
                 return False
         self._off_m = 0.0
-        self._believed.append((stamp_s, p_m.copy(), way, v))
-        while len(self._believed) > 2 and self._believed[1][0] <= stamp_s - self._rules.horizon_s:
+        self._believed.append((stamp_s, p_m, way, v))
+        while len(self._believed) > 2 and self._believed[1][0] <= stamp_s - r.horizon_s:
             self._believed.popleft()
         return True
 
-    def _way_at(self, at_s: float) -> Tuple[np.ndarray, np.ndarray]:
+    def _way_at(self, at_s: float) -> Tuple[Vector, Vector]:
         """Way (m) and velocity (m/s) at a time of our clock, by the velocities heard."""
         late_s, way, v = self._way[-1]
+        if at_s >= late_s:
+            ahead_s = min(at_s - late_s, 0.1)
+            return tuple(w + ahead_s * u for w, u in zip(way, v)), v
         for early_s, way_before, v_before in reversed(self._way):
             if early_s <= at_s:
-                break
+                share = (at_s - early_s) / (late_s - early_s)
+                between = tuple(a + share * (b - a) for a, b in zip(way_before, way))
+                return between, tuple(a + share * (b - a) for a, b in zip(v_before, v))
             late_s, way, v = early_s, way_before, v_before
-        else:
-            return way, v
-        if early_s == late_s:
-            return way_before + v_before * min(at_s - early_s, 0.1), v_before
-        share = (at_s - early_s) / (late_s - early_s)
-        return way_before + share * (way - way_before), v_before + share * (v - v_before)
+        return way, v
 
     # ---- doubt -----------------------------------------------------------------------------------------------
 
     def _frozen(self, stamp_s: float) -> str:
-        r = self._rules
-        recent = [pose for sample_s, pose in self._samples if sample_s >= stamp_s - r.frozen_s - 0.02]
-        if len(recent) < r.least_samples or stamp_s - self._samples[0][0] < r.frozen_s - 0.05:
+        r, newest = self._rules, self._samples[-1][1]
+        if len(self._samples) < r.least_samples or stamp_s - self._samples[0][0] < r.frozen_s - 0.05:
             return ""
-        span = np.ptp(np.array(recent), axis=0)
-        still = float(span[:, 0].max()) < r.frozen_m and float(span[:, 1:].max()) < math.radians(r.frozen_deg)
-        return f"the tracker has not moved at all for {r.frozen_s:g} s: frozen" if still else ""
+        angle_rad = math.radians(r.frozen_deg)
+        for _, pose in self._samples:  # the oldest first: mostly it has moved already
+            if max(abs(a - b) for a, b in zip(pose[:3], newest)) >= r.frozen_m:
+                return ""
+            if max(abs(a - b) for a, b in zip(pose[3:], newest[3:])) >= angle_rad:
+                return ""
+        return f"the tracker has not moved at all for {r.frozen_s:g} s: frozen"
 
     def _ran_off(self, stamp_s: float) -> str:
         since_s = self._withheld_since_s
@@ -157,12 +168,12 @@ class FeedCheck:
             return ""
         return f"the tracker is {self._off_m:.1f} m from where the vehicle can be: it runs off"
 
-    def _apart(self, now_s: float) -> str:
+    def _apart(self, now_s: float, p_m: Vector) -> str:
         r = self._rules
-        if self._estimate is None or not self._way:
+        if self._estimate is None or not self._way or now_s < self._settled_s:
             return ""
-        distance_m = float(np.linalg.norm(self._samples[-1][1][:, 0] - self._estimate))
-        if distance_m <= r.apart_m + r.apart_lag_s * float(np.linalg.norm(self._way[-1][2])):
+        distance_m = math.dist(p_m, self._estimate)
+        if distance_m <= r.apart_m + r.apart_lag_s * math.hypot(*self._way[-1][2]):
             self._apart_since_s = None
             return ""
         if self._apart_since_s is None:

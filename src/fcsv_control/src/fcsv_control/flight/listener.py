@@ -36,7 +36,7 @@ class PoseHeard:
     """The autopilot's estimate of the body (4x4) and its velocity (m/s) in its external navigation's frame (ENU)."""
 
     T_odom_body: np.ndarray
-    v_odom_mps: np.ndarray
+    v_odom_mps: Tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Listener:
     def _on_local_position_ned(self, _now_s: float, m) -> None:
         if self._rpy_ned is not None and all(map(math.isfinite, (m.x, m.y, m.z, *self._rpy_ned))):
             T_odom_body = conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned)
-            self._events.append(PoseHeard(T_odom_body, np.array((m.vy, m.vx, -m.vz))))
+            self._events.append(PoseHeard(T_odom_body, (m.vy, m.vx, -m.vz)))
 
     def _on_gps_global_origin(self, _now_s: float, m) -> None:
         if not self.keeper.origin_set:
