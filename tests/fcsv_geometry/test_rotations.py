@@ -89,3 +89,10 @@ def test_cross_products(random):
     v, w = random.normal(size=(2, COUNT, 3))
     assert np.allclose(np.einsum("nij,nj->ni", rotations.skews(v), w), np.cross(v, w))
     assert np.array_equal(rotations.skews(v), [rotations.skew(x) for x in v])
+
+
+def test_roll_pitch_and_yaw_of_matrices(random):
+    for rpy in random.uniform(-1.0, 1.0, (COUNT, 3)) * [np.pi, 0.5 * np.pi - 1e-4, np.pi]:
+        R = Rotation.from_euler("xyz", rpy).as_matrix()
+        assert np.allclose(rotations.matrix_of_rpy(*rpy), R, atol=1e-14)
+        assert np.allclose(rotations.rpy_of_matrix(R), rpy, atol=1e-9)

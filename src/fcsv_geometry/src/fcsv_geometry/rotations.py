@@ -188,6 +188,26 @@ def quaternion_of_matrix(R_a_b: np.ndarray) -> Quaternion:
     return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
 
 
+def matrix_of_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> np.ndarray:
+    """R_a_b (3, 3) from roll, pitch, yaw (rad) about fixed x, y, z: R = Rz Ry Rx."""
+    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(a), math.cos(a)) for a in (roll_rad, pitch_rad, yaw_rad))
+    return np.array([
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ])  # fmt: skip
+
+
+def rpy_of_matrix(R_a_b: np.ndarray) -> Vector:
+    """Roll, pitch, yaw (rad) about fixed x, y, z; the inverse of matrix_of_rpy for a pitch within a quarter turn.
+
+    >>> [round(angle, 12) for angle in rpy_of_matrix(matrix_of_rpy(0.1, -0.2, 3.0))]
+    [0.1, -0.2, 3.0]
+    """
+    (a, _, _), (d, _, _), (g, h, i) = R_a_b.tolist()
+    return math.atan2(h, i), math.atan2(-g, math.hypot(a, d)), math.atan2(d, a)
+
+
 def quaternion_of_yaw(yaw_rad: float) -> Quaternion:
     """About z by an angle."""
     return (0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad))

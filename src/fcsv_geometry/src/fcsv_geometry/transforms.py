@@ -14,6 +14,7 @@ from fcsv_geometry.errors import GeometryError
 
 #: Rotation from the optical frame (z forward) to the body-like frame (x forward) of the same camera.
 R_FLU_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_IDENTITY = np.eye(4)
 
 
 def transform(R_a_b: np.ndarray, p_a_b: np.ndarray) -> np.ndarray:
@@ -22,7 +23,7 @@ def transform(R_a_b: np.ndarray, p_a_b: np.ndarray) -> np.ndarray:
     >>> transform(np.eye(3), [1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    T_a_b = np.eye(4)
+    T_a_b = _IDENTITY.copy()
     T_a_b[:3, :3] = R_a_b
     T_a_b[:3, 3] = p_a_b
     return T_a_b
@@ -63,7 +64,7 @@ def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
 
     Raises GeometryError where either holds NaN or the quaternion's length is not near one.
     """
-    p, q = [float(v) for v in p_a_b_m], [float(v) for v in q_a_b_xyzw]
+    p, q = list(map(float, p_a_b_m)), list(map(float, q_a_b_xyzw))
     norm = math.hypot(*q)
     if not (math.isfinite(norm) and all(map(math.isfinite, p))):
         raise GeometryError(f"pose is not finite: position {p}, quaternion {q}")

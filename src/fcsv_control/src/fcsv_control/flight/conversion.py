@@ -29,11 +29,11 @@ def swap_yaw(yaw_rad: float) -> float:
 
 def ned_from_pose(T_odom_body: np.ndarray):
     """Position (N, E, D) and roll, pitch, yaw (FRD in NED, rad) of a body pose in an ENU frame."""
-    roll, pitch, yaw = transforms.rpy(T_odom_body)
-    return swap_ned_enu(T_odom_body[:3, 3]), (float(roll), -float(pitch), swap_yaw(float(yaw)))
+    roll, pitch, yaw = rotations.rpy_of_matrix(T_odom_body[:3, :3])
+    return swap_ned_enu(T_odom_body[:3, 3].tolist()), (roll, -pitch, swap_yaw(yaw))
 
 
 def pose_from_ned(p_ned, rpy_ned_rad) -> np.ndarray:
     """The inverse of ned_from_pose: T_odom_body."""
     roll, pitch, yaw = rpy_ned_rad
-    return transforms.from_xyz_rpy(swap_ned_enu(p_ned), [roll, -pitch, swap_yaw(yaw)])
+    return transforms.transform(rotations.matrix_of_rpy(roll, -pitch, swap_yaw(yaw)), swap_ned_enu(p_ned))

@@ -4,6 +4,7 @@
 The core takes time as an argument and knows no MAVLink; ``texts`` collects what it has to say.
 """
 
+import math
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -214,16 +215,15 @@ class Autopilot:
 
     def _loiter(self, roll, pitch, throttle, yaw, dt_s):
         _, _, yaw_rate = self.controller.sticks(0.0, 0.0, yaw if abs(yaw) > _DEADZONE else 0.0)
-        c, s = np.cos(self.estimator.yaw_ext_rad), np.sin(self.estimator.yaw_ext_rad)
+        c, s = math.cos(self.estimator.yaw_ext_rad), math.sin(self.estimator.yaw_ext_rad)
         forward = pitch * LOITER_SPEED_MPS if abs(pitch) > _DEADZONE else 0.0
         left = -roll * LOITER_SPEED_MPS if abs(roll) > _DEADZONE else 0.0
-        v = np.array([c * forward - s * left, s * forward + c * left, climb_rate(throttle)])
-        p, v_now = self.estimator.p_ext_m, self.estimator.v_ext_mps
-        stop_m = np.clip(v_now / 1.0, -2.0, 2.0)  # a released stick brakes before it holds
-        self._target_m[:2] = np.where(v[:2] != 0.0, p[:2] + stop_m[:2], self._target_m[:2])
-        self._target_m[2] = p[2] + 0.5 * stop_m[2] if v[2] else self._target_m[2]
-        hold = np.clip(self._target_m - p, -1.0, 1.0)
-        v = np.where(v != 0.0, v, hold)
+        v = [c * forward - s * left, s * forward + c * left, climb_rate(throttle)]
+        for k, (p, v_now) in enumerate(zip(self.estimator.p_ext_m.tolist(), self.estimator.v_ext_mps.tolist())):
+            if v[k]:  # a released stick brakes before it holds
+                self._target_m[k] = p + (1.0, 1.0, 0.5)[k] * min(2.0, max(-2.0, v_now))
+            else:
+                v[k] = min(1.0, max(-1.0, float(self._target_m[k]) - p))
         if yaw_rate == 0.0:
             yaw_rate = self.controller.yaw_rate(self._target_yaw_rad, self.estimator)
         else:
@@ -235,9 +235,10 @@ class Autopilot:
         if not self._position_usable(now_s):
             lean_roll, lean_pitch, _ = self.controller.sticks(roll, pitch, 0.0)
             return self.controller.to_lean(lean_roll, lean_pitch, 0.0, sink, self._climb_mps, dt_s)
-        hold = np.clip(self._target_m[:2] - self.estimator.p_ext_m[:2], -1.0, 1.0)
+        offset_m = zip(self._target_m[:2].tolist(), self.estimator.p_ext_m.tolist())
+        hold = (min(1.0, max(-1.0, target - p)) for target, p in offset_m)
         rate = self.controller.yaw_rate(self._target_yaw_rad, self.estimator)
-        return self.controller.to_velocity(np.array([*hold, sink]), rate, self.estimator, dt_s)
+        return self.controller.to_velocity((*hold, sink), rate, self.estimator, dt_s)
 
     # ---- rules ---------------------------------------------------------------------------------------------
 

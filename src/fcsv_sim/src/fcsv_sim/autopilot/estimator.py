@@ -51,9 +51,11 @@ class Estimator:
         turn = self.yaw_ext_rad - yaw_world_rad
         c, s = math.cos(turn), math.sin(turn)
         x, y, z = acc_world_mps2
-        acc = np.array((c * x - s * y, s * x + c * y, z)) + self._acc_bias
-        self.p_ext_m += self.v_ext_mps * dt_s + 0.5 * acc * dt_s * dt_s
-        self.v_ext_mps += acc * dt_s
+        acc = np.array((c * x - s * y, s * x + c * y, z))
+        acc += self._acc_bias
+        acc *= dt_s
+        self.p_ext_m += (self.v_ext_mps + 0.5 * acc) * dt_s
+        self.v_ext_mps += acc
         self.baro_m = z_m + self._random.normal(0.0, 0.01)
 
     def vision(self, now_s: float, p_ext_m, yaw_ext_rad: float, reset_counter: int) -> None:

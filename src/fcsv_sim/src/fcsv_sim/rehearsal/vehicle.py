@@ -181,7 +181,7 @@ class RehearsedVehicle:
         """A sample of the tracker, through the odometry's gate, to the autopilot."""
         stamp_s = self._wall_s(now_s)
         T, linear, angular = self.tracker.odometry(stamp_s, self.body.T_world_body)
-        p, q = tuple(T[:3, 3].tolist()), tuple(transforms.quaternion_xyzw(T).tolist())
+        p, q = tuple(T[:3, 3].tolist()), transforms.fast_quaternion_xyzw(T)
         try:
             self.odometry = self._odometry.feed(stamp_s, p, q, tuple(linear.tolist()), tuple(angular.tolist()))
         except OdometryRejected:

@@ -4,6 +4,7 @@
 World frame ENU-like (z up), body forward-left-up, SI. The fast loop is compiled; noise is seeded.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Tuple
 
@@ -14,6 +15,7 @@ from fcsv_geometry import transforms
 
 G_MPS2 = 9.81
 STEP_S = 1.0 / 400.0
+_GUST_LAG_S = 3.0  # correlation time of gusts near the ground
 _P, _V, _Q, _W, _THRUST, _WIND = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), 13, slice(14, 17)
 _STATE = 17  # position, velocity, quaternion xyzw, body rates, thrust (m/s2), wind (m/s)
 
@@ -129,6 +131,12 @@ class Quadrotor:
         self._phases = self._random.uniform(0, 2 * np.pi, (3, 3))
         self._vibration_radps = 2 * np.pi * np.array(airframe.vibration_hz)
         self._vibration_rad = np.radians(airframe.vibration_rms_deg) * np.sqrt(2.0 / 3.0)
+        # on the ground the wind finds no hold
+        self._params = (
+            airframe.max_thrust_n / airframe.mass_kg, airframe.drag_per_s, airframe.motor_lag_s,
+            airframe.attitude_rate_per_s, airframe.rate_gain_per_s, *self._mean_wind.tolist(), _GUST_LAG_S,
+        )  # fmt: skip
+        self._gust_per_step = math.sqrt(2 * STEP_S / _GUST_LAG_S)
         self.on_ground = True
 
     @property
@@ -156,17 +164,12 @@ class Quadrotor:
 
     def advance(self, command, steps: int) -> np.ndarray:
         """``steps`` steps of STEP_S under roll, pitch (rad), yaw rate (rad/s), thrust share; states (steps, 17)."""
-        lag_s = 3.0  # correlation time of gusts near the ground
-        a = self._airframe
-        # on the ground the wind finds no hold
-        params = (
-            a.max_thrust_n / a.mass_kg, a.drag_per_s, a.motor_lag_s, a.attitude_rate_per_s, a.rate_gain_per_s,
-            self._mean_wind[0], self._mean_wind[1], lag_s,
-        )  # fmt: skip
-        gust = self._random.standard_normal((steps, 3)) * self._gust_mps * np.sqrt(2 * STEP_S / lag_s)
+        gust = self._random.standard_normal((steps, 3))
+        gust *= self._gust_mps
+        gust *= self._gust_per_step
         gust[:, 2] *= 0.4
         out = np.empty((steps, _STATE))
-        self.on_ground = bool(_advance(self._state, np.asarray(command, float), gust, params, steps, out))
+        self.on_ground = bool(_advance(self._state, np.asarray(command, float), gust, self._params, steps, out))
         return out
 
     def felt(self, states: np.ndarray, start_s: float, thrust_share: float) -> np.ndarray:
