@@ -103,7 +103,7 @@ class Pilot:
         return self._seen[0][1]
 
     def _decide(self, now_s: float, phase: str, sight: Sight) -> Sticks:
-        if phase == "WAIT_VEHICLES" or (phase in ("DONE", "ABORTED") and not sight.armed):
+        if (phase == "WAIT_VEHICLES" and not self._airborne) or (phase in ("DONE", "ABORTED") and not sight.armed):
             return Sticks(throttle=-1.0, mode="ALT_HOLD")
         if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):
             return self._take_off(now_s, sight)
@@ -144,7 +144,7 @@ class Pilot:
         goal, _ = self.goal(0.0, "COLUMN")
         error = goal[:2] - sight.T_world_body[:2, 3]
         acc = np.clip(0.5 * error - 1.2 * sight.v_world_mps[:2], -1.5, 1.5)
-        forward, left = _in_body(acc, sight)
+        forward, left = in_body(acc, sight)
         return float(np.clip(-left / 9.81 / _LEAN_RAD, -1, 1)), float(np.clip(forward / 9.81 / _LEAN_RAD, -1, 1))
 
     def _fly_to(self, goal: np.ndarray, v_goal: np.ndarray, sight: Sight) -> Sticks:
@@ -153,26 +153,26 @@ class Pilot:
         v = v_goal + np.clip(0.7 * error, -1.2, 1.2)
         if not v_goal.any():
             v[np.abs(error) < 0.08] = 0.0  # good enough: hands off
-        forward, left = _in_body(v[:2], sight)
+        forward, left = in_body(v[:2], sight)
         self._shake = 0.95 * self._shake + 0.004 * self._random.standard_normal(3)
         climb = v[2] / (MAX_CLIMB_MPS if v[2] > 0 else MAX_SINK_MPS)
         heading_rad = transforms.yaw(sight.T_world_body)
         return Sticks(
-            roll=_stick(-left / LOITER_SPEED_MPS + self._shake[0], 0.05),
-            pitch=_stick(forward / LOITER_SPEED_MPS + self._shake[1], 0.05),
-            throttle=_stick(climb, 0.1),
-            yaw=_stick(0.8 * heading_rad / _YAW_STICK_RPS, 0.05) if abs(heading_rad) > np.radians(1.5) else 0.0,
+            roll=deflection(-left / LOITER_SPEED_MPS + self._shake[0], 0.05),
+            pitch=deflection(forward / LOITER_SPEED_MPS + self._shake[1], 0.05),
+            throttle=deflection(climb, 0.1),
+            yaw=deflection(0.8 * heading_rad / _YAW_STICK_RPS, 0.05) if abs(heading_rad) > np.radians(1.5) else 0.0,
         )
 
 
-def _in_body(xy: np.ndarray, sight: Sight) -> Tuple[float, float]:
+def in_body(xy: np.ndarray, sight: Sight) -> Tuple[float, float]:
     """A horizontal world vector as forward and left of the vehicle."""
     yaw = transforms.yaw(sight.T_world_body)
     c, s = np.cos(yaw), np.sin(yaw)
     return c * xy[0] + s * xy[1], -s * xy[0] + c * xy[1]
 
 
-def _stick(value: float, dead: float) -> float:
+def deflection(value: float, dead: float) -> float:
     """A deflection that gets over the dead band, or none."""
     if abs(value) < dead / 3:
         return 0.0

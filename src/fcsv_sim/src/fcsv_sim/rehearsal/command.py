@@ -5,44 +5,56 @@ import argparse
 import multiprocessing
 import os
 import sys
-import zlib
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Iterable, List, Optional
 
-import numpy as np
 from tqdm import tqdm
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import Mission, load_mission
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
-from fcsv_sim.rehearsal.faults import FAULTS
-from fcsv_sim.rehearsal.flight import Flight, Result
+from fcsv_sim.rehearsal import takeover, trace
+from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of, make_faults
+from fcsv_sim.rehearsal.flight import LONGEST_S, Flight, Result
+from fcsv_sim.rehearsal.tables import speed_line, table
 
-_NONE = "none"
 _HELP = """examples:
   rosrun fcsv_sim rehearse short --flights 1000
-  rosrun fcsv_sim rehearse short --faults "radio cut" --seed 17 --flights 1
+  rosrun fcsv_sim rehearse short --faults "radio cut,tracker gone+abort" --flights 50
+  rosrun fcsv_sim rehearse five --vehicles 5 --flights 300
+  rosrun fcsv_sim rehearse short --seed 17 --trace seed17.png
+  rosrun fcsv_sim rehearse short --faults takeover-table
 """
+_TAKEOVER_TABLE = "takeover-table"
 
 
 @dataclass(frozen=True)
 class Job:
-    """One flight to rehearse."""
+    """One flight to rehearse; ``faults`` as --faults takes them."""
 
     mission: Mission
     vehicles: int
     seed: int
-    fault: str
+    faults: str = NONE
+    longest_s: float = LONGEST_S
+
+    @property
+    def name(self) -> str:
+        """Of its faults."""
+        return "+".join(faults_of(self.faults, self.seed)) or NONE
 
 
-def rehearse(job: Job) -> Result:
-    """Fly it. The same job gives the same flight."""
-    flight = Flight(job.mission, job.vehicles, job.seed)
-    if job.fault == _NONE:
-        return flight.run()
-    random = np.random.default_rng([job.seed, 23, zlib.crc32(job.fault.encode())])
-    return flight.run([FAULTS[job.fault](random)])
+def rehearse(job: Job, watched: Optional[Callable[[Flight], None]] = None) -> Result:
+    """Fly it. The same job gives the same flight. ``watched`` is told of the flight before it begins."""
+    faults = make_faults(faults_of(job.faults, job.seed), job.seed)
+    mission = job.mission
+    for fault in faults:
+        mission = fault.adapt(mission)
+    flight = Flight(mission, job.vehicles, job.seed)
+    if watched is not None:
+        watched(flight)
+    return flight.run(faults, job.longest_s)
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -50,48 +62,62 @@ def main(argv: Optional[List[str]] = None) -> int:
     args = _parse(argv)
     try:
         jobs = _jobs(args)
-    except FcsvError as error:
+        if args.faults == _TAKEOVER_TABLE:
+            return _takeover_table(args, jobs[0].mission)
+        if args.trace is not None:
+            return _trace(jobs[0], args.trace)
+    except (FcsvError, OSError) as error:
         print(f"rehearse: {error}", file=sys.stderr)
         return 2
-    with multiprocessing.Pool(args.jobs) as pool:
-        flights = pool.imap(rehearse, jobs)
-        results = list(zip(jobs, tqdm(flights, total=len(jobs), unit="flight", disable=None)))
-    print("\n".join(table(results)))
+    results = list(zip(jobs, _on_all_cores(rehearse, jobs, args.jobs)))
+    print("\n".join(table([(job.name, r) for job, r in results])))
+    print(speed_line([r for _, r in results]))
     broken = [(job, r) for job, r in results if r.violations]
     for job, r in broken[: args.show]:
-        told = "; ".join(f"{v.at_s:.1f} s: {v.text}" for v in r.violations)
-        print(f"{job.fault}, seed {job.seed}: {told} ({r.phase}: {r.detail})")
+        print(_told(job, r))
     if len(broken) > args.show:
-        print(f"and {len(broken) - args.show} more flights with violations")
+        print(f"and {len(broken) - args.show} more flights with violations (--show {len(broken)})")
     return int(bool(broken))
 
 
-def table(results: Sequence[Tuple[Job, Result]]) -> List[str]:
-    """Lines of a table: per fault, flights, those with a violation of each kind, and the nearest approach."""
-    by_fault: Dict[str, List[Result]] = {}
-    for job, result in results:
-        by_fault.setdefault(job.fault, []).append(result)
-    kinds = ("contact", "downwash", "touch-down", "no end")
-    lines = ["| fault | flights | " + " | ".join(kinds) + " | nearest (m) | recorded whole |",
-             "|---|---|" + "---|" * (len(kinds) + 2)]  # fmt: skip
-    for fault, flown in by_fault.items():
-        broken = [sum(any(v.kind == k for v in r.violations) for r in flown) for k in kinds]
-        nearest = min(r.nearest_m for r in flown)
-        done = sum(r.phase == "DONE" for r in flown)
-        lines.append(f"| {fault} | {len(flown)} | " + " | ".join(map(str, broken)) + f" | {nearest:.2f} | {done} |")
-    return lines
+def _told(job: Job, r: Result) -> str:
+    told = "; ".join(f"{v.at_s:.1f} s: {v.text}" for v in r.violations)
+    return f"--faults '{job.name}' --seed {job.seed}: {told} ({r.phase}: {r.detail})"
+
+
+def _on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
+    if processes == 1 or len(jobs) == 1:
+        return [work(job) for job in tqdm(jobs, unit="flight", disable=None)]
+    with multiprocessing.Pool(processes) as pool:
+        return list(tqdm(pool.imap(work, jobs), total=len(jobs), unit="flight", disable=None))
+
+
+def _trace(job: Job, path: str) -> int:
+    traced = trace.Trace()
+    result = rehearse(job, traced.watch)
+    traced.draw(path, f"{job.name}, seed {job.seed}", result)
+    print(f"{job.name}, seed {job.seed}: {result.phase} ({result.detail}) after {result.flown_s:.1f} s")
+    print("\n".join(f"{at_s:7.1f} s  {text}" for at_s, text in traced.told(result)))
+    print(f"wrote {os.path.abspath(path)}")
+    return int(bool(result.violations))
+
+
+def _takeover_table(args, mission: Mission) -> int:
+    trials = takeover.trials(mission, args.vehicles, args.seed)
+    outcomes = list(_on_all_cores(takeover.fly, trials, args.jobs))
+    print("\n".join(takeover.table(outcomes)))
+    return int(any(o.commands for o in outcomes))
 
 
 def _jobs(args) -> List[Job]:
     mission = load_mission(mission_file(args.mission))
-    names = {"all": [_NONE, *FAULTS], _NONE: [_NONE]}.get(args.faults, args.faults.split(","))
-    for name in names:
-        if name not in FAULTS and name != _NONE:
-            raise SimulationError(f"--faults: '{name}' is not one of {', '.join(FAULTS)}")
     if args.flights < 1 or not 2 <= args.vehicles <= 20:
         raise SimulationError("--flights must be 1 or more, --vehicles 2 to 20")
     mission.check_vehicles([f"uav{k + 1}" for k in range(args.vehicles)])
-    return [Job(mission, args.vehicles, args.seed + i, names[i % len(names)]) for i in range(args.flights)]
+    faults = NONE if args.faults == _TAKEOVER_TABLE else args.faults
+    for k in range(faults.count(",") + 1):
+        faults_of(faults, k)
+    return [Job(mission, args.vehicles, args.seed + i, faults, args.longest) for i in range(args.flights)]
 
 
 def _parse(argv):
@@ -100,9 +126,17 @@ def _parse(argv):
     )
     parser.add_argument("mission", help="a mission file, or the name of one in config/missions")
     parser.add_argument("--flights", type=int, default=100)
-    parser.add_argument("--faults", default="all", help="all, none, or names with commas: " + ", ".join(FAULTS))
+    parser.add_argument(
+        "--faults", default="all",
+        help="all (single faults and pairs in turn), none, pairs, takeover-table, or names with commas, of which each "
+        "may be a pair (A+B): " + ", ".join(FAULTS),
+    )  # fmt: skip
     parser.add_argument("--vehicles", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1, help="of the first flight; the next have the next numbers")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="flights at a time")
     parser.add_argument("--show", type=int, default=10, help="so many flights with violations are listed")
+    parser.add_argument("--longest", type=float, default=LONGEST_S, help="s after which a flight has no end")
+    parser.add_argument(
+        "--trace", nargs="?", const="rehearsal.png", metavar="FILE.png", help="fly the flight of --seed and draw it"
+    )
     return parser.parse_args(argv)

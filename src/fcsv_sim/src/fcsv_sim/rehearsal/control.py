@@ -87,6 +87,11 @@ class ControlPc:
         for name, vehicle in self._fleet.items():
             self._radios[name].send(now_s, lambda m, v=vehicle, t=now_s: v.hear_control(t, m), self.T_home_odom)
 
+    def restart(self) -> None:
+        """A new process of the mission, in place of one that died."""
+        self.machine = MissionMachine(self._mission, list(self._fleet))
+        self.alive = True
+
     def _snapshot(self, now_s: float) -> Snapshot:
         views = {n: self._view(now_s, n) for n in self._fleet}
         return Snapshot(now_s, views, dict(self.T_home_odom), self._cameras)

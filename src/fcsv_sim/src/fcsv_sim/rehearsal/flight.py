@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A whole rehearsed flight: vehicles, radios, control PC and people on one clock."""
 
+import time
 from dataclasses import dataclass, field
 from typing import Callable, Dict, List, Optional, Sequence
 
@@ -9,14 +10,15 @@ import numpy as np
 from fcsv_geometry.mission import Mission
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot
 from fcsv_sim.rehearsal.control import ControlPc
-from fcsv_sim.rehearsal.invariants import Invariants, Violation
+from fcsv_sim.rehearsal.invariants import OVERRULED, Invariants, Violation
 from fcsv_sim.rehearsal.radio import Radio, RadioQuality
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle, Start
+from fcsv_sim.rehearsal.witness import Answer, Witness
 from fcsv_sim.trials.formation import formation_vehicle
 from fcsv_sim.vehicles.vehicle import PASS_S
 
 _PEOPLE_EVERY, _MISSION_EVERY = 5, 10  # passes
-_LONGEST_S = 900.0
+LONGEST_S = 900.0
 _DOWN_S = 10.0  # everybody down for so long: the flight is over, whatever the mission thinks
 
 
@@ -32,6 +34,15 @@ class Result:
     nearest_m: float  # smallest distance between two vehicles in the air
     violations: List[Violation] = field(default_factory=list)
     faults: Sequence[str] = ()
+    answers: List[Answer] = field(default_factory=list)
+    crossing_m: float = float("inf")  # smallest horizontal distance when one that lands comes past another
+    off_m: float = 0.0  # largest error of a recorded baseline
+    wanted: int = 0  # captures of the whole mission
+    cpu_s: float = field(default=0.0, compare=False)
+
+    def has(self, kind: str) -> bool:
+        """Whether a violation of a kind happened."""
+        return any(v.kind == kind for v in self.violations)
 
 
 class Flight:
@@ -52,8 +63,10 @@ class Flight:
         self.presser = ButtonPresser()
         self.operator_there = True
         self.hands: Dict[str, Callable] = {}  # by vehicle: sticks in place of its pilot's
-        self.seed, self.now_s = seed, 0.0
+        self.seed, self.now_s, self.mission = seed, 0.0, mission
         self.invariants = Invariants(self)
+        self.witness = Witness(self.fleet, lambda now_s, who, text: self.invariants.tell(OVERRULED, who, now_s, text))
+        self.recorder: Optional[Callable[[Flight], None]] = None  # told of every look at the truth
         self._passes = 0
         self._up_s = float("inf")
 
@@ -75,6 +88,9 @@ class Flight:
             self._people(now_s)
             self.control.listen(now_s)
             self.invariants.check(now_s)
+            self.witness.look(now_s)
+            if self.recorder is not None:
+                self.recorder(self)
         if self._passes % _MISSION_EVERY == 0:
             self.control.step(now_s)
             self._tell_each_other(now_s)
@@ -96,7 +112,13 @@ class Flight:
         machine = self.control.machine
         if self.operator_there and self.control.alive:
             if self.presser.press(now_s, machine.waits_for, phase, sights, list(self.pilots.values())):
-                machine.proceed(machine.waits_for)
+                self._confirm(now_s)
+
+    def _confirm(self, now_s: float) -> None:
+        machine = self.control.machine
+        step = machine.waits_for
+        if not machine.proceed(step) and step in ("execute", "resume"):
+            self.witness.confirmed(now_s)
 
     @property
     def over(self) -> bool:
@@ -106,15 +128,20 @@ class Flight:
             return False
         return self.control.machine.over or self.now_s > self._up_s + _DOWN_S
 
-    def run(self, faults: Sequence[Callable[["Flight"], None]] = ()) -> Result:
-        """To its end, or for 15 minutes; ``faults`` are told of every pass."""
-        while not self.over and self.now_s < _LONGEST_S:
+    def run(self, faults: Sequence[Callable[["Flight"], None]] = (), longest_s: float = LONGEST_S) -> Result:
+        """To its end, or for ``longest_s``; ``faults`` are told of every pass."""
+        cpu_s = time.process_time()
+        while not self.over and self.now_s < longest_s:
             for fault in faults:
                 fault(self)
             self.step()
         machine = self.control.machine
         self.invariants.end(self.over)
+        ended = [f.name for f in faults if getattr(f, "ended", False)]  # before anybody had to answer
+        answers = [a for a in self.witness.answers if a.after_s is not None or a.fault not in ended]
+        looked = self.invariants
         return Result(
-            self.seed, machine.phase, machine.detail, self.now_s, len(machine.captures), self.invariants.nearest_m,
-            self.invariants.violations, [getattr(f, "name", "") for f in faults],
+            self.seed, machine.phase, machine.detail, self.now_s, len(machine.captures), looked.nearest_m,
+            looked.violations, [getattr(f, "name", "") for f in faults], answers, looked.crossing_m, looked.off_m,
+            len(self.mission.configurations), time.process_time() - cpu_s,
         )  # fmt: skip

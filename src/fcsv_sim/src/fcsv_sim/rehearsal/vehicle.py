@@ -106,6 +106,9 @@ class RehearsedVehicle:
         self.odometry: Optional[BodyPose] = None
         self.height_m = self._ground_m = 0.0
         self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
+        self.told: Callable[[float, str, object], None] = _nobody  # "sent" a message, "ordered" an instruction, "held"
+        self.by_hand: Optional[Tuple[float, int]] = None  # when its transmitter chose which mode
+        self.agent_runs = self.link_runs = True
         self._requests: List[Tuple[Ask, object]] = []
         self._command = (0.0, 0.0, 0.0, 0.0)
         self._piloted = Piloted(self.body, self.autopilot)
@@ -129,12 +132,14 @@ class RehearsedVehicle:
     def sticks(self, now_s: float, s: Sticks) -> None:
         """A frame of its transmitter."""
         self._throttle = s.throttle
+        before = self.autopilot.mode
         self.autopilot.rc_frame(now_s, frame_of(s.roll, s.pitch, s.throttle, s.yaw, s.mode))
+        if self.autopilot.mode != before:
+            self.by_hand = (now_s, self.autopilot.mode)
 
     def obey(self, instruction: Instruction, now_s: float) -> None:
         """A command came over the radio."""
-        if not self.agent_lives:
-            return
+        self.told(now_s, "ordered", instruction)
         if instruction.kind in (Kind.GOTO, Kind.HOLD):
             self.guardian.moved(now_s)
         self.agent.take(self._wall_s(now_s), instruction)
@@ -227,7 +232,7 @@ class RehearsedVehicle:
                     handler(now_s, output)
         self.link.step(now_s)
         for message in self.link.outgoing():
-            self._server.take(now_s, _as_received(message))
+            self._to_autopilot(now_s, message)
         if self.recording and self._passes % 10 == 0:
             self.pictures += 1
 
@@ -287,8 +292,35 @@ class RehearsedVehicle:
     def _hold(self, _now_s: float, output: SetPoint) -> None:
         self.link.send_set_point(output.T_odom_body)
 
+    def _to_autopilot(self, now_s: float, message) -> None:
+        self.told(now_s, "sent", message)
+        self._server.take(now_s, _as_received(message))
+
+    # ---- processes that die ------------------------------------------------------------------------------------
+
+    @property
+    def flown_by_hand(self) -> bool:
+        """Whether the autopilot is in a mode that the pilot chose."""
+        return self.by_hand is not None and self.by_hand[1] == self.autopilot.mode
+
+    def swap_link(self, link, watchdog, died: bool = False) -> None:
+        """Another link process in place of the one that runs. What was asked of one that ``died`` fails."""
+        self.link, self._watchdog, self._feed = link, watchdog, VisionFeed(FeedParameters())
+        for ask, _ in self._requests if died else []:
+            self.agent.finished(ask, "the flight link died")
+        self._requests = [] if died else self._requests
+
+    @property
+    def watchdog(self) -> FeedWatchdog:
+        """The link's, on the feed."""
+        return self._watchdog
+
     def _wall_s(self, now_s: float) -> float:
         return WALL_S + now_s + self.clock_offset_s
+
+
+def _nobody(_now_s: float, _what: str, _which: object) -> None:
+    """Nobody is told."""
 
 
 def _as_received(message):

@@ -21,6 +21,7 @@ class T265:
 
     def __init__(self, profile: TrackerProfile, T_body_t265: np.ndarray, seed: int, takeoff_jump_m: float = 0.0):
         self._profile = profile
+        self.confidence = 3  # as its driver says: 0 failed, 1 low, 2 medium, 3 high
         self._T_body_t265 = T_body_t265
         self._random = np.random.default_rng([seed, 3])
         self._yaw_origin = self._random.uniform(-np.pi, np.pi)

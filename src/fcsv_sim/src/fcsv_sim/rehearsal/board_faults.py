@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Machines, processes and radios that fail."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_sim.autopilot import modes
+from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.rehearsal import processes
+from fcsv_sim.rehearsal.fault import Fault
+from fcsv_sim.rehearsal.flight import Flight
+from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
+
+_ABOVE_M = 1.0  # horizontally nearer than this, and 2 m higher: above another
+
+
+class RadioCut(Fault):
+    """A vehicle's radio is dead for 1 to 40 s, or for good; or all radios are."""
+
+    name = "radio cut"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        self._radios = list(flight.radios.values()) if self._random.random() < 0.3 else [flight.radios[vehicle.name]]
+        self._until_s = self._lasts_s(0.3, 1.0, 40.0)
+        for radio in self._radios:
+            radio.cut = True
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if since_s > self._until_s and not self.ended:
+            self.ended = True
+            for radio in self._radios:
+                radio.cut = False
+
+
+class RadioLoses(Fault):
+    """All radios lose 30 % of the messages, for good."""
+
+    name = "radio loses"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        for radio in flight.radios.values():
+            radio.quality = replace(radio.quality, loss=0.3)
+
+
+class ClockSteps(Fault):
+    """A vehicle's clock is set by 0.4, 2 or 60 s."""
+
+    name = "clock steps"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        vehicle.clock_offset_s = float(self._random.choice([-60.0, -2.0, -0.4, 0.4, 2.0, 60.0]))
+
+
+class Battery(Fault):
+    """A battery that is low, empty, or whose share is not known."""
+
+    name = "battery"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        flight.control.battery_share[vehicle.name] = float(self._random.choice([0.15, 0.05, np.nan]))
+
+
+class AgentDies(Fault):
+    """The agent's process is killed; nobody starts it again."""
+
+    name = "agent dies"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        processes.kill_agent(vehicle)
+
+
+class LinkDies(Fault):
+    """The flight link's process is killed; it is started again 2 s later."""
+
+    name = "link dies"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        processes.kill_link(vehicle)
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if since_s > 2.0 and not self.ended:
+            self.ended = True
+            processes.start_link(self.vehicle, flight.now_s)
+
+
+class LinkSleeps(Fault):
+    """The flight link's process is stopped for 2 to 5 s (SIGSTOP), or a computer that has no time for it."""
+
+    name = "link sleeps"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        self._asleep = processes.stop_link(vehicle, flight.now_s)
+        self._until_s = self._uniform(2.0, 5.0)
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if since_s > self._until_s and not self.ended:
+            self.ended = True
+            processes.continue_link(self.vehicle, self._asleep, flight.now_s)
+
+
+class MissionDies(Fault):
+    """The control PC says and hears nothing any more."""
+
+    name = "mission dies"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        flight.control.alive = False
+
+
+class MissionRestarts(Fault):
+    """The mission's process dies; 5 s later a new one runs."""
+
+    name = "mission restarts"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        flight.control.alive = False
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if since_s > 5.0 and not self.ended:
+            self.ended = True
+            flight.control.restart()
+
+
+class AutopilotReboots(Fault):
+    """In the air."""
+
+    name = "autopilot reboots"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        vehicle.autopilot.reboot(flight.now_s)
+
+
+class ComesDown(Fault):
+    """In a vertical configuration of 3, 5 or 10 m the upper vehicle's autopilot lands by itself, on the lower one; in one
+    of two flights its tracker is gone as well."""
+
+    name = "comes down"
+
+    def adapt(self, mission: Mission) -> Mission:
+        height_m = float(self._random.choice([3.0, 5.0, 10.0]))
+        height_m = max(height_m, mission.min_separation_m)
+        self.phase = "CONFIGURATIONS"
+        return replace(mission, configurations=[StereoConfiguration("vertical", height_m, record_s=3.0)])
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        vehicle.autopilot.say(2, "EKF Failsafe: changed to LAND Mode")
+        vehicle.autopilot.set_mode(flight.now_s, modes.LAND)
+        vehicle.tracker_on = self._random.random() < 0.5
+
+    def _ready(self, flight: Flight) -> bool:
+        return self._upper(flight) is not None
+
+    def _some(self, flight: Flight) -> RehearsedVehicle:
+        return self._upper(flight)
+
+    @staticmethod
+    def _upper(flight: Flight):
+        fleet = list(flight.fleet.values())
+        offsets = ((a, a.p_world_m - b.p_world_m) for a in fleet for b in fleet if a is not b)
+        return next((a for a, d in offsets if d[2] > 2.0 and np.hypot(d[0], d[1]) < _ABOVE_M), None)
+
+
+class ComesDownAlone(ComesDown):
+    """Likewise, and the control PC died just before."""
+
+    name = "comes down, no control PC"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        flight.control.alive = False
+        super().begin(flight, vehicle)
+
+
+BOARD_FAULTS = (
+    RadioCut, RadioLoses, ClockSteps, Battery, AgentDies, LinkDies, LinkSleeps, MissionDies, MissionRestarts, ComesDown,
+    ComesDownAlone, *([AutopilotReboots] if hasattr(Autopilot, "reboot") else []),
+)  # fmt: skip

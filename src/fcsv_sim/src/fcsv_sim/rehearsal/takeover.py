@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of takings-over: in each phase a pilot takes a vehicle for a minute, in each of his modes."""
+
+from dataclasses import dataclass
+from typing import Dict, List, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_control.mission.machine import PHASES
+from fcsv_geometry.mission import Mission
+from fcsv_sim.rehearsal.flight import Flight
+from fcsv_sim.rehearsal.hands import HandsOn
+
+MODES = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
+TAKEN_S = 60.0
+_AFTER_S = 0.5  # the phase began
+_LONGEST_S = 600.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One taking-over; ``vehicle`` is taken."""
+
+    mission: Mission
+    vehicles: int
+    seed: int
+    phase: str
+    mode: str
+    taken_s: float = TAKEN_S
+
+    @property
+    def vehicle(self) -> str:
+        """In turn."""
+        return f"uav{1 + (PHASES.index(self.phase) + MODES.index(self.mode)) % self.vehicles}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """``commands`` that fought the pilot; ``reached``: whether the flight came to the phase."""
+
+    trial: Trial
+    reached: bool
+    commands: Tuple[str, ...]
+
+
+def trials(mission: Mission, vehicles: int, seed: int) -> List[Trial]:
+    """Each phase with each mode."""
+    return [Trial(mission, vehicles, seed, phase, mode) for phase in PHASES for mode in MODES]
+
+
+def fly(trial: Trial) -> Outcome:
+    """Until the phase, then for the time that the pilot has it. ABORTED is reached by an abort in CONFIGURATIONS."""
+    flight = Flight(trial.mission, trial.vehicles, trial.seed)
+    reached = _fly_to(flight, trial.phase)
+    vehicle = flight.fleet[trial.vehicle]
+    commands: List[str] = []
+    flight.witness.overruled = lambda _s, _who, text: commands.append(text)
+    if reached:
+        hands = HandsOn(trial.mode, vehicle.p_world_m, np.random.default_rng(trial.seed), False, False)
+        begun_s = flight.now_s
+        flight.hands[trial.vehicle] = lambda now_s, _phase, sight: hands.sticks(now_s - begun_s, sight)
+        while flight.now_s < begun_s + trial.taken_s:
+            flight.step()
+    return Outcome(trial, reached, tuple(commands))
+
+
+def _fly_to(flight: Flight, phase: str) -> bool:
+    """Whether ``phase`` was reached."""
+    since_s = None
+    while flight.now_s < _LONGEST_S:
+        if phase == "ABORTED" and flight.phase == "CONFIGURATIONS":
+            flight.control.machine.abort("aborted by the operator: landing")
+        since_s = since_s or (flight.now_s if flight.phase == phase else None)
+        if since_s is not None and (flight.now_s > since_s + _AFTER_S or flight.phase != phase):
+            return True
+        flight.step()
+    return False
+
+
+def table(outcomes: Sequence[Outcome]) -> List[str]:
+    """Lines of a table: commands to the hand-flown vehicle, by phase and mode."""
+    cells: Dict[Tuple[str, str], str] = {}
+    for o in outcomes:
+        cells[o.trial.phase, o.trial.mode] = str(len(o.commands)) if o.reached else "not reached"
+    rows = [[phase, *(cells.get((phase, mode), "–") for mode in MODES)] for phase in PHASES]
+    lines = [["phase", *MODES], ["---"] * (1 + len(MODES)), *rows]
+    return ["| " + " | ".join(row) + " |" for row in lines] + sorted({t for o in outcomes for t in o.commands})
+
+
