@@ -133,8 +133,8 @@ class AutopilotReboots(Fault):
 
 
 class ComesDown(Fault):
-    """In a vertical configuration of 3, 5 or 10 m the upper vehicle's autopilot lands by itself, on the lower one; in one
-    of two flights its tracker is gone as well."""
+    """In a vertical configuration of 3, 5 or 10 m the upper vehicle's autopilot lands by itself, on the lower one; in
+    one of two flights its tracker is gone as well."""
 
     name = "comes down"
 
@@ -165,7 +165,7 @@ class ComesDown(Fault):
 class ComesDownAlone(ComesDown):
     """Likewise, and the control PC died just before."""
 
-    name = "comes down, no control PC"
+    name = "comes down alone"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
         flight.control.alive = False

@@ -18,6 +18,7 @@ from fcsv_sim.trials.formation import formation_vehicle
 from fcsv_sim.vehicles.vehicle import PASS_S
 
 _PEOPLE_EVERY, _MISSION_EVERY = 5, 10  # passes
+_FLOWN = "all configurations flown"
 LONGEST_S = 900.0
 _DOWN_S = 10.0  # everybody down for so long: the flight is over, whatever the mission thinks
 
@@ -88,7 +89,7 @@ class Flight:
             self._people(now_s)
             self.control.listen(now_s)
             self.invariants.check(now_s)
-            self.witness.look(now_s)
+            self.witness.look(now_s, self.phase == "LAND" and self.control.machine.detail.startswith(_FLOWN))
             if self.recorder is not None:
                 self.recorder(self)
         if self._passes % _MISSION_EVERY == 0:

@@ -21,7 +21,7 @@ _BENEATH_M, _SAME_HEIGHT_M = 1.5, 0.3
 _TOUCH_DOWN_MPS = 1.0
 _IN_THE_AIR_M = 0.3
 _FENCE_RADIUS_M, _CEILING_M, _FENCE_S = 100.0, 45.0, 1.0
-_HELD_M = 0.6  # of a baseline: hold_m of both, three sigma of a calibration (0.09 m), 1 % of the way since
+_LINK_M, _WALK_M = 0.03, 0.1  # standard deviations: of a calibration's link (docs/tracking.md), of odometry since then
 _REMEMBERED = 4000  # moments
 
 Place = Tuple[float, float, float]
@@ -137,5 +137,8 @@ class Invariants:
                 wanted = wanted if configuration.axis == "horizontal" else wanted[::-1]
                 worst_m = max(worst_m, math.hypot(level_m - wanted[0], height_m - wanted[1]))
         self.off_m = max(self.off_m, worst_m)
-        if worst_m > _HELD_M:
+        names = list(self._flight.fleet)
+        links = abs(names.index(window.vehicle) - names.index(mission.reference))
+        most_m = 2.0 * mission.settle.hold_m + 3.0 * math.sqrt(links * _LINK_M**2 + _WALK_M**2)
+        if worst_m > most_m:
             self.tell(NOT_HELD, str(window.index), now_s, f"{configuration.title} was recorded {worst_m:.2f} m off")

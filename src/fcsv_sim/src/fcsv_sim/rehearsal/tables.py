@@ -34,8 +34,8 @@ def speed_line(results: Sequence[Result]) -> str:
         return "no flight"
     flown_s, cpu_s = sum(r.flown_s for r in results), sum(r.cpu_s for r in results)
     return (
-        f"{len(results)} flights of {flown_s / 60.0:.0f} min in all; {flown_s / cpu_s:.0f} simulated seconds per second of "
-        f"one processor (slowest flight {min(rates):.0f})"
+        f"{len(results)} flights, {flown_s / 60.0:.0f} min in all; {flown_s / cpu_s:.0f} simulated seconds per second "
+        f"of one processor (slowest flight {min(rates):.0f})"
     )
 
 

@@ -85,5 +85,3 @@ def table(outcomes: Sequence[Outcome]) -> List[str]:
     rows = [[phase, *(cells.get((phase, mode), "–") for mode in MODES)] for phase in PHASES]
     lines = [["phase", *MODES], ["---"] * (1 + len(MODES)), *rows]
     return ["| " + " | ".join(row) + " |" for row in lines] + sorted({t for o in outcomes for t in o.commands})
-
-

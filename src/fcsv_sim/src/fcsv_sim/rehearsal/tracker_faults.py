@@ -57,7 +57,7 @@ class TrackerFrozen(TrackerFault):
 class TrackerFrozenWithNoise(TrackerFrozen):
     """Frozen but for noise of 0.3 mm: no two samples are equal."""
 
-    name = "tracker frozen, noisy"
+    name = "tracker frozen with noise"
     _noise_m = 0.0003
 
 
@@ -134,7 +134,8 @@ class TrackerResets(TrackerFault):
 
 
 class TrackerUnsure(TrackerFault):
-    """Its confidence falls, and its poses get noisy (2 to 15 cm, 0.2 to 1 degree); in every other flight for 1 to 8 s."""
+    """Its confidence falls, and its poses get noisy (2 to 15 cm, 0.2 to 1 degree); in half of the flights for
+    1 to 8 s."""
 
     name = "tracker unsure"
 

@@ -55,8 +55,11 @@ class Witness:
         self.begun.append((now_s, fault, vehicle.name))
         self._open.append((now_s, vehicle, vehicle.p_world_m, answer))
 
-    def look(self, now_s: float) -> None:
-        """Autopilots that stop by themselves; what companions know of pilots."""
+    def look(self, now_s: float, flown: bool) -> None:
+        """Autopilots that stop by themselves; what companions know of pilots. ``flown``: the mission lands because all
+        is flown, and that answers no fault."""
+        if flown:
+            self._open.clear()
         for _, vehicle, _, _ in list(self._open):
             if vehicle.autopilot.mode in _STOPPING or vehicle.flown_by_hand:
                 self._answered(now_s, vehicle)
