@@ -59,7 +59,8 @@ class Battery(Fault):
     name = "battery"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        flight.control.battery_share[vehicle.name] = float(self._random.choice([0.15, 0.05, np.nan]))
+        vehicle.battery_said = float(self._random.choice([0.15, 0.05, np.nan]))
+        flight.control.battery_share[vehicle.name] = vehicle.battery_said
 
 
 class AgentDies(Fault):

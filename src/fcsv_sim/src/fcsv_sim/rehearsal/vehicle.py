@@ -95,10 +95,10 @@ class RehearsedVehicle:
         self._watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
         self.link = LinkCore(LinkParameters(target_system=geometry.system_id))
         self.agent = AgentCore(self.name, start.rules)
-        self.agent_lives = True
         self.guardian = Guardian(self.name, start.guardian)
         self._check = FeedCheck()
         self._throttle = math.nan
+        self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self.T_home_odom: Dict[str, np.ndarray] = {}  # as the control PC told it last
         self.recording = False
         self.pictures = 0
@@ -217,19 +217,20 @@ class RehearsedVehicle:
             elif isinstance(event, (StateHeard, BatteryHeard)):
                 self.agent.state(self.link.state.mode, self.link.state.armed)
                 self.guardian.state(now_s, self.link.state.mode, self.link.state.armed)
-                self.guardian.battery(self.link.state.battery_share)
+                share = self.link.state.battery_share if self.battery_said is None else self.battery_said
+                self.guardian.battery(share)
         state = self.link.state
         if self._watchdog.check(now_s, state.armed, state.mode) is Alarm.LAND:
             self._set_mode(now_s, "LAND")
         if self._passes % _GUARDIAN_EVERY == 0:
             self._guard(now_s)
-        if self.agent_lives:
+        if self.agent_runs:
             self.guardian.agent_lives(now_s)
-            self.agent.step(now_s, self._wall_s(now_s))
-            for output in self.agent.outgoing():
-                handler = self._do.get(type(output))
-                if handler is not None:
-                    handler(now_s, output)
+        self.agent.step(now_s, self._wall_s(now_s))
+        for output in self.agent.outgoing():
+            handler = self._do.get(type(output))
+            if handler is not None:
+                handler(now_s, output)
         self.link.step(now_s)
         for message in self.link.outgoing():
             self._to_autopilot(now_s, message)
@@ -238,10 +239,11 @@ class RehearsedVehicle:
 
     def _guard(self, now_s: float) -> None:
         """One step of the guardian, and what it wants done."""
-        self.guardian.link(now_s, LinkReport(self._check.doubt, throttle=self._throttle))
+        if self.link_runs:
+            self.guardian.link(now_s, LinkReport(self._check.doubt, throttle=self._throttle))
         self.guardian.step(now_s)
         for output in self.guardian.outgoing():
-            if isinstance(output, AskMode):
+            if isinstance(output, AskMode) and self.link_runs:
                 self._set_mode(now_s, output.mode)
             elif isinstance(output, HoldAt):
                 self.link.send_set_point(output.T_odom_body)
