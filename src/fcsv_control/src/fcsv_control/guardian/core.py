@@ -99,7 +99,7 @@ class Guardian:
     def estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate."""
         self.air.estimate, self.air.estimate_s = T_odom_body, now_s
-        if not self.air.armed:
+        if np.isfinite(self.air.state_s) and not self.air.armed:  # one that is started in flight has not seen the ground
             self.air.take_off = T_odom_body
 
     def link(self, now_s: float, report: LinkReport) -> None:

@@ -40,7 +40,7 @@ class Hands:
         if mode == self._mode:
             return False
         first, self._mode = not self._mode, mode
-        asked = now_s - self._asked_s.get(mode, float("-inf")) < _ASKED_S
+        asked = now_s - self._asked_s.pop(mode, float("-inf")) < _ASKED_S
         if asked or (first and mode == "GUIDED"):
             self._taken = False
             return False

@@ -1,0 +1,386 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The guardian on board: what it sees, what it does about it, and that it leaves the pilot alone."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fcsv_control.guardian.air import LinkReport, Other
+from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, Warned
+from fcsv_control.guardian.rules import Fence, GuardianRules
+from fcsv_geometry import transforms
+
+STEP_S = 0.05
+PILOTS_MODES = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
+
+
+class Aloft:
+    """A guardian aboard a vehicle that hovers 8 m above its take-off place in GUIDED, all well. ``obeys``: the autopilot
+    takes the modes that are asked for; what is listed in ``silent`` says nothing."""
+
+    def __init__(self, rules=None, obeys=True):
+        self.now_s, self.obeys, self.silent = 100.0, obeys, set()
+        self.guardian = Guardian("uav1", rules, self.now_s)
+        self.p, self.feed_off = np.array([0.0, 0.0, 0.0]), np.zeros(3)
+        self.report, self.battery, self.confidence, self.feed_every = LinkReport(throttle=0.0), 0.8, 3.0, 1
+        self.others, self.T_home_odom, self.lean_rad = {}, np.eye(4), 0.0
+        self.mode, self.armed = "STABILIZE", False
+        self.asked, self.held, self.texts, self.steps = [], [], [], 0
+        self.run(2.0)
+        self.mode, self.armed = "LOITER", True
+        self.run(0.5)
+        self.p[2] = 8.0
+        self.run(1.0)
+        self.hand_over()
+        self.run(0.5)
+        self.forget()
+
+    def hand_over(self):
+        self.guardian.mode_asked(self.now_s, "GUIDED")
+        self.mode = "GUIDED"
+
+    def forget(self):
+        self.asked, self.held, self.texts = [], [], []
+
+    @property
+    def modes(self):
+        return [mode for _, mode in self.asked]
+
+    def _hear(self):
+        g, now_s = self.guardian, self.now_s
+        T = transforms.from_xyz_rpy(self.p, [self.lean_rad, 0.0, 0.0])
+        if "feed" not in self.silent and self.steps % self.feed_every == 0:
+            g.feed(now_s, transforms.from_xyz_yaw(self.p + self.feed_off, 0.0))
+        g.estimate(now_s, T)
+        g.state(now_s, self.mode, self.armed)
+        if "link" not in self.silent:
+            g.link(now_s, self.report)
+        g.battery(self.battery)
+        g.confidence(self.confidence)
+        if "agent" not in self.silent:
+            g.agent_lives(now_s)
+        if "control" not in self.silent:
+            g.control_heard(now_s)
+        g.home(self.T_home_odom)
+        for name, fields in self.others.items():
+            if name not in self.silent:
+                g.other(name, Other(heard_s=now_s, **fields))
+
+    def run(self, seconds):
+        """Time passes; the vehicle flies at 2 m/s to where it is held."""
+        until_s = self.now_s + seconds
+        while self.now_s < until_s - 1e-9:
+            self.now_s += STEP_S
+            self.steps += 1
+            self._hear()
+            self.guardian.step(self.now_s)
+            for output in self.guardian.outgoing():
+                self._do(output)
+            if self.held and self.mode == "GUIDED":
+                way = self.held[-1][1] - self.p
+                self.p = self.p + way * min(1.0, 2.0 * STEP_S / max(float(np.linalg.norm(way)), 1e-9))
+        return self
+
+    def _do(self, output):
+        if isinstance(output, AskMode):
+            self.asked.append((self.now_s, output.mode))
+            if self.obeys:
+                self.mode = output.mode
+        elif isinstance(output, HoldAt):
+            self.held.append((self.now_s, output.T_odom_body[:3, 3]))
+        elif isinstance(output, Warned):
+            self.texts.append(output.text)
+
+
+def below(height_m=3.0):
+    return {"p_home_m": np.array([0.0, 0.3, height_m]), "mode": "GUIDED"}
+
+
+def test_it_leaves_a_vehicle_alone_that_is_well():
+    air = Aloft().run(60.0)
+    assert (air.asked, air.held, air.texts) == ([], [], [])
+    assert air.guardian.verdict.action == "" and not air.guardian.verdict.holds
+
+
+def test_a_silent_tracker_means_land_within_a_second():
+    air = Aloft()
+    air.silent.add("feed")
+    air.run(1.0)
+    assert air.modes == ["LAND"]
+    assert air.guardian.verdict.uncontrolled, "the others are told that it comes down without a position"
+
+
+@pytest.mark.parametrize("every, asked, said", [(2, False, False), (3, False, True), (7, True, True)])
+def test_poses_that_come_too_seldom(every, asked, said):
+    """At 20, 10, 6.7 and 2.9 Hz."""
+    air = Aloft()
+    air.feed_every = every
+    air.run(4.0)
+    assert bool(air.asked) == asked and bool(air.texts) == said
+
+
+def test_a_doubted_tracker_means_land_at_once():
+    air = Aloft()
+    air.report = LinkReport("the tracker has not moved at all for 0.3 s: frozen", throttle=0.0)
+    air.run(0.1)
+    assert air.modes[0] == "LAND" and "frozen" in air.texts[0]
+
+
+def test_a_filter_that_disagrees_means_land():
+    air = Aloft()
+    air.report = LinkReport(ekf_variance=0.9, throttle=0.0)
+    assert air.run(0.4).asked == []
+    assert air.run(0.4).modes == ["LAND"]
+
+
+def test_low_confidence_holds_then_lands():
+    air = Aloft()
+    air.confidence = 1.0
+    air.run(2.0)
+    assert air.held and not air.asked
+    assert air.run(3.0).modes == ["LAND"]
+
+
+def test_a_lean_that_nobody_flies_lands():
+    air = Aloft()
+    air.lean_rad = math.radians(60.0)
+    assert air.run(0.6).modes == ["LAND"]
+
+
+@pytest.mark.parametrize("share, after_s", [(0.15, 60.5), (0.05, 2.5), (math.nan, 60.5)])
+def test_a_battery_that_is_low_empty_or_unknown_lands(share, after_s):
+    air = Aloft()
+    air.battery = share
+    air.run(after_s - 1.0)
+    assert not air.asked
+    air.run(2.0)
+    assert air.modes == ["LAND"]
+
+
+def test_without_the_control_pc_it_holds_then_lands():
+    air = Aloft()
+    air.silent.add("control")
+    air.run(29.5)
+    assert not air.asked and air.texts == ["uav1: nothing from the control PC"]
+    assert air.run(1.0).modes == ["LAND"]
+
+
+def test_never_must_be_written():
+    air = Aloft(GuardianRules(link_loss="never"))
+    air.silent.add("control")
+    assert air.run(300.0).asked == []
+    with pytest.raises(ValueError, match="link_loss: 'no' is not one of land, never"):
+        GuardianRules(link_loss="no")
+
+
+@pytest.mark.parametrize("height_m", [3.0, 5.0, 7.0])
+def test_who_must_land_moves_aside_of_who_is_beneath(height_m):
+    air = Aloft()
+    air.others = {"uav2": below(height_m)}
+    air.guardian.air.control_s = -100.0
+    air.silent.add("control")
+    air.run(8.0)
+    assert air.modes == ["LAND"]
+    assert np.linalg.norm(air.p[:2] - [0.0, 0.3]) > 2.0, "clear of the column of air"
+    assert air.p[2] == pytest.approx(8.0), "at its own height"
+
+
+def test_who_has_no_position_lands_where_it_is():
+    air = Aloft()
+    air.others = {"uav2": below()}
+    air.silent.add("feed")
+    air.run(1.0)
+    assert air.modes == ["LAND"] and not air.held
+
+
+@pytest.mark.parametrize("fields", [{"mode": "LAND"}, {"mode": "GUIDED", "uncontrolled": True}])
+def test_who_is_beneath_moves_aside_within_a_second(fields):
+    air = Aloft()
+    air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), **fields}}
+    begun_s = air.now_s
+    air.run(1.0)
+    assert air.held[0][0] - begun_s <= 1.0
+    assert air.guardian.verdict.holds, "the agent is quiet meanwhile"
+    air.run(4.0)
+    assert not air.asked
+    assert np.linalg.norm(air.p[:2] - [0.2, 0.1]) > 2.5
+
+
+def test_who_was_above_and_is_silent_may_come_down():
+    air = Aloft()
+    air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": "GUIDED"}}
+    air.run(5.0)
+    assert not air.held
+    air.silent.add("uav2")
+    air.run(8.0)
+    assert np.linalg.norm(air.p[:2] - [0.2, 0.1]) > 2.5
+
+
+def test_two_in_one_column_go_to_different_sides():
+    """Each aboard its own vehicle, in odometry frames that are turned against each other."""
+    places = {}
+    for yaw, own, other in ((0.0, 8.0, 5.0), (2.0, 5.0, 8.0)):
+        air = Aloft()
+        air.T_home_odom = transforms.from_xyz_yaw([0.0, 0.0, own - 8.0], yaw)
+        air.others = {"uav2": {"p_home_m": np.array([0.0, 0.0, other]), "mode": "LAND" if other > own else "GUIDED"}}
+        if other < own:
+            air.silent.add("control")
+            air.run(31.0)
+        air.run(5.0)
+        places[own] = (air.T_home_odom @ np.append(air.p, 1.0))[:2]
+    assert np.linalg.norm(places[8.0] - places[5.0]) > 5.0
+
+
+def test_too_near_to_another_means_apart():
+    air = Aloft()
+    air.others = {"uav2": {"p_home_m": np.array([0.6, 0.0, 8.0]), "mode": "GUIDED"}}
+    air.run(3.0)
+    assert air.p[0] < -1.0 and not air.asked
+
+
+def test_a_silent_agent_is_held_for_then_landed():
+    air = Aloft()
+    air.silent.add("agent")
+    air.run(2.0)
+    assert air.held and not air.asked and "agent" in air.texts[0]
+    air.silent.clear()
+    air.run(4.0)
+    assert not air.guardian.verdict.holds, "it is back: the mission goes on"
+    air.silent.add("agent")
+    air.run(15.5)
+    assert air.modes == ["LAND"]
+
+
+def test_a_fence_brakes_once_per_crossing():
+    air = Aloft(GuardianRules(fence=Fence(ceiling_m=10.0)))
+    air.p[2] = 11.0
+    assert air.run(2.0).modes == ["BRAKE"]
+    air.hand_over()
+    assert air.run(5.0).modes == ["BRAKE"], "who flies on means it"
+    air.p[2] = 9.0
+    air.run(1.0)
+    air.p[2] = 11.0
+    assert air.run(1.0).modes == ["BRAKE", "BRAKE"]
+
+
+def test_a_brake_that_does_not_show_becomes_land():
+    air = Aloft(GuardianRules(fence=Fence(radius_m=5.0)), obeys=False)
+    air.p[0] = 7.0
+    air.run(3.0)
+    assert air.modes[0] == "BRAKE" and air.modes[-1] == "LAND"
+
+
+def test_far_outside_the_fence_it_lands():
+    air = Aloft(GuardianRules(fence=Fence(radius_m=5.0)))
+    air.p[0] = 12.0
+    assert air.run(0.2).modes == ["LAND"]
+
+
+def test_battery_outranks_fence():
+    air = Aloft(GuardianRules(fence=Fence(ceiling_m=9.0)))
+    air.battery, air.p[2] = 0.05, 8.0
+    air.run(1.9)
+    air.p[2] = 10.0
+    air.run(0.3)
+    assert air.modes[-1] == "LAND"
+
+
+ALARMS = {
+    "silent tracker": lambda air: air.silent.add("feed"),
+    "doubt": lambda air: setattr(air, "report", LinkReport("frozen", ekf_variance=2.0)),
+    "battery": lambda air: setattr(air, "battery", 0.03),
+    "control": lambda air: air.silent.update(("control", "agent")),
+    "fence": lambda air: air.p.__setitem__(0, 300.0),
+    "above": lambda air: air.others.update(uav2={"p_home_m": air.p + [0.1, 0.0, 4.0], "mode": "LAND"}),
+}
+
+
+@pytest.mark.parametrize("mode", PILOTS_MODES)
+@pytest.mark.parametrize("alarm", ALARMS)
+def test_in_a_pilots_mode_it_only_speaks(mode, alarm):
+    air = Aloft()
+    air.mode = mode
+    air.run(0.2)
+    air.forget()
+    ALARMS[alarm](air)
+    air.run(60.0)
+    assert (air.asked, air.held) == ([], [])
+    assert air.texts, "but it speaks"
+
+
+def test_what_a_pilot_gives_back_is_the_operators_to_confirm():
+    air = Aloft()
+    air.mode = "LOITER"
+    air.run(1.0)
+    air.mode = "GUIDED"  # by the pilot's switch
+    air.silent.add("feed")
+    assert air.run(20.0).asked == []
+    air.silent.clear()
+    air.run(2.0)
+    air.guardian.moved(air.now_s)  # the operator has confirmed: the mission moves it
+    air.silent.add("feed")
+    assert air.run(1.0).modes == ["LAND"]
+
+
+def test_a_pilot_who_takes_over_from_a_landing_keeps_it():
+    air = Aloft()
+    air.silent.add("feed")
+    air.run(1.5)
+    air.mode = "ALT_HOLD"
+    air.forget()
+    assert air.run(60.0).asked == []
+
+
+def test_a_guardian_started_in_flight_knows_guided_and_leaves_other_modes_alone():
+    for mode, asks in (("GUIDED", True), ("LAND", False), ("LOITER", False)):
+        air = Aloft()
+        air.mode = mode
+        air.guardian = Guardian("uav1", None, air.now_s)
+        air.run(1.0)
+        air.silent.add("feed")
+        assert bool(air.run(2.0).asked) == asks, mode
+
+
+@pytest.mark.parametrize("what, reason", [
+    (lambda air: setattr(air, "battery", math.nan), "battery"),
+    (lambda air: setattr(air, "battery", 0.1), "battery"),
+    (lambda air: setattr(air, "report", LinkReport(throttle=-1.0)), "throttle"),
+    (lambda air: setattr(air, "report", LinkReport("frozen", throttle=0.0)), "frozen"),
+    (lambda air: setattr(air, "confidence", 0.0), "confidence"),
+    (lambda air: air.silent.add("feed"), "no poses"),
+])  # fmt: skip
+def test_what_forbids_guided(what, reason):
+    air = Aloft()
+    air.mode = "LOITER"
+    air.run(1.0)
+    assert air.guardian.verdict.forbids == ()
+    what(air)
+    air.run(1.0)
+    assert reason in " ".join(air.guardian.verdict.forbids)
+
+
+def test_an_estimate_apart_from_the_feed_forbids_guided_on_the_ground():
+    """A height that runs away while disarmed."""
+    air = Aloft()
+    air.mode, air.armed, air.p[2] = "LOITER", False, 2.0
+    air.feed_off = np.array([0.0, 0.0, -1.9])
+    air.run(1.0)
+    assert "1.9 m apart" in " ".join(air.guardian.verdict.forbids)
+
+
+@pytest.mark.parametrize("wrong, said", [
+    ({"feed_warn_s": 0.9}, "feed_warn_s"), ({"low_battery": -1.0}, "low_battery"), ({"empty_battery": 0.5}, "empty"),
+    ({"clear_m": math.nan}, "clear_m"),
+])  # fmt: skip
+def test_rules_that_cannot_be_are_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        GuardianRules(**wrong)
+
+
+@pytest.mark.parametrize("wrong", [
+    {"floor_m": 50.0}, {"radius_m": 0.0}, {"polygon_m": [1.0, 2.0]}, {"polygon_m": [math.nan] * 6},
+])  # fmt: skip
+def test_fences_that_cannot_be_are_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Fence(**wrong)
