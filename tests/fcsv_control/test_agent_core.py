@@ -4,46 +4,47 @@
 import numpy as np
 import pytest
 
-from fcsv_control.agent.core import (
-    DONE,
-    REFUSED,
-    TOO_LATE,
-    Ack,
-    AgentCore,
-    AgentRules,
-    Ask,
-    Instruction,
-    Kind,
-    SetPoint,
-)
+from fcsv_control.agent.core import AgentCore, AgentRules
+from fcsv_control.agent.messages import DONE, REFUSED, TOO_LATE, Ack, Ask, Instruction, Kind, SetPoint
+from fcsv_control.agent.sender_clocks import SenderClocks
+from fcsv_control.agent.twins import Twins
 from fcsv_geometry import transforms
 
 STEP_S = 0.02
-WALL_S = 1.7e9  # the wall clock is far from monotonic time
+SENDER_S = -6e4  # the sender's monotonic clock has another zero
 
 
 class Board:
     """An agent on board, its time, and what it put out."""
 
-    def __init__(self, **rules):
-        self.core = AgentCore("uav1", AgentRules(**rules))
+    def __init__(self, twins=None, **rules):
+        self.core = AgentCore("uav1", AgentRules(**rules), twins)
         self.now_s, self.number = 100.0, 0
         self.core.state("STABILIZE", False)
         self.core.pose(self.now_s, np.eye(4))
         self.core.state("GUIDED", True)
         self.core.pose(self.now_s + 1.0, transforms.from_xyz_yaw([0.0, 0.0, 3.0], 0.0))
 
-    def tell(self, kind, sender="mission", lifetime_s=5.0, **fields):
-        """A new command; its number."""
+    def order(self, kind, sender="mission", lifetime_s=5.0, **fields):
+        """A new order, as it is sent now."""
         self.number += 1
-        expires_s = WALL_S + self.now_s + lifetime_s
-        self.core.take(WALL_S + self.now_s, Instruction("uav1", sender, self.number, kind, expires_s, **fields))
+        now_s = SENDER_S + self.now_s
+        return Instruction("uav1", sender, self.number, kind, now_s, now_s, lifetime_s, **fields)
+
+    def tell(self, kind, **fields):
+        """A new command; its number."""
+        self.core.take(self.now_s, self.order(kind, **fields))
         return self.number
+
+    def answer(self, kind, **fields):
+        """(result, reason) of a new command's acknowledgement; None where none came."""
+        number = self.tell(kind, **fields)
+        return next(((a.result, a.reason) for a in of(self.run(), Ack) if a.number == number), None)
 
     def run(self, seconds=STEP_S):
         out = []
         for _ in range(int(round(seconds / STEP_S))):
-            self.core.step(self.now_s, WALL_S + self.now_s)
+            self.core.step(self.now_s)
             out += self.core.outgoing()
             self.now_s += STEP_S
         return out
@@ -126,3 +127,187 @@ def test_a_silent_control_pc_lands_where_asked_to():
     assert (ask.kind, ask.mode) == (Kind.SET_MODE, "LAND")
     board.core.finished(ask, "")
     assert not of(board.run(1.0), Ack), "nobody asked for it"
+
+
+# ---- stopping --------------------------------------------------------------------------------------------------
+
+
+def test_brake_of_anybody_holds_at_once_and_asks_for_the_mode():
+    board = Board()
+    board.tell(Kind.GOTO, target=transforms.from_xyz_yaw([9.0, 0.0, 3.0], 0.0), frame="uav1/odom")
+    board.run(1.0)
+    board.core.pose(board.now_s, transforms.from_xyz_yaw([2.0, 0.0, 3.0], 0.0))
+    board.core.take(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode="BRAKE"))
+    out = board.core.outgoing()
+    [point], [ask] = of(out, SetPoint), of(out, Ask)
+    assert ask.mode == "BRAKE" and np.allclose(point.T_odom_body[:3, 3], [2.0, 0.0, 3.0])
+
+
+@pytest.mark.parametrize("kind, fields", [(Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})])
+def test_what_was_ordered_before_a_stop_of_somebody_else_is_not_done_after_it(kind, fields):
+    """It was on its way while the stop overtook it on the radio; what is ordered after it is done."""
+    board = Board()
+    before = board.order(kind, **fields)
+    board.run(1.0)
+    board.core.take(board.now_s, board.order(Kind.SET_MODE, sender="stop_all", mode="BRAKE"))
+    board.run(0.1)
+    board.core.take(board.now_s, before)
+    out = board.run()
+    [ack] = of(out, Ack)
+    assert ack.result == REFUSED and "was stopped by stop_all" in ack.reason and not of(out, Ask)
+    board.run(1.0)
+    board.tell(kind, **fields)
+    assert of(board.run(), Ask)
+
+
+@pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD", "BRAKE", "LAND", "RTL"])
+@pytest.mark.parametrize("stop", [(Kind.LAND, {}), (Kind.SET_MODE, {"mode": "BRAKE"}), (Kind.HOLD, {})])
+def test_a_vehicle_that_is_flown_by_hand_is_stopped_by_nobody(mode, stop):
+    board = Board()
+    board.core.state(mode, True)
+    number = board.tell(stop[0], sender="stop_all", **stop[1])
+    out = board.run(1.0)
+    [ack] = of(out, Ack)
+    assert (ack.number, ack.result) == (number, REFUSED) and not of(out, Ask) + of(out, SetPoint)
+    assert f"uav1 is flown by hand ({mode}); tell its pilot" in ack.reason
+
+
+def test_a_mode_that_was_asked_for_on_board_is_not_a_pilots():
+    board = Board()
+    board.tell(Kind.SET_MODE, sender="stop_all", mode="BRAKE")
+    board.core.state("BRAKE", True)
+    board.run()
+    board.tell(Kind.LAND, sender="stop_all")
+    assert [a.mode for a in of(board.run(), Ask)] == ["LAND"]
+    board.core.state("LOITER", True)  # the pilot, after all
+    board.core.state("BRAKE", True)
+    assert "flown by hand" in board.answer(Kind.LAND)[1]
+
+
+def test_a_refused_mode_that_a_pilot_chooses_later_is_his():
+    board = Board()
+    board.tell(Kind.SET_MODE, mode="BRAKE")
+    [ask] = of(board.run(), Ask)
+    board.core.finished(ask, "mode BRAKE refused: requires position")
+    board.core.state("BRAKE", True)
+    assert "flown by hand" in board.answer(Kind.LAND)[1]
+
+
+# ---- one commander ---------------------------------------------------------------------------------------------
+
+AHEAD = {"target": transforms.from_xyz_yaw([1.0, 0.0, 3.0], 0.0), "frame": "uav1/odom"}
+
+
+def test_a_second_commander_is_refused_and_told_who_commands():
+    board = Board()
+    assert board.answer(Kind.GOTO, sender="mission-123", **AHEAD) == (DONE, "")
+    result, reason = board.answer(Kind.GOTO, sender="mission-124", **AHEAD)
+    assert result == REFUSED and "uav1 is commanded by mission-123" in reason
+    assert board.answer(Kind.HOLD, sender="mission-124") == (DONE, "")
+    assert board.answer(Kind.RECORD, sender="mission-124", flag=True) == (DONE, "")
+    for mode in ("BRAKE", "LAND"):
+        board.tell(Kind.SET_MODE, sender="mission-124", mode=mode)
+        assert [a.mode for a in of(board.run(), Ask)] == [mode]
+
+
+def test_the_lease_lasts_as_long_as_its_holder_is_heard():
+    board = Board()
+    assert board.answer(Kind.GOTO, sender="mission-123", **AHEAD) == (DONE, "")
+    for _ in range(50):
+        board.run(0.2)
+        board.core.control_heard(board.now_s, "mission-123", SENDER_S + board.now_s)
+    assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD)[0] == REFUSED
+    board.core.control_heard(board.now_s, "mission-124", SENDER_S + board.now_s)  # it is not the holder
+    board.run(1.9)
+    assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD)[0] == REFUSED
+    board.run(0.2)
+    assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD) == (DONE, "")
+    assert "mission-124" in board.answer(Kind.GOTO, sender="mission-123", **AHEAD)[1]
+
+
+def test_of_two_agents_the_younger_does_nothing_until_the_older_is_gone():
+    board = Board(twins=Twins("agent-2", 100.0))
+    board.core.twins.heard(100.2, "agent-1", 60.0)
+    assert board.answer(Kind.GOTO, **AHEAD) is None, "the older one answers"
+    board.core.twins.heard(board.now_s, "agent-1", 60.0)
+    board.tell(Kind.LAND)
+    assert not board.run(0.9)
+    board.run(0.5)
+    assert board.answer(Kind.GOTO, **AHEAD) == (DONE, "")
+    assert of(board.run(0.5), SetPoint)
+
+
+def test_an_agent_that_was_just_started_listens_first_but_stops_at_once():
+    board = Board(twins=Twins("agent-2", 100.0))
+    assert board.answer(Kind.GOTO, **AHEAD) is None
+    board.tell(Kind.LAND)
+    out = board.run()
+    assert [a.mode for a in of(out, Ask)] == ["LAND"]
+    assert not of(board.run(0.5), SetPoint)
+
+
+def test_of_two_agents_that_were_started_together_one_acts():
+    acting = []
+    for mine, other in (("agent-1", "agent-2"), ("agent-2", "agent-1")):
+        twins = Twins(mine, 50.0)
+        twins.heard(60.0, other, 10.1)
+        twins.heard(60.0, mine, 10.0)  # itself
+        acting.append(not twins.older(60.1))
+    assert sorted(acting) == [False, True]
+
+
+# ---- time ------------------------------------------------------------------------------------------------------
+
+
+def test_a_way_point_that_the_radio_held_up_is_not_flown_to():
+    """Its sender was heard before, so that it is known how late it comes, whatever anybody's clock says."""
+    board = Board()
+    board.core.control_heard(board.now_s, "mission", SENDER_S + board.now_s)
+    late = board.order(Kind.GOTO, lifetime_s=2.0, **AHEAD)
+    board.run(2.5)
+    board.core.take(board.now_s, late)
+    assert [a.result for a in of(board.run(), Ack)] == [TOO_LATE]
+
+
+def test_repetitions_of_an_old_order_are_not_flown_to_although_they_come_at_once():
+    """The first copies were lost: the sixth is fresh, the order is not."""
+    board = Board()
+    order = board.order(Kind.GOTO, lifetime_s=2.0, **AHEAD)
+    board.run(2.5)
+    copy = Instruction(**{**vars(order), "sent_s": SENDER_S + board.now_s})
+    board.core.take(board.now_s, copy)
+    assert [a.result for a in of(board.run(), Ack)] == [TOO_LATE]
+
+
+def test_a_stop_is_obeyed_however_late_it_comes():
+    board = Board()
+    board.core.control_heard(board.now_s, "stop_all", SENDER_S + board.now_s)
+    late = board.order(Kind.SET_MODE, sender="stop_all", lifetime_s=2.0, mode="BRAKE")
+    board.run(60.0)
+    board.core.take(board.now_s, late)
+    assert [a.mode for a in of(board.run(), Ask)] == ["BRAKE"]
+
+
+def test_a_sender_whose_clock_has_another_rate_is_followed():
+    clocks, rate = SenderClocks(), 1.0 + 200e-6  # more than quartzes differ by
+    late_s = [k * 0.2 - clocks.sent_here_s(k * 0.2, "mission", k * 0.2 * rate) for k in range(18_000)]
+    assert max(map(abs, late_s)) < 10.0 * 200e-6 + 1e-9  # what it gains in the window of 10 s
+
+
+# ---- the odometry's epoch --------------------------------------------------------------------------------------
+
+
+def test_an_odometry_that_began_anew_holds_and_refuses_guided_until_it_is_calibrated():
+    board = Board()
+    board.core.epoch(7, "start")
+    board.core.rights.frame.calibrated(7)
+    assert board.answer(Kind.GOTO, **AHEAD) == (DONE, "")
+    board.core.pose(board.now_s, transforms.from_xyz_yaw([0.5, 0.0, 3.0], 0.0))
+    board.core.epoch(8, "the tracker was silent for 0.7 s")
+    [point] = of(board.core.outgoing(), SetPoint)
+    assert np.allclose(point.T_odom_body[:3, 3], [0.5, 0.0, 3.0])
+    result, reason = board.answer(Kind.SET_MODE, mode="GUIDED")
+    assert result == REFUSED and "uav1: its odometry began anew" in reason and "silent for 0.7 s" in reason
+    board.core.rights.frame.calibrated(8)
+    board.tell(Kind.SET_MODE, mode="GUIDED")
+    assert of(board.run(), Ask)

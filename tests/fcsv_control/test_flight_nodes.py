@@ -54,7 +54,8 @@ class ControlPc:
         self.number += 1
         number = self.number
         c = Command(vehicle=NAME, sender=self.sender, number=number, kind=getattr(Command, kind), **fields)
-        c.header.stamp, c.expires = rospy.Time.now(), rospy.Time.from_sec(time.time() + lifetime_s)
+        c.header.stamp, c.lifetime_s = rospy.Time.now(), lifetime_s
+        c.ordered_s = c.sent_s = time.monotonic()
         for answers in range(1, times + 1):  # said again although it was answered, as when the answer got lost
             self.commands.publish(c)
             until(lambda n=answers: len(self.acks.get(number, [])) >= n, what=f"{answers} acknowledgements of {kind}")
@@ -152,16 +153,14 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle)
 
 def landing_overtakes_what_waits(pc):
     """A service that hangs must not keep a vehicle in the air."""
-    import rospy
-
     from fcsv_msgs.msg import Command
 
-    soon = rospy.Time.from_sec(time.time() + 5.0)
+    times = {"ordered_s": time.monotonic(), "sent_s": time.monotonic(), "lifetime_s": 5.0}
     for number, (kind, fields) in enumerate(
         [("ARM", {"flag": True}), ("SET_MODE", {"mode": "GUIDED"}), ("HOLD", {}), ("LAND", {})], pc.number + 1
     ):
         pc.commands.publish(
-            Command(vehicle=NAME, sender=pc.sender, number=number, kind=getattr(Command, kind), expires=soon, **fields)
+            Command(vehicle=NAME, sender=pc.sender, number=number, kind=getattr(Command, kind), **times, **fields)
         )
     until(lambda: pc.state.mode == "LAND", 6.0, "LAND")
     until(lambda: not pc.state.armed, 60.0, "the ground")

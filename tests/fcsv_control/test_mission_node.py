@@ -70,7 +70,7 @@ class StandIn:
         from fcsv_geometry.ros import conversions
         from fcsv_msgs.msg import Command, CommandAck
 
-        assert c.vehicle == self.name and c.expires > c.header.stamp
+        assert c.vehicle == self.name and c.ordered_s <= c.sent_s < c.ordered_s + c.lifetime_s
         if (c.sender, c.number) not in self.answers:
             self.answers[c.sender, c.number] = True
             self.commands.append(c)

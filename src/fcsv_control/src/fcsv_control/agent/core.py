@@ -1,105 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """The agent's decisions: commands, states and time in; requests to the flight link, answers and set-points out.
 
-No ROS, no thread, no clock. ``now_s`` is monotonic time, ``wall_s`` the wall clock in which commands expire.
+No ROS, no thread, no clock. ``now_s`` is monotonic time; no wall clock is ever asked.
 """
 
 from collections import deque
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import Deque, Dict, List, Optional, Sequence, Tuple, Union
+from dataclasses import dataclass, field, replace
+from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_control.agent.commands import Answer, CommandLog, Verdict
 from fcsv_control.agent.holder import Holder, Limits
 from fcsv_control.agent.link_loss import LinkLoss
+from fcsv_control.agent.messages import (
+    DONE,
+    MISSION_MODES,
+    REFUSED,
+    TOO_LATE,
+    Ack,
+    Ask,
+    Instruction,
+    Kind,
+    Output,
+    Pictures,
+    Said,
+    SetPoint,
+)
+from fcsv_control.agent.rights import Rights
+from fcsv_control.agent.sender_clocks import SenderClocks
+from fcsv_control.agent.twins import NoTwins, Twins
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import frames
 from fcsv_geometry.flow import RateGate
 
-DONE, REFUSED, TOO_LATE = 0, 1, 2  # CommandAck.result
-STOPPING_MODES = frozenset({"LAND", "BRAKE"})
-MISSION_MODES = frozenset({"GUIDED", *STOPPING_MODES})  # what a mission needs; any other mode is a pilot's
 _QUIET_S = 0.15  # set-points on their way arrive before the take-off that they would replace
-
-
-class Kind(Enum):
-    """What a command asks for; values as in fcsv_msgs/Command."""
-
-    SET_MODE = 1
-    GOTO = 2
-    HOLD = 3
-    RECORD = 4
-    LAND = 5
-    ARM = 6
-    TAKEOFF = 7
-
-
-@dataclass(frozen=True)
-class Instruction:
-    """A numbered command; ``expires_s`` by the wall clock. Which of the other fields count depends on the kind."""
-
-    vehicle: str
-    sender: str
-    number: int
-    kind: Kind
-    expires_s: float
-    mode: str = ""
-    flag: bool = False
-    altitude_m: float = 0.0
-    target: Optional[np.ndarray] = None  # T_odom_body
-    frame: str = ""
-
-    @property
-    def stops(self) -> bool:
-        """Whether it stops the vehicle: it never waits and never comes too late by the clock."""
-        return self.kind in (Kind.HOLD, Kind.LAND) or (self.kind is Kind.SET_MODE and self.mode in STOPPING_MODES)
-
-
-@dataclass(frozen=True)
-class Ask:
-    """A request to the flight link; ``AgentCore.finished`` is told of its end."""
-
-    kind: Kind  # SET_MODE, ARM or TAKEOFF
-    mode: str = ""
-    flag: bool = False
-    altitude_m: float = 0.0
-    number: int = 0
-
-
-@dataclass(frozen=True)
-class Ack:
-    """The answer to a command."""
-
-    sender: str
-    number: int
-    result: int
-    reason: str
-
-
-@dataclass(frozen=True)
-class SetPoint:
-    """Where to hold: T_odom_body."""
-
-    T_odom_body: np.ndarray
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """Whether the recorder writes pictures."""
-
-    on: bool
-
-
-@dataclass(frozen=True)
-class Said:
-    """Something that the log and the operator should know."""
-
-    text: str
-
-
-Output = Union[Ask, Ack, SetPoint, Pictures, Said]
 
 
 @dataclass(frozen=True)
@@ -115,9 +50,12 @@ class AgentRules:
 class AgentCore:
     """One vehicle's agent. A job that needs the flight link waits for the one before it; stopping waits for nothing."""
 
-    def __init__(self, vehicle: str, rules: AgentRules):
+    def __init__(self, vehicle: str, rules: AgentRules, twins: Optional[Twins] = None):
         self._vehicle, self._rules = vehicle, rules
+        self.twins = twins or NoTwins()
+        self.rights = Rights(vehicle)
         self._log = CommandLog(vehicle)
+        self._clocks = SenderClocks()
         self._holder = Holder(frames.odom(vehicle), rules.limits)
         self._link_loss = LinkLoss(rules.link_loss_land_s)
         self._gate = RateGate(rules.set_point_rate_hz)
@@ -127,14 +65,13 @@ class AgentCore:
         self._due: List[Tuple[float, Ask]] = []  # asks that wait for a moment
         self._asks = 0
         self._out: List[Output] = []
-        self._guarded = ""  # why the guardian flies, empty where it does not
-        self._forbidden: Sequence[str] = ()
 
     # ---- what is heard ---------------------------------------------------------------------------------------
 
     def state(self, mode: str, armed: bool) -> None:
         """The flight controller's mode."""
         self._holder.state(mode, armed)
+        self.rights.hands.state(mode, armed)
 
     def pose(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate came; a jump of it is said."""
@@ -142,34 +79,58 @@ class AgentCore:
         if moved_m:
             self._say(f"the autopilot's estimate jumped by {moved_m:.1f} m; the target moves along")
 
-    def control_heard(self, now_s: float) -> None:
-        """Something came from the control PC."""
-        self._link_loss.heard(now_s)
+    def epoch(self, epoch: int, reason: str) -> None:
+        """The odometry's epoch. Where its frame began anew the target is not where it was meant to be: hold here."""
+        if self.rights.frame.odometry(epoch, reason) and self._holder.mode == "GUIDED":
+            self._say(f"the odometry began anew ({reason}); holding")
+            self._hold_here()
 
     def guarded(self, holds: bool, why: str, forbids: Sequence[str]) -> None:
         """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it is;
         ``forbids`` tells why the vehicle is not to be handed over."""
-        if self._guarded and not holds:
+        if self.rights.guarded and not holds:
             self._holder.stay()
-        self._guarded = (why or "it holds") if holds else ""
-        self._forbidden = forbids
+        self.rights.guarded, self.rights.forbidden = (why or "it holds") if holds else "", forbids
 
-    def take(self, wall_s: float, c: Instruction) -> None:
+    def control_heard(self, now_s: float, sender: str = "", sent_s: Optional[float] = None) -> None:
+        """Something came from the control PC: of ``sender``, who sent it at ``sent_s`` by his monotonic clock."""
+        self._link_loss.heard(now_s)
+        self.rights.lease.heard(now_s, sender)
+        if sent_s is not None:
+            self._clocks.sent_here_s(now_s, sender, sent_s)
+
+    def take(self, now_s: float, c: Instruction) -> None:
         """A command came, perhaps again."""
+        sent_s = self._clocks.sent_here_s(now_s, c.sender, c.sent_s)
+        c = replace(c, sent_s=sent_s, ordered_s=sent_s - max(0.0, c.sent_s - c.ordered_s))
+        if self._mute(now_s, c):
+            return
         moves = c.kind is not Kind.RECORD
-        verdict, answer = self._log.judge(wall_s, c.vehicle, c.sender, c.number, moves, c.expires_s, c.stops)
+        expires_s = c.ordered_s + c.lifetime_s
+        verdict, answer = self._log.judge(now_s, c.vehicle, c.sender, c.number, moves, expires_s, c.stops)
+        if verdict is Verdict.IGNORE:
+            return
+        refusal = self.rights.refusal(now_s, c)  # a repetition keeps the lease, too
         if verdict is Verdict.EXPIRED:
             self._answer(c, TOO_LATE, "came too late, or after a newer one")
         elif verdict is Verdict.REPEAT:
             self._out.append(Ack(c.sender, c.number, answer.result, answer.reason))
+        elif verdict is Verdict.EXECUTE and refusal:
+            self._answer(c, REFUSED, refusal)
         elif verdict is Verdict.EXECUTE and c.stops:
-            self._stop(c)
+            self._stop(now_s, c)
         elif verdict is Verdict.EXECUTE:
             self._waiting.append(c)
+
+    def _mute(self, now_s: float, c: Instruction) -> bool:
+        """An older agent of this vehicle answers, or may be there: this one neither acts nor answers."""
+        return bool(self.twins.older(now_s)) or (self.twins.listening(now_s) and not c.stops)
 
     def finished(self, ask: Ask, refusal: str) -> None:
         """The flight link has done it ("") or refused."""
         c = self._asked.pop(ask.number, None)
+        if refusal and ask.kind is Kind.SET_MODE:
+            self.rights.hands.not_done(ask.mode)
         if ask.kind is Kind.TAKEOFF and refusal:
             self._holder.take_off_refused()
         if c is None:
@@ -180,14 +141,18 @@ class AgentCore:
 
     # ---- time ------------------------------------------------------------------------------------------------
 
-    def step(self, now_s: float, wall_s: float) -> None:
+    def step(self, now_s: float) -> None:
         """Time passes: the next job, the target at its rate, a control PC that is silent."""
+        if self.twins.older(now_s):
+            self._out.clear()
+            return
         while self._running is None and self._waiting:
-            self._begin(now_s, wall_s, self._waiting.popleft())
+            self._begin(now_s, self._waiting.popleft())
         self._out += [ask for due_s, ask in self._due if now_s >= due_s]
         self._due = [(due_s, ask) for due_s, ask in self._due if now_s < due_s]
         target = self._holder.target
-        if target is not None and not self._guarded and self._gate.passes(now_s):
+        quiet = self.rights.guarded or self.twins.listening(now_s)
+        if target is not None and not quiet and self._gate.passes(now_s):
             self._out.append(SetPoint(target))
         if self._link_loss.land(now_s, self._holder.mode, self._holder.armed):
             self._say("nothing from the control PC for too long, landing")
@@ -200,8 +165,8 @@ class AgentCore:
 
     # ---- what is done ----------------------------------------------------------------------------------------
 
-    def _begin(self, now_s: float, wall_s: float, c: Instruction) -> None:
-        if wall_s > c.expires_s:
+    def _begin(self, now_s: float, c: Instruction) -> None:
+        if now_s > c.ordered_s + c.lifetime_s:
             self._answer(c, TOO_LATE, "waited too long for the command before it")
             return
         try:
@@ -213,8 +178,6 @@ class AgentCore:
         if c.kind is Kind.RECORD:
             self._out.append(Pictures(c.flag))
             self._answer(c, DONE, "")
-        elif self._guarded and c.kind in (Kind.GOTO, Kind.TAKEOFF):
-            raise CommandRefused(f"the guardian flies: {self._guarded}")
         elif c.kind is Kind.GOTO:
             self._holder.go_to(c.target, c.frame)
             self._answer(c, DONE, "")
@@ -226,29 +189,40 @@ class AgentCore:
             if c.kind is Kind.SET_MODE and c.mode not in MISSION_MODES and not self._rules.maintenance:
                 allowed = ", ".join(sorted(MISSION_MODES))
                 raise CommandRefused(f"mode '{c.mode}' is for pilots; a mission may ask for {allowed}")
-            if self._forbidden and (c.mode == "GUIDED" or (c.kind is Kind.ARM and c.flag)):
-                raise CommandRefused("the guardian forbids it: " + "; ".join(self._forbidden))
             self._running = c
             self._ask(c, c.kind, mode=c.mode, flag=c.flag)
 
-    def _stop(self, c: Instruction) -> None:
+    def _stop(self, now_s: float, c: Instruction) -> None:
         """Stopping overtakes what waits, and what waited is not done after it."""
         for waiting in [w for w in self._waiting if w.kind is not Kind.RECORD]:
             self._waiting.remove(waiting)
             self._answer(waiting, REFUSED, "overtaken by a command to stop")
+        self.rights.stopped(now_s, c.sender)
         if c.kind is not Kind.HOLD:
-            self._ask(c, Kind.SET_MODE, mode="LAND" if c.kind is Kind.LAND else c.mode)
+            mode = "LAND" if c.kind is Kind.LAND else c.mode
+            if mode == "BRAKE":
+                self._hold_here()  # until the mode shows
+            self._ask(c, Kind.SET_MODE, mode=mode)
             return
+        refusal = self._hold_here()
+        self._answer(c, REFUSED if refusal else DONE, refusal)
+
+    def _hold_here(self) -> str:
+        """Hold, and say so to the autopilot at once; "" or why not."""
         try:
             self._holder.hold()
-            self._answer(c, DONE, "")
         except CommandRefused as error:
-            self._answer(c, REFUSED, str(error))
+            return str(error)
+        if not self.rights.guarded:
+            self._out.append(SetPoint(self._holder.target))
+        return ""
 
     def _ask(self, c: Optional[Instruction], kind: Kind, due_s: Optional[float] = None, **what) -> None:
         self._asks += 1
         ask = Ask(kind, number=self._asks, **what)
         self._asked[ask.number] = c
+        if kind is Kind.SET_MODE:
+            self.rights.hands.asked(ask.mode)
         if due_s is None:
             self._out.append(ask)
         else:

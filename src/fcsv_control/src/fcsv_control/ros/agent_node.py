@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The agent on board as a node: topics and services around its core."""
 
+import os
 import threading
 import time
 from dataclasses import dataclass, field
@@ -10,29 +11,20 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Bool
 
-from fcsv_control.agent.core import (
-    DONE,
-    Ack,
-    AgentCore,
-    AgentRules,
-    Ask,
-    Instruction,
-    Kind,
-    Output,
-    Pictures,
-    Said,
-    SetPoint,
-)
+from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.holder import Limits
+from fcsv_control.agent.messages import DONE, Ack, Ask, Instruction, Kind, Output, Pictures, Said, SetPoint
+from fcsv_control.agent.twins import Twins
 from fcsv_control.errors import ControlError
 from fcsv_control.ros.link_services import LinkServices
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, MissionState, State
+from fcsv_msgs.msg import Command, CommandAck, Epoch, Epochs, Heartbeat, MissionState, State
 
 _STEP_HZ = 50.0
+_ALIVE_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -66,10 +58,13 @@ class AgentNode:
     def __init__(self):
         p = self._parameters = node.parameters(AgentParameters)
         self._name = p.vehicle
-        self._core = AgentCore(self._name, p.rules)
+        self._started_s = time.monotonic()
+        self._instance = f"agent-{self._name}-{os.getpid()}-{os.urandom(3).hex()}"
+        self._core = AgentCore(self._name, p.rules, Twins(self._instance, self._started_s))
         self._lock = threading.RLock()
         self._health = Health(self._name)
-        self._acks = rospy.Publisher("command_ack", CommandAck, queue_size=20)
+        self._alive = rospy.Publisher("agent/alive", Heartbeat, queue_size=2, tcp_nodelay=True)
+        self._acks = rospy.Publisher("command_ack", CommandAck, queue_size=20, tcp_nodelay=True)
         self._set_points = rospy.Publisher(
             "mavros/setpoint_position/local", PoseStamped, queue_size=1, tcp_nodelay=True
         )
@@ -82,11 +77,15 @@ class AgentNode:
             Said: self._say,
             SetPoint: self._send_set_point,
         }
-        self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._do())
+        self._timers = node.every(1.0 / _STEP_HZ, lambda _event: self._do()), node.every(_ALIVE_S, self._live)
+        rospy.Subscriber("agent/alive", Heartbeat, self._on_agent, queue_size=5)
+        rospy.Subscriber("odometry/epoch", Epoch, self._on_epoch, queue_size=1)
+        rospy.Subscriber("/calibration_epochs", Epochs, self._on_calibration, queue_size=1)
         rospy.Subscriber("mavros/state", State, self._on_state, queue_size=5)
         rospy.Subscriber("mavros/local_position/pose", PoseStamped, self._on_pose, queue_size=5, tcp_nodelay=True)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
-        rospy.Subscriber("command", Command, self._on_command, queue_size=20)
+        rospy.Subscriber("/mission/alive", Heartbeat, self._on_mission_alive, queue_size=5)
+        rospy.Subscriber("command", Command, self._on_command, queue_size=20, tcp_nodelay=True)
 
     # ---- what is heard -------------------------------------------------------------------------------------
 
@@ -105,13 +104,27 @@ class AgentNode:
     def _on_mission(self, _message: MissionState) -> None:
         self._do(lambda: self._core.control_heard(time.monotonic()))
 
+    def _on_mission_alive(self, m: Heartbeat) -> None:
+        self._do(lambda: self._core.control_heard(time.monotonic(), m.instance, m.sent_s))
+
+    def _on_agent(self, m: Heartbeat) -> None:
+        self._do(lambda: self._core.twins.heard(time.monotonic(), m.instance, m.sent_s - m.started_s))
+
+    def _on_epoch(self, m: Epoch) -> None:
+        self._do(lambda: self._core.epoch(m.epoch, m.reason))
+
+    def _on_calibration(self, m: Epochs) -> None:
+        mine = [epoch for name, epoch in zip(m.vehicles, m.epochs) if name == self._name]
+        if mine:
+            self._do(lambda: self._core.rights.frame.calibrated(mine[0]))
+
     def _on_command(self, message: Command) -> None:
         try:
             instruction = self._instruction(message)
         except FcsvError as error:
             self._send_ack(Ack(message.sender, message.number, CommandAck.REFUSED, str(error)))
             return
-        self._do(lambda: self._core.take(rospy.get_time(), instruction))
+        self._do(lambda: self._core.take(time.monotonic(), instruction))
 
     @staticmethod
     def _instruction(m: Command) -> Instruction:
@@ -122,8 +135,8 @@ class AgentNode:
             raise ControlError(f"command kind {m.kind} is not known") from error
         target = conversions.pose_to_transform(m.target.pose) if kind is Kind.GOTO else None
         return Instruction(
-            m.vehicle, m.sender, m.number, kind, m.expires.to_sec(), m.mode, bool(m.flag), m.altitude_m, target,
-            m.target.header.frame_id,
+            m.vehicle, m.sender, m.number, kind, m.sent_s, m.ordered_s, m.lifetime_s, m.mode, bool(m.flag),
+            m.altitude_m, target, m.target.header.frame_id,
         )  # fmt: skip
 
     # ---- what is done --------------------------------------------------------------------------------------
@@ -132,9 +145,19 @@ class AgentNode:
         """Let the core hear something, let time pass, and send what it wants sent, in its order."""
         with self._lock:
             heard()
-            self._core.step(time.monotonic(), rospy.get_time())
+            self._core.step(time.monotonic())
             for output in self._core.outgoing():
                 self._send[type(output)](output)
+
+    def _live(self, _event) -> None:
+        """A sign of life, and whether another agent of this vehicle goes first."""
+        now_s = time.monotonic()
+        with self._lock:
+            older, sender = self._core.twins.older(now_s), self._core.rights.lease.holder(now_s)
+        problem = f"{self._name}: {older} is its agent already; this second one does nothing, end it" if older else ""
+        self._health.problem("second agent", problem)
+        header = conversions.header(rospy.get_time(), "")
+        self._alive.publish(Heartbeat(header, self._instance, self._started_s, now_s, sender, problem))
 
     def _send_ask(self, ask: Ask) -> None:
         threading.Thread(target=self._ask, args=(ask,), name=ask.kind.name.lower(), daemon=True).start()

@@ -6,7 +6,7 @@ from typing import List, Tuple
 
 import rospy
 
-from fcsv_control.agent.core import Ask, Kind
+from fcsv_control.agent.messages import Ask, Kind
 from fcsv_control.errors import ControlError
 from fcsv_msgs.msg import Refusal, StatusText
 from fcsv_msgs.srv import CommandBool, CommandTOL, SetMode

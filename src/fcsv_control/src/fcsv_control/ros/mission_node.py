@@ -145,7 +145,8 @@ class MissionNode:
     def _command(self, order: Order, now_s: float) -> Command:
         a = order.arguments
         command = Command(header=conversions.header(now_s, ""), vehicle=order.vehicle, sender=self._sender)
-        command.number, command.expires = order.number, rospy.Time.from_sec(order.expires_s)
+        command.number, command.ordered_s, command.sent_s = order.number, order.ordered_s, now_s
+        command.lifetime_s = order.expires_s - order.ordered_s
         command.kind = getattr(Command, order.kind)
         command.mode, command.flag = a.get("mode", ""), a.get("flag", False)
         if "target" in a:

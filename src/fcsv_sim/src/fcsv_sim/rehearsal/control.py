@@ -6,7 +6,7 @@ from typing import Dict, Optional
 
 import numpy as np
 
-from fcsv_control.agent.core import Ack, Instruction, Kind
+from fcsv_control.agent.messages import Ack, Instruction, Kind
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
@@ -14,7 +14,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.home import camera_in_home, home_of
 from fcsv_geometry.mission import Mission
 from fcsv_sim.rehearsal.radio import Radio
-from fcsv_sim.rehearsal.vehicle import WALL_S, Heard, RehearsedVehicle
+from fcsv_sim.rehearsal.vehicle import Heard, RehearsedVehicle
 
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
 _CALIBRATES_S = 8.0
@@ -82,7 +82,7 @@ class ControlPc:
         for order in self.machine.outbox.due(now_s):
             vehicle = self._fleet[order.vehicle]
             self._radios[order.vehicle].send(
-                now_s, lambda c, v=vehicle, t=now_s: v.obey(c, t), _instruction(order, WALL_S)
+                now_s, lambda c, v=vehicle, t=now_s: v.obey(c, t), _instruction(order, now_s)
             )
         for name, vehicle in self._fleet.items():
             self._radios[name].send(now_s, lambda m, v=vehicle, t=now_s: v.hear_control(t, m), self.T_home_odom)
@@ -150,11 +150,11 @@ class ControlPc:
         self.T_home_odom = {n: transforms.invert(T_ref_home) @ T for n, T in self._T_ref_odom.items()}
 
 
-def _instruction(order: Order, wall_s: float) -> Instruction:
+def _instruction(order: Order, now_s: float) -> Instruction:
     a = order.arguments
     return Instruction(
-        order.vehicle, "mission", order.number, Kind[order.kind], wall_s + order.expires_s, a.get("mode", ""),
-        a.get("flag", False), 0.0, a.get("target"), a.get("frame", ""),
+        order.vehicle, "mission", order.number, Kind[order.kind], now_s, order.ordered_s,
+        order.expires_s - order.ordered_s, a.get("mode", ""), a.get("flag", False), 0.0, a.get("target"), a.get("frame", ""),
     )  # fmt: skip
 
 

@@ -7,7 +7,8 @@ from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_control.agent.core import Ack, AgentCore, AgentRules, Ask, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.agent.core import AgentCore, AgentRules
+from fcsv_control.agent.messages import Ack, Ask, Instruction, Kind, Pictures, SetPoint
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
@@ -142,11 +143,11 @@ class RehearsedVehicle:
         self.told(now_s, "ordered", instruction)
         if instruction.kind in (Kind.GOTO, Kind.HOLD):
             self.guardian.moved(now_s)
-        self.agent.take(self._wall_s(now_s), instruction)
+        self.agent.take(now_s, instruction)
 
     def hear_control(self, now_s: float, T_home_odom: Dict[str, np.ndarray]) -> None:
         """The mission's state came, and where odometry frames stand in home."""
-        self.agent.control_heard(now_s)
+        self.agent.control_heard(now_s, "mission")
         self.guardian.control_heard(now_s)
         self.T_home_odom = T_home_odom
         self.guardian.home(T_home_odom.get(self.name))
@@ -226,7 +227,7 @@ class RehearsedVehicle:
             self._guard(now_s)
         if self.agent_runs:
             self.guardian.agent_lives(now_s)
-        self.agent.step(now_s, self._wall_s(now_s))
+        self.agent.step(now_s)
         for output in self.agent.outgoing():
             handler = self._do.get(type(output))
             if handler is not None:

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the agent is told and what it wants done."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Optional, Union
+
+import numpy as np
+
+DONE, REFUSED, TOO_LATE = 0, 1, 2  # CommandAck.result
+STOPPING_MODES = frozenset({"LAND", "BRAKE"})
+MISSION_MODES = frozenset({"GUIDED", *STOPPING_MODES})  # what a mission needs; any other mode is a pilot's
+
+
+class Kind(Enum):
+    """What a command asks for; values as in fcsv_msgs/Command."""
+
+    SET_MODE = 1
+    GOTO = 2
+    HOLD = 3
+    RECORD = 4
+    LAND = 5
+    ARM = 6
+    TAKEOFF = 7
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """A numbered command. Which of the last fields count depends on the kind.
+
+    ``sent_s`` (when this copy was sent) and ``ordered_s`` are by a monotonic clock of the sender, whose zero is
+    anywhere. It is not begun later than ``lifetime_s`` after it was ordered, unless it stops the vehicle.
+    """
+
+    vehicle: str
+    sender: str
+    number: int
+    kind: Kind
+    sent_s: float
+    ordered_s: float
+    lifetime_s: float
+    mode: str = ""
+    flag: bool = False
+    altitude_m: float = 0.0
+    target: Optional[np.ndarray] = None  # T_odom_body
+    frame: str = ""
+
+    @property
+    def stops(self) -> bool:
+        """Whether it stops the vehicle: it never waits and never comes too late by the clock."""
+        return self.kind in (Kind.HOLD, Kind.LAND) or (self.kind is Kind.SET_MODE and self.mode in STOPPING_MODES)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it makes the vehicle fly, or able to fly: only who commands the vehicle may ask for it."""
+        return self.kind is not Kind.RECORD and not self.stops
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A request to the flight link; ``AgentCore.finished`` is told of its end."""
+
+    kind: Kind  # SET_MODE, ARM or TAKEOFF
+    mode: str = ""
+    flag: bool = False
+    altitude_m: float = 0.0
+    number: int = 0
+
+
+@dataclass(frozen=True)
+class Ack:
+    """The answer to a command."""
+
+    sender: str
+    number: int
+    result: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """Where to hold: T_odom_body."""
+
+    T_odom_body: np.ndarray
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Whether the recorder writes pictures."""
+
+    on: bool
+
+
+@dataclass(frozen=True)
+class Said:
+    """Something that the log and the operator should know."""
+
+    text: str
+
+
+Output = Union[Ask, Ack, SetPoint, Pictures, Said]

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who may have a command obeyed: whoever stops a vehicle that is not flown by hand, and one commander who moves it, while
+the guardian lets him."""
+
+import math
+from typing import Sequence
+
+from fcsv_control.agent.epochs import CalibratedFrame
+from fcsv_control.agent.hands import ModeHands
+from fcsv_control.agent.lease import LEASE_S, Lease
+from fcsv_control.agent.messages import Instruction, Kind
+
+_MARGIN_S = 0.5  # a commander learns of somebody else's stop a moment after the vehicle, or before it
+
+
+class Rights:
+    """``hands``, ``lease`` and ``frame`` are told what is heard of modes, commanders and the odometry's epochs."""
+
+    def __init__(self, vehicle: str):
+        self._vehicle = vehicle
+        self.hands, self.lease, self.frame = ModeHands(), Lease(), CalibratedFrame()
+        self._stopped_s, self._stopped_by = -math.inf, ""
+        self.guarded = ""  # why the guardian flies, "" where it does not
+        self.forbidden: Sequence[str] = ()  # why the guardian forbids to hand the vehicle over
+
+    def stopped(self, now_s: float, sender: str) -> None:
+        """A command to stop was obeyed: what others ordered before does not count any more."""
+        self._stopped_s, self._stopped_by = now_s, sender
+
+    def refusal(self, now_s: float, c: Instruction) -> str:
+        """Why a command is not obeyed; "" where it is. A moving command takes or renews the lease."""
+        if c.stops:
+            mode = self.hands.by_hand
+            return f"{self._vehicle} is flown by hand ({mode}); tell its pilot" if mode else ""
+        if not c.moves:
+            return ""
+        if c.sender != self._stopped_by and c.ordered_s < self._stopped_s + _MARGIN_S:
+            return f"{self._vehicle} was stopped by {self._stopped_by} after this was ordered"
+        holder = self.lease.take(now_s, c.sender)
+        if holder:
+            return (
+                f"{self._vehicle} is commanded by {holder}; end it, or wait until it is silent for {LEASE_S:g} s: "
+                "LAND, BRAKE and HOLD are obeyed from anybody"
+            )
+        if c.kind is Kind.SET_MODE and c.mode == "GUIDED" and self.frame.outdated:
+            return f"{self._vehicle}: {self.frame.outdated}"
+        return self._guardians(c)
+
+    def _guardians(self, c: Instruction) -> str:
+        if self.guarded and c.kind in (Kind.GOTO, Kind.TAKEOFF):
+            return f"{self._vehicle}: the guardian flies: {self.guarded}"
+        hands_over = (c.kind is Kind.SET_MODE and c.mode == "GUIDED") or (c.kind is Kind.ARM and c.flag)
+        if self.forbidden and hands_over:
+            return f"{self._vehicle}: the guardian forbids it: {'; '.join(self.forbidden)}"
+        return ""
