@@ -26,6 +26,11 @@ class Hands:
         """The mission asks for a mode while the vehicle shows ``now``."""
         self._asked[name], self._before[name] = mode, now
 
+    def all_asked(self, mode: str) -> None:
+        """Somebody on our side has asked for a mode of every vehicle that is ours."""
+        for name, now in self._ours.items():
+            self.asked(name, mode, now)
+
     def give_back(self) -> None:
         """The operator has confirmed: the mission may ask for modes again. Who is in GUIDED is ours from now on."""
         for name, mode in self.taken.items():

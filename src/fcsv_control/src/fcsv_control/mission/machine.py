@@ -17,6 +17,7 @@ PHASES = (
     "WAIT_VEHICLES", "TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS", "LAND",
     "DONE", "ABORTED",
 )  # fmt: skip
+_FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS", "LAND")
 _SEEN_S = 2.0
 _AIRBORNE_M = 1.5
 _CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger
@@ -45,6 +46,7 @@ class MissionMachine:
         self._landing = Landing(vehicles, self.outbox, mission.min_separation_m, self._hands)
         self._mode_orders: Dict[str, Order] = {}
         self._aborted = False
+        self._stopped = ""  # why everybody was stopped from outside; nothing is ordered until it is over
         self._now_s = 0.0
         self._confirmed_s = float("-inf")
 
@@ -70,7 +72,9 @@ class MissionMachine:
         self._confirmed_s = self._now_s
         if step in ("execute", "resume"):
             self._hands.give_back()
-            self._enter("GUIDED", "handing over to the mission")
+            self._stopped = self.waits_for = ""
+            if self.phase != "LAND":
+                self._enter("GUIDED", "handing over to the mission")
         else:
             self._enter({"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[step], "running")
             self.wants = step
@@ -88,8 +92,15 @@ class MissionMachine:
     def abort(self, reason: str) -> None:
         """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to land."""
         if not self.over:
-            self._aborted = True
+            self._aborted, self._stopped = True, ""
             self._enter("LAND", reason)
+
+    def stopped(self, reason: str) -> None:
+        """Somebody has stopped everybody (/stop_all): no order until the operator confirms ``resume``, or aborts."""
+        if self.phase in _FLOWN_BY_US:
+            self._stopped = reason
+            self.outbox.withdraw(f"everybody was stopped: {reason}")
+            self._hands.all_asked("BRAKE")
 
     # ---- the story -----------------------------------------------------------------------------------------
 
@@ -98,6 +109,9 @@ class MissionMachine:
         self._now_s = snapshot.now_s
         self._hands.see(snapshot)
         self.problems = [] if self.over else watch.problems(self.mission, self.phase, snapshot)
+        if self._stopped:
+            self._stand_still(snapshot)
+            return
         story: Dict[str, Callable[[Snapshot], None]] = {
             "WAIT_VEHICLES": self._wait_vehicles,
             "TAKE_OFF": self._take_off,
@@ -142,6 +156,15 @@ class MissionMachine:
             if self._flight_list is None:
                 self._flight_list = FlightList(self.mission, self.vehicles, self.outbox, snapshot)
             self._enter("CONFIGURATIONS", "")
+
+    def _stand_still(self, snapshot: Snapshot) -> None:
+        """Everybody was stopped: recorders off, and no more than that."""
+        if self.phase == "CONFIGURATIONS":
+            self._flight_list.pause(snapshot)
+        if not self._taken():
+            self.waits_for = "resume"
+        self.detail = f"everybody was stopped ({self._stopped}): confirm 'resume', or abort to land"
+        self.problems.append(self.detail)
 
     def _taken(self) -> bool:
         """Whether somebody else has a vehicle; the operator can confirm once each is given back."""

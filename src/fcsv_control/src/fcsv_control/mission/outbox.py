@@ -49,6 +49,11 @@ class Outbox:
         self._open[order.number] = order
         return order
 
+    def withdraw(self, why: str) -> None:
+        """No order that moves a vehicle is sent again."""
+        for order in [o for o in self._open.values() if o.kind not in _RECORDING]:
+            self._close(order, why)
+
     def due(self, now_s: float) -> List[Order]:
         """Orders to publish now, again where no acknowledgement came."""
         for order in list(self._open.values()):

@@ -17,6 +17,7 @@ _TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses
 _IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS")
 _RECORDED = ("WAIT_VEHICLES", "GUIDED", "CONFIGURATIONS")
 _FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS")
+_CALIBRATED = ("MOVE_HOME", "SET_HOME", *_FLOWN_BY_US)
 
 
 def problems(mission: Mission, phase: str, snapshot: Snapshot) -> List[str]:
@@ -54,6 +55,8 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[str
         yield "motors are off"
     if view.battery_share < mission.low_battery_share:
         yield f"battery below {mission.low_battery_share:.0%}; abort to land"
+    if phase in _CALIBRATED and view.frame_problem:
+        yield view.frame_problem
     if phase in _FLOWN_BY_US and view.T_home_cam is None:
         yield "its place in home is not known; calibrate and set home again"
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import List
 
 import rospy
+from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from fcsv_control.mission.machine import PHASES, MissionMachine
@@ -20,8 +21,11 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.mission import Mission, load_mission
 from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configuration, Home, MissionState
+from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configuration, Heartbeat, Home, MissionState
 from fcsv_msgs.srv import Calibrate, Proceed, ProceedResponse, SetHome
+
+
+_ALIVE_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,9 @@ class MissionNode:
         self._in_home = HomeFrames()
         self._published_captures = 0
         self._health = Health("mission")
+        self._started_s, self._alive_s = time.monotonic(), float("-inf")
+        self._alive = rospy.Publisher("/mission/alive", Heartbeat, queue_size=2)
+        self._stop_over = rospy.Publisher("/stop_all/over", String, queue_size=2)
         self._state = rospy.Publisher("/mission/state", MissionState, queue_size=10, latch=True)
         self._captures = rospy.Publisher("/mission/capture", Capture, queue_size=50, latch=True)
         self._commands = {n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in names}
@@ -64,6 +71,8 @@ class MissionNode:
         self._inputs = {n: VehicleInputs(self._vehicles[n], tag, self._health) for n, tag in zip(names, fronts)}
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
+        rospy.Subscriber("/stop_all", String, self._on_stop_all, queue_size=5, tcp_nodelay=True)
+        rospy.Subscriber("/land_all", String, self._on_land_all, queue_size=5, tcp_nodelay=True)
         for name in names:
             rospy.Subscriber(f"/{name}/command_ack", CommandAck, self._on_ack, queue_size=20)
 
@@ -89,12 +98,22 @@ class MissionNode:
             except FcsvError as error:
                 self._health.drop("calibration or home", str(error))
 
+    def _on_stop_all(self, message: String) -> None:
+        with self._lock:
+            self._machine.stopped(message.data or "by a topic")
+
+    def _on_land_all(self, message: String) -> None:
+        with self._lock:
+            self._machine.abort(f"landing everybody: {message.data or 'by a topic'}")
+
     # ---- the operator --------------------------------------------------------------------------------------
 
     def _on_proceed(self, request) -> ProceedResponse:
         with self._lock:
             refusal = self._machine.proceed(request.step)
             wants, self._machine.wants = self._machine.wants, ""
+        if request.step == "resume" and not refusal:
+            self._stop_over.publish(String("the operator resumes"))
         if wants:
             threading.Thread(target=self._call, args=(wants,), name=wants, daemon=True).start()
         return ProceedResponse(not refusal, refusal or f"confirmed: {request.step}")
@@ -126,7 +145,7 @@ class MissionNode:
         """Step, send what is due, publish the state, until ROS ends."""
         while not rospy.is_shutdown():
             with self._lock:
-                now_s = rospy.get_time()
+                now_s = time.monotonic()
                 phase = self._machine.phase
                 self._machine.step(self._snapshot(now_s))
                 if self._machine.phase != phase:
@@ -134,7 +153,15 @@ class MissionNode:
                 for order in self._machine.outbox.due(now_s):
                     self._commands[order.vehicle].publish(self._command(order, now_s))
                 self._publish(now_s)
+                self._live(now_s)
             time.sleep(1.0 / self._parameters.rate_hz)
+
+    def _live(self, now_s: float) -> None:
+        """A sign of life for the agents: who commands, and his clock."""
+        if now_s - self._alive_s >= _ALIVE_S - 1e-3:
+            self._alive_s = now_s
+            header = conversions.header(rospy.get_time(), "")
+            self._alive.publish(Heartbeat(header, self._sender, self._started_s, time.monotonic(), "", ""))
 
     def _snapshot(self, now_s: float) -> Snapshot:
         T_home_odom = self._in_home.T_home_odom
@@ -144,22 +171,23 @@ class MissionNode:
 
     def _command(self, order: Order, now_s: float) -> Command:
         a = order.arguments
-        command = Command(header=conversions.header(now_s, ""), vehicle=order.vehicle, sender=self._sender)
+        command = Command(header=conversions.header(rospy.get_time(), ""), vehicle=order.vehicle, sender=self._sender)
         command.number, command.ordered_s, command.sent_s = order.number, order.ordered_s, now_s
         command.lifetime_s = order.expires_s - order.ordered_s
         command.kind = getattr(Command, order.kind)
         command.mode, command.flag = a.get("mode", ""), a.get("flag", False)
         if "target" in a:
-            command.target = conversions.pose_stamped(a["target"], now_s, a["frame"])
+            command.target = conversions.pose_stamped(a["target"], rospy.get_time(), a["frame"])
         return command
 
     def _publish(self, now_s: float) -> None:
+        """``now_s``: monotonic."""
         m = self._machine
         self._health.value("phase", m.phase)
         self._health.problem("mission", "; ".join(m.problems))
         self._state.publish(
             MissionState(
-                header=conversions.header(now_s, ""),
+                header=conversions.header(rospy.get_time(), ""),
                 phase=PHASES.index(m.phase),
                 phase_name=m.phase,
                 detail=m.detail,
@@ -169,23 +197,27 @@ class MissionNode:
                 problems=m.problems,
             )
         )
+        wall_s = rospy.get_time()
         for window in m.captures[self._published_captures :]:
-            self._captures.publish(capture_message(self._mission, window, now_s))
+            self._captures.publish(capture_message(self._mission, window, wall_s, wall_s - now_s))
         self._published_captures = len(m.captures)
 
 
-def capture_message(mission: Mission, window: CaptureWindow, now_s: float) -> Capture:
-    """What /mission/capture says of a recording window."""
+def capture_message(mission: Mission, window: CaptureWindow, wall_s: float, wall_offset_s: float = 0.0) -> Capture:
+    """What /mission/capture says of a recording window: in the time of day, by which pictures are stamped.
+
+    ``wall_s``: the time of day; ``wall_offset_s``: it minus the clock of the window, now that the window has ended.
+    """
     c = mission.configurations[window.index]
     axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
     return Capture(
-        header=conversions.header(now_s, ""),
+        header=conversions.header(wall_s, ""),
         index=window.index,
         configuration=Configuration(c.title, axis, c.baseline_m, c.tilt_rad, c.record_s),
         reference=mission.reference,
         vehicle=window.vehicle,
-        start=rospy.Time.from_sec(window.start_s),
-        stop=rospy.Time.from_sec(window.stop_s),
+        start=rospy.Time.from_sec(window.start_s + wall_offset_s),
+        stop=rospy.Time.from_sec(window.stop_s + wall_offset_s),
         position_error_m=window.position_error_m,
     )
 

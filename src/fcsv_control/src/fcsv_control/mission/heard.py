@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the control PC has heard of one vehicle, with ages by when it came: no stamp of a sender enters an age."""
+
+import math
+from dataclasses import dataclass
+from typing import Optional
+
+import numpy as np
+
+from fcsv_control.mission.snapshot import VehicleView
+from fcsv_geometry.home import camera_in_home
+
+_TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
+_NEVER_S = -math.inf
+
+
+@dataclass
+class FrameEpochs:
+    """Of a vehicle's odometry: its epoch now, and those for which calibration and home hold; None: not heard."""
+
+    now: Optional[int] = None
+    reason: str = ""
+    calibration: Optional[int] = None
+    home: Optional[int] = None
+
+    @property
+    def problem(self) -> str:
+        """Why calibration or home does not hold any more; empty where they do.
+
+        >>> FrameEpochs(8, "the tracker was silent for 0.7 s", 7).problem
+        'its odometry began anew (the tracker was silent for 0.7 s): calibrate and set home again'
+        """
+        if self.now is None or all(known in (None, self.now) for known in (self.calibration, self.home)):
+            return ""
+        return f"its odometry began anew ({self.reason}): calibrate and set home again"
+
+
+class VehicleHeard:
+    """``now_s`` is monotonic time of this machine. A message that the relay held up is younger here than it is by up
+    to the age at which its class is dropped (1 s for states: config/links)."""
+
+    def __init__(self, T_body_cam: np.ndarray):
+        self._T_body_cam = T_body_cam
+        self.epochs = FrameEpochs()
+        self._T_odom_body: Optional[np.ndarray] = None
+        self._speed_mps = math.inf
+        self._odometry_s = self._state_s = self._recorder_s = _NEVER_S
+        self._tag_s = self._tag_since_s = _NEVER_S
+        self._z_m = self._ground_z_m = 0.0
+        self._mode, self._armed, self._connected = "", False, False
+        self._battery_share = math.nan
+        self._problem, self._pictures = "", 0
+
+    def odometry(self, now_s: float, T_odom_body: np.ndarray, speed_mps: float) -> None:
+        """Its place in its own odometry frame."""
+        self._T_odom_body, self._speed_mps, self._odometry_s = T_odom_body, speed_mps, now_s
+
+    def position(self, z_m: float) -> None:
+        """Height by the autopilot's estimate; the ground is where it was when it was not armed."""
+        self._z_m = z_m
+        if not self._armed:
+            self._ground_z_m = z_m
+
+    def state(self, now_s: float, mode: str, armed: bool, connected: bool) -> None:
+        """What its autopilot shows."""
+        self._mode, self._armed, self._connected, self._state_s = mode, armed, connected, now_s
+
+    def battery(self, share: float) -> None:
+        """0..1, NaN where unknown."""
+        self._battery_share = share
+
+    def recorder(self, now_s: float, problem: str, pictures: int) -> None:
+        """What its recorder says."""
+        self._problem, self._pictures, self._recorder_s = problem, pictures, now_s
+
+    def front_tag(self, now_s: float) -> None:
+        """It has seen the tag of the vehicle in front."""
+        if now_s - self._tag_s > _TAG_GAP_S:
+            self._tag_since_s = now_s
+        self._tag_s = now_s
+
+    def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
+        """The vehicle now; its place in home where ``T_home_odom`` is known."""
+        known = self._T_odom_body is not None and T_home_odom is not None
+        seen = now_s - self._tag_s < _TAG_GAP_S
+        return VehicleView(
+            pose_age_s=now_s - self._odometry_s,
+            speed_mps=self._speed_mps,
+            height_m=self._z_m - self._ground_z_m,
+            state_age_s=now_s - self._state_s,
+            connected=self._connected,
+            armed=self._armed,
+            mode=self._mode,
+            sees_front_s=self._tag_s - self._tag_since_s if seen else 0.0,
+            T_home_cam=camera_in_home(T_home_odom, self._T_odom_body, self._T_body_cam) if known else None,
+            battery_share=self._battery_share,
+            recorder_age_s=now_s - self._recorder_s,
+            recorder_problem=self._problem,
+            pictures=None if self._recorder_s == _NEVER_S else self._pictures,
+            frame_problem=self.epochs.problem,
+        )
