@@ -137,6 +137,77 @@ def test_a_clock_set_back_is_followed_after_a_bounded_silence(T_body_t265):
     assert passed == 30 - 19
 
 
+# ---- epochs: what was calibrated before another one does not hold any more --------------------------------------
+
+
+class Sampled:
+    """A core that is fed at 200 Hz, by stamps whose clock is ``ahead_s`` of the monotonic one."""
+
+    def __init__(self, T_body_t265):
+        self.core, self.T_body_t265, self.k, self.ahead_s = BodyOdometry(T_body_t265), T_body_t265, 0, 1.7e9
+
+    def fly(self, seconds, T_jump=None, awake_s=0.0):
+        """The largest distance (m) of what comes out from the flight without a jump."""
+        off_m = 0.0
+        for self.k in range(self.k + 1, self.k + 1 + round(seconds / DT_S)):
+            T = (np.eye(4) if T_jump is None else T_jump) @ body_at(self.k * DT_S) @ self.T_body_t265
+            p, q, at_s = tuple(T[:3, 3].tolist()), tuple(tf.quaternion_xyzw(T)), self.k * DT_S
+            try:
+                out = self.core.feed(at_s + self.ahead_s, p, q, came_s=max(at_s, awake_s))
+            except OdometryRejected:
+                continue
+            off_m = max(off_m, math.dist(out.p_odom_body, body_at(at_s)[:3, 3]))
+        return off_m
+
+    def silent(self, seconds):
+        self.k += round(seconds / DT_S)
+
+
+@pytest.mark.parametrize("silent_s, begins", [(0.1, False), (0.45, False), (0.55, True), (5.0, True)])
+def test_a_gap_of_half_a_second_begins_an_epoch(T_body_t265, silent_s, begins):
+    s = Sampled(T_body_t265)
+    s.fly(1.0)
+    s.silent(silent_s)
+    s.fly(1.0)
+    assert (s.core.epoch.number > s.core.status.jumps) is begins, "a jump that it hid begins one more"
+
+
+def test_a_gap_over_which_it_stood_still_begins_an_epoch_too(T_body_t265):
+    core = BodyOdometry(T_body_t265)
+    p, q = tuple(T_body_t265[:3, 3].tolist()), tuple(tf.quaternion_xyzw(T_body_t265))
+    for k in range(100):
+        core.feed(k * DT_S, p, q, came_s=k * DT_S)
+    core.feed(1.2, p, q, came_s=1.2)
+    assert (core.epoch.number, core.epoch.reason) == (1, "the tracker was silent for 0.7 s")
+
+
+def test_every_jump_that_is_undone_begins_an_epoch(T_body_t265):
+    s = Sampled(T_body_t265)
+    s.fly(1.0)
+    assert s.core.epoch.number == 0
+    s.fly(1.0, tf.from_xyz_yaw([0.0, 0.0, -30.0], 0.0))
+    assert s.core.epoch.number == 1 and "the tracker jumped by 30" in s.core.epoch.reason
+    s.fly(1.0, tf.from_xyz_yaw([2.0, 0.0, -30.0], 0.0))
+    assert s.core.epoch.number == 2
+
+
+@pytest.mark.parametrize("step_s", [-60.0, -2.0, -0.4, 0.4, 2.0, 60.0])
+def test_a_step_of_the_clock_is_no_gap_no_jump_and_no_silence(T_body_t265, step_s):
+    s = Sampled(T_body_t265)
+    s.fly(1.0)
+    s.ahead_s += step_s
+    assert s.fly(1.0) < 1e-6  # floats of stamps since 1970: 0.2 us
+    assert s.core.epoch.number == 0 and not s.core.status.rejected and not s.core.status.jumps
+
+
+def test_a_computer_that_stood_still_for_a_second_has_missed_nothing_that_comes_after(T_body_t265):
+    """The samples waited and come all at once: their stamps show no gap."""
+    s = Sampled(T_body_t265)
+    s.fly(1.0)
+    s.fly(2.0, awake_s=2.0)
+    assert s.core.epoch.number == 0 and not s.core.status.rejected
+
+
 @pytest.mark.ros
 def test_node_never_lets_a_jump_or_a_bad_sample_through(start_node, root, T_body_t265):
     import rospy

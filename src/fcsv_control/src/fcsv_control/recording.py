@@ -7,14 +7,21 @@ from pathlib import Path
 from typing import List, Optional, Tuple
 
 PICTURES: Tuple[str, ...] = ("camera/color/image_raw", "camera/color/camera_info")
-_VEHICLE: Tuple[str, ...] = ("odometry/body", "tags/detections", "mavros/state", "mavros/statustext/recv")
+_VEHICLE: Tuple[str, ...] = (
+    "odometry/body", "odometry/epoch", "tags/detections", "mavros/state", "mavros/statustext/recv", "agent/alive",
+)  # fmt: skip
 _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",
-    "camera_pose", "markers", "recorder/status",
+    "camera_pose", "markers", "recorder/status", "odometry/epoch", "agent/alive",
 )  # fmt: skip
 _CONTROL: Tuple[str, ...] = (
     "/calibration",
+    "/calibration_epochs",
     "/home",
+    "/home_epochs",
+    "/stop_all",
+    "/land_all",
+    "/stop_all/report",
     "/mission/state",
     "/mission/capture",
     "/map/state",

@@ -5,7 +5,7 @@
 the tracker jumps. Then the frame is re-based by four degrees of freedom (the jump undone, roll and
 pitch are gravity's and stay) so that the pose given to the autopilot is continuous: ArduCopter flies a
 jump's length when it adopts it, and does not follow a rotated frame at all. What was calibrated before
-a jump is only roughly valid after it, which ``Status.jumps`` tells.
+a jump, or before a gap over which the vehicle may have moved, does not hold after it: each begins an epoch.
 """
 
 import math
@@ -21,6 +21,8 @@ from fcsv_geometry.rotations import Quaternion, Vector
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking.errors import OdometryRejected
 
+_STEP_S = 0.3  # by which stamps may run ahead of when samples come, and no more: they are then stepped
+
 
 @dataclass(frozen=True)
 class GateParameters:
@@ -31,6 +33,7 @@ class GateParameters:
     max_turn_rad: float = 0.2  # off the prediction, heading; and between tilts of neighbouring samples
     max_rate_radps: float = 15.0
     bridge_s: float = 0.5  # longest time over which the last velocity carries on
+    max_gap_s: float = 0.5  # of silence: after more of it the vehicle may be anywhere near
     max_jumps: int = 5  # in lost_window_s: more is a lost tracker, whose pose is withheld
     lost_window_s: float = 1.0
     patience_samples: int = 100  # rejected in a row before the tracker is taken to have begun anew
@@ -48,6 +51,14 @@ class BodyPose:
     q_odom_body_xyzw: Quaternion
     linear_mps: Vector
     angular_radps: Vector
+
+
+@dataclass(frozen=True)
+class EpochBegan:
+    """Which beginning of the odometry frame it is, and why it began; another number: calibrate again."""
+
+    number: int = 0
+    reason: str = "start"
 
 
 @dataclass
@@ -76,8 +87,9 @@ class BodyOdometry:
 
     def __init__(
         self, T_body_t265: np.ndarray, gate: Optional[GateParameters] = None, rebase: Optional[Rebase] = None,
-        tracker: TrackerProfile = T265_PROFILE,
+        tracker: TrackerProfile = T265_PROFILE, epoch: EpochBegan = EpochBegan(),
     ):  # fmt: skip
+        self.epoch = epoch
         T_t265_body = transforms.invert(T_body_t265)
         self._p_t265_body: Vector = tuple(T_t265_body[:3, 3].tolist())
         self._q_t265_body: Quaternion = tuple(transforms.quaternion_xyzw(T_t265_body).tolist())
@@ -86,6 +98,8 @@ class BodyOdometry:
         self._gate, self._period_s = gate or GateParameters(), tracker.period_s
         self._set_rebase(rebase or Rebase())
         self._last: Optional[BodyPose] = None
+        self._came_s: Optional[float] = None  # the last sample that passed
+        self._dt_s = 0.0  # between the last one that passed and this
         self._velocity: Vector = (0.0, 0.0, 0.0)  # odom frame, from positions: the twist field is not relied on
         self._yaw_rate = 0.0
         self._rejected_in_a_row = 0
@@ -104,19 +118,34 @@ class BodyOdometry:
 
     def feed(
         self, stamp_s: float, p_t265odom_t265: Vector, q_t265odom_t265_xyzw: Quaternion,
-        linear_mps: Vector = (0.0, 0.0, 0.0), angular_radps: Vector = (0.0, 0.0, 0.0),
+        linear_mps: Vector = (0.0, 0.0, 0.0), angular_radps: Vector = (0.0, 0.0, 0.0), came_s: Optional[float] = None,
     ) -> BodyPose:  # fmt: skip
-        """The body's pose from one sample (velocities in the t265 frame). Raises OdometryRejected."""
+        """The body's pose from one sample (velocities in the t265 frame). Raises OdometryRejected.
+
+        ``came_s``: when it came, by a monotonic clock, by which a step of the stamps' clock is told from a gap.
+        """
+        self._dt_s = self._since_last(stamp_s, came_s)
         q_raw = self._checked(stamp_s, p_t265odom_t265, q_t265odom_t265_xyzw, linear_mps, angular_radps)
         pose = self._body(stamp_s, p_t265odom_t265, q_raw, linear_mps, angular_radps)
         if self._last is not None:
             pose = self._continuous(pose, p_t265odom_t265, q_raw)
             self._learn_velocity(pose)
         self._rejected_in_a_row = 0
-        self._last = pose
+        self._last, self._came_s = pose, came_s
         self._require_tracking(stamp_s)
         self.status.passed += 1
         return pose
+
+    def _since_last(self, stamp_s: float, came_s: Optional[float]) -> float:
+        """Time (s) since the last sample that passed: by the stamps, unless their clock was stepped meanwhile."""
+        if self._last is None:
+            return 0.0
+        by_stamps_s = stamp_s - self._last.stamp_s
+        if came_s is None or self._came_s is None:
+            return by_stamps_s
+        ahead_s = by_stamps_s - (came_s - self._came_s)
+        stepped = ahead_s > _STEP_S or by_stamps_s < -_STEP_S
+        return came_s - self._came_s if stepped else by_stamps_s
 
     def _checked(self, stamp_s, p, q, linear, angular) -> Quaternion:
         """The quaternion normalised; raises OdometryRejected on what is no sample at all."""
@@ -125,7 +154,7 @@ class BodyOdometry:
             raise self.reject("not_finite", "odometry holds NaN or infinity")
         if abs(norm - 1.0) > 0.01:
             raise self.reject("quaternion", f"odometry's quaternion has length {norm:.3g}, not 1")
-        if self._last is not None and stamp_s <= self._last.stamp_s:
+        if self._last is not None and self._dt_s <= 0.0:
             self._rejected_in_a_row += 1
             if self._rejected_in_a_row < self._gate.patience_samples:
                 back_s = self._last.stamp_s - stamp_s
@@ -151,13 +180,15 @@ class BodyOdometry:
     def _continuous(self, pose: BodyPose, p_raw: Vector, q_raw: Quaternion) -> BodyPose:
         """The pose itself where it continues the last ones, else the pose after re-basing. Raises OdometryRejected."""
         last, gate = self._last, self._gate
-        dt_s = max(pose.stamp_s - last.stamp_s, self._period_s)  # never sharper than the tracker's rate
+        dt_s = max(self._dt_s, self._period_s)  # never sharper than the tracker's rate
         began_anew = self._rejected_in_a_row >= gate.patience_samples
         tilt = rotations.tilt_between(last.q_odom_body_xyzw, pose.q_odom_body_xyzw)
         if tilt > max(gate.max_turn_rad, gate.max_rate_radps * dt_s) and not began_anew:
             self._rejected_in_a_row += 1
             raise self.reject("tilt", f"odometry's roll or pitch jumps by {math.degrees(tilt):.1f} deg")
-        bridged_s = min(dt_s, gate.bridge_s) if pose.stamp_s > last.stamp_s else 0.0
+        if dt_s > gate.max_gap_s:
+            self._begin_epoch(f"the tracker was silent for {dt_s:.1f} s")
+        bridged_s = min(dt_s, gate.bridge_s) if self._dt_s > 0.0 else 0.0
         predicted = tuple(a + v * bridged_s for a, v in zip(last.p_odom_body, self._velocity))
         yaw_predicted = rotations.yaw(last.q_odom_body_xyzw) + self._yaw_rate * bridged_s
         step_m = math.dist(pose.p_odom_body, last.p_odom_body)
@@ -180,7 +211,11 @@ class BodyOdometry:
         self._rebase = rebase
         self._q_rebase = rotations.quaternion_of_yaw(rebase.yaw_rad)
 
+    def _begin_epoch(self, reason: str) -> None:
+        self.epoch = EpochBegan(self.epoch.number + 1, reason)
+
     def _note_jump(self, stamp_s: float, off_m: float, turn_rad: float) -> None:
+        self._begin_epoch(f"the tracker jumped by {off_m:.2f} m, {math.degrees(turn_rad):.0f} deg")
         status = self.status
         status.jumps += 1
         status.largest_jump_m = max(status.largest_jump_m, off_m)
@@ -200,7 +235,7 @@ class BodyOdometry:
 
     def _learn_velocity(self, pose: BodyPose) -> None:
         """Velocity from positions, smoothed over about 50 ms."""
-        dt_s = pose.stamp_s - self._last.stamp_s
+        dt_s = self._dt_s
         if dt_s <= 0.0 or self.status.last_jump_stamp_s == pose.stamp_s:
             return
         gain = min(1.0, dt_s / 0.05)

@@ -2,6 +2,7 @@
 """The control PC's services /calibrate and /set_home, and what they find as latched topics."""
 
 import threading
+import time
 from dataclasses import dataclass, field, replace
 from typing import Dict, List, Tuple
 
@@ -16,16 +17,17 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.tracker import load_profile
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_msgs.msg import Calibration, ClockOffset, Home, TagDetections
+from fcsv_msgs.msg import Calibration, ClockOffset, Epochs, Home, TagDetections
 from fcsv_msgs.srv import Calibrate, CalibrateResponse, SetHome, SetHomeResponse
 from fcsv_tracking.calibration import CalibrationRules, Link, calibrate_link
 from fcsv_tracking.clocks import difference
 from fcsv_tracking.detection import Detection
 from fcsv_tracking.errors import CalibrationRefused, TrackingError
 from fcsv_tracking.loops import merge_loops
-from fcsv_tracking.ros import clock_node, link_messages
+from fcsv_tracking.ros import clock_node, epoch_watch, link_messages
 
 _OLDEST_ODOMETRY_S = 0.5
+_SET_BACK_S = 0.3
 _PLENTY = 1.25  # times the least: a few are always refused
 _SILENT_S = 4.0  # a link that shows no tag for so long will not get enough
 
@@ -53,14 +55,19 @@ class CalibrationNode:
             self._rules = replace(self._rules, tracker=load_profile(parameters.tracker_profile))
         self._vehicles = node.vehicles(parameters.vehicles_dir, self._names)
         self._lock = threading.Lock()
-        self._tracks: Dict[str, Trajectory] = {n: Trajectory(gap_s=0.15, keep_s=60.0) for n in self._names}
+        self._tracks: Dict[str, Trajectory] = {n: _new_track() for n in self._names}
         self._collected: Dict[str, List[TagDetections]] = {}
         self._collecting = False
         self._calibrated: set = set()
+        self._tags_came_s: Dict[str, List[float]] = {}
+        self._came_s: Dict[str, float] = {}  # the newest odometry, by the monotonic clock
         self._clocks: Dict[str, ClockOffset] = {}
         self._health = Health("control")
         self._calibration = rospy.Publisher("/calibration", Calibration, queue_size=1, latch=True)
         self._home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
+        self._epochs = epoch_watch.EpochWatch(self._names)
+        self._calibration_epochs = rospy.Publisher("/calibration_epochs", Epochs, queue_size=1, latch=True)
+        self._home_epochs = rospy.Publisher("/home_epochs", Epochs, queue_size=1, latch=True)
         rospy.Service("/calibrate", Calibrate, self._on_calibrate)
         rospy.Service("/set_home", SetHome, self._on_set_home)
         for name in self._names:
@@ -78,9 +85,21 @@ class CalibrationNode:
             self._health.drop("odometry", str(error))
             return
         with self._lock:
-            newer = self._tracks[name].add(message.header.stamp.to_sec(), T_odom_body)
+            newer = self._track(name, message.header.stamp.to_sec()).add(message.header.stamp.to_sec(), T_odom_body)
+            if newer:
+                self._came_s[name] = time.monotonic()
         if not newer:
             self._health.drop("odometry", f"{name}'s stamp goes back")
+
+    def _track(self, name: str, stamp_s: float) -> Trajectory:
+        """A vehicle's track; a new one where its clock was set back."""
+        try:
+            back = stamp_s < self._tracks[name].latest()[0] - _SET_BACK_S
+        except PoseUnavailable:
+            back = False
+        if back:
+            self._tracks[name] = _new_track()
+        return self._tracks[name]
 
     def _on_clock(self, message: ClockOffset, name: str) -> None:
         self._clocks[name] = clock_node.from_message(message)
@@ -92,11 +111,14 @@ class CalibrationNode:
         with self._lock:
             if self._collecting:
                 self._collected.setdefault(name, []).append(message)
+                self._tags_came_s.setdefault(name, []).append(time.monotonic())
 
     def _on_calibrate(self, request) -> CalibrateResponse:
         column = list(request.column) or self._names
+        epochs = self._epochs.now(column)
         try:
             stamp_s, links = self._calibrate(column, request.duration_s)
+            self._epochs.require_same(epochs)
         except FcsvError as error:
             rospy.logwarn("calibration refused: %s", error)
             return CalibrateResponse(False, str(error), Calibration())
@@ -104,6 +126,7 @@ class CalibrationNode:
         message.links = [link_messages.to_message(link) for link in links]
         self._calibrated = set(column)
         self._calibration.publish(message)
+        self._calibration_epochs.publish(epoch_watch.to_message(message.header.stamp, epochs))
         text = "; ".join(_in_words(link) for link in links)
         rospy.loginfo("calibrated: %s", text)
         return CalibrateResponse(True, text, message)
@@ -116,7 +139,7 @@ class CalibrationNode:
         with self._lock:
             if self._collecting:
                 raise TrackingError("a calibration is already running")
-            self._collecting, self._collected = True, {}
+            self._collecting, self._collected, self._tags_came_s = True, {}, {}
         rospy.sleep(duration_s or self._rules.duration_s)
         if not duration_s:
             self._wait_for_enough(column, self._rules.longest_s - self._rules.duration_s)
@@ -132,19 +155,20 @@ class CalibrationNode:
 
     def _wait_for_enough(self, column: List[str], most_s: float) -> None:
         """Go on collecting while every link gets detections, until all have plenty or the time is over."""
-        end_s, plenty = rospy.get_time() + most_s, _PLENTY * self._rules.least_detections
-        while rospy.get_time() < end_s and not rospy.is_shutdown():
+        end_s, plenty = time.monotonic() + most_s, _PLENTY * self._rules.least_detections
+        while time.monotonic() < end_s and not rospy.is_shutdown():
             with self._lock:
-                seen = [self._seen_stamps(front, back) for front, back in zip(column, column[1:])]
-            silent = [s for s in seen if not s or rospy.get_time() - s[-1] > _SILENT_S]
+                seen = [self._seen_at_s(front, back) for front, back in zip(column, column[1:])]
+            silent = [s for s in seen if not s or time.monotonic() - s[-1] > _SILENT_S]
             if silent or all(len(s) >= plenty for s in seen):
                 return
             rospy.sleep(0.2)
 
-    def _seen_stamps(self, front: str, back: str) -> List[float]:
+    def _seen_at_s(self, front: str, back: str) -> List[float]:
+        """When pictures of ``back`` came in which it sees ``front``, by the monotonic clock."""
         tag_id = self._vehicles[front].tag_id
-        messages = self._collected.get(back, [])
-        return [m.header.stamp.to_sec() for m in messages if any(tag.id == tag_id for tag in m.detections)]
+        came = zip(self._tags_came_s.get(back, []), self._collected.get(back, []))
+        return [came_s for came_s, m in came if any(tag.id == tag_id for tag in m.detections)]
 
     def _seen(self, front: str, back: str, collected: Dict[str, List[TagDetections]]) -> List[Detection]:
         self._require_one_time(front, back)
@@ -213,6 +237,7 @@ class CalibrationNode:
         except FcsvError as error:
             return SetHomeResponse(False, str(error), Home())
         self._home.publish(home)
+        self._home_epochs.publish(epoch_watch.to_message(home.header.stamp, self._epochs.now([reference])))
         text = f"home is where the camera of {reference} is now"
         rospy.loginfo("%s", text)
         return SetHomeResponse(True, text, home)
@@ -224,7 +249,7 @@ class CalibrationNode:
             raise TrackingError(f"{reference} is not calibrated yet: calibrate the column first")
         with self._lock:
             stamp_s, T_odom_body = self._tracks[reference].latest()
-        age_s = rospy.get_time() - stamp_s
+            age_s = time.monotonic() - self._came_s[reference]
         if age_s > _OLDEST_ODOMETRY_S:
             raise PoseUnavailable(
                 f"the odometry of {reference} is {age_s:.1f} s old: check its link, then set home again"
@@ -233,6 +258,10 @@ class CalibrationNode:
         home = Home(header=conversions.header(stamp_s, frames.odom(reference)), reference=reference)
         home.home_in_odom = conversions.transform_to_pose(T_odom_home)
         return home
+
+
+def _new_track() -> Trajectory:
+    return Trajectory(gap_s=0.15, keep_s=60.0)
 
 
 def _in_words(link: Link) -> str:

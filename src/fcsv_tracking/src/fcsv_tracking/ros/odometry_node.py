@@ -2,6 +2,7 @@
 """Tracking camera to body odometry, at 200 Hz, and at 30 Hz to the autopilot and the radio."""
 
 import math
+import time
 from dataclasses import dataclass, field
 from typing import Optional
 
@@ -13,11 +14,11 @@ from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
 from fcsv_geometry.flow import RateGate
-from fcsv_geometry.ros import node
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.tracker import load_profile
-from fcsv_msgs.msg import Calibration
+from fcsv_msgs.msg import Calibration, Epoch
 from fcsv_tracking.errors import OdometryRejected
-from fcsv_tracking.odometry import BodyOdometry, BodyPose, GateParameters, Rebase
+from fcsv_tracking.odometry import BodyOdometry, BodyPose, EpochBegan, GateParameters, Rebase
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,10 @@ class OdometryNode:
         self._odom, self._body = frames.odom(name), frames.base_link(name)
         # the re-basing outlives a restart of this node, or a restart would undo it: a jump
         self._rebase_param = rospy.get_namespace() + "odometry_rebase"
-        self._core = BodyOdometry(geometry.T_body_t265, self._parameters.gate, self._stored_rebase(), tracker)
+        self._epoch_param = rospy.get_namespace() + "odometry_epoch"
+        self._core = BodyOdometry(
+            geometry.T_body_t265, self._parameters.gate, self._stored_rebase(), tracker, self._next_epoch()
+        )
         self._jumps_stored = 0
         self._state_gate = RateGate.bursting(self._parameters.state_rate_hz)
         self._received_s: Optional[float] = None
@@ -62,6 +66,9 @@ class OdometryNode:
         self._vision_publisher = rospy.Publisher(
             "mavros/vision_pose/pose", PoseStamped, queue_size=10, tcp_nodelay=True
         )
+        self._epoch_publisher = rospy.Publisher("odometry/epoch", Epoch, queue_size=2, latch=True, tcp_nodelay=True)
+        self._epoch: Optional[EpochBegan] = None
+        self._tell_epoch()
         self._timer = node.every(1.0, lambda _: self._updater.force_update())
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("t265/odom/sample", Odometry, self._on_sample, queue_size=50, tcp_nodelay=True)
@@ -75,6 +82,8 @@ class OdometryNode:
             rospy.logwarn_throttle(2.0, f"{self._odom}: {error}")
             self._updater.update()
             return
+        if self._core.epoch != self._epoch:
+            self._tell_epoch()
         self._publish(pose, message.pose.covariance)
         if self._core.status.jumps != self._jumps_stored:
             self._store_jump()
@@ -86,8 +95,9 @@ class OdometryNode:
         p, q = message.pose.pose.position, message.pose.pose.orientation
         v, w = message.twist.twist.linear, message.twist.twist.angular
         return self._core.feed(
-            message.header.stamp.to_sec(), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w), (v.x, v.y, v.z), (w.x, w.y, w.z)
-        )
+            message.header.stamp.to_sec(), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w), (v.x, v.y, v.z), (w.x, w.y, w.z),
+            time.monotonic(),
+        )  # fmt: skip
 
     def _publish(self, body: BodyPose, covariance) -> None:
         message = Odometry()
@@ -104,6 +114,17 @@ class OdometryNode:
     def _stored_rebase(self) -> Rebase:
         stored = rospy.get_param(self._rebase_param, None)
         return Rebase(float(stored["yaw_rad"]), tuple(stored["p_m"])) if stored else Rebase()
+
+    def _next_epoch(self) -> EpochBegan:
+        """A start of this node begins an epoch, because nobody watched before; no number comes again after a reboot."""
+        before = int(rospy.get_param(self._epoch_param, 0))
+        return EpochBegan(max(before + 1, int(rospy.get_time()) % 2**31), "the odometry was started")
+
+    def _tell_epoch(self) -> None:
+        epoch = self._epoch = self._core.epoch
+        self._epoch_publisher.publish(Epoch(conversions.header(rospy.get_time(), ""), epoch.number, epoch.reason))
+        rospy.set_param(self._epoch_param, epoch.number)
+        rospy.logwarn("%s: epoch %d of its odometry: %s", self._odom, epoch.number, epoch.reason)
 
     def _store_jump(self) -> None:
         self._jumps_stored = self._core.status.jumps
