@@ -7,6 +7,7 @@ from typing import Dict, Optional
 import numpy as np
 
 from fcsv_control.agent.messages import Ack, Instruction, Kind
+from fcsv_control.mission.heard import FrameEpochs
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
@@ -36,6 +37,7 @@ class ControlPc:
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
         self._T_ref_odom: Dict[str, np.ndarray] = {}  # T_odom1_odomN by the calibration
         self.T_home_odom: Dict[str, np.ndarray] = {}
+        self._epochs: Dict[str, int] = {}  # of the calibration
         self._service: Optional[str] = None
         self._service_ends_s = math.inf
         self._cameras = {n: v.geometry.T_body_cam for n, v in fleet.items()}
@@ -53,7 +55,7 @@ class ControlPc:
                 due[0] = now_s + _POSE_EVERY_S
                 speed = math.hypot(*vehicle.odometry.linear_mps)
                 fields = {"pose": vehicle.T_odom_body, "speed_mps": speed, "height_m": vehicle.height_m}
-                radio.send(now_s, _update(heard, "pose_s"), {**fields, "pose_s": now_s})
+                radio.send(now_s, _update(heard, "pose_s"), {**fields, "epoch": vehicle.epoch, "pose_s": now_s})
             state = vehicle.link.state
             if now_s >= due[1] or state.mode != heard.mode or state.armed != heard.armed:
                 due[1] = now_s + _STATE_EVERY_S
@@ -104,8 +106,12 @@ class ControlPc:
             connected=h.connected, armed=h.armed, mode=h.mode, sees_front_s=self._sees(now_s, name),
             T_home_cam=camera_in_home(T_home_odom, h.pose, self._cameras[name]) if known else None,
             battery_share=self.battery_share.get(name, h.battery_share), recorder_age_s=now_s - h.recorder_s,
-            pictures=h.pictures,
+            pictures=h.pictures, frame_problem=self._frame_problem(name),
         )  # fmt: skip
+
+    def _frame_problem(self, name: str) -> str:
+        epoch = self.heard[name].epoch
+        return "" if epoch is None else FrameEpochs(epoch.number, epoch.reason, self._epochs.get(name)).problem
 
     def _sees(self, now_s: float, name: str) -> float:
         """For how long a vehicle has seen the tag in front, by where they truly are."""
@@ -136,6 +142,9 @@ class ControlPc:
         """Where odometry frames stand to each other, from the truth and the errors of a calibration (link by link)."""
         names = list(self._fleet)
         T_world_odom = {n: v.body.T_world_body @ transforms.invert(v.T_odom_body) for n, v in self._fleet.items()}
+        self._epochs = {n: v.epoch.number for n, v in self._fleet.items()}
+        for name, vehicle in self._fleet.items():
+            vehicle.agent.rights.frame.calibrated(self._epochs[name])
         error = np.eye(4)
         self._T_ref_odom = {names[0]: np.eye(4)}
         for name in names[1:]:

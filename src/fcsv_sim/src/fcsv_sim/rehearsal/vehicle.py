@@ -29,7 +29,7 @@ from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.vehicles.dynamics import STEP_S, Airframe, Quadrotor
 from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
 from fcsv_tracking.errors import OdometryRejected
-from fcsv_tracking.odometry import BodyOdometry, BodyPose
+from fcsv_tracking.odometry import BodyOdometry, BodyPose, EpochBegan
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _SUBSTEPS = int(round(PASS_S / STEP_S))
@@ -43,6 +43,7 @@ class Heard:
     """What the control PC was sent of a vehicle last, and when it arrived."""
 
     pose: Optional[np.ndarray] = None  # T_odom_body
+    epoch: Optional[EpochBegan] = None
     speed_mps: float = math.inf
     pose_s: float = -math.inf
     mode: str = ""
@@ -92,6 +93,7 @@ class RehearsedVehicle:
         self.tracker = T265(start.tracker, geometry.T_body_t265, seed)
         self.tracker_on = True
         self._odometry = BodyOdometry(geometry.T_body_t265)
+        self.epoch = self._odometry.epoch
         self._feed = VisionFeed(FeedParameters())
         self._watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
         self.link = LinkCore(LinkParameters(target_system=geometry.system_id))
@@ -101,6 +103,7 @@ class RehearsedVehicle:
         self._throttle = math.nan
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self.T_home_odom: Dict[str, np.ndarray] = {}  # as the control PC told it last
+        self.agent.epoch(self.epoch.number, self.epoch.reason)
         self.recording = False
         self.pictures = 0
         self.acks: List[Ack] = []
@@ -189,9 +192,13 @@ class RehearsedVehicle:
         T, linear, angular = self.tracker.odometry(stamp_s, self.body.T_world_body)
         p, q = tuple(T[:3, 3].tolist()), transforms.fast_quaternion_xyzw(T)
         try:
-            self.odometry = self._odometry.feed(stamp_s, p, q, tuple(linear.tolist()), tuple(angular.tolist()))
+            twist = tuple(linear.tolist()), tuple(angular.tolist())
+            self.odometry = self._odometry.feed(stamp_s, p, q, *twist, came_s=now_s)
         except OdometryRejected:
             return
+        if self._odometry.epoch != self.epoch:
+            self.epoch = self._odometry.epoch
+            self.agent.epoch(self.epoch.number, self.epoch.reason)
         if self._feed.judge(stamp_s, stamp_s)[0] is FeedVerdict.SEND:
             T_odom_body = self.T_odom_body
             self.guardian.feed(now_s, T_odom_body)
