@@ -120,7 +120,7 @@ class StopAllNode:
         self._said, self._reported_s = words, now_s
         self._health.value("asked", report.asked or "nothing")
         self._health.problem("stop all", words)
-        self._report.publish(StopReport(conversions.header(rospy.get_time(), ""), **vars(report)))
+        self._report.publish(StopReport(header=conversions.header(rospy.get_time(), ""), **vars(report)))
 
 
 def main() -> int:
