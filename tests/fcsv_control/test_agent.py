@@ -6,7 +6,6 @@ import pytest
 
 from fcsv_control.agent.commands import Answer, CommandLog, Verdict
 from fcsv_control.agent.holder import Holder, Limits
-from fcsv_control.agent.link_loss import LinkLoss
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import transforms
 
@@ -207,23 +206,3 @@ def test_limits_out_of_range_are_refused(name, value):
 
 
 # ---- a silent control PC ---------------------------------------------------------------------------------------
-
-
-def test_silence_lands_only_where_asked_to_and_only_what_the_agent_flies():
-    loss = LinkLoss(10.0)
-    assert not loss.land(100.0, "GUIDED", True)  # never heard: flown by hand, or not yet begun
-    loss.heard(100.0)
-    assert not loss.land(109.0, "GUIDED", True)
-    assert not loss.land(111.0, "LOITER", True) and not loss.land(111.0, "GUIDED", False)
-    assert loss.land(111.0, "GUIDED", True)
-    assert not loss.land(112.0, "GUIDED", True) and loss.land(116.5, "GUIDED", True)  # again until it leaves GUIDED
-    assert not loss.land(117.0, "LAND", True)
-    assert not loss.land(130.0, "GUIDED", True)  # who goes back to GUIDED means it
-    loss.heard(131.0)
-    assert loss.land(142.0, "GUIDED", True)
-
-
-def test_by_default_a_vehicle_holds_for_ever():
-    loss = LinkLoss(0.0)
-    loss.heard(0.0)
-    assert not loss.land(1e6, "GUIDED", True)

@@ -119,14 +119,35 @@ def test_set_points_come_at_their_rate_for_ever():
     assert np.allclose(points[-1].T_odom_body[:3, 3], 0.0), "where it was when GUIDED began"
 
 
-def test_a_silent_control_pc_lands_where_asked_to():
-    board = Board(link_loss_land_s=10.0)
-    board.core.control_heard(board.now_s)
-    assert not of(board.run(9.5), Ask)
-    [ask] = of(board.run(1.0), Ask)
-    assert (ask.kind, ask.mode) == (Kind.SET_MODE, "LAND")
-    board.core.finished(ask, "")
-    assert not of(board.run(1.0), Ack), "nobody asked for it"
+def test_while_the_guardian_holds_the_agent_is_quiet_and_then_holds_where_it_is():
+    board = Board()
+    board.core.guarded("hold", True, "uav2 comes down", ())
+    out = board.run(3.0)
+    assert not of(out, SetPoint)
+    board.tell(Kind.GOTO, target=transforms.from_xyz_yaw([9.0, 0.0, 3.0], 0.0), frame="uav1/odom")
+    assert "the guardian flies: uav2 comes down" in of(board.run(0.5), Ack)[0].reason
+    board.core.pose(board.now_s, transforms.from_xyz_yaw([4.0, 0.0, 3.0], 0.0))
+    board.core.guarded("", False, "", ())
+    assert np.allclose(of(board.run(0.5), SetPoint)[-1].T_odom_body[:3, 3], [4.0, 0.0, 3.0])
+
+
+def test_what_the_guardian_forbids_is_not_handed_over():
+    board = Board()
+    board.core.guarded("", False, "", ("the throttle stick is not in the middle",))
+    for kind, fields in ((Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})):
+        board.tell(kind, **fields)
+        out = board.run(0.5)
+        assert "throttle" in of(out, Ack)[0].reason and not of(out, Ask)
+    board.tell(Kind.LAND)
+    assert of(board.run(0.5), Ask), "stopping is never forbidden"
+
+
+def test_a_landing_of_the_guardians_is_no_pilots():
+    board = Board()
+    board.core.guarded("LAND", False, "", ())
+    board.core.state("LAND", True)
+    board.tell(Kind.LAND)
+    assert of(board.run(0.5), Ask)
 
 
 # ---- stopping --------------------------------------------------------------------------------------------------

@@ -12,11 +12,11 @@ import numpy as np
 
 from fcsv_control.agent.commands import Answer, CommandLog, Verdict
 from fcsv_control.agent.holder import Holder, Limits
-from fcsv_control.agent.link_loss import LinkLoss
 from fcsv_control.agent.messages import (
     DONE,
     MISSION_MODES,
     REFUSED,
+    STOPPING_MODES,
     TOO_LATE,
     Ack,
     Ask,
@@ -39,10 +39,9 @@ _QUIET_S = 0.15  # set-points on their way arrive before the take-off that they 
 
 @dataclass(frozen=True)
 class AgentRules:
-    """``link_loss_land_s`` 0: hold for ever when the control PC is silent. ``maintenance`` permits any mode."""
+    """``maintenance`` permits any mode. What a silent control PC means is the guardian's to decide."""
 
     set_point_rate_hz: float = 10.0
-    link_loss_land_s: float = 0.0
     maintenance: bool = False
     limits: Limits = field(default_factory=Limits)
 
@@ -57,7 +56,6 @@ class AgentCore:
         self._log = CommandLog(vehicle)
         self._clocks = SenderClocks()
         self._holder = Holder(frames.odom(vehicle), rules.limits)
-        self._link_loss = LinkLoss(rules.link_loss_land_s)
         self._gate = RateGate(rules.set_point_rate_hz)
         self._waiting: Deque[Instruction] = deque()
         self._running: Optional[Instruction] = None
@@ -85,16 +83,17 @@ class AgentCore:
             self._say(f"the odometry began anew ({reason}); holding")
             self._hold_here()
 
-    def guarded(self, holds: bool, why: str, forbids: Sequence[str]) -> None:
-        """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it is;
-        ``forbids`` tells why the vehicle is not to be handed over."""
+    def guarded(self, action: str, holds: bool, why: str, forbids: Sequence[str]) -> None:
+        """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it is; an
+        ``action`` may be a mode that it asks for; ``forbids`` tells why the vehicle is not to be handed over."""
+        if action in STOPPING_MODES:
+            self.rights.hands.asked(action)
         if self.rights.guarded and not holds:
             self._holder.stay()
         self.rights.guarded, self.rights.forbidden = (why or "it holds") if holds else "", forbids
 
     def control_heard(self, now_s: float, sender: str = "", sent_s: Optional[float] = None) -> None:
         """Something came from the control PC: of ``sender``, who sent it at ``sent_s`` by his monotonic clock."""
-        self._link_loss.heard(now_s)
         self.rights.lease.heard(now_s, sender)
         if sent_s is not None:
             self._clocks.sent_here_s(now_s, sender, sent_s)
@@ -142,7 +141,7 @@ class AgentCore:
     # ---- time ------------------------------------------------------------------------------------------------
 
     def step(self, now_s: float) -> None:
-        """Time passes: the next job, the target at its rate, a control PC that is silent."""
+        """Time passes: the next job, the target at its rate."""
         if self.twins.older(now_s):
             self._out.clear()
             return
@@ -154,9 +153,6 @@ class AgentCore:
         quiet = self.rights.guarded or self.twins.listening(now_s)
         if target is not None and not quiet and self._gate.passes(now_s):
             self._out.append(SetPoint(target))
-        if self._link_loss.land(now_s, self._holder.mode, self._holder.armed):
-            self._say("nothing from the control PC for too long, landing")
-            self._ask(None, Kind.SET_MODE, mode="LAND")
 
     def outgoing(self) -> List[Output]:
         """What to do and to send now, each given once."""

@@ -21,7 +21,7 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, Epoch, Epochs, Heartbeat, MissionState, State
+from fcsv_msgs.msg import Command, CommandAck, Epoch, Epochs, GuardianState, Heartbeat, MissionState, State
 
 _STEP_HZ = 50.0
 _ALIVE_S = 0.2
@@ -29,11 +29,10 @@ _ALIVE_S = 0.2
 
 @dataclass(frozen=True)
 class AgentParameters:
-    """Parameters of the node. ``link_loss_land_s`` 0: hold for ever when the control PC is silent."""
+    """Parameters of the node."""
 
     vehicle: str
     set_point_rate_hz: float = 10.0
-    link_loss_land_s: float = 0.0
     service_timeout_s: float = 3.0
     maintenance: bool = False  # commands may ask for any mode; never in a flight with people about
     limits: Limits = field(default_factory=Limits)
@@ -41,15 +40,13 @@ class AgentParameters:
     def __post_init__(self):
         if not 2.0 <= self.set_point_rate_hz <= 50.0:
             raise ValueError(f"set_point_rate_hz: {self.set_point_rate_hz} is not in 2..50")
-        if self.link_loss_land_s != 0.0 and not self.link_loss_land_s >= 1.0:
-            raise ValueError(f"link_loss_land_s: {self.link_loss_land_s} is neither 0 (never) nor at least 1")
         if not 0.1 <= self.service_timeout_s <= 30.0:
             raise ValueError(f"service_timeout_s: {self.service_timeout_s} is not in 0.1..30")
 
     @property
     def rules(self) -> AgentRules:
         """What the core needs of them."""
-        return AgentRules(self.set_point_rate_hz, self.link_loss_land_s, self.maintenance, self.limits)
+        return AgentRules(self.set_point_rate_hz, self.maintenance, self.limits)
 
 
 class AgentNode:
@@ -79,6 +76,7 @@ class AgentNode:
         }
         self._timers = node.every(1.0 / _STEP_HZ, lambda _event: self._do()), node.every(_ALIVE_S, self._live)
         rospy.Subscriber("agent/alive", Heartbeat, self._on_agent, queue_size=5)
+        rospy.Subscriber("guardian/state", GuardianState, self._on_guardian, queue_size=5, tcp_nodelay=True)
         rospy.Subscriber("odometry/epoch", Epoch, self._on_epoch, queue_size=1)
         rospy.Subscriber("/calibration_epochs", Epochs, self._on_calibration, queue_size=1)
         rospy.Subscriber("mavros/state", State, self._on_state, queue_size=5)
@@ -109,6 +107,9 @@ class AgentNode:
 
     def _on_agent(self, m: Heartbeat) -> None:
         self._do(lambda: self._core.twins.heard(time.monotonic(), m.instance, m.sent_s - m.started_s))
+
+    def _on_guardian(self, m: GuardianState) -> None:
+        self._do(lambda: self._core.guarded(m.action, m.holds, "; ".join(m.reasons), m.forbids))
 
     def _on_epoch(self, m: Epoch) -> None:
         self._do(lambda: self._core.epoch(m.epoch, m.reason))

@@ -256,7 +256,7 @@ class RehearsedVehicle:
             elif isinstance(output, HoldAt):
                 self.link.send_set_point(output.T_odom_body)
         verdict = self.guardian.verdict
-        self.agent.guarded(verdict.holds, "; ".join(verdict.reasons), verdict.forbids)
+        self.agent.guarded(verdict.action, verdict.holds, "; ".join(verdict.reasons), verdict.forbids)
 
     def _estimate(self, now_s: float, heard: PoseHeard) -> None:
         T_odom_body = heard.T_odom_body

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The guardian on board as a node: topics and the flight link's service around its core.
+
+It hears its own vehicle on the vehicle's own master, and the others and the control PC over the radio while there is one.
+"""
+
+import math
+import threading
+import time
+from dataclasses import dataclass, field
+from typing import Dict, List
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import BatteryState
+
+from fcsv_control.guardian.air import LinkReport
+from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, Verdict, Warned
+from fcsv_control.guardian.rules import GuardianRules
+from fcsv_control.ros.guardian_others import OtherVehicles
+from fcsv_geometry import frames
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros.health import Health
+from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, State, StatusText
+from fcsv_msgs.srv import SetMode
+
+_STEP_HZ = 25.0
+_STATE_S = 0.2
+_BEST_CONFIDENCE, _BEST_VARIANCE_M2 = 3.0, 0.01  # realsense2_camera: variance = 0.01 * 10^(3 - confidence)
+_THROTTLE_OLD_S = 2.0
+_FAILSAFE = (5, 6)  # MAV_STATE_CRITICAL, MAV_STATE_EMERGENCY
+_MOVES = (Command.GOTO, Command.HOLD)
+
+
+@dataclass(frozen=True)
+class GuardianParameters:
+    """Parameters of the node; ``vehicles`` are all of the column."""
+
+    vehicle: str
+    vehicles: List[str] = field(default_factory=list)
+    rules: GuardianRules = field(default_factory=GuardianRules)
+
+
+class GuardianNode:
+    """Modes are asked for in threads of their own, one per mode, so that a slow service blocks nothing."""
+
+    def __init__(self):
+        p = node.parameters(GuardianParameters)
+        self._name, self._lock = p.vehicle, threading.RLock()
+        self._core = Guardian(p.vehicle, p.rules, time.monotonic())
+        self._others = OtherVehicles(p.vehicle, p.vehicles)
+        self._asking: Dict[str, threading.Thread] = {}
+        self._orders: Dict[int, Command] = {}
+        self._published, self._published_s = Verdict(), float("-inf")
+        self._health = Health(p.vehicle)
+        self._states = rospy.Publisher("guardian/state", GuardianState, queue_size=5, latch=True, tcp_nodelay=True)
+        self._texts = rospy.Publisher("guardian/said", StatusText, queue_size=20)
+        self._set_points = rospy.Publisher(
+            "mavros/setpoint_position/local", PoseStamped, queue_size=1, tcp_nodelay=True
+        )
+        self._set_mode = rospy.ServiceProxy("mavros/set_mode", SetMode)
+        self._subscribe()
+        self._timer = node.every(1.0 / _STEP_HZ, self._step)
+
+    def _subscribe(self) -> None:
+        hear = lambda topic, kind, call: rospy.Subscriber(topic, kind, call, queue_size=5, tcp_nodelay=True)  # noqa: E731
+        hear("mavros/vision_pose/pose", PoseStamped, lambda m: self._pose(self._core.feed, m))
+        hear("mavros/local_position/pose", PoseStamped, lambda m: self._pose(self._core.estimate, m))
+        hear("odometry/state", Odometry, self._on_odometry)
+        hear("mavros/state", State, self._on_state)
+        hear("mavros/battery", BatteryState, self._on_battery)
+        hear("flight_link/health", LinkHealth, self._on_link)
+        hear("agent/alive", Heartbeat, lambda _m: self._hear(self._core.agent_lives))
+        hear("/mission/alive", Heartbeat, lambda _m: self._hear(self._core.control_heard))
+        hear("command", Command, self._on_command)
+        hear("command_ack", CommandAck, self._on_ack)
+
+    # ---- what is heard -------------------------------------------------------------------------------------
+
+    def _hear(self, hear, *what) -> None:
+        with self._lock:
+            hear(time.monotonic(), *what)
+
+    def _pose(self, hear, message: PoseStamped) -> None:
+        try:
+            T_odom_body = conversions.pose_to_transform(message.pose)
+        except FcsvError as error:
+            self._health.drop("pose", str(error))
+            return
+        self._hear(hear, T_odom_body)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        variance = message.pose.covariance[0]
+        level = _BEST_CONFIDENCE - math.log10(variance / _BEST_VARIANCE_M2) if variance > 0.0 else math.nan
+        with self._lock:
+            self._core.confidence(min(level, _BEST_CONFIDENCE))
+
+    def _on_state(self, message: State) -> None:
+        if message.mode:
+            self._hear(self._core.state, message.mode, message.armed)
+
+    def _on_battery(self, message: BatteryState) -> None:
+        with self._lock:
+            self._core.battery(message.percentage)
+
+    def _on_link(self, m: LinkHealth) -> None:
+        throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan
+        report = LinkReport(m.doubt, m.ekf_variance, throttle, m.system_status in _FAILSAFE)
+        self._hear(self._core.link, report)
+
+    def _on_command(self, m: Command) -> None:
+        self._hear(self._core.control_heard)
+        if m.kind == Command.SET_MODE:
+            self._hear(self._core.mode_asked, m.mode)
+        elif m.kind == Command.LAND:
+            self._hear(self._core.mode_asked, "LAND")
+        self._orders = {**dict(list(self._orders.items())[-20:]), m.number: m}
+
+    def _on_ack(self, m: CommandAck) -> None:
+        """A way-point that the agent took: the mission flies the vehicle, as its operator has confirmed."""
+        order = self._orders.get(m.number)
+        if order is not None and m.result == CommandAck.DONE and order.sender == m.sender and order.kind in _MOVES:
+            self._hear(self._core.moved)
+
+    # ---- what is done --------------------------------------------------------------------------------------
+
+    def _step(self, _event) -> None:
+        now_s = time.monotonic()
+        T_home_odom, others = self._others.now()
+        with self._lock:
+            self._core.home(T_home_odom)
+            for name, other in others.items():
+                self._core.other(name, other)
+            self._core.step(now_s)
+            outputs, verdict = self._core.outgoing(), self._core.verdict
+        for output in outputs:
+            if isinstance(output, AskMode):
+                self._ask(output.mode)
+            elif isinstance(output, HoldAt):
+                frame = frames.odom(self._name)
+                self._set_points.publish(conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame))
+            elif isinstance(output, Warned):
+                self._say(output)
+        if verdict != self._published or now_s - self._published_s >= _STATE_S:
+            self._publish(now_s, verdict)
+
+    def _ask(self, mode: str) -> None:
+        running = self._asking.get(mode)
+        if running is None or not running.is_alive():
+            thread = threading.Thread(target=self._ask_now, args=(mode,), name=f"guardian {mode}", daemon=True)
+            self._asking[mode] = thread
+            thread.start()
+
+    def _ask_now(self, mode: str) -> None:
+        try:
+            if not self._set_mode(0, mode).mode_sent:
+                rospy.logerr("%s: the autopilot did not go to %s", self._name, mode)
+        except (rospy.ServiceException, rospy.ROSException) as error:
+            rospy.logerr("%s: %s cannot be asked for: %s", self._name, mode, error)
+
+    def _say(self, warned: Warned) -> None:
+        rospy.logerr("guardian of %s", warned.text)
+        severity = StatusText.ALERT if warned.acts else StatusText.CRITICAL
+        self._texts.publish(StatusText(conversions.header(rospy.get_time(), ""), severity, warned.text))
+
+    def _publish(self, now_s: float, v: Verdict) -> None:
+        self._published, self._published_s = v, now_s
+        text = "; ".join(v.reasons) or v.action
+        self._health.problem("guardian", f"{self._name}: {v.action}: {text}" if v.action else "")
+        self._health.problem("not to be handed over", f"{self._name}: {'; '.join(v.forbids)}" if v.forbids else "")
+        header = conversions.header(rospy.get_time(), "")
+        self._states.publish(
+            GuardianState(header, self._name, v.action, v.holds, v.uncontrolled, list(v.reasons), list(v.forbids))
+        )
+
+
+def main() -> int:
+    """Run the node."""
+    return node.run("guardian", GuardianNode)

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a guardian hears of the other vehicles over the radio, in home."""
+
+import threading
+import time
+from dataclasses import replace
+from typing import Dict, List, Optional, Tuple
+
+import numpy as np
+import rospy
+from nav_msgs.msg import Odometry
+
+from fcsv_control.guardian.air import Other
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.home import HomeFrames
+from fcsv_geometry.ros import conversions, home_messages
+from fcsv_msgs.msg import Calibration, GuardianState, Home, State
+
+
+class OtherVehicles:
+    """``now`` gives where this vehicle's odometry stands in home, and the others there, as heard last."""
+
+    def __init__(self, own: str, vehicles: List[str]):
+        self._own, self._lock = own, threading.Lock()
+        self._in_home = HomeFrames()
+        self._heard: Dict[str, Tuple[np.ndarray, Other]] = {}  # position in its own odometry
+        self._states: Dict[str, State] = {}
+        self._blind: Dict[str, bool] = {}
+        rospy.Subscriber("/calibration", Calibration, self._compose, home_messages.take_calibration, queue_size=1)
+        rospy.Subscriber("/home", Home, self._compose, home_messages.take_home, queue_size=1)
+        for name in vehicles:
+            if name != own:
+                rospy.Subscriber(f"/{name}/mavros/state", State, self._on_state, name, queue_size=5)
+                rospy.Subscriber(f"/{name}/guardian/state", GuardianState, self._on_guardian, name, queue_size=5)
+                rospy.Subscriber(f"/{name}/odometry/state", Odometry, self._on_odometry, name, queue_size=5)
+
+    def now(self) -> Tuple[Optional[np.ndarray], Dict[str, Other]]:
+        """T_home_odom of this vehicle (None: not known), and each other whose place in home is known."""
+        with self._lock:
+            T_home_odom = self._in_home.T_home_odom
+            found: Dict[str, Other] = {}
+            for name, (p_odom, other) in self._heard.items():
+                if name in T_home_odom:
+                    T = T_home_odom[name]
+                    found[name] = replace(other, p_home_m=T[:3, :3] @ p_odom + T[:3, 3])
+            return T_home_odom.get(self._own), found
+
+    def _compose(self, message, take) -> None:
+        with self._lock:
+            try:
+                take(self._in_home, message)
+            except FcsvError as error:
+                rospy.logerr("%s: calibration or home dropped: %s", self._own, error)
+
+    def _on_state(self, message: State, name: str) -> None:
+        with self._lock:
+            self._states[name] = message
+            self._renew(name)
+
+    def _on_guardian(self, message: GuardianState, name: str) -> None:
+        with self._lock:
+            self._blind[name] = message.uncontrolled
+            self._renew(name)
+
+    def _on_odometry(self, message: Odometry, name: str) -> None:
+        try:
+            T_odom_body = conversions.pose_to_transform(message.pose.pose)
+        except FcsvError as error:
+            rospy.logwarn_throttle(5.0, f"odometry of {name} dropped: {error}")
+            return
+        v = message.twist.twist.linear
+        speed_mps = float(np.linalg.norm((v.x, v.y, v.z)))
+        with self._lock:
+            p_odom = T_odom_body[:3, 3]
+            self._heard[name] = (p_odom, Other(p_odom, time.monotonic(), speed_mps))
+            self._renew(name)
+
+    def _renew(self, name: str) -> None:
+        """Mode and guardian of what was heard; who has not told its mode counts as flying."""
+        if name in self._heard:
+            p_odom, other = self._heard[name]
+            state = self._states.get(name)
+            armed, mode = (True, "") if state is None else (state.armed, state.mode)
+            blind = self._blind.get(name, False)
+            self._heard[name] = (p_odom, replace(other, armed=armed, mode=mode, uncontrolled=blind))
