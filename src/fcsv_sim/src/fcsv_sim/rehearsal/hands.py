@@ -14,6 +14,7 @@ _LEAN_RAD = math.radians(30.0)
 _G = 9.81
 _HOVER = 0.375  # share of the thrust that carries the simulated airframe
 _ROAM_M, _ROAM_PERIOD_S = 0.8, 9.0
+_FLICK_S = 0.3
 _DROP_S = 1.5  # so long the throttle stick is down: LOITER and ALT_HOLD sink by 1.6 m
 
 
@@ -27,6 +28,8 @@ class HandsOn:
 
     def sticks(self, since_s: float, sight: Sight) -> Sticks:
         """Of this moment."""
+        if self._mode == "LOITER" and since_s < _FLICK_S and sight.mode != "LOITER":
+            return Sticks(mode="ALT_HOLD")  # its switch may be at LOITER already: away and back
         if self._mode in ("LAND", "BRAKE"):
             return Sticks(mode=self._mode)
         if self._drops and since_s < _DROP_S:

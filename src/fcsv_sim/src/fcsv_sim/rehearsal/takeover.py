@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_control.mission.machine import PHASES
 from fcsv_geometry.mission import Mission
+from fcsv_sim.autopilot import modes
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.hands import HandsOn
 
@@ -36,10 +37,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """``commands`` that fought the pilot; ``reached``: whether the flight came to the phase."""
+    """``commands`` that fought the pilot; ``reached``: whether the flight came to the phase, ``taken``: whether the
+    autopilot was in the pilot's mode; it refuses LOITER and BRAKE before it has a position."""
 
     trial: Trial
     reached: bool
+    taken: bool
     commands: Tuple[str, ...]
 
 
@@ -54,6 +57,7 @@ def fly(trial: Trial) -> Outcome:
     reached = _fly_to(flight, trial.phase)
     vehicle = flight.fleet[trial.vehicle]
     commands: List[str] = []
+    taken = False
     flight.witness.overruled = lambda _s, _who, text: commands.append(text)
     if reached:
         hands = HandsOn(trial.mode, vehicle.p_world_m, np.random.default_rng(trial.seed), False, False)
@@ -61,7 +65,8 @@ def fly(trial: Trial) -> Outcome:
         flight.hands[trial.vehicle] = lambda now_s, _phase, sight: hands.sticks(now_s - begun_s, sight)
         while flight.now_s < begun_s + trial.taken_s:
             flight.step()
-    return Outcome(trial, reached, tuple(commands))
+            taken |= vehicle.flown_by_hand and vehicle.by_hand[1] == modes.NUMBERS[trial.mode]
+    return Outcome(trial, reached, taken, tuple(commands))
 
 
 def _fly_to(flight: Flight, phase: str) -> bool:
@@ -81,7 +86,8 @@ def table(outcomes: Sequence[Outcome]) -> List[str]:
     """Lines of a table: commands to the hand-flown vehicle, by phase and mode."""
     cells: Dict[Tuple[str, str], str] = {}
     for o in outcomes:
-        cells[o.trial.phase, o.trial.mode] = str(len(o.commands)) if o.reached else "not reached"
+        words = "not reached" if not o.reached else "" if o.taken else " (mode refused)"
+        cells[o.trial.phase, o.trial.mode] = f"{len(o.commands)}{words}" if o.reached else words
     rows = [[phase, *(cells.get((phase, mode), "–") for mode in MODES)] for phase in PHASES]
     lines = [["phase", *MODES], ["---"] * (1 + len(MODES)), *rows]
     return ["| " + " | ".join(row) + " |" for row in lines] + sorted({t for o in outcomes for t in o.commands})

@@ -21,6 +21,7 @@ from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.people.operator import Sight, Sticks
@@ -112,6 +113,7 @@ class RehearsedVehicle:
         self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
         self.told: Callable[[float, str, object], None] = _nobody  # "sent" a message, "ordered" an instruction, "held"
         self.by_hand: Optional[Tuple[float, int]] = None  # when its transmitter chose which mode
+        self._switch_at = ""
         self.agent_runs = self.link_runs = True
         self._requests: List[Tuple[Ask, object]] = []
         self._command = (0.0, 0.0, 0.0, 0.0)
@@ -136,9 +138,9 @@ class RehearsedVehicle:
     def sticks(self, now_s: float, s: Sticks) -> None:
         """A frame of its transmitter."""
         self._throttle = s.throttle
-        before = self.autopilot.mode
         self.autopilot.rc_frame(now_s, frame_of(s.roll, s.pitch, s.throttle, s.yaw, s.mode))
-        if self.autopilot.mode != before:
+        moved, self._switch_at = s.mode != self._switch_at, s.mode
+        if moved and self.autopilot.mode == modes.NUMBERS[s.mode]:
             self.by_hand = (now_s, self.autopilot.mode)
 
     def obey(self, instruction: Instruction, now_s: float) -> None:
