@@ -39,6 +39,7 @@ class Result:
     crossing_m: float = float("inf")  # smallest horizontal distance when one that lands comes past another
     off_m: float = 0.0  # largest error of a recorded baseline
     wanted: int = 0  # captures of the whole mission
+    began: Sequence[str] = ()  # faults that did
     cpu_s: float = field(default=0.0, compare=False)
 
     def has(self, kind: str) -> bool:
@@ -144,5 +145,6 @@ class Flight:
         return Result(
             self.seed, machine.phase, machine.detail, self.now_s, len(machine.captures), looked.nearest_m,
             looked.violations, [getattr(f, "name", "") for f in faults], answers, looked.crossing_m, looked.off_m,
-            len(self.mission.configurations), time.process_time() - cpu_s,
+            len(self.mission.configurations), [fault for _, fault, _ in self.witness.begun],
+            time.process_time() - cpu_s,
         )  # fmt: skip

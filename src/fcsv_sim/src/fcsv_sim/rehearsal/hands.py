@@ -62,7 +62,7 @@ def _in_loiter(error_m: np.ndarray, sight: Sight) -> Tuple[float, float, float]:
 
 def _leaning(error_m: np.ndarray, sight: Sight, throttle_is_thrust: bool) -> Tuple[float, float, float]:
     """ALT_HOLD and STABILIZE, where a stick is a lean."""
-    acc = np.clip(0.5 * error_m[:2] - 1.2 * sight.v_world_mps[:2], -1.5, 1.5)
+    acc = np.clip(1.0 * error_m[:2] - 1.8 * sight.v_world_mps[:2], -2.0, 2.0)
     forward, left = in_body(acc, sight)
     roll, pitch = (float(np.clip(a / _G / _LEAN_RAD, -1.0, 1.0)) for a in (-left, forward))
     v = float(np.clip(0.7 * error_m[2], -1.0, 1.0))
