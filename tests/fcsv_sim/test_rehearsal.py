@@ -17,7 +17,6 @@ from fcsv_sim.rehearsal.invariants import (
     CONTACT,
     DOWNWASH,
     FENCE,
-    KINDS,
     NO_END,
     NOT_HELD,
     OVERRULED,
@@ -34,16 +33,19 @@ KNOWN = {
     "tracker frozen with noise": {TOUCH_DOWN, FENCE, NOT_HELD, NO_END, CONTACT, DOWNWASH, BENEATH},
     "tracker runs off": {TOUCH_DOWN, FENCE, NOT_HELD, NO_END, CONTACT, DOWNWASH, BENEATH},
     "tracker drifts slowly": {TOUCH_DOWN, FENCE, NOT_HELD, NO_END, CONTACT, DOWNWASH, BENEATH},
-    "tracker unsure": {OVERRULED, TOUCH_DOWN, NO_END},
+    "tracker unsure": {OVERRULED, TOUCH_DOWN, NOT_HELD, NO_END, CONTACT, DOWNWASH, BENEATH},
     "radio cut": {NO_END},
+    "clock steps": {OVERRULED, NO_END},
+    "battery": {NO_END},
     "agent dies": {NO_END},
     "mission dies": {NO_END},
+    "comes down": {DOWNWASH},
     "comes down alone": {CONTACT, DOWNWASH, BENEATH, NO_END},
     "pilot takes over": {NO_END},
     "pilot disobeys": {NO_END},
 }
 #: Likewise in pairs of faults, beside what each of them breaks alone.
-KNOWN_IN_PAIRS = set(KINDS)
+KNOWN_IN_PAIRS = {DOWNWASH}
 FLIGHTS, SECONDS, LONGEST_S = 60, 60.0, 180.0
 
 

@@ -130,7 +130,7 @@ class AutopilotReboots(Fault):
     name = "autopilot reboots"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        vehicle.autopilot.reboot(flight.now_s)
+        vehicle.autopilot.reboot()
 
 
 class ComesDown(Fault):
