@@ -144,7 +144,8 @@ class ControlPc:
         T_world_odom = {n: v.body.T_world_body @ transforms.invert(v.T_odom_body) for n, v in self._fleet.items()}
         self._epochs = {n: v.epoch.number for n, v in self._fleet.items()}
         for name, vehicle in self._fleet.items():
-            vehicle.agent.rights.frame.calibrated(self._epochs[name])
+            if vehicle.agent_runs:
+                vehicle.agent.rights.frame.calibrated(self._epochs[name])
         error = np.eye(4)
         self._T_ref_odom = {names[0]: np.eye(4)}
         for name in names[1:]:
