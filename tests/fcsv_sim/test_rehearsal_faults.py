@@ -160,6 +160,8 @@ def test_who_comes_down_is_the_upper_one(mission):
     flight = flown_to(adapted, "CONFIGURATIONS")
     fly(flight, 20.0, [fault])
     assert fault.vehicle is flight.fleet["uav2"] and fault.vehicle.autopilot.mode == modes.LAND
+    (answer,) = flight.witness.answers  # uav1's: it is sent aside
+    assert answer.after_s < 1.0 and flight.fleet["uav1"].autopilot.mode == modes.GUIDED
 
 
 # ---- pilots ----------------------------------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 """Machines, processes and radios that fail."""
 
 from dataclasses import replace
+from itertools import permutations
+from typing import Optional, Tuple
 
 import numpy as np
 
@@ -151,16 +153,19 @@ class ComesDown(Fault):
         vehicle.tracker_on = self._random.random() < 0.5
 
     def _ready(self, flight: Flight) -> bool:
-        return self._upper(flight) is not None
+        return self._pair(flight) is not None
 
     def _some(self, flight: Flight) -> RehearsedVehicle:
-        return self._upper(flight)
+        return self._pair(flight)[0]
+
+    def _endangered(self, flight: Flight) -> Optional[RehearsedVehicle]:
+        return self._pair(flight)[1]
 
     @staticmethod
-    def _upper(flight: Flight):
-        fleet = list(flight.fleet.values())
-        offsets = ((a, a.p_world_m - b.p_world_m) for a in fleet for b in fleet if a is not b)
-        return next((a for a, d in offsets if d[2] > 2.0 and np.hypot(d[0], d[1]) < _ABOVE_M), None)
+    def _pair(flight: Flight) -> Optional[Tuple[RehearsedVehicle, RehearsedVehicle]]:
+        """Upper and lower, where one stands above another."""
+        pairs = ((a, b, a.p_world_m - b.p_world_m) for a, b in permutations(flight.fleet.values(), 2))
+        return next(((a, b) for a, b, d in pairs if d[2] > 2.0 and np.hypot(d[0], d[1]) < _ABOVE_M), None)
 
 
 class ComesDownAlone(ComesDown):

@@ -42,7 +42,7 @@ class Fault:
             self.goes_on(flight, flight.now_s - self.began_s)
         elif flight.invariants.flew and self._due(flight) and self._ready(flight):
             self.began_s, self.vehicle = flight.now_s, self._some(flight)
-            flight.witness.begins(flight.now_s, self.name, self.vehicle)
+            flight.witness.begins(flight.now_s, self.name, self.vehicle, self._endangered(flight))
             self.begin(flight, self.vehicle)
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
@@ -66,6 +66,9 @@ class Fault:
 
     def _some(self, flight: Flight) -> RehearsedVehicle:
         return list(flight.fleet.values())[int(self._random.integers(len(flight.fleet)))]
+
+    def _endangered(self, _flight: Flight) -> Optional[RehearsedVehicle]:
+        """Who must answer it, where that is not whom it befalls."""
 
     def _uniform(self, low: float, high: float) -> float:
         return float(self._random.uniform(low, high))

@@ -3,7 +3,7 @@
 answered."""
 
 from dataclasses import dataclass
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
@@ -38,6 +38,7 @@ class Witness:
         self._open: List[Tuple[float, RehearsedVehicle, np.ndarray, Answer]] = []
         self.answers: List[Answer] = []
         self.begun: List[Tuple[float, str, str]] = []  # time, fault, vehicle
+        self._asides: Set[str] = set()  # vehicles for which a way-point is an answer
         self.commands: List[Tuple[float, str, str]] = []  # all that would move a vehicle, without set-points
         for vehicle in fleet.values():
             vehicle.told = lambda now_s, what, which, v=vehicle: self._hear(now_s, v, what, which)
@@ -46,13 +47,18 @@ class Witness:
         """The operator handed over to the mission: from now on it may take who was hand-flown until now."""
         self._consent_s = now_s
 
-    def begins(self, now_s: float, fault: str, vehicle: RehearsedVehicle) -> None:
-        """A fault befalls a vehicle."""
+    def begins(
+        self, now_s: float, fault: str, befallen: RehearsedVehicle, endangered: Optional[RehearsedVehicle] = None
+    ) -> None:
+        """A fault befalls a vehicle. ``endangered``: another one, which must answer it: hold, land, or move aside."""
+        vehicle = endangered or befallen
         flown = vehicle.autopilot.mode == modes.GUIDED and not vehicle.flown_by_hand
         speed_mps = float(np.linalg.norm(vehicle.body.velocity_mps))
         answer = Answer(fault, flown, speed_mps < _CALM_MPS)
         self.answers.append(answer)
-        self.begun.append((now_s, fault, vehicle.name))
+        self.begun.append((now_s, fault, befallen.name))
+        if endangered is not None:
+            self._asides.add(vehicle.name)
         self._open.append((now_s, vehicle, vehicle.p_world_m, answer))
 
     def look(self, now_s: float, flown: bool) -> None:
@@ -70,6 +76,8 @@ class Witness:
         if what == "sent":
             self._sent(now_s, vehicle, which)
         elif what == "held" or which.kind in (Kind.HOLD, Kind.LAND):
+            self._answered(now_s, vehicle)
+        elif which.kind is Kind.GOTO and vehicle.name in self._asides:
             self._answered(now_s, vehicle)
 
     def _sent(self, now_s: float, vehicle: RehearsedVehicle, message) -> None:
