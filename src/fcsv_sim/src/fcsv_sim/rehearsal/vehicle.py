@@ -34,6 +34,7 @@ from fcsv_tracking.odometry import BodyOdometry, BodyPose, EpochBegan
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _SUBSTEPS = int(round(PASS_S / STEP_S))
+_TEXTS = {"STATUSTEXT": "text", "PARAM_VALUE": "param_id", "PARAM_SET": "param_id", "PARAM_REQUEST_READ": "param_id"}
 _BOARD_EVERY = 2  # passes between two steps of link and agent
 _GUARDIAN_EVERY = 4  # and of the guardian: 25 Hz
 _TRACKER_EVERY = 3  # passes between two samples of the tracker: 33 Hz, what goes to the autopilot of its 200 Hz
@@ -249,6 +250,7 @@ class RehearsedVehicle:
 
     def _guard(self, now_s: float) -> None:
         """One step of the guardian, and what it wants done."""
+        self.guardian.confidence(self.tracker.confidence)
         if self.link_runs:
             self.guardian.link(now_s, LinkReport(self._check.doubt, throttle=self._throttle))
         self.guardian.step(now_s)
@@ -257,6 +259,7 @@ class RehearsedVehicle:
                 self._set_mode(now_s, output.mode)
             elif isinstance(output, HoldAt):
                 self.link.send_set_point(output.T_odom_body)
+                self.told(now_s, "held", output)
         verdict = self.guardian.verdict
         self.agent.guarded(verdict.action, verdict.holds, "; ".join(verdict.reasons), verdict.forbids)
 
@@ -337,8 +340,8 @@ def _nobody(_now_s: float, _what: str, _which: object) -> None:
 
 def _as_received(message):
     """A message as the other side reads it: texts are strings, not bytes."""
-    for name in ("text", "param_id"):
-        value = getattr(message, name, None)
-        if isinstance(value, bytes):
-            setattr(message, name, value.rstrip(b"\0").decode("ascii", "replace"))
+    name = _TEXTS.get(message.get_type())
+    value = getattr(message, name) if name else None
+    if isinstance(value, bytes):
+        setattr(message, name, value.rstrip(b"\0").decode("ascii", "replace"))
     return message

@@ -58,14 +58,15 @@ def _angles(q):
 @numba.njit(cache=True)
 def _advance(state, command, gust, params, steps, out):
     """``steps`` steps of 1/400 s; command: roll, pitch (rad), yaw rate (rad/s), thrust (share of the maximum)."""
-    max_acc, drag, lag, k_angle, k_rate, wind_x, wind_y, gust_lag = params
+    max_acc, drag, lag, k_angle, k_rate, wind_x, wind_y, gust_lag, gust_mps, gust_per_step = params
     dt = 1.0 / 400.0
     on_ground = False
     for i in range(steps):
         state[13] += (command[3] * max_acc - state[13]) * dt / lag
         for axis in range(3):  # gusts: white noise through a first-order lag
             mean = wind_x if axis == 0 else (wind_y if axis == 1 else 0.0)
-            state[14 + axis] += (mean - state[14 + axis]) * dt / gust_lag + gust[i, axis]
+            fresh = gust[i, axis] * gust_mps * gust_per_step * (0.4 if axis == 2 else 1.0)
+            state[14 + axis] += (mean - state[14 + axis]) * dt / gust_lag + fresh
         roll, pitch = _angles(state[6:10])
         rate_target = (k_angle * (command[0] - roll), k_angle * (command[1] - pitch), command[2])
         for axis in range(3):
@@ -124,7 +125,6 @@ class Quadrotor:
         self._random = np.random.default_rng([seed, 1])
         heading = self._random.uniform(0, 2 * np.pi)
         self._mean_wind = wind_mps * np.array([np.cos(heading), np.sin(heading)])
-        self._gust_mps = 0.35 * wind_mps  # standard deviation
         self._state = np.zeros(_STATE)
         self._state[_P] = T_world_body[:3, 3]
         self._state[_Q] = transforms.quaternion_xyzw(T_world_body)
@@ -135,8 +135,8 @@ class Quadrotor:
         self._params = (
             airframe.max_thrust_n / airframe.mass_kg, airframe.drag_per_s, airframe.motor_lag_s,
             airframe.attitude_rate_per_s, airframe.rate_gain_per_s, *self._mean_wind.tolist(), _GUST_LAG_S,
+            0.35 * wind_mps, math.sqrt(2 * STEP_S / _GUST_LAG_S),  # standard deviation of gusts (m/s), share in a step
         )  # fmt: skip
-        self._gust_per_step = math.sqrt(2 * STEP_S / _GUST_LAG_S)
         self.on_ground = True
 
     @property
@@ -165,11 +165,9 @@ class Quadrotor:
     def advance(self, command, steps: int) -> np.ndarray:
         """``steps`` steps of STEP_S under roll, pitch (rad), yaw rate (rad/s), thrust share; states (steps, 17)."""
         gust = self._random.standard_normal((steps, 3))
-        gust *= self._gust_mps
-        gust *= self._gust_per_step
-        gust[:, 2] *= 0.4
+        command = tuple(map(float, command))
         out = np.empty((steps, _STATE))
-        self.on_ground = bool(_advance(self._state, np.asarray(command, float), gust, self._params, steps, out))
+        self.on_ground = bool(_advance(self._state, command, gust, self._params, steps, out))
         return out
 
     def felt(self, states: np.ndarray, start_s: float, thrust_share: float) -> np.ndarray:

@@ -78,19 +78,20 @@ class Piloted:
 
     def __init__(self, body: Quadrotor, autopilot: Autopilot):
         self._body, self._autopilot = body, autopilot
-        self._v_before = np.zeros(3)
+        self._v_before = [0.0, 0.0, 0.0]
 
     def sense(self, now_s: float, state: np.ndarray) -> Tuple[float, float, float]:
         """What the autopilot's sensors feel of a state as Quadrotor.advance gives it; roll, pitch, yaw (rad, ENU)."""
-        rpy_rad = rotations.rpy(state[6:10].tolist())
-        acc = (state[3:6] - self._v_before) / PASS_S
-        self._v_before = state[3:6].copy()
-        self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], state[12], state[2])
+        s = state.tolist()
+        rpy_rad, v = rotations.rpy(s[6:10]), s[3:6]
+        acc = [(a - b) / PASS_S for a, b in zip(v, self._v_before)]
+        self._v_before = v
+        self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], s[12], s[2])
         return rpy_rad
 
     def decide(self, now_s: float, state: np.ndarray) -> Tuple[float, ...]:
         """The airframe's command for the next pass."""
-        return self._autopilot.update(now_s, PASS_S, self._body.on_ground, state[5])
+        return self._autopilot.update(now_s, PASS_S, self._body.on_ground, float(state[5]))
 
 
 class SimulatedVehicle(SteppedBody):
