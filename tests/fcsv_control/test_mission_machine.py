@@ -186,7 +186,7 @@ def test_a_lost_link_pauses_and_a_found_one_goes_on(flying, when):
 def test_silence_is_told_with_the_limit_that_it_passed(state_age_s, pose_age_s, words):
     view = VehicleView(state_age_s=state_age_s, pose_age_s=pose_age_s, connected=True, armed=True)
     found = watch.problems(mission(), "COLUMN", Snapshot(0.0, {"uav2": view}))
-    assert found == ([f"uav2: {words} check the radio link and the clocks"] if words else [])
+    assert found == ([f"uav2: {words} check the radio link"] if words else [])
 
 
 @pytest.mark.parametrize("when", ["travelling", "recording"])

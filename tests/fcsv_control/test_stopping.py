@@ -50,7 +50,7 @@ def test_everybody_is_told_at_once_and_again_every_fifth_of_a_second_until_the_m
     desk.modes["uav1"] = "BRAKE"
     assert {name for name, _, _ in desk.run(1.0)} == {"uav2"}
     desk.core.acknowledged(desk.now_s, "uav2", 2, "")  # acknowledged is not enough
-    assert desk.run(1.0)
+    assert not desk.run(0.9) and desk.run(0.3) == [("uav2", 3, "BRAKE")], "it showed on board for a moment"
     report = desk.report()
     assert (report.done, report.under_way) == (["uav1"], ["uav2"])
     assert "stop all (by hand); done: uav1; under way: uav2" in report.in_words()

@@ -149,7 +149,8 @@ class Sampled:
     def fly(self, seconds, T_jump=None, awake_s=0.0):
         """The largest distance (m) of what comes out from the flight without a jump."""
         off_m = 0.0
-        for self.k in range(self.k + 1, self.k + 1 + round(seconds / DT_S)):
+        for _ in range(round(seconds / DT_S)):
+            self.k += 1
             T = (np.eye(4) if T_jump is None else T_jump) @ body_at(self.k * DT_S) @ self.T_body_t265
             p, q, at_s = tuple(T[:3, 3].tolist()), tuple(tf.quaternion_xyzw(T)), self.k * DT_S
             try:

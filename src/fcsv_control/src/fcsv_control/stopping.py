@@ -10,7 +10,7 @@ from typing import Dict, List, Optional, Sequence
 
 STOP, LAND = "stop", "land"
 REPEAT_S = 0.2
-_AGAIN_S = 1.0  # after a refusal it is asked anew
+_AGAIN_S = 1.0  # after an answer the mode must show within this time, or it is asked anew
 _UNHEARD_S = 3.0  # states come twice a second
 _MISSION_S = 1.0  # a mission that lives shows within this time that it lands everybody, upper vehicles aside first
 _MODES = {STOP: "BRAKE", LAND: "LAND"}
@@ -20,15 +20,15 @@ _BY_HAND = "flown by hand"
 
 @dataclass
 class StopOrder:
-    """The command to one vehicle: SET_MODE ``mode``, the same number until it is refused."""
+    """The command to one vehicle: SET_MODE ``mode``, the same number until it is answered."""
 
     vehicle: str
     number: int
     mode: str
     ordered_s: float
     sent_s: float = -math.inf
+    answered_s: Optional[float] = None
     refused: str = ""
-    refused_s: float = -math.inf
 
 
 @dataclass
@@ -89,8 +89,8 @@ class StopAll:
     def acknowledged(self, now_s: float, name: str, number: int, refusal: str) -> None:
         """An answer came: "" when done, else why not."""
         order = self._orders.get(name)
-        if order is not None and order.number == number and refusal:
-            order.refused, order.refused_s = refusal, now_s
+        if order is not None and order.number == number and order.answered_s is None:
+            order.answered_s, order.refused = now_s, refusal
 
     def due(self, now_s: float) -> List[StopOrder]:
         """Commands to send now."""
@@ -128,10 +128,11 @@ class StopAll:
         if heard and (self._stands(seen) or seen.mode == mode or seen.mode not in _COMMANDED):
             return None
         order = self._orders.get(name)
-        if order is None or (order.refused and now_s - order.refused_s > _AGAIN_S):
+        answered_s = math.inf if order is None or order.answered_s is None else order.answered_s
+        if order is None or now_s - answered_s > _AGAIN_S:
             self._number += 1
             order = self._orders[name] = StopOrder(name, self._number, mode, now_s)
-        if order.refused or now_s - order.sent_s < REPEAT_S:
+        if order.answered_s is not None or now_s - order.sent_s < REPEAT_S:
             return None
         order.sent_s = now_s
         return order

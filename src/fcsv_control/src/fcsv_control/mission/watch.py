@@ -43,7 +43,7 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[str
     ages_s = (("state", view.state_age_s, _STATE_STALE_S), ("pose", view.pose_age_s, _POSE_STALE_S))
     silent = [f"no {what} for {most_s:g} s" for what, age_s, most_s in ages_s if age_s > most_s]
     if silent:
-        yield f"{' and '.join(silent)}; check the radio link and the clocks"
+        yield f"{' and '.join(silent)}; check the radio link"
         return
     if not view.connected:
         yield "no flight controller"

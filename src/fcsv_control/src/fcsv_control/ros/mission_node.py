@@ -24,7 +24,6 @@ from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configuration, Heartbeat, Home, MissionState
 from fcsv_msgs.srv import Calibrate, Proceed, ProceedResponse, SetHome
 
-
 _ALIVE_S = 0.2
 
 

@@ -59,14 +59,13 @@ class StopAllNode:
         rospy.Subscriber("/stop_all/over", String, self._on_over, queue_size=1)
         for asked in (STOP, LAND):
             rospy.Subscriber(f"/{asked}_all", String, self._on_topic, asked, queue_size=5, tcp_nodelay=True)
-            rospy.Service(f"/{asked}_all", Trigger, self._service(asked))
+        rospy.Service("/stop_all", Trigger, lambda request: self._on_service(request, STOP))
+        rospy.Service("/land_all", Trigger, lambda request: self._on_service(request, LAND))
 
     # ---- calls ---------------------------------------------------------------------------------------------
 
-    def _service(self, asked: str) -> Callable:
-        return lambda request: self._call(asked, f"by {request._connection_header.get('callerid', 'somebody')}")
-
-    def _call(self, asked: str, reason: str) -> TriggerResponse:
+    def _on_service(self, request, asked: str) -> TriggerResponse:
+        reason = f"by {request._connection_header.get('callerid', 'somebody')}"
         self._told[asked].publish(String(reason))  # the mission first: it must not order anything after it
         self._do(lambda now_s: self._core.begin(now_s, asked, reason))
         with self._lock:

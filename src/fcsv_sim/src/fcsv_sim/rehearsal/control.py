@@ -164,7 +164,8 @@ def _instruction(order: Order, now_s: float) -> Instruction:
     a = order.arguments
     return Instruction(
         order.vehicle, "mission", order.number, Kind[order.kind], now_s, order.ordered_s,
-        order.expires_s - order.ordered_s, a.get("mode", ""), a.get("flag", False), 0.0, a.get("target"), a.get("frame", ""),
+        order.expires_s - order.ordered_s, a.get("mode", ""), a.get("flag", False), 0.0, a.get("target"),
+        a.get("frame", ""),
     )  # fmt: skip
 
 
