@@ -25,7 +25,7 @@ class StandIn:
         from geometry_msgs.msg import PoseStamped
         from nav_msgs.msg import Odometry
 
-        from fcsv_msgs.msg import Command, CommandAck, RecorderStatus, State, TagDetections
+        from fcsv_msgs.msg import Command, CommandAck, Epoch, RecorderStatus, State, TagDetections
 
         random = np.random.default_rng(seed)
         self.geometry, self.name = geometry, geometry.name
@@ -37,6 +37,8 @@ class StandIn:
         self.odometry, self.state = topic("odometry/state", Odometry), topic("mavros/state", State)
         self.position = topic("mavros/local_position/pose", PoseStamped)
         self.recorder = topic("recorder/status", RecorderStatus)
+        self.epoch = rospy.Publisher(f"/{self.name}/odometry/epoch", Epoch, queue_size=1, latch=True)
+        self.epoch.publish(Epoch(epoch=7, reason="start"))
         self.tags, self.acks = topic("tags/detections", TagDetections), topic("command_ack", CommandAck)
         self.commanded = rospy.Subscriber(f"/{self.name}/command", Command, self.on_command, queue_size=20)
         self.over = threading.Event()
@@ -90,7 +92,8 @@ class StandIn:
     def close(self):
         self.over.set()
         self.thread.join()
-        for one in (self.odometry, self.state, self.position, self.recorder, self.tags, self.acks, self.commanded):
+        for one in (self.odometry, self.state, self.position, self.recorder, self.tags, self.acks, self.commanded,
+                    self.epoch):  # fmt: skip
             one.unregister()
 
 
@@ -101,11 +104,12 @@ class ControlPc:
         import rospy
         from std_srvs.srv import Trigger
 
-        from fcsv_msgs.msg import Calibration, Capture, Home, MissionState
+        from fcsv_msgs.msg import Calibration, Capture, Epochs, Home, MissionState
         from fcsv_msgs.srv import Calibrate, Proceed, SetHome
 
         self.fleet, self.mission, self.captures, self.calibrations = fleet, MissionState(), [], 0
         self.calibration = rospy.Publisher("/calibration", Calibration, queue_size=1, latch=True)
+        self.epochs = rospy.Publisher("/calibration_epochs", Epochs, queue_size=1, latch=True)
         self.home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
         self.services = [
             rospy.Service("/calibrate", Calibrate, self.on_calibrate),
@@ -120,7 +124,7 @@ class ControlPc:
 
     def on_calibrate(self, request):
         from fcsv_geometry.ros import conversions
-        from fcsv_msgs.msg import Calibration, CalibrationLink
+        from fcsv_msgs.msg import Calibration, CalibrationLink, Epochs
         from fcsv_msgs.srv import CalibrateResponse
 
         assert tuple(request.column) == NAMES
@@ -132,6 +136,7 @@ class ControlPc:
         pose = conversions.transform_to_pose(T)
         message = Calibration(links=[CalibrationLink(parent=NAMES[0], child=NAMES[1], child_odom_in_parent_odom=pose)])
         self.calibration.publish(message)
+        self.epochs.publish(Epochs(vehicles=NAMES, epochs=[7, 7]))
         return CalibrateResponse(True, "calibrated", message)
 
     def on_set_home(self, request):
@@ -154,7 +159,7 @@ class ControlPc:
     def close(self):
         for service in self.services:
             service.shutdown()
-        for one in (self.calibration, self.home, *self.watches):
+        for one in (self.calibration, self.epochs, self.home, *self.watches):
             one.unregister()
 
 
@@ -209,6 +214,7 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         assert (c.stop - c.start).to_sec() == pytest.approx(0.5, abs=1e-3) and abs(c.stop.to_sec() - time.time()) < 5.0
         until(lambda: back.recording and pc.mission.configuration == 1)
         np.testing.assert_allclose((back.T_home_body @ geometry[NAMES[1]].T_body_cam)[:3, 3], [0, 0, 5], atol=1e-6)
+        began_anew_and_stopped(pc, back)
         assert pc.abort().success
         pc.wait_for("ABORTED")
         assert not back.recording and not front.armed and not back.armed
@@ -220,6 +226,23 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         pc.close()
         for v in fleet:
             v.close()
+
+
+def began_anew_and_stopped(pc, vehicle):
+    """The mission holds and says why, for either; the vehicle's next calibration would end the first."""
+    import rospy
+    from std_msgs.msg import String
+
+    from fcsv_msgs.msg import Epoch
+
+    vehicle.epoch.publish(Epoch(epoch=8, reason="the tracker was silent for 0.7 s"))
+    named = f"{vehicle.name}: its odometry began anew (the tracker was silent for 0.7 s)"
+    until(lambda: any(named in p for p in pc.mission.problems), what="the vehicle is named")
+    until(lambda: vehicle.commands[-1].kind == vehicle.commands[-1].HOLD, what="HOLD")
+    stop = rospy.Publisher("/stop_all", String, queue_size=1, latch=True)
+    stop.publish(String("a test"))
+    until(lambda: "everybody was stopped (a test)" in pc.mission.detail, what="the mission hears of a stop")
+    stop.unregister()
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
 
-    from fcsv_msgs.msg import Command, CommandAck, Heartbeat, StopReport
+    from fcsv_msgs.msg import Command, CommandAck, Epoch, Epochs, Heartbeat, StopReport
 
     reports, told, alive, acks = [], [], {}, []
     heard = [
@@ -109,6 +109,17 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     until(lambda: [a for a in acks if a.sender == "m-1"], what="an answer")
     assert "was stopped by stop_all" in [a for a in acks if a.sender == "m-1"][0].reason
 
+    epoch = rospy.Publisher("/s_one/odometry/epoch", Epoch, queue_size=1, latch=True)
+    epochs = rospy.Publisher("/calibration_epochs", Epochs, queue_size=1, latch=True)
+    epoch.publish(Epoch(epoch=8, reason="the tracker was silent for 0.7 s"))
+    epochs.publish(Epochs(vehicles=["s_two", "s_one"], epochs=[8, 7]))
+    until(lambda: epoch.get_num_connections() >= 2 and epochs.get_num_connections() >= 3, what="agents")
+    time.sleep(0.7)
+    times = {"ordered_s": time.monotonic(), "sent_s": time.monotonic(), "lifetime_s": 9.0}
+    commands.publish(Command(vehicle="s_one", sender="m-1", number=2, kind=Command.SET_MODE, mode="GUIDED", **times))
+    until(lambda: [a for a in acks if a.number == 2 and a.sender == "m-1"], what="an answer")
+    assert "began anew after the calibration" in acks[-1].reason and fleet["s_one"].mode == "BRAKE"
+
     land = rospy.Publisher("/land_all", String, queue_size=5)
     until(lambda: land.get_num_connections(), what="the node")
     land.publish(String("the pilot of s_two asked for it"))
@@ -119,7 +130,7 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     over.publish(String("test"))
     until(lambda: reports[-1].asked == "", 5.0, "the end")
     twin.stop()
-    for each in (*heard, commands, land, over):
+    for each in (*heard, commands, land, over, epoch, epochs):
         each.unregister()
 
 

@@ -166,6 +166,18 @@ def test_an_abort_lands_from_a_stop(flying):
     flying.phase("ABORTED", 120.0)
 
 
+@pytest.mark.parametrize("refuses, apart_m", [({}, 2.0), ({"SET_MODE": "its odometry began anew"}, 0.0)])
+def test_who_was_stopped_above_another_goes_aside_before_it_lands_where_it_can(flying, refuses, apart_m):
+    flying.until(lambda: flying.fleet["uav2"].p_home_cam[2] > 4.9, 300.0)
+    brake(flying)
+    flying.wait(1.0)
+    flying.fleet["uav2"].refuses = refuses
+    flying.machine.abort("aborted by the operator")
+    flying.phase("ABORTED", 120.0)
+    apart = flying.fleet["uav1"].landed_at - flying.fleet["uav2"].landed_at
+    assert (apart[0] ** 2 + apart[1] ** 2) ** 0.5 > apart_m
+
+
 def test_a_landing_that_was_stopped_goes_on_when_the_operator_says_so(flying):
     flying.machine.abort("aborted by the operator")
     flying.wait(1.0)

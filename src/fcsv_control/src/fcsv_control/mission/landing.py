@@ -13,6 +13,7 @@ from fcsv_control.mission.snapshot import Snapshot
 
 _REPEAT_S = 3.0
 _ASIDE_REPEAT_S = 1.0
+_GUIDED_TRIES = 3  # to take a vehicle that was stopped (BRAKE) aside; then it lands where it is
 
 
 class Landing:
@@ -25,6 +26,7 @@ class Landing:
         self._hands = hands
         self._clear_m = clearing.clearance_m(separation_m)
         self._next_s: Dict[str, float] = dict.fromkeys(vehicles, float("-inf"))
+        self._tries: Dict[str, int] = dict.fromkeys(vehicles, 0)
         self._recorders_off: Dict[str, Optional[Order]] = dict.fromkeys(vehicles)
         self.problems: List[str] = []
 
@@ -62,10 +64,16 @@ class Landing:
         in_the_way = clearing.below(snapshot, name, self._clear_m) or clearing.coming_down_on(
             snapshot, name, self._clear_m
         )
-        if in_the_way is not None and snapshot.vehicles[name].mode == "GUIDED":
+        mode = snapshot.vehicles[name].mode
+        if in_the_way is not None and mode == "BRAKE" and self._tries[name] < _GUIDED_TRIES:
+            self._tries[name] += 1
+            self._outbox.order(snapshot.now_s, name, "SET_MODE", mode="GUIDED")
+            self._hands.asked(name, "GUIDED", mode)
+            self._next_s[name] = snapshot.now_s + _ASIDE_REPEAT_S
+        elif in_the_way is not None and mode == "GUIDED":
             go_to(self._outbox, snapshot, name, clearing.aside(snapshot, name, in_the_way, self._clear_m))
             self._next_s[name] = snapshot.now_s + _ASIDE_REPEAT_S
         else:
             self._outbox.order(snapshot.now_s, name, "LAND")
-            self._hands.asked(name, "LAND", snapshot.vehicles[name].mode)
+            self._hands.asked(name, "LAND", mode)
             self._next_s[name] = snapshot.now_s + _REPEAT_S
