@@ -54,9 +54,7 @@ def measure(arguments, folder: Path) -> int:
     with contextlib.ExitStack() as stack:
         clock = stack.enter_context(slow_motion()).now_s if arguments.slow_motion else time.monotonic
         conditions = Conditions(delay_s=arguments.delay_s, jitter_s=arguments.delay_s)
-        net = stack.enter_context(
-            Net(folder, ROOT / "config/links/default.yaml", conditions=conditions, clock=clock)
-        )
+        net = stack.enter_context(Net(folder, ROOT / "config/links/default.yaml", conditions=conditions, clock=clock))
         begin(net, folder)
         for loss in arguments.loss:
             net.radio.set(loss=loss)
