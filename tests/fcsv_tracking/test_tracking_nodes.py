@@ -237,8 +237,10 @@ class Column:
     def __init__(self, talk):
         from nav_msgs.msg import Odometry
 
-        from fcsv_msgs.msg import ClockOffset, TagDetections
+        from fcsv_msgs.msg import ClockOffset, Epoch, TagDetections
 
+        self.epochs = {n: talk(f"/{n}/odometry/epoch", Epoch, latch=True) for n in ("uav1", "uav2")}
+        self.begin_epoch(7)
         self.flight = Formation(2, FormationParameters())
         self.begin_s = 0.0
         self.states = {n: talk(f"/{n}/odometry/state", Odometry) for n in self.flight.names}
@@ -246,7 +248,15 @@ class Column:
         self.clocks = {n: talk(f"/{n}/clock/offset", ClockOffset, latch=True) for n in self.flight.names}
 
     def wait_for_node(self):
-        connected(*self.states.values(), self.tags, *self.clocks.values())
+        connected(*self.states.values(), self.tags, *self.clocks.values(), *self.epochs.values())
+
+    def begin_epoch(self, number, message=None):
+        """Both vehicles' odometry is in this epoch; ``message`` comes back."""
+        from fcsv_msgs.msg import Epoch
+
+        for publisher in self.epochs.values():
+            publisher.publish(Epoch(epoch=number, reason="test"))
+        return message
 
     def calibrate(self, spoil=lambda m: m, clock_offset_s=0.0):
         """The service's answer to a flight of which ``spoil`` spoils the detections."""
@@ -289,10 +299,12 @@ class Column:
             time.sleep(0.005)
 
 
-def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(start_node, talk, folder):
+def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(start_node, talk, listen, folder):
     """On one node, so that nothing of what was refused is in the good one."""
     from fcsv_geometry.ros import conversions
+    from fcsv_msgs.msg import Epochs
 
+    held = {what: listen(f"/{what}_epochs", Epochs) for what in ("calibration", "home")}
     column = Column(talk)
     start_node("fcsv_tracking", "calibration", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder})
     column.wait_for_node()
@@ -301,16 +313,37 @@ def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(start_node, t
         ({"spoil": doubled}, ["does not see uav1's tag"]),
         ({"spoil": larger}, ["takes uav1's tag to be 0.2 m wide"]),
         ({"spoil": nan}, [""]),
+        ({"spoil": lambda m: column.begin_epoch(8, m)}, ["odometry of uav1, uav2 began anew meanwhile"]),
     ):
         answer = column.calibrate(**spoilt)
         assert not answer.success and all(w in answer.message for w in words), (spoilt, answer.message)
+    assert not held["calibration"].messages
     answer = column.calibrate()
     assert answer.success, answer.message
+    epochs = held["calibration"].wait()
+    assert dict(zip(epochs.vehicles, epochs.epochs)) == {"uav1": 8, "uav2": 8}
     T = conversions.pose_to_transform(answer.calibration.links[0].child_odom_in_parent_odom)
     estimated, true = column.flight.relative({"uav2": T}, 1)
     assert np.linalg.norm((estimated - true)[:3, 3]) < 0.05  # docs/tracking.md: at worst 0.018 m
     # the moment for which the links hold, not that at which they are told
     assert answer.calibration.header.stamp.to_sec() == pytest.approx(column.begin_s + column.flight.end_s, abs=1e-6)
+    home_is_set_by_odometry_that_came_just_now(column)
+    assert (held["home"].wait().vehicles, list(held["home"].messages[0].epochs)) == (["uav1"], [8])
+
+
+def home_is_set_by_odometry_that_came_just_now(column):
+    """Whatever its stamps say: here the vehicle's clock is decades behind."""
+    import rospy
+
+    from fcsv_msgs.srv import SetHome
+
+    set_home = rospy.ServiceProxy("/set_home", SetHome)
+    time.sleep(0.6)
+    assert "s old: check its link" in set_home("uav1").message
+    stamp_s = column.flight.end_s + 0.5
+    column.states["uav1"].publish(odometry("uav1", column.begin_s + stamp_s, column.flight.states[0].at(1.0)))
+    time.sleep(0.1)
+    assert set_home("uav1").success
 
 
 class TestTags:
