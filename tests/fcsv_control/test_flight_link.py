@@ -422,7 +422,7 @@ def test_over_a_serial_device():
     assert not link._thread.is_alive()
 
 
-@pytest.mark.parametrize("url", ["/dev/no_such_device:57600", "udpin:nowhere", "tcp:nowhere", "can:127.0.0.1:1", "udpin:256.0.0.1:x"])
+@pytest.mark.parametrize("url", ["/dev/no_such_device:57600", "udpin:nowhere", "tcp:nowhere", "can:127.0.0.1:1"])
 def test_a_line_that_cannot_be_opened_is_named(url):
     with pytest.raises(LinkError, match="cannot be opened") as raised:
         FlightLink(url, LinkParameters())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated autopilot against what was measured on ArduCopter 4.3.8 and 4.6.2, over real MAVLink, in accelerated time."""
+"""The simulated autopilot against ArduCopter 4.3.8 and 4.6.2 as measured, over real MAVLink, faster than real time."""
 
 import os
 

@@ -61,6 +61,7 @@ class VisionFeed:
         age_s = now_s - stamp_s - self._offset_s
         if age_s > self._parameters.stale_s and not self._steadily_late(now_s, age_s):
             return FeedVerdict.DROP, f"pose is {age_s:.2f} s older than fresh ones are"
+        self._late = (float("-inf"), float("-inf"))
         here_s = stamp_s + self._offset_s
         if here_s <= self.stamp_s:  # taken in another order, or the clock was set by less than is noticed
             return FeedVerdict.DROP, "pose is not newer than the last"
@@ -76,7 +77,6 @@ class VisionFeed:
         if now_s - self._late[0] < self._HELD_UP_S:
             return False
         self._offset_s += age_s
-        self._late = (float("-inf"), float("-inf"))
         return True
 
     def _follow(self, now_s: float, stamp_s: float, before: Optional[Tuple[float, float]]) -> None:

@@ -105,9 +105,12 @@ class FlightLink:
             now_s = time.monotonic()
             return self._core.feed_rate_hz(now_s), self._core.feed_age_s(now_s), self._core.estimate_apart_m(now_s)
 
-    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray) -> None:
-        """External navigation: body pose in the odometry frame (ENU/FLU); ``stamp_s`` monotonic."""
-        self._do(lambda: self._core.send_pose(stamp_s, T_odom_body, time.monotonic()))
+    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray) -> bool:
+        """External navigation: body pose in the odometry frame (ENU/FLU); ``stamp_s`` monotonic. Whether it is sent."""
+        with self._changed:
+            sent = self._core.send_pose(stamp_s, T_odom_body, time.monotonic())
+            self._flush()
+        return sent
 
     def stop_feed(self, reason: str) -> None:
         """No pose goes to the autopilot until ``resume_feed``."""

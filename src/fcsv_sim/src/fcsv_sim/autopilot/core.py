@@ -152,7 +152,7 @@ class Autopilot(FlightLaws):
     @property
     def origin(self) -> Optional[Tuple[int, int, int]]:
         """Latitude, longitude (1e-7 deg) and altitude (mm) that it reports; None where it has none."""
-        return self._origin.value
+        return self._origin.reported(self.estimator.runs)
 
     def prearm_failures(self, now_s: float) -> List[str]:
         """Reasons not to arm, as ArduCopter words them."""

@@ -41,6 +41,7 @@ class Estimator:
     def begin(self) -> None:
         """As after power-on: nothing is known."""
         self._boot_s: Optional[float] = None
+        self.runs = False  # whether the filter has begun, as of the last prediction
         self._vision_s: Optional[float] = None
         self._first_vision_s: Optional[float] = None
         self._reset_counter: Optional[int] = None
@@ -59,6 +60,7 @@ class Estimator:
         """One step of inertial sensing (m/s2 without gravity, rad, m)."""
         if self._boot_s is None:
             self._boot_s = now_s
+        self.runs = self.started(now_s)
         self.yaw_ext_rad = wrap(self.yaw_ext_rad + yaw_rate_rps * dt_s)
         turn = self.yaw_ext_rad - yaw_world_rad
         c, s = math.cos(turn), math.sin(turn)

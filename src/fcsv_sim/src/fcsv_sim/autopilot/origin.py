@@ -22,6 +22,10 @@ class Origin:
         self.value, self._early = value, not filter_runs
         return True
 
+    def reported(self, filter_runs: bool) -> Optional[Tuple[int, int, int]]:
+        """What the autopilot tells when asked."""
+        return None if self._early and filter_runs else self.value
+
     def step(self, now_s: float, armed: bool, filter_runs: bool) -> bool:
         """Whether the height datum is reset now."""
         if self.value is None:
