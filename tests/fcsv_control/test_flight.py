@@ -177,9 +177,24 @@ def test_origin_is_asked_for_before_it_is_set_and_set_until_it_is_there():
     for t in np.arange(0.2, 2.9, 0.1):
         sent += [(round(t, 1), what) for what in k.due(t) if what == keeper.SET_ORIGIN]
     assert [t for t, _ in sent] == pytest.approx([0.6, 1.6, 2.6], abs=0.11)
-    k.origin_set = True
+    k.origin(2.9, lasts=True)
     k.heartbeat(2.9)
-    assert not {keeper.ASK_ORIGIN, keeper.SET_ORIGIN} & set(k.due(5.0))
+    assert keeper.SET_ORIGIN not in k.due(5.0)
+
+
+def test_an_origin_counts_while_it_is_reported_and_is_asked_for_for_ever():
+    k = connected_keeper()
+    k.origin(0.5, lasts=False)  # reported before the filter had begun
+    assert not k.origin_set(0.6)
+    k.origin(2.0, lasts=True)
+    asked, set_again = [], []
+    for t in np.arange(2.0, 12.0, 0.1):
+        k.heartbeat(t)
+        due = k.due(t)
+        asked += [t for what in due if what == keeper.ASK_ORIGIN]
+        set_again += [t for what in due if what == keeper.SET_ORIGIN]
+    assert len(asked) == 10 and k.origin_set(6.9) and not k.origin_set(7.1)
+    assert set_again[0] == pytest.approx(2.0 + keeper.ORIGIN_LASTS_S, abs=0.2)  # it went away: set again
 
 
 def test_streams_are_asked_for_again_only_when_they_stop():
@@ -195,28 +210,31 @@ def test_streams_are_asked_for_again_only_when_they_stop():
 
 def test_silence_begins_all_anew():
     k = connected_keeper()
-    k.origin_set = k.parameters_read = True
+    k.origin(0.2, lasts=True)
+    k.parameters_read = True
     k.stream(0.2, "ATTITUDE", 5000)
     assert k.connected(3.0) and not k.connected(3.2)
     assert k.due(3.2) == [keeper.HEARTBEAT]
     assert k.heartbeat(4.0)
-    assert not k.origin_set and set(k.due(4.2)) == ALL_ASKED
+    assert not k.origin_set(4.0) and set(k.due(4.2)) == ALL_ASKED
 
 
 def test_a_reboot_without_silence_is_noticed():
     k = connected_keeper()
-    k.origin_set = k.parameters_read = True
+    k.origin(0.2, lasts=True)
+    k.parameters_read = True
     assert not k.stream(0.2, "ATTITUDE", 60000)
     assert not k.stream(0.3, "LOCAL_POSITION_NED", 59990)  # sent a little earlier, came later
     k.heartbeat(2.0)
     assert k.stream(2.5, "ATTITUDE", 900)
-    assert not k.origin_set and {keeper.ASK_ORIGIN, keeper.PARAMETER} <= set(k.due(2.6))
+    assert not k.origin_set(2.5) and {keeper.ASK_ORIGIN, keeper.PARAMETER} <= set(k.due(2.6))
     assert not k.stream(2.6, "ATTITUDE", 1000)
 
 
 def test_parameters_are_read_one_by_one_and_what_is_wrong_is_named():
     check = ParameterCheck()
     answers = dict({name: allowed[0] for name, allowed in NEEDED.items()}, VISO_TYPE=0.0, EK3_SRC1_POSXY=3.0)
+    answers.update(BATT_FS_LOW_ACT=0.0, BATT_FS_CRT_ACT=1.0, FS_THR_ENABLE=0.0, FS_EKF_ACTION=2.0, FENCE_ACTION=0.0)
     del answers["VISO_ORIENT"]  # this firmware does not know it: no answer
     asked = []
     while (name := check.next()) is not None:
@@ -231,6 +249,10 @@ def test_parameters_are_read_one_by_one_and_what_is_wrong_is_named():
     assert len(lines) == 3
     check.answer("VISO_TYPE", 2.0)  # corrected meanwhile
     assert not any("VISO_TYPE" in line for line in check.problems())
+    assert [line.split()[0] for line in check.warnings()] == [
+        "BATT_FS_LOW_ACT", "FS_THR_ENABLE", "FS_EKF_ACTION", "FENCE_ACTION",
+    ]  # fmt: skip
+    assert "FS_THR_ENABLE is 0: a lost transmitter does nothing" in check.warnings()[1]
 
 
 # ---- feed ------------------------------------------------------------------------------------------------------
@@ -255,16 +277,49 @@ def test_the_feed_drops_what_is_no_news():
     feed = VisionFeed(FeedParameters(stale_s=0.3))
     assert feed.judge(10.0, 9.99)[0] is FeedVerdict.SEND
     assert dropped(feed, 10.02, 9.99, "not newer")
-    assert dropped(feed, 11.0, 10.5, "0.50 s old")
-    assert dropped(feed, 11.0, 11.5, "ahead")
-    assert feed.judge(11.0, 10.99)[0] is FeedVerdict.SEND
+    assert dropped(feed, 11.0, 10.5, "0.49 s older")
+    assert feed.judge(11.1, 11.09)[0] is FeedVerdict.SEND
 
 
-def test_a_clock_that_is_set_back_does_not_stop_the_feed():
+def fed(feed, seconds, here_s, wall_s, late=lambda t: 0.004):
+    """Poses at 200 Hz for some time; what was dropped, and the stamps that passed."""
+    drops, stamps = [], []
+    for k in range(int(seconds * 200)):
+        t = k / 200.0
+        verdict, why = feed.judge(here_s + t + late(t), wall_s + t)
+        if verdict is FeedVerdict.SEND:
+            stamps.append(feed.stamp_s)
+        elif verdict is FeedVerdict.DROP:
+            drops.append(why)
+    return drops, stamps
+
+
+@pytest.mark.parametrize("step_s", [0.4, -0.4, 2.0, -2.0, 60.0, -60.0, 0.05, -0.05])
+def test_a_clock_that_is_set_drops_two_poses_at_most_and_the_stamps_go_on_rising(step_s):
     feed = VisionFeed(FeedParameters())
-    assert feed.judge(1000.0, 1000.0)[0] is FeedVerdict.SEND
-    assert feed.judge(500.0, 500.0)[0] is FeedVerdict.SEND
-    assert feed.judge(500.034, 500.034)[0] is FeedVerdict.SEND
+    _, before = fed(feed, 3.0, 100.0, 1.7e9)
+    drops, after = fed(feed, 3.0, 103.0, 1.7e9 + 3.0 + step_s)
+    stamps = np.array(before + after)
+    assert len(drops) <= (2 if abs(step_s) > 0.1 else 10)  # less than 0.1 s is taken for late poses: 50 ms of them
+    assert np.all(np.diff(stamps) > 0.0) and np.diff(stamps).max() < 0.1
+    assert len(after) == pytest.approx(90, abs=3)
+    assert stamps[-1] == pytest.approx(106.0, abs=0.1)  # the receiver's clock
+
+
+def test_a_clock_that_is_set_while_poses_are_held_up_costs_a_tenth_of_a_second():
+    feed = VisionFeed(FeedParameters())
+    fed(feed, 1.0, 100.0, 1.7e9)
+    drops, stamps = fed(feed, 1.0, 101.4, 1.7e9 + 1.0 - 2.0)
+    assert len(drops) <= 0.1 * 200 + 1 and len(stamps) > 25
+
+
+def test_poses_that_are_held_up_are_dropped_until_they_are_fresh_again():
+    """Half a second without any, then all that waited in a burst."""
+    feed = VisionFeed(FeedParameters())
+    fed(feed, 1.0, 100.0, 1.7e9)
+    drops, stamps = fed(feed, 1.0, 101.0, 1.7e9 + 1.0, late=lambda t: max(0.004, 0.5 - t))
+    assert 30 <= len(drops) <= 50 and all("older than fresh ones" in why for why in drops)
+    assert stamps and stamps[0] > 101.15
 
 
 # ---- watchdog --------------------------------------------------------------------------------------------------
@@ -294,7 +349,15 @@ def test_the_watchdog_leaves_others_alone():
     dog.feed(1.0)
     assert verdicts(dog, [5.0], armed=False) == [NONE]
     assert verdicts(dog, [5.0], mode="ALT_HOLD") == [NONE] and verdicts(dog, [5.0], mode="STABILIZE") == [NONE]
-    assert verdicts(dog, [5.0], mode="LOITER") == [LAND]
+
+
+@pytest.mark.parametrize("mode", ["LOITER", "POSHOLD", "BRAKE", "RTL"])
+def test_in_a_mode_that_the_pilot_chose_the_watchdog_only_speaks(mode):
+    dog = FeedWatchdog(WatchdogParameters(), 0.0)
+    dog.feed(1.0)
+    assert verdicts(dog, np.arange(1.0, 30.0, 0.1), mode=mode).count(LAND) == 0
+    assert verdicts(dog, [30.0], mode=mode) == [WARN]
+    assert dog.check(30.1, True, mode, ours=True) is LAND  # one that the companion commanded
 
 
 def test_time_in_which_nobody_could_watch_is_no_silence():

@@ -19,7 +19,7 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.link import FlightLink, LinkParameters
-from fcsv_control.flight.parameters import NEEDED
+from fcsv_control.flight.parameters import ADVISED, NEEDED
 from fcsv_geometry import transforms
 from fcsv_sim.machines.machines import free_port
 
@@ -82,6 +82,10 @@ class Peer:
             self.mav.local_position_ned_send(ms, 1.0, 2.0, -3.0, 0, 0, 0)
         elif message == M.MAVLINK_MSG_ID_SYS_STATUS:
             self.mav.sys_status_send(1, 1, 0x10000000, 100, 15800, 1200, 77, 0, 0, 0, 0, 0, 0)
+        elif message == M.MAVLINK_MSG_ID_EKF_STATUS_REPORT:
+            self.mav.ekf_status_report_send(0x33F, 0.1, 0.2, 0.3, 0.4, 0.0)
+        elif message == M.MAVLINK_MSG_ID_RC_CHANNELS:
+            self.mav.rc_channels_send(ms, 8, 1500, 1500, 1250, *[1500] * 5, *[0] * 10, 99)
         elif message == M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN and self.origin:
             self.mav.gps_global_origin_send(*self.origin)
         elif message == M.MAVLINK_MSG_ID_HOME_POSITION and self.origin:
@@ -205,7 +209,7 @@ def feed(pair, seconds=0.1):
 def test_connecting(pair):
     """Origin although it is dropped twice, streams at the rate asked for, poses in ENU, heartbeats of a companion."""
     assert until(lambda: pair.link.origin_set)
-    assert pair.peer.origins_dropped >= 3 and pair.peer.origin[:2] == (350000000, 1350000000)
+    assert pair.peer.origins_dropped >= 3 and pair.peer.origin == (350000000, 1350000000, 10000)
     count = len(pair.peer.of("SET_GPS_GLOBAL_ORIGIN"))
     position = M.MAVLINK_MSG_ID_LOCAL_POSITION_NED
     asked_s = [pair.peer.intervals[number] for number in (position, M.MAVLINK_MSG_ID_ATTITUDE)]
@@ -223,8 +227,11 @@ def test_connecting(pair):
     assert {(b.get_srcSystem(), b.get_srcComponent(), b.autopilot) for b in beats} == {(1, 191, 8)}
     assert pair.link.state.prearm_ok and pair.link.state.battery_share == 0.77
     assert pair.link.state.voltage_v == 15.8 and pair.link.state.current_a == 12.0
-    assert until(lambda: len({m.param_id for m in pair.peer.of("PARAM_REQUEST_READ")}) == len(NEEDED))
+    assert until(lambda: len({m.param_id for m in pair.peer.of("PARAM_REQUEST_READ")}) == len(NEEDED) + len(ADVISED))
     assert pair.link.parameter_problems == []
+    state = pair.link.state
+    assert state.ekf_variance == pytest.approx(0.4) and state.throttle == pytest.approx(-0.5)
+    assert time.monotonic() - state.throttle_heard_s < 2.0 and state.rc_rssi == 99
 
 
 def test_poses_in(pair):
@@ -317,7 +324,7 @@ def test_take_off_is_counted_from_where_home_is(pair):
     pair.link.set_mode("GUIDED")
     feed(pair)
     pair.link.arm(True)
-    pair.peer.home_mm = 400  # set where it was armed, 0.4 m above the origin
+    pair.peer.home_mm = 10400  # set where it was armed, 0.4 m above the origin
     pair.link.take_off(3.0)
     assert pair.peer.commands(M.MAV_CMD_NAV_TAKEOFF)[0].param7 == pytest.approx(2.6)
 
@@ -408,14 +415,14 @@ def test_over_a_serial_device():
 
         assert until(companion_speaks)  # with the system id of its vehicle
         os.close(master)
-        assert until(lambda: link._transport._broken)
+        assert until(lambda: link._transport.broken)
         link.send_pose(1.0, np.eye(4))  # lost, not raised
     finally:
         link.close()
     assert not link._thread.is_alive()
 
 
-@pytest.mark.parametrize("url", ["/dev/no_such_device:57600", "udpin:nowhere", "tcp:127.0.0.1:1", "udpin:256.0.0.1:x"])
+@pytest.mark.parametrize("url", ["/dev/no_such_device:57600", "udpin:nowhere", "tcp:nowhere", "can:127.0.0.1:1"])
 def test_a_line_that_cannot_be_opened_is_named(url):
     with pytest.raises(LinkError, match="cannot be opened") as raised:
         FlightLink(url, LinkParameters())

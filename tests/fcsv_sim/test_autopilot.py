@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated autopilot against what was measured on ArduCopter 4.3.8, over real MAVLink, in accelerated time."""
+"""The simulated autopilot against ArduCopter 4.3.8 and 4.6.2 as measured, over real MAVLink, faster than real time."""
 
 import os
 
@@ -11,6 +11,7 @@ from pymavlink import mavutil
 
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot import modes
+from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.people import rc
 from fcsv_sim.vehicles.vehicle import SimulatedVehicle, VehicleParameters
 
@@ -24,7 +25,9 @@ class Flight:
     def __init__(self, folder, wind_mps=0.5):
         self.companion = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=1, source_component=191)
         port = self.companion.port.getsockname()[1]
-        parameters = VehicleParameters("uav1", 1, str(folder), f"127.0.0.1:{port}", 0, 4, wind_mps=wind_mps)
+        parameters = VehicleParameters(
+            "uav1", 1, str(folder), f"127.0.0.1:{port}", 0, 4, wind_mps=wind_mps, ready_s=2.0
+        )
         self.t = 1000.0
         self.vehicle = SimulatedVehicle(parameters, self.t)
         self.pilot = self.vehicle.autopilot
@@ -74,7 +77,7 @@ class Flight:
 
     def ready(self):
         self.run(3.0)
-        self.companion.mav.set_gps_global_origin_send(1, 353600000, 1491600000, 0)
+        self.companion.mav.set_gps_global_origin_send(1, 353600000, 1491600000, 10000)
         return self.run(0.5)
 
     def airborne(self, altitude_m=4.0):
@@ -145,15 +148,112 @@ def test_arming_needs_feed_and_origin(flight):
     assert "requires position" in flight.texts()
 
 
-def test_origin_is_dropped_before_the_filter_runs_and_ignored_once_set(flight):
-    flight.companion.mav.set_gps_global_origin_send(1, 1, 1, 0)
-    flight.run(0.5)
-    assert flight.pilot.origin is None
+def ask_for_origin(flight):
+    assert flight.command(M.MAV_CMD_REQUEST_MESSAGE, M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN) == 0
+    flight.run(0.1)
+    return [m.latitude for m in flight.of("GPS_GLOBAL_ORIGIN")]
+
+
+def test_an_early_origin_is_confirmed_and_lost_and_one_that_is_set_stays(flight):
+    flight.companion.mav.set_gps_global_origin_send(1, 1, 1, 10000)
+    flight.run(0.2)
+    assert flight.of("GPS_GLOBAL_ORIGIN")[0].latitude == 1  # confirmed, before the filter has begun
+    flight.run(3.0)
+    assert ask_for_origin(flight) == []  # lost; the request was acknowledged with 0 all the same
+    assert flight.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 4
+    flight.run(0.1)
+    assert "AHRS: waiting for home" in flight.texts()
     flight.ready()
-    assert flight.of("GPS_GLOBAL_ORIGIN")[0].latitude == 353600000
-    flight.companion.mav.set_gps_global_origin_send(1, 7, 7, 0)
+    assert ask_for_origin(flight) == [353600000]
+    flight.companion.mav.set_gps_global_origin_send(1, 7, 7, 10000)
     flight.run(0.5)
-    assert flight.pilot.origin[0] == 353600000
+    assert ask_for_origin(flight) == [353600000]
+
+
+@pytest.mark.parametrize("altitude_mm, climbs", [(0, True), (10000, False)])
+def test_with_an_origin_at_altitude_zero_the_height_runs_away_until_it_is_armed(flight, altitude_mm, climbs):
+    flight.T_ext_world = transforms.from_xyz_yaw([5.0, -3.0, 0.05], YAW_EXT)
+    flight.run(3.0)
+    flight.companion.mav.set_gps_global_origin_send(1, 1, 1, altitude_mm)
+    flight.run(0.2)
+    flight.received.clear()
+    flight.run(34.0)
+    texts = flight.texts().count("Field Elevation Set")
+    z_m = flight.pilot.estimator.p_ext_m[2]
+    if not climbs:
+        assert texts == 0 and z_m == pytest.approx(0.05, abs=0.05)
+        return
+    assert texts == pytest.approx(34, abs=1) and 1.2 < z_m < 2.6  # 2.47 m on the real one
+    flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.GUIDED)
+    flight.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    flight.run(0.5)
+    flight.received.clear()
+    z_m = flight.pilot.estimator.p_ext_m[2]
+    flight.run(5.0)
+    assert not flight.texts() and flight.pilot.estimator.p_ext_m[2] == pytest.approx(z_m, abs=0.1)
+    flight.command(M.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 3.0)
+    flight.run(10.0)
+    assert flight.height < 1.9  # and not 3 m
+
+
+def beats(flight, seconds):
+    flight.received.clear()
+    flight.run(seconds)
+    return flight.of("HEARTBEAT")
+
+
+def test_a_mode_is_told_at_once_and_heartbeats_come_at_the_rate_asked_for(flight):
+    flight.ready()
+    assert len(beats(flight, 4.0)) == 4
+    flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_HEARTBEAT, 250000)
+    assert len(beats(flight, 4.0)) == pytest.approx(16, abs=1)
+    for mode in (modes.LOITER, modes.GUIDED):
+        flight.companion.mav.command_long_send(1, 1, M.MAV_CMD_DO_SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0)
+        assert [b.custom_mode for b in beats(flight, 0.03)] == [mode]
+
+
+def test_what_the_heartbeat_says(flight):
+    """Status 1 while booting, 3 on the ground, 4 in the air, 5 in a failsafe; "guided" in every position mode."""
+    assert flight.of("HEARTBEAT")[0].system_status == M.MAV_STATE_BOOT
+    assert beats(flight, 2.5)[-1].system_status == M.MAV_STATE_STANDBY
+    flight.airborne()
+    for mode in (modes.GUIDED, modes.LOITER, modes.BRAKE, modes.LAND):
+        flight.command(M.MAV_CMD_DO_SET_MODE, 1, mode)
+        beat = beats(flight, 1.1)[-1]
+        assert (beat.custom_mode, beat.system_status) == (mode, M.MAV_STATE_ACTIVE)
+        assert beat.base_mode & M.MAV_MODE_FLAG_GUIDED_ENABLED
+    flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.ALT_HOLD)
+    assert not beats(flight, 1.1)[-1].base_mode & M.MAV_MODE_FLAG_GUIDED_ENABLED
+    flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.GUIDED)
+    flight.feed_hz = 0
+    beat = beats(flight, 9.0)[-1]
+    assert (beat.custom_mode, beat.system_status) == (modes.LAND, M.MAV_STATE_CRITICAL)
+
+
+def test_forced_arming_needs_a_position_only_where_the_mode_does(flight):
+    flight.run(3.0)  # without an origin
+    assert flight.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 4
+    assert flight.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1, 2989) == 0 and flight.pilot.armed
+
+
+def test_the_transmitter_is_reported(flight):
+    flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_RC_CHANNELS, 200000)
+    flight.run(0.5)
+    assert flight.of("RC_CHANNELS")[-1].chancount == 0
+    flight.sticks = (0, 0, -1, 0, "LOITER")
+    flight.run(0.5)
+    m = flight.of("RC_CHANNELS")[-1]
+    assert (m.chancount, m.chan3_raw) == (8, 1000)
+
+
+def test_it_is_ready_after_the_time_that_was_set(tmp_path):
+    """17 to 26 s in a real one."""
+    assert VehicleParameters("uav1", 1, str(tmp_path)).ready_s == 2.0  # flown tests do not wait; see there
+    assert Autopilot(0.4, 1).estimator.started(0.0) is False
+    pilot = Autopilot(0.4, 1)
+    began_s = next(k for k in range(60) if pilot.estimator.predict(k, 1.0, np.zeros(3), 0.0, 0.0, 0.0) or
+                   pilot.estimator.started(k))  # fmt: skip
+    assert 17 <= began_s <= 26
 
 
 def test_take_off_hold_and_overshoot(flight):
@@ -219,6 +319,34 @@ def test_land_disarms(flight):
     assert flight.height < 0.05 and not flight.pilot.armed
 
 
+def test_a_landing_from_three_metres_takes_nine_seconds(flight):
+    flight.airborne(3.0)
+    flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.LAND)
+    began_s = flight.t
+    while flight.pilot.armed and flight.t < began_s + 15.0:
+        flight.run(0.1)
+    assert flight.t - began_s == pytest.approx(9.0, abs=0.5)
+
+
+def test_a_reboot_in_the_air(flight):
+    """Origin, streams and position are gone, the time since boot begins again, and it comes down."""
+    flight.airborne()
+    flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_ATTITUDE, 100000)
+    flight.run(0.5)
+    before_ms = flight.of("ATTITUDE")[-1].time_boot_ms
+    flight.pilot.reboot()
+    flight.received.clear()
+    flight.run(1.5)
+    assert not flight.of("ATTITUDE") and flight.pilot.origin is None
+    assert {m.get_srcSystem() for m in flight.of("HEARTBEAT")} == {1}
+    flight.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_ATTITUDE, 100000)
+    flight.run(0.5)
+    assert flight.of("ATTITUDE")[-1].time_boot_ms < 3000 < before_ms
+    assert flight.pilot.mode == modes.LAND
+    flight.run(20.0)
+    assert flight.height < 0.05 and not flight.pilot.armed
+
+
 def test_loss_of_the_feed_lands_after_eight_seconds(flight):
     flight.airborne()
     flight.feed_hz = 0
@@ -249,11 +377,26 @@ class TestJumps:
         flight.run(8.0)
         assert flight.p_ext[0] - p[0] < -2.0  # flies off
 
+    def test_a_rejected_jump_is_adopted_over_several_messages(self, flight):
+        """5 m within 4.3 s, the largest step 0.65 m: no step that looks like a jump."""
+        flight.airborne()
+        told = []  # what the estimate is off from where the vehicle is
+        flight.offset_m = np.array([5.0, 0, 0])
+        for _ in range(150):
+            flight.run(0.1)
+            told.append(flight.pilot.estimator.p_ext_m[0] - flight.p_ext[0])
+        began = next(k for k, x in enumerate(told) if x > 0.5)
+        ended = next(k for k, x in enumerate(told) if x > 4.9)
+        assert began == pytest.approx(50, abs=5) and ended - began == pytest.approx(43, abs=5)
+        assert 0.3 < np.diff(told).max() < 0.9  # 0.65 m at once, and what comes within 0.1 s
+
     def test_with_a_reset_the_position_is_adopted_and_the_difference_flown(self, flight):
         flight.airborne()
         p = flight.p_ext.copy()
         flight.offset_m, flight.reset_counter = np.array([2.0, 0, 0]), 1
-        flight.run(0.3)
+        flight.run(1.0)  # the feed is ignored
+        assert flight.pilot.estimator.p_ext_m[0] == pytest.approx(p[0], abs=0.4)
+        flight.run(0.2)
         assert flight.pilot.estimator.p_ext_m[0] == pytest.approx(p[0] + 2.0, abs=0.4)
         flight.run(6.0)
         assert flight.p_ext[0] - p[0] == pytest.approx(-2.0, abs=0.5)
@@ -284,6 +427,14 @@ class TestTransmitter:
         flight.run(3.0)
         moved = flight.vehicle.body.position_m - p
         assert moved[0] > 2.0 and abs(moved[1]) < 0.7
+
+    @pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD"])
+    def test_with_the_throttle_stick_down_it_falls(self, flight, mode):
+        flight.airborne(5.0)
+        flight.sticks = (0, 0, -1, 0, mode)
+        height = flight.height
+        flight.run(1.5)
+        assert height - flight.height == pytest.approx(1.6, abs=0.4)  # 1.6 m were measured
 
     def test_loiter_without_a_transmitter_comes_down(self, flight):
         flight.airborne(6.0)

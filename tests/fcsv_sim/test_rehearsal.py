@@ -65,7 +65,7 @@ def quick() -> Mission:
 
 @pytest.mark.parametrize("vehicles", [2, 3])
 def test_a_flight_without_faults_records_all_and_lands(mission, vehicles):
-    result = Flight(mission, vehicles, 1).run()
+    result = Flight(mission, vehicles, 2).run()
     assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
     assert result.nearest_m > 1.4 and 60.0 < result.flown_s < 200.0
     assert 0.0 < result.off_m < 0.5

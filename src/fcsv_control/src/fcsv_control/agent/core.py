@@ -4,6 +4,7 @@
 No ROS, no thread, no clock. ``now_s`` is monotonic time; no wall clock is ever asked.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Deque, Dict, List, Optional, Sequence, Tuple
@@ -76,6 +77,11 @@ class AgentCore:
         moved_m = self._holder.pose(now_s, T_odom_body)
         if moved_m:
             self._say(f"the autopilot's estimate jumped by {moved_m:.1f} m; the target moves along")
+
+    def estimate_moved(self, now_s: float, step_m: Sequence[float]) -> None:
+        """The autopilot adopted a jump of its navigation, over several messages: the target moves along."""
+        if self._holder.moved(now_s, step_m):
+            self._say(f"the autopilot's estimate moved by {math.hypot(*step_m):.1f} m; the target moves along")
 
     def epoch(self, epoch: int, reason: str) -> None:
         """The odometry's epoch. Where its frame began anew the target is not where it was meant to be: hold here."""

@@ -3,7 +3,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Optional
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class Holder:
         self._above: Optional[np.ndarray] = None  # end of the take-off under way
         self._ground_m: Optional[float] = None  # height at which it stood, disarmed
         self._above_since_s = 0.0
+        self._moved_s = -math.inf
 
     @property
     def target(self) -> Optional[np.ndarray]:
@@ -88,12 +89,23 @@ class Holder:
         step_m = float(np.linalg.norm(step))
         if not 0.0 <= gap_s <= self._GAP_S or step_m <= self._limits.reset_step_m + self._FASTEST_MPS * gap_s:
             return 0.0
+        self._move(now_s, step)
+        return step_m
+
+    def moved(self, now_s: float, step_m: Sequence[float]) -> bool:
+        """The estimate moved by ``step_m`` (3,) in steps that looked like flight. Whether it was not known already."""
+        if now_s - self._moved_s < self._GAP_S:
+            return False
+        self._move(now_s, np.asarray(step_m, float))
+        return True
+
+    def _move(self, now_s: float, step: np.ndarray) -> None:
+        self._moved_s = now_s
         for held in (self._target, self._above):
             if held is not None:
                 held[:3, 3] += step
         if self._ground_m is not None and self._armed:
             self._ground_m += float(step[2])
-        return step_m
 
     def go_to(self, T_odom_body: np.ndarray, frame: str) -> None:
         """A target that is finite by construction. Raises CommandRefused where it may not be flown to."""

@@ -2,7 +2,7 @@
 """The flight link's decisions: MAVLink messages and monotonic time in, MAVLink messages and events out.
 
 No socket, no thread, no clock: the same core flies, is rehearsed faster than real time, and is tested in milliseconds.
-What is relied on here was measured on ArduCopter 4.3.8.
+What is relied on here was measured on ArduCopter 4.3.8 and 4.6.2.
 """
 
 import os
@@ -10,21 +10,25 @@ import os
 os.environ.setdefault("MAVLINK20", "1")
 
 import logging
-from dataclasses import dataclass
-from typing import List, Sequence, Set
+from typing import List, Optional, Sequence, Set
 
 import numpy as np
 from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight import conversion, keeper
-from fcsv_control.flight.listener import Event, Listener
+from fcsv_control.flight.estimate import EstimateWatch
+from fcsv_control.flight.fed import Fed
+from fcsv_control.flight.link_parameters import LinkParameters
+from fcsv_control.flight.listener import EstimateMoved, Event, Listener, PoseHeard
 from fcsv_control.flight.parameters import NEEDED
 from fcsv_control.flight.requests import COMPANION, Request, Requests
 from fcsv_control.flight.state import MODES, FlightState
 from fcsv_control.flight.take_off import TakeOff
 
 _M = mavutil.mavlink
+__all__ = ["LinkCore", "LinkParameters"]
+
 _LOG = logging.getLogger(__name__)
 _AUTOPILOT = _M.MAV_COMP_ID_AUTOPILOT1
 _POSITION_AND_YAW = 0x9F8  # position alone would turn the nose into the direction of travel
@@ -33,29 +37,6 @@ _UNKNOWN_COVARIANCE = [float("nan")] + [0.0] * 20  # the filter's own noise is u
 STOPPING = frozenset({"LAND", "BRAKE"})
 STOP_REPEAT_S = 0.2
 _STOP_PATIENCE_S = 5.0
-
-
-@dataclass(frozen=True)
-class LinkParameters:
-    """``target_system`` 0: the first autopilot heard. Origin: any place will do without GPS."""
-
-    target_system: int = 0
-    position_rate_hz: float = 30.0
-    command_timeout_s: float = 1.0
-    command_tries: int = 3
-    origin_lat_deg: float = 35.0
-    origin_lon_deg: float = 135.0
-    set_parameters: bool = False
-
-    def __post_init__(self):
-        if not 0 <= self.target_system <= 255:
-            raise ValueError(f"target_system: {self.target_system} is not in 0..255")
-        if not 1.0 <= self.position_rate_hz <= 200.0:
-            raise ValueError(f"position_rate_hz: {self.position_rate_hz} is not in 1..200")
-        if not (0.1 <= self.command_timeout_s <= 5.0 and 1 <= self.command_tries <= 10):
-            raise ValueError("command_timeout_s: must be in 0.1..5, command_tries in 1..10")
-        if not (abs(self.origin_lat_deg) <= 89.0 and abs(self.origin_lon_deg) <= 180.0):
-            raise ValueError("origin_lat_deg: must be in -89..89, origin_lon_deg in -180..180")
 
 
 class LinkCore:
@@ -68,6 +49,11 @@ class LinkCore:
         self._parameters = parameters
         self._reset_counter = 0
         self._set_before: Set[str] = set()
+        self._watch = EstimateWatch()
+        self._fed = Fed()
+        self._begun_anew = False
+        self._asked_mode, self._mode, self._mode_is_ours = "", "", False
+        self._events: List[Event] = []
         self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
         self._heard = Listener(parameters.target_system, self._requests)
         self._encoder = _M.MAVLink(None)
@@ -90,11 +76,42 @@ class LinkCore:
         """Whether a heartbeat came within the last 3 s."""
         return self._heard.keeper.connected(now_s)
 
+    @property
+    def mode_is_ours(self) -> bool:
+        """Whether the mode that shows is the last one that was commanded here, and no other has shown since."""
+        return self._mode_is_ours
+
+    def origin_set(self, now_s: float) -> bool:
+        """Whether the autopilot goes on reporting an origin since its filter began, and it is not at altitude 0."""
+        return self._heard.keeper.origin_set(now_s)
+
+    def feed_rate_hz(self, now_s: float) -> float:
+        """Poses per second that go to the autopilot, over the last two seconds."""
+        return self._fed.rate_hz(now_s)
+
+    def feed_age_s(self, now_s: float) -> float:
+        """Since the last pose went to the autopilot; infinite before the first."""
+        return self._fed.age_s(now_s)
+
+    def estimate_apart_m(self, now_s: float) -> float:
+        """Distance of the autopilot's estimate and the feed; NaN where one of them is not known."""
+        return self._watch.apart_m(now_s)
+
     # ---- messages and time -----------------------------------------------------------------------------------
 
     def take(self, now_s: float, message) -> None:
         """One message from the line."""
         self._heard.take(now_s, message)
+        mode = self.state.mode
+        if mode != self._mode:
+            self._mode, self._mode_is_ours = mode, mode == self._asked_mode
+            self._asked_mode = "" if self._mode_is_ours else self._asked_mode
+        for event in self._heard.events():
+            self._events.append(event)
+            if isinstance(event, PoseHeard):
+                step_m = self._watch.estimate(now_s, event.T_odom_body[:3, 3], self.state.armed)
+                if step_m is not None:
+                    self._events.append(EstimateMoved(step_m))
 
     def step(self, now_s: float) -> None:
         """Time passes: whatever is due is sent."""
@@ -116,21 +133,46 @@ class LinkCore:
 
     def events(self) -> List[Event]:
         """What was heard since the last call."""
-        return self._heard.events()
+        events, self._events = [*self._events, *self._heard.events()], []
+        return events
 
     # ---- what a caller may ask -------------------------------------------------------------------------------
 
-    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray) -> None:
-        """External navigation: body pose in the odometry frame (ENU/FLU)."""
+    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray, now_s: Optional[float] = None) -> bool:
+        """External navigation: body pose in the odometry frame (ENU/FLU). ``stamp_s`` on any clock that only rises;
+        ``now_s`` where that is not the core's own. Whether it is sent: not while the feed is stopped."""
+        if self._fed.stopped:
+            return False
+        now_s = stamp_s if now_s is None else now_s
+        self._watch.feed(now_s, stamp_s, T_odom_body[:3, 3], self._begun_anew)
+        self._begun_anew = False
         ned, rpy = conversion.ned_from_pose(T_odom_body)
-        self._send("vision_position_estimate", int(stamp_s * 1e6), *ned, *rpy, _UNKNOWN_COVARIANCE, self._reset_counter)
+        usec = self._fed.sent(now_s, stamp_s)
+        self._send("vision_position_estimate", usec, *ned, *rpy, _UNKNOWN_COVARIANCE, self._reset_counter)
+        return True
+
+    def stop_feed(self, reason: str) -> None:
+        """No pose goes to the autopilot until ``resume_feed``: what it would be told is known to be wrong."""
+        if not self._fed.stopped:
+            _LOG.error("no pose goes to the autopilot any more: %s", reason)
+        self._fed.stopped = reason or "asked for"
+
+    def resume_feed(self) -> None:
+        """Poses go to the autopilot again."""
+        self._fed.stopped = ""
+
+    @property
+    def feed_stopped(self) -> str:
+        """Why no pose goes to the autopilot; empty where they do."""
+        return self._fed.stopped
 
     def note_reset(self) -> None:
         """The odometry frame was begun anew: the next pose is adopted at once instead of being followed or gated.
 
-        The autopilot's target does not move with it: re-issue the set-point in the new frame.
+        The autopilot's target does not move with it: EstimateMoved says when the estimate is in the new frame.
         """
         self._reset_counter = (self._reset_counter + 1) % 256
+        self._begun_anew = True
 
     def send_set_point(self, T_odom_body: np.ndarray) -> None:
         """Position and yaw target of the body in the odometry frame; heard only in GUIDED."""
@@ -149,6 +191,9 @@ class LinkCore:
         shows. Raises CommandRefused for a mode that ArduCopter does not have."""
         if name not in MODES:
             raise CommandRefused(f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}")
+        if name not in STOPPING:
+            self._require_one_autopilot(f"mode {name}")
+        self._asked_mode = name
         ask = (now_s, _M.MAV_CMD_DO_SET_MODE, (1, MODES[name]), f"mode {name}", lambda s: s.mode == name)
         if name in STOPPING:
             return self._requests.insist(*ask, STOP_REPEAT_S, _STOP_PATIENCE_S)
@@ -157,6 +202,8 @@ class LinkCore:
     def arm(self, now_s: float, value: bool) -> Request:
         """Arm or disarm and see it in the heartbeat."""
         what = "arming" if value else "disarming"
+        if value:
+            self._require_one_autopilot(what)
         number = _M.MAV_CMD_COMPONENT_ARM_DISARM
         return self._requests.ask(now_s, number, (float(value),), what, lambda s: s.armed == value)
 
@@ -173,6 +220,13 @@ class LinkCore:
         self._take_off.append(take_off)
         return take_off
 
+    def _require_one_autopilot(self, what: str) -> None:
+        """Raises CommandRefused where it is not said which of several autopilots is ours."""
+        others = self._heard.strangers
+        if others and not self._parameters.target_system:
+            ids = ", ".join(map(str, (self._heard.target, *others)))
+            raise CommandRefused(f"{what} refused: autopilots {ids} are on one line; set target_system")
+
     # ---- what goes out ---------------------------------------------------------------------------------------
 
     def _ask(self, wanted: str) -> None:
@@ -186,7 +240,8 @@ class LinkCore:
             self._long(_M.MAV_CMD_REQUEST_MESSAGE, [_M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN])
         elif wanted == keeper.SET_ORIGIN:
             place = int(self._parameters.origin_lat_deg * 1e7), int(self._parameters.origin_lon_deg * 1e7)
-            self._send("set_gps_global_origin", self._heard.target, *place, 0)
+            altitude_mm = int(self._parameters.origin_alt_m * 1000)
+            self._send("set_gps_global_origin", self._heard.target, *place, altitude_mm)
         elif wanted == keeper.PARAMETER:
             name = self._heard.parameters.next()
             self._heard.keeper.parameters_read = name is None
@@ -200,7 +255,8 @@ class LinkCore:
             (_M.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rate_hz),
             (_M.MAVLINK_MSG_ID_SYS_STATUS, 1.0),
             (_M.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 2.0),
-            (_M.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 1.0),
+            (_M.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 5.0),
+            (_M.MAVLINK_MSG_ID_RC_CHANNELS, 5.0),
             (_M.MAVLINK_MSG_ID_HEARTBEAT, 2.0),
         ):
             self._long(_M.MAV_CMD_SET_MESSAGE_INTERVAL, [message, 1e6 / hz])

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The procedure of connecting, and when to go through it again: after silence, after a reboot, when streams stop.
 
-All is asked for repeatedly until its effect is seen: an acknowledgement does not promise data, an origin
-has none, and a reboot forgets intervals and origin.
+All is asked for repeatedly until its effect is seen: an acknowledgement does not promise data, an origin has none, and
+a reboot forgets intervals and origin. An origin is asked for again for ever, because one that was set before the filter
+began is confirmed and then lost: it counts only while it goes on being reported.
 """
 
 from typing import Dict, List, Optional
 
+ORIGIN_LASTS_S = 5.0  # asked for every second: four answers may get lost
 CONNECTED_S = 3.0  # as MAVROS: connected while a heartbeat is younger than this
 HEARTBEAT, STREAMS, ASK_ORIGIN, SET_ORIGIN, PARAMETER = "heartbeat", "streams", "ask origin", "set origin", "parameter"
 _PERIOD_S = {HEARTBEAT: 1.0, STREAMS: 2.0, ASK_ORIGIN: 1.0, SET_ORIGIN: 1.0, PARAMETER: 0.1}
@@ -22,12 +24,21 @@ class ConnectionKeeper:
         self._heartbeat_s: Optional[float] = None
         self._boot_ms: Optional[int] = None
         self._next_s = dict.fromkeys(_PERIOD_S, float("-inf"))
-        self.origin_set = False
+        self._origin_s = float("-inf")
         self.parameters_read = False
 
     def connected(self, now_s: float) -> bool:
         """Whether a heartbeat came within the last 3 s."""
         return self._heartbeat_s is not None and now_s - self._heartbeat_s < CONNECTED_S
+
+    def origin_set(self, now_s: float) -> bool:
+        """Whether the autopilot reported an origin within the last 5 s, its filter having begun."""
+        return now_s - self._origin_s < ORIGIN_LASTS_S
+
+    def origin(self, now_s: float, lasts: bool) -> None:
+        """The autopilot reported an origin; ``lasts``: its filter has begun, so that it is not lost again."""
+        if lasts:
+            self._origin_s = now_s
 
     def heartbeat(self, now_s: float) -> bool:
         """A heartbeat came; whether it is the first one, or the first after a silence."""
@@ -51,7 +62,8 @@ class ConnectionKeeper:
 
     def begin_again(self) -> None:
         """Nothing that was set up may be relied on any more."""
-        self.origin_set = self.parameters_read = False
+        self.parameters_read = False
+        self._origin_s = float("-inf")
         self._boot_ms = None
         for name in (STREAMS, ASK_ORIGIN, PARAMETER):
             self._next_s[name] = float("-inf")
@@ -63,7 +75,7 @@ class ConnectionKeeper:
         wanted = {HEARTBEAT: True}  # also before anything is heard: on some links it must speak first
         if self.connected(now_s):
             wanted[STREAMS] = any(now_s - last_s > _SILENT_S for last_s in self._streams.values())
-            wanted[ASK_ORIGIN] = wanted[SET_ORIGIN] = not self.origin_set
+            wanted[ASK_ORIGIN], wanted[SET_ORIGIN] = True, not self.origin_set(now_s)
             wanted[PARAMETER] = not self.parameters_read
         due = [name for name, is_wanted in wanted.items() if is_wanted and now_s >= self._next_s[name]]
         for name in due:

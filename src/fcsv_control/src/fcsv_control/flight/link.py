@@ -13,7 +13,15 @@ import numpy as np
 
 from fcsv_control.errors import LinkError
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.listener import BatteryHeard, Event, PoseHeard, StateHeard, TextHeard
+from fcsv_control.flight.listener import (
+    BatteryHeard,
+    EstimateMoved,
+    Event,
+    PoseHeard,
+    RcHeard,
+    StateHeard,
+    TextHeard,
+)
 from fcsv_control.flight.requests import Request
 from fcsv_control.flight.state import FlightState
 from fcsv_control.flight.take_off import TakeOff
@@ -26,7 +34,8 @@ _POLL_S = 0.05
 
 
 class FlightLink:
-    """Callbacks, from the reading thread: on_state(), on_pose(T_odom_body, v_odom_mps), on_battery(), on_text(severity, text).
+    """Callbacks, from the reading thread: on_state(), on_pose(T_odom_body, v_odom_mps), on_battery(), on_rc(),
+    on_text(severity, text), on_estimate_moved(step_m).
 
     ``fcu_url`` as Transport has it. Raises LinkError where it cannot be opened.
     """
@@ -50,10 +59,30 @@ class FlightLink:
         """Whether a heartbeat came within the last 3 s."""
         return self._core.connected(time.monotonic())
 
+    def snapshot(self) -> Tuple[bool, FlightState]:
+        """Whether it is connected, and the state, of one moment."""
+        with self._changed:
+            return self.connected, self._core.state
+
+    @property
+    def mode_is_ours(self) -> bool:
+        """Whether the mode is one that was commanded here."""
+        return self._core.mode_is_ours
+
     @property
     def origin_set(self) -> bool:
-        """Whether the autopilot has confirmed an origin since it was connected."""
-        return self._core.heard.keeper.origin_set
+        """Whether the autopilot goes on reporting an origin that lasts."""
+        return self._core.origin_set(time.monotonic())
+
+    @property
+    def origin_at_zero(self) -> bool:
+        """Whether its origin's altitude is 0, with which the height runs away: it has to be restarted."""
+        return self._core.heard.origin_at_zero
+
+    @property
+    def parameters_ok(self) -> bool:
+        """Whether all needed parameters were read and fit."""
+        return self._core.heard.parameters.known and not self._core.heard.parameters.wrong()
 
     @property
     def parameter_problems(self) -> List[str]:
@@ -61,13 +90,40 @@ class FlightLink:
         return self._core.heard.parameters.problems()
 
     @property
+    def parameter_warnings(self) -> List[str]:
+        """A line for each of the autopilot's own failsafes that would not act."""
+        return self._core.heard.parameters.warnings()
+
+    @property
     def strangers(self) -> Tuple[int, ...]:
         """System ids of other autopilots on this line."""
         return self._core.heard.strangers
 
-    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray) -> None:
-        """External navigation: body pose in the odometry frame (ENU/FLU)."""
-        self._do(lambda: self._core.send_pose(stamp_s, T_odom_body))
+    def feed_figures(self) -> Tuple[float, float, float]:
+        """Rate (Hz) and age (s) of the feed as it goes to the autopilot, distance (m) of estimate and feed."""
+        with self._changed:
+            now_s = time.monotonic()
+            return self._core.feed_rate_hz(now_s), self._core.feed_age_s(now_s), self._core.estimate_apart_m(now_s)
+
+    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray) -> bool:
+        """External navigation: body pose in the odometry frame (ENU/FLU); ``stamp_s`` monotonic. Whether it is sent."""
+        with self._changed:
+            sent = self._core.send_pose(stamp_s, T_odom_body, time.monotonic())
+            self._flush()
+        return sent
+
+    def stop_feed(self, reason: str) -> None:
+        """No pose goes to the autopilot until ``resume_feed``."""
+        self._do(lambda: self._core.stop_feed(reason))
+
+    def resume_feed(self) -> None:
+        """Poses go to the autopilot again."""
+        self._do(self._core.resume_feed)
+
+    @property
+    def feed_stopped(self) -> str:
+        """Why no pose goes to the autopilot; empty where they do."""
+        return self._core.feed_stopped
 
     def note_reset(self) -> None:
         """The odometry frame was begun anew: see LinkCore.note_reset."""
@@ -126,8 +182,9 @@ class FlightLink:
 
     def _read(self) -> None:
         while self._running:
-            message = self._transport.receive(_POLL_S)
+            message = None
             try:
+                message = self._transport.receive(_POLL_S)
                 with self._changed:
                     now_s = time.monotonic()
                     if message is not None:
@@ -146,8 +203,10 @@ class FlightLink:
             self._call("on_pose", event.T_odom_body, event.v_odom_mps)
         elif isinstance(event, TextHeard):
             self._call("on_text", event.severity, event.text)
-        elif isinstance(event, (StateHeard, BatteryHeard)):
-            self._call("on_state" if isinstance(event, StateHeard) else "on_battery")
+        elif isinstance(event, EstimateMoved):
+            self._call("on_estimate_moved", event.step_m)
+        else:
+            self._call({StateHeard: "on_state", BatteryHeard: "on_battery", RcHeard: "on_rc"}[type(event)])
 
     def _call(self, name: str, *args) -> None:
         try:

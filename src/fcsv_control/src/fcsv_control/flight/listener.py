@@ -47,7 +47,21 @@ class TextHeard:
     text: str
 
 
-Event = Union[StateHeard, BatteryHeard, PoseHeard, TextHeard]
+@dataclass(frozen=True)
+class RcHeard:
+    """The state's transmitter fields were told."""
+
+
+@dataclass(frozen=True)
+class EstimateMoved:
+    """The autopilot's estimate moved by ``step_m`` (3,) (odometry frame) against the world: it adopted a jump of the
+    external navigation, at once or over many messages. A target has to move along, or the difference is flown.
+    """
+
+    step_m: np.ndarray
+
+
+Event = Union[StateHeard, BatteryHeard, PoseHeard, TextHeard, RcHeard, EstimateMoved]
 
 
 class Listener:
@@ -60,6 +74,7 @@ class Listener:
         self.parameters = ParameterCheck()
         self.strangers: Tuple[int, ...] = ()  # system ids of autopilots that are not ours
         self.altitudes_mm: Dict[str, int] = {}  # of "home" and "origin", above sea level
+        self.origin_at_zero = False  # its altitude is 0: the height estimate runs away until it is armed
         self._requests = requests
         self._events: List[Event] = []
         self._wrong: List[Tuple[str, float, int]] = []
@@ -88,6 +103,7 @@ class Listener:
         if self.keeper.stream(now_s, kind, getattr(m, "time_boot_ms", None)):
             _LOG.warning("flight controller was restarted: connecting again")
             self.parameters.begin()
+            self.state = replace(self.state, ekf_flags=0)
         handler = getattr(self, "_on_" + kind.lower(), None)
         if handler is not None:
             handler(now_s, m)
@@ -102,13 +118,13 @@ class Listener:
             self.target = system
         elif system != self.target and system not in self.strangers:
             self.strangers = (*self.strangers, system)
-            _LOG.warning("an autopilot with system id %d is heard; ours is %d", system, self.target)
+            _LOG.error("a second autopilot, system id %d, is on the line; ours is %d", system, self.target)
 
     def _on_heartbeat(self, now_s: float, m) -> None:
+        self.state = self.state.with_heartbeat(m)  # before "connected" is true: nobody sees it without a mode
         if self.keeper.heartbeat(now_s):
             _LOG.info("flight controller %d is there", self.target)
             self.parameters.begin()
-        self.state = self.state.with_heartbeat(m)
         self._events.append(StateHeard())
 
     def _on_extended_sys_state(self, _now_s: float, m) -> None:
@@ -119,7 +135,11 @@ class Listener:
         self._events.append(BatteryHeard())
 
     def _on_ekf_status_report(self, _now_s: float, m) -> None:
-        self.state = replace(self.state, ekf_flags=m.flags)
+        self.state = self.state.with_ekf(m)
+
+    def _on_rc_channels(self, now_s: float, m) -> None:
+        self.state = self.state.with_rc(now_s, m)
+        self._events.append(RcHeard())
 
     def _on_command_ack(self, now_s: float, m) -> None:
         if m.target_system in (0, self.target):
@@ -142,11 +162,13 @@ class Listener:
             T_odom_body = conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned)
             self._events.append(PoseHeard(T_odom_body, (m.vy, m.vx, -m.vz)))
 
-    def _on_gps_global_origin(self, _now_s: float, m) -> None:
-        if not self.keeper.origin_set:
-            _LOG.info("the autopilot's origin is %.7f, %.7f deg", m.latitude / 1e7, m.longitude / 1e7)
-        self.keeper.origin_set = True
+    def _on_gps_global_origin(self, now_s: float, m) -> None:
         self.altitudes_mm["origin"] = m.altitude
+        self.origin_at_zero = m.altitude == 0
+        lasts = self.state.filter_runs and not self.origin_at_zero
+        if lasts and not self.keeper.origin_set(now_s):
+            _LOG.info("the autopilot's origin is %.7f, %.7f deg", m.latitude / 1e7, m.longitude / 1e7)
+        self.keeper.origin(now_s, lasts)
 
     def _on_home_position(self, _now_s: float, m) -> None:
         self.altitudes_mm["home"] = m.altitude

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the flight controller says of itself."""
 
+import math
 from dataclasses import dataclass, replace
-from typing import Optional
+from typing import Optional, Tuple
 
 from pymavlink import mavutil
 
@@ -10,6 +11,8 @@ _M = mavutil.mavlink
 _PREARM_BIT = 0x10000000
 _LANDED = {_M.MAV_LANDED_STATE_ON_GROUND: True, _M.MAV_LANDED_STATE_IN_AIR: False,
            _M.MAV_LANDED_STATE_TAKEOFF: False, _M.MAV_LANDED_STATE_LANDING: False}  # fmt: skip
+_FILTER_RUNS, _FILTER_NOT_BEGUN = 0x001, 0x400  # EKF_STATUS_FLAGS: attitude, uninitialised
+_THROTTLE = 2  # index of the throttle's channel, as RCMAP_THROTTLE is by default
 _MODE_NAMES = dict(mavutil.mode_mapping_acm)
 #: ArduCopter's modes by name, e.g. MODES["GUIDED"] == 4.
 MODES = {name: number for number, name in _MODE_NAMES.items()}
@@ -30,6 +33,43 @@ class FlightState:
     current_a: float = float("nan")
     battery_share: float = float("nan")
     ekf_flags: int = 0
+    velocity_variance: float = float("nan")  # of EKF_STATUS_REPORT: test ratios, about 1 where the filter rejects
+    pos_horiz_variance: float = float("nan")
+    pos_vert_variance: float = float("nan")
+    compass_variance: float = float("nan")
+    throttle: float = float("nan")  # the pilot's stick, -1 (down) to 1; NaN where no transmitter is heard
+    throttle_heard_s: float = float("-inf")  # when, on the receiver's monotonic clock
+    rc_channels: Tuple[int, ...] = ()  # pulse widths (us)
+    rc_rssi: int = 255  # 0..254; 255 is unknown
+
+    @property
+    def ekf_variance(self) -> float:
+        """The largest of the filter's variances that are known; NaN where none is."""
+        all_four = (self.velocity_variance, self.pos_horiz_variance, self.pos_vert_variance, self.compass_variance)
+        return max((v for v in all_four if not math.isnan(v)), default=float("nan"))
+
+    @property
+    def filter_runs(self) -> bool:
+        """Whether the filter has begun: an origin that was set before that is lost."""
+        return bool(self.ekf_flags & _FILTER_RUNS) and not self.ekf_flags & _FILTER_NOT_BEGUN
+
+    def with_ekf(self, m) -> "FlightState":
+        """After an EKF_STATUS_REPORT."""
+        return replace(
+            self, ekf_flags=m.flags, velocity_variance=m.velocity_variance, pos_horiz_variance=m.pos_horiz_variance,
+            pos_vert_variance=m.pos_vert_variance, compass_variance=m.compass_variance,
+        )  # fmt: skip
+
+    def with_rc(self, now_s: float, m) -> "FlightState":
+        """After an RC_CHANNELS; a channel that is not heard has a pulse of 0 or 65535."""
+        channels = tuple(getattr(m, f"chan{k + 1}_raw") for k in range(min(m.chancount, 18)))
+        pulse = channels[_THROTTLE] if len(channels) > _THROTTLE else 0
+        heard = 800 <= pulse <= 2200
+        throttle = max(-1.0, min(1.0, (pulse - 1500) / 500.0)) if heard else float("nan")
+        heard_s = now_s if heard else self.throttle_heard_s
+        return replace(
+            self, throttle=throttle, throttle_heard_s=heard_s, rc_channels=channels, rc_rssi=m.rssi
+        )  # fmt: skip
 
     def with_heartbeat(self, m) -> "FlightState":
         """After a HEARTBEAT of the autopilot."""

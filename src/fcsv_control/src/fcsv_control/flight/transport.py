@@ -1,81 +1,113 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pymavlink connection that may be sent on from any thread, and that is opened again after a device was pulled."""
-
-import os
-
-os.environ.setdefault("MAVLINK20", "1")
+"""A line that may be sent on from any thread, and that is opened again after a device was pulled or a peer was gone."""
 
 import logging
 import threading
 import time
-
-from pymavlink import mavutil
+from typing import Optional, Union
 
 from fcsv_control.errors import LinkError
-from fcsv_control.flight.requests import COMPANION
+from fcsv_control.flight.lines import SerialLine, TcpLine, UdpLine
 
 _LOG = logging.getLogger(__name__)
 _REOPEN_S = 1.0
+_NOBODY_THERE = (ConnectionError, TimeoutError)  # of TCP: the peer is away, the address is not wrong
+_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD"
+
+Line = Union[UdpLine, TcpLine, SerialLine]
 
 
 class Transport:
-    """``url``: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD. Raises LinkError at first."""
+    """``url``: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD.
+
+    Raises LinkError where it cannot be opened at first, except where a TCP peer is only not there yet.
+    """
 
     def __init__(self, url: str):
         self._url = url
         self._sending = threading.Lock()
-        self._broken = False
-        self._open()
+        self._line: Optional[Line] = None
+        self._closed = False
+        try:
+            self._line = _opened(url)
+        except _NOBODY_THERE as error:
+            _LOG.warning("nobody is at '%s' yet (%s); trying again", url, error)
+        except (OSError, ValueError) as error:
+            raise LinkError(f"flight controller at '{url}' cannot be opened ({error}); give {_FORMS}") from error
+
+    @property
+    def broken(self) -> bool:
+        """Whether there is no line at the moment."""
+        return self._line is None
 
     def receive(self, timeout_s: float):
-        """The next message, or None after about ``timeout_s``. From one thread only."""
-        if self._broken:
+        """The next message, or None after about ``timeout_s``. From one thread only; it never raises."""
+        line = self._line
+        if line is None:
             return self._reopen()
         try:
-            return self._link.recv_match(blocking=True, timeout=timeout_s)
-        except (OSError, ValueError, TypeError) as error:  # what pyserial and select raise when a device is pulled
-            _LOG.warning("flight controller at '%s' is gone (%s); opening it again", self._url, error)
-            self._broken = True
+            return line.receive(timeout_s)
+        except (OSError, ValueError) as error:  # ValueError: closed by another thread meanwhile
+            self._broke(line, error)
             return None
 
     def send(self, message) -> None:
         """A message with the source that its header names; what cannot be sent is lost, as on any link."""
         with self._sending:
-            if self._broken:
+            line = self._line
+            if line is None:
                 return
             try:
-                mav = self._link.mav
-                mav.srcSystem, mav.srcComponent = message.get_srcSystem(), message.get_srcComponent()
-                mav.send(message)
-            except (OSError, RuntimeError) as error:  # RuntimeError: a new UDP peer came while the peers were counted
-                _LOG.debug("%s not sent: %s", message.get_type(), error)
+                line.mav.srcSystem, line.mav.srcComponent = message.get_srcSystem(), message.get_srcComponent()
+                line.mav.send(message)
+                return
+            except OSError as error:
+                failed = error
+        if isinstance(line, TcpLine):  # part of it may be on its way: the rest would be rubbish
+            self._broke(line, failed)
+        else:
+            _LOG.debug("%s not sent: %s", message.get_type(), failed)
 
     def close(self) -> None:
+        self._closed = True
         with self._sending:
-            self._broken = True
-            self._link.close()
+            line, self._line = self._line, None
+        if line is not None:
+            line.close()
 
-    def _open(self) -> None:
-        device, _, baud = self._url.rpartition(":")
-        options = {"source_system": 1, "source_component": COMPANION, "dialect": "ardupilotmega"}
-        try:
-            if device.startswith("/"):
-                self._link = mavutil.mavlink_connection(device, baud=int(baud), **options)
-            else:
-                self._link = mavutil.mavlink_connection(self._url, autoreconnect=self._url.startswith("tcp"), **options)
-        except (OSError, ValueError) as error:
-            raise LinkError(
-                f"flight controller at '{self._url}' cannot be opened ({error}); "
-                "give udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD"
-            ) from error
+    def _broke(self, line: Line, error: Exception) -> None:
+        with self._sending:
+            if self._line is not line:
+                return
+            self._line = None
+        line.close()
+        _LOG.warning("flight controller at '%s' is gone (%s); opening it again", self._url, error)
 
     def _reopen(self) -> None:
+        """Outside of the lock: whoever sends meanwhile must not wait."""
         time.sleep(_REOPEN_S)
+        if self._closed:
+            return
+        try:
+            line = _opened(self._url)
+        except (OSError, ValueError) as error:
+            _LOG.debug("'%s' cannot be opened: %s", self._url, error)
+            return
         with self._sending:
-            try:
-                self._link.close()
-                self._open()
-                self._broken = False
+            if not self._closed:
+                self._line, line = line, None
                 _LOG.info("flight controller at '%s' is open again", self._url)
-            except (LinkError, OSError) as error:
-                _LOG.debug("%s", error)
+        if line is not None:
+            line.close()
+
+
+def _opened(url: str) -> Line:
+    """Raises OSError, ValueError."""
+    if url.startswith("/"):
+        return SerialLine(url)
+    kind, _, address = url.partition(":")
+    if kind == "tcp":
+        return TcpLine(address)
+    if kind not in ("udpin", "udpout"):
+        raise ValueError(f"'{kind}' is not a kind of line")
+    return UdpLine(address, listens=kind == "udpin")

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What to do when the pose feed dies: ArduCopter flies on blind for eight seconds, the companion must not.
 
-LAND, because BRAKE needs the position that is lost and LOITER without a transmitter sinks fast. It is
-commanded in the modes that fly on position only: who flies by hand is left alone.
+LAND, because BRAKE needs the position that is lost and LOITER without a transmitter sinks fast. It is commanded in
+modes that the companion flies only: GUIDED, and those that it commanded itself. In a mode that flies on position and
+that the pilot chose it speaks, because the pilot always wins.
 """
 
 from dataclasses import dataclass
@@ -31,8 +32,8 @@ class Alarm(Enum):
     """What the age of the feed asks for."""
 
     NONE = auto()
-    WARN = auto()  # it is late
-    LAND = auto()  # it is dead while flying on position
+    WARN = auto()  # it is late, or dead in a mode that the pilot chose
+    LAND = auto()  # it is dead while the companion flies
 
 
 class FeedWatchdog:
@@ -56,8 +57,8 @@ class FeedWatchdog:
         """Age of the newest pose, or of this watchdog where there was none."""
         return now_s - self._last_s
 
-    def check(self, now_s: float, armed: bool, mode: str) -> Alarm:
-        """What to do now.
+    def check(self, now_s: float, armed: bool, mode: str, ours: bool = False) -> Alarm:
+        """What to do now. ``ours``: the mode is one that the companion commanded.
 
         LAND comes again every second until the vehicle is seen in LAND, not thereafter: a pilot who then
         takes over in another mode has the last word.
@@ -68,7 +69,8 @@ class FeedWatchdog:
             self._obeyed = True
         if mode not in POSITION_MODES or self.age_s(now_s) <= self._parameters.warn_s:
             return Alarm.NONE
-        dead = self._parameters.land_s > 0 and self.age_s(now_s) > self._parameters.land_s
+        companions = mode == "GUIDED" or ours
+        dead = companions and self._parameters.land_s > 0 and self.age_s(now_s) > self._parameters.land_s
         if not dead or self._obeyed or (self._asked_s is not None and now_s - self._asked_s < _REPEAT_S):
             return Alarm.WARN
         self._asked_s = now_s

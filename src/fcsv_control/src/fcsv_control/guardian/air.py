@@ -10,6 +10,7 @@ import numpy as np
 
 _INF = float("inf")
 _FLYING_M = 0.5  # above where it stood
+AUTOPILOT_FAILSAFE = (5, 6)  # MAV_STATE_CRITICAL, MAV_STATE_EMERGENCY
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Callable, Dict
 
 import rospy
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from std_msgs.msg import Bool
 
 from fcsv_control.agent.core import AgentCore, AgentRules
@@ -76,6 +76,7 @@ class AgentNode:
         }
         self._timers = node.every(1.0 / _STEP_HZ, lambda _event: self._do()), node.every(_ALIVE_S, self._live)
         rospy.Subscriber("agent/alive", Heartbeat, self._on_agent, queue_size=5)
+        rospy.Subscriber("flight_link/estimate_moved", Vector3Stamped, self._on_moved, queue_size=20)
         rospy.Subscriber("guardian/state", GuardianState, self._on_guardian, queue_size=5, tcp_nodelay=True)
         rospy.Subscriber("odometry/epoch", Epoch, self._on_epoch, queue_size=1)
         rospy.Subscriber("/calibration_epochs", Epochs, self._on_calibration, queue_size=1)
@@ -107,6 +108,9 @@ class AgentNode:
 
     def _on_agent(self, m: Heartbeat) -> None:
         self._do(lambda: self._core.twins.heard(time.monotonic(), m.instance, m.sent_s - m.started_s))
+
+    def _on_moved(self, m: Vector3Stamped) -> None:
+        self._do(lambda: self._core.estimate_moved(time.monotonic(), (m.vector.x, m.vector.y, m.vector.z)))
 
     def _on_guardian(self, m: GuardianState) -> None:
         self._do(lambda: self._core.guarded(m.action, m.holds, "; ".join(m.reasons), m.forbids))

@@ -18,6 +18,7 @@ from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.ros.link_health import LinkHealthReport
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
@@ -59,6 +60,7 @@ class FlightLinkNode:
         self._published, self._published_s = None, float("-inf")
         self._state_lock = threading.Lock()
         self._health = Health(self._name, {"pose feed": 10.0, "autopilot": 5.0})
+        self._told = LinkHealthReport(self._name, self._odom, self._health)
         self._state = rospy.Publisher("mavros/state", State, queue_size=5, latch=True)
         self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
@@ -71,6 +73,8 @@ class FlightLinkNode:
             on_pose=self._on_pose,
             on_battery=self._on_battery,
             on_text=self._on_text,
+            on_rc=lambda: self._told.rc(self._link),
+            on_estimate_moved=self._told.estimate_moved,
         )
         rospy.on_shutdown(self._link.close)
         rospy.Service("mavros/set_mode", SetMode, self._set_mode)
@@ -93,26 +97,28 @@ class FlightLinkNode:
     # ---- towards the autopilot -----------------------------------------------------------------------------
 
     def _on_vision(self, message: PoseStamped) -> None:
-        stamp_s = message.header.stamp.to_sec()
-        verdict, why = self._feed.judge(rospy.get_time(), stamp_s)
+        verdict, why = self._feed.judge(time.monotonic(), message.header.stamp.to_sec())
         if verdict is FeedVerdict.DROP:
             self._health.drop("late pose", why)
         if verdict is not FeedVerdict.SEND:
             return
         T_odom_body = self._converted(message, "pose feed")
         if T_odom_body is not None:
-            self._link.send_pose(stamp_s, T_odom_body)
-            self._watchdog.feed(time.monotonic())
-            self._health.tick("pose feed")
-            self._compare(stamp_s, T_odom_body)
+            now_s, stamp_s = time.monotonic(), self._feed.stamp_s
+            if self._believed(now_s, stamp_s, T_odom_body) and self._link.send_pose(stamp_s, T_odom_body):
+                self._watchdog.feed(now_s)
+                self._health.tick("pose feed")
 
-    def _compare(self, stamp_s: float, T_odom_body: np.ndarray) -> None:
-        """Whether a pose agrees with what the autopilot feels: said, so far, and not acted upon."""
-        if not self._link.state.armed:
-            self._check.begin_again()
+    def _believed(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
+        """Whether a pose agrees with what the autopilot feels. On the ground there is nothing to feel."""
+        state = self._link.state
+        if state.armed and state.landed is False:
+            believed = self._check.judge(now_s, stamp_s, T_odom_body)
         else:
-            self._check.feed(time.monotonic(), stamp_s, T_odom_body)
+            self._check.begin_again()
+            believed = True
         self._health.problem("tracker", f"{self._name}: {self._check.doubt}" if self._check.doubt else "")
+        return believed
 
     def _on_set_point(self, message: PoseStamped) -> None:
         T_odom_body = self._converted(message, "set-point")
@@ -135,20 +141,26 @@ class FlightLinkNode:
         if pause_s > _STALL_S:
             rospy.logwarn("%s: this computer did not let the flight link run for %.2f s", self._name, pause_s)
             self._watchdog.slept(now_s, pause_s - _WATCH_S)
-        alarm = self._watchdog.check(now_s, s.armed, s.mode)
+        self._told.publish(now_s, self._link, self._check.doubt)
+        self._mind_feed(now_s, s)
+        if now_s - self._published_s >= _STATE_PERIOD_S or not self._link.connected:
+            self._told.diagnose(self._link)
+            self._on_state()
+
+    def _mind_feed(self, now_s: float, s) -> None:
+        """What the age of the feed asks for."""
+        alarm = self._watchdog.check(now_s, s.armed, s.mode, self._link.mode_is_ours)
         late = alarm is not Alarm.NONE
         age = f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
         self._health.problem("feed", f"{self._name}: {age} while flying in {s.mode}" if late else "")
         if late and not self._warned:
-            self._on_text(StatusText.CRITICAL, f"{self._name}: {age}")
+            by_hand = "" if s.mode == "GUIDED" or self._link.mode_is_ours else f" in {s.mode}: fly in ALT_HOLD, or land"
+            self._on_text(StatusText.CRITICAL, f"{self._name}: {age}{by_hand}")
         self._warned = late
         if alarm is Alarm.LAND and (self._landing is None or not self._landing.is_alive()):
             self._on_text(StatusText.ALERT, f"{self._name}: {age}, landing")
             self._landing = threading.Thread(target=self._land_now, name="failsafe", daemon=True)
             self._landing.start()
-        if now_s - self._published_s >= _STATE_PERIOD_S or not self._link.connected:
-            self._report()
-            self._on_state()
 
     def _land_now(self) -> None:
         try:
@@ -156,25 +168,11 @@ class FlightLinkNode:
         except ControlError as error:
             rospy.logerr("landing after the loss of the pose feed: %s", error)
 
-    def _report(self) -> None:
-        """Health that changes slowly."""
-        s, name = self._link.state, self._name
-        self._health.problem("link", "" if self._link.connected else f"{name}: no heartbeat of the autopilot")
-        wrong = "; ".join(self._link.parameter_problems)
-        self._health.problem("parameters", f"{name}: autopilot's parameters: {wrong}" if wrong else "")
-        self._health.value("mode", s.mode)
-        self._health.value("armed", s.armed)
-        self._health.value("ready to arm", s.prearm_ok)
-        self._health.value("origin", self._link.origin_set)
-        self._health.value("EKF flags", hex(s.ekf_flags))
-        if self._link.strangers:
-            self._health.value("other autopilots heard", self._link.strangers)
-
     # ---- from the autopilot --------------------------------------------------------------------------------
 
     def _on_state(self) -> None:
         """Publish the state where it changed, and once a second."""
-        s, connected = self._link.state, self._link.connected
+        connected, s = self._link.snapshot()
         now = (connected, s.armed, s.guided, s.manual_input, s.mode, s.system_status)
         with self._state_lock:
             if now == self._published and time.monotonic() - self._published_s < _STATE_PERIOD_S:

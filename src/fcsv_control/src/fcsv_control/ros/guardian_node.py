@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
-from fcsv_control.guardian.air import LinkReport
+from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport
 from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros.guardian_others import OtherVehicles
@@ -30,7 +30,6 @@ _STEP_HZ = 25.0
 _STATE_S = 0.2
 _BEST_CONFIDENCE, _BEST_VARIANCE_M2 = 3.0, 0.01  # realsense2_camera: variance = 0.01 * 10^(3 - confidence)
 _THROTTLE_OLD_S = 2.0
-_FAILSAFE = (5, 6)  # MAV_STATE_CRITICAL, MAV_STATE_EMERGENCY
 _MOVES = (Command.GOTO, Command.HOLD)
 
 
@@ -106,8 +105,8 @@ class GuardianNode:
             self._core.battery(message.percentage)
 
     def _on_link(self, m: LinkHealth) -> None:
-        throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan
-        report = LinkReport(m.doubt, m.ekf_variance, throttle, m.system_status in _FAILSAFE)
+        throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan  # no transmitter is heard
+        report = LinkReport(m.doubt, m.ekf_variance, throttle, m.system_status in AUTOPILOT_FAILSAFE)
         self._hear(self._core.link, report)
 
     def _on_command(self, m: Command) -> None:

@@ -10,48 +10,36 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_sim.autopilot import modes
-from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, Controller, climb_rate
-from fcsv_sim.autopilot.estimator import Estimator
+from fcsv_sim.autopilot.controller import Controller
+from fcsv_sim.autopilot.estimator import READY_S, Estimator
+from fcsv_sim.autopilot.ground import LandDetector, StickArming
+from fcsv_sim.autopilot.laws import FlightLaws
+from fcsv_sim.autopilot.origin import Origin
 from fcsv_sim.people import rc
 
 ACCEPTED, FAILED, DENIED, UNSUPPORTED = 0, 4, 2, 3  # MAV_RESULT
 CRITICAL, WARNING, INFO = 2, 4, 6  # MAV_SEVERITY
-_RC_LOST_S = 1.0
 _DISARM_DELAY_S = 10.0
-_VELOCITY_TIMEOUT_S = 3.0
 _IDLE = (0.0, 0.0, 0.0, 0.0)
-_LAND_SPEED_MPS = 0.5
-_LAND_SPEED_HIGH_MPS = 1.2
-_DEADZONE = 0.05
 
 
-class Autopilot:
+class Autopilot(FlightLaws):
     """One flight controller. ``update`` gives the command for the airframe: roll, pitch, yaw rate, thrust."""
 
-    def __init__(self, hover_thrust: float, seed: int):
-        self.estimator = Estimator(seed)
-        self.controller = Controller(hover_thrust)
-        self.mode = modes.STABILIZE
+    def __init__(self, hover_thrust: float, seed: int, ready_s: float = READY_S):
+        super().__init__(Estimator(seed, ready_s), Controller(hover_thrust))
         self.armed = False
-        self.origin: Optional[Tuple[int, int, int]] = None  # lat, lon (1e-7 deg), altitude (mm)
+        self.boots = 1  # how often it was started: whoever speaks for it begins anew
+        self._origin = Origin()
         self.battery_v = 16.8
         self.battery_share = 1.0
         self.texts: List[Tuple[int, str]] = []
         self._now_s = 0.0
-        self._sticks: Sequence[float] = (0.0, 0.0, -1.0, 0.0)
-        self._rc_s: Optional[float] = None
+        self.rc_pwm: Sequence[int] = ()  # the newest frame
         self._rc_mode: Optional[str] = None
-        self._stick_arming_since_s: Optional[float] = None
+        self._stick_arming = StickArming()
+        self._land_detector = LandDetector()
         self._armed_s = 0.0
-        self._flying = False
-        self._on_ground_since_s: Optional[float] = None
-        self._target_m = np.zeros(3)
-        self._target_yaw_rad = 0.0
-        self._target_v: Optional[np.ndarray] = None
-        self._target_v_s = 0.0
-        self._takeoff_m: Optional[float] = None
-        self._hold_alt_m = 0.0
-        self._climb_mps = 0.0
         self._failsafe = False
 
     # ---- what comes in -------------------------------------------------------------------------------------
@@ -59,7 +47,7 @@ class Autopilot:
     def rc_frame(self, now_s: float, pwm: Sequence[int]) -> None:
         """A frame of the transmitter; a moved mode switch sets the mode."""
         roll, pitch, throttle, yaw = (rc.stick(p) for p in pwm[:4])
-        self._sticks, self._rc_s = (roll, -pitch, throttle, yaw), now_s
+        self._sticks, self._rc_s, self.rc_pwm = (roll, -pitch, throttle, yaw), now_s, pwm
         mode = rc.mode_of(pwm[4])
         if mode != self._rc_mode:
             self._rc_mode = mode
@@ -136,11 +124,20 @@ class Autopilot:
         return True
 
     def set_origin(self, now_s: float, origin: Tuple[int, int, int]) -> bool:
-        """Accepted once, and only when the filter runs."""
-        if self.origin is not None or not self.estimator.started(now_s):
-            return False
-        self.origin = origin
-        return True
+        """Whether it is accepted (see Origin)."""
+        return self._origin.set(origin, self.estimator.started(now_s))
+
+    def reboot(self) -> None:
+        """As if its watchdog reset it in flight: boot time, streams, intervals, origin and position are gone, the
+        filter begins anew, the system id stays. Motors and mode go on, which is kinder than ArduCopter: that one comes
+        up disarmed and falls. What a companion sees is the same, and a position mode ends in the EKF failsafe's LAND.
+        """
+        self.estimator.begin()
+        self.controller.reset()
+        self._origin = Origin()
+        self.boots += 1
+        self.texts.clear()
+        self._take_over()
 
     # ---- what is so ----------------------------------------------------------------------------------------
 
@@ -148,8 +145,15 @@ class Autopilot:
     def flying(self) -> bool:
         return self._flying
 
-    def rc_alive(self, now_s: float) -> bool:
-        return self._rc_s is not None and now_s - self._rc_s < _RC_LOST_S
+    @property
+    def failsafe(self) -> bool:
+        """Whether a failsafe has triggered and not ended."""
+        return self._failsafe
+
+    @property
+    def origin(self) -> Optional[Tuple[int, int, int]]:
+        """Latitude, longitude (1e-7 deg) and altitude (mm) that it reports; None where it has none."""
+        return self._origin.reported(self.estimator.runs)
 
     def prearm_failures(self, now_s: float) -> List[str]:
         """Reasons not to arm, as ArduCopter words them."""
@@ -174,6 +178,9 @@ class Autopilot:
         self._now_s, self._climb_mps = now_s, climb_mps
         self._stick_gestures(now_s)
         self._failsafes(now_s)
+        if self._origin.step(now_s, self.armed, self.estimator.started(now_s)):
+            self.estimator.reset_height_datum()
+            self.say(INFO, "Field Elevation Set: 0m")
         self._ground(now_s, on_ground)
         self.battery_share = max(0.0, self.battery_share - (dt_s / 900.0 if self._flying else dt_s / 36000.0))
         self.battery_v = 14.0 + 2.8 * self.battery_share - (0.4 if self._flying else 0.0)
@@ -189,87 +196,17 @@ class Autopilot:
             return self._sticks[2] > 0.1
         return False  # GUIDED lifts off by NAV_TAKEOFF alone
 
-    def _fly(self, now_s: float, dt_s: float) -> Tuple[float, ...]:
-        roll, pitch, throttle, yaw = self._sticks if self.rc_alive(now_s) else (0.0, 0.0, -0.6, 0.0)
-        estimate, control = self.estimator, self.controller
-        if self.mode == modes.STABILIZE:
-            lean = control.sticks(roll, pitch, yaw)
-            return (*lean, float(np.clip(0.5 + 0.5 * throttle, 0.0, 1.0)))
-        if self.mode == modes.ALT_HOLD:
-            return self._alt_hold(roll, pitch, throttle, yaw, dt_s)
-        if self.mode == modes.LOITER:
-            return self._loiter(roll, pitch, throttle, yaw, dt_s)
-        if self.mode == modes.LAND:
-            return self._land(now_s, roll, pitch, dt_s)
-        if self.mode == modes.BRAKE or self._target_v is None:
-            return control.to_position(self._target_m, self._target_yaw_rad, estimate, dt_s)
-        v = self._target_v if now_s - self._target_v_s < _VELOCITY_TIMEOUT_S else np.zeros(3)
-        return control.to_velocity(v, control.yaw_rate(self._target_yaw_rad, estimate), estimate, dt_s)
-
-    def _alt_hold(self, roll, pitch, throttle, yaw, dt_s):
-        lean_roll, lean_pitch, yaw_rate = self.controller.sticks(roll, pitch, yaw)
-        climb = climb_rate(throttle)
-        self._hold_alt_m = self.estimator.baro_m if climb else self._hold_alt_m
-        climb = climb or float(np.clip(self._hold_alt_m - self.estimator.baro_m, -1.0, 1.0))
-        return self.controller.to_lean(lean_roll, lean_pitch, yaw_rate, climb, self._climb_mps, dt_s)
-
-    def _loiter(self, roll, pitch, throttle, yaw, dt_s):
-        _, _, yaw_rate = self.controller.sticks(0.0, 0.0, yaw if abs(yaw) > _DEADZONE else 0.0)
-        c, s = math.cos(self.estimator.yaw_ext_rad), math.sin(self.estimator.yaw_ext_rad)
-        forward = pitch * LOITER_SPEED_MPS if abs(pitch) > _DEADZONE else 0.0
-        left = -roll * LOITER_SPEED_MPS if abs(roll) > _DEADZONE else 0.0
-        v = [c * forward - s * left, s * forward + c * left, climb_rate(throttle)]
-        for k, (p, v_now) in enumerate(zip(self.estimator.p_ext_m.tolist(), self.estimator.v_ext_mps.tolist())):
-            if v[k]:  # a released stick brakes before it holds
-                self._target_m[k] = p + (1.0, 1.0, 0.5)[k] * min(2.0, max(-2.0, v_now))
-            else:
-                v[k] = min(1.0, max(-1.0, float(self._target_m[k]) - p))
-        if yaw_rate == 0.0:
-            yaw_rate = self.controller.yaw_rate(self._target_yaw_rad, self.estimator)
-        else:
-            self._target_yaw_rad = self.estimator.yaw_ext_rad
-        return self.controller.to_velocity(v, yaw_rate, self.estimator, dt_s)
-
-    def _land(self, now_s, roll, pitch, dt_s):
-        sink = -(_LAND_SPEED_HIGH_MPS if self.estimator.baro_m > 3.0 else _LAND_SPEED_MPS)
-        if not self._position_usable(now_s):
-            lean_roll, lean_pitch, _ = self.controller.sticks(roll, pitch, 0.0)
-            return self.controller.to_lean(lean_roll, lean_pitch, 0.0, sink, self._climb_mps, dt_s)
-        offset_m = zip(self._target_m[:2].tolist(), self.estimator.p_ext_m.tolist())
-        hold = (min(1.0, max(-1.0, target - p)) for target, p in offset_m)
-        rate = self.controller.yaw_rate(self._target_yaw_rad, self.estimator)
-        return self.controller.to_velocity((*hold, sink), rate, self.estimator, dt_s)
-
     # ---- rules ---------------------------------------------------------------------------------------------
 
-    def _position_usable(self, now_s: float) -> bool:
-        return self.origin is not None and self.estimator.position_ok(now_s)
-
-    def _take_over(self) -> None:
-        """Targets of a new mode: here, as it stands."""
-        self._target_m = self.estimator.p_ext_m.copy()
-        if self._flying and self.mode == modes.BRAKE:
-            self._target_m += self.estimator.v_ext_mps * 0.5
-        self._target_yaw_rad = self.estimator.yaw_ext_rad
-        self._target_v, self._takeoff_m = None, None
-        self._hold_alt_m = self.estimator.baro_m
-
     def _stick_gestures(self, now_s: float) -> None:
-        """Throttle low and rudder right for two seconds arms; rudder left disarms on the ground."""
-        _, _, throttle, yaw = self._sticks
-        gesture = self.rc_alive(now_s) and throttle < -0.9 and abs(yaw) > 0.9 and not self._flying
-        if not gesture:
-            self._stick_arming_since_s = None
-        elif self._stick_arming_since_s is None:
-            self._stick_arming_since_s = now_s
-        elif now_s - self._stick_arming_since_s > 2.0:
-            self._stick_arming_since_s = None
-            if yaw < 0:
-                self.disarm(now_s)
-            elif self.mode in modes.MANUAL_ARMING:
-                self.arm(now_s)
-            else:
-                self.say(CRITICAL, f"Arm: {modes.NAMES[self.mode]} mode not armable by sticks")
+        sticks = self._sticks if self.rc_alive(now_s) and not self._flying else None
+        wanted = self._stick_arming.step(now_s, sticks)
+        if wanted is False:
+            self.disarm(now_s)
+        elif wanted and self.mode in modes.MANUAL_ARMING:
+            self.arm(now_s)
+        elif wanted:
+            self.say(CRITICAL, f"Arm: {modes.NAMES[self.mode]} mode not armable by sticks")
 
     def _failsafes(self, now_s: float) -> None:
         if self._failsafe:
@@ -289,10 +226,5 @@ class Autopilot:
                 self.disarm(now_s)
             return
         low = self.mode == modes.LAND or (self.mode != modes.GUIDED and self._sticks[2] < -0.9)
-        if not (on_ground and low):
-            self._on_ground_since_s = None
-        elif self._on_ground_since_s is None:
-            self._on_ground_since_s = now_s
-        elif now_s - self._on_ground_since_s > 1.0:
-            self._on_ground_since_s = None
+        if self._land_detector.landed(now_s, on_ground and low, self.mode == modes.LAND):
             self.disarm(now_s, force=True)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the autopilot believes: position, velocity and yaw in the frame of the external navigation.
 
-Complementary filters with innovation gates, tuned to the behaviour measured on ArduCopter 4.3.8
-(docs/results.md): a jump of half a metre is followed, one of five is refused for five seconds and then
-adopted, a yaw step of thirty degrees is not adopted, and without a feed the position drifts slowly.
-Frames: ``ext`` is the feed's frame, ENU (z up); yaw counter-clockwise from its x axis.
+Complementary filters with innovation gates, tuned to the behaviour measured on ArduCopter 4.3.8 and 4.6.2: a jump of
+half a metre is followed, one of five is refused for five seconds and then adopted over many messages, a yaw step of
+thirty degrees is not adopted, a reset of the tracker is ignored for a second and then adopted in one step, and without
+a feed the position drifts slowly. Frames: ``ext`` is the feed's frame, ENU (z up); yaw counter-clockwise from its x.
 """
 
 import math
@@ -14,11 +14,14 @@ import numpy as np
 
 from fcsv_geometry.rotations import wrap
 
-START_S = 2.0  # the filter initialises this long after power-on
+READY_S = 20.0  # the filter begins and arming is possible this long after power-on (17 to 26 s were measured)
 HEALTHY_S = 0.3  # a feed older than this prevents arming
 LOST_S = 8.0  # flags stay good this long without a feed
 _GATE_M = 1.5
 _REJECT_S = 5.0
+_ADOPT_S = 4.3  # over which a rejected jump is adopted, once it is
+_ADOPT_STEP_M = 0.65  # the largest step meanwhile
+RESET_IGNORED_S = 1.08  # with VISO_TYPE 2 the feed is ignored for so long after a reset
 _YAW_GATE_RAD = np.radians(15.0)
 _POSITION_GAIN, _VELOCITY_GAIN, _YAW_GAIN = 0.12, 0.25, 0.06  # per message at 30 Hz
 
@@ -26,27 +29,38 @@ _POSITION_GAIN, _VELOCITY_GAIN, _YAW_GAIN = 0.12, 0.25, 0.06  # per message at 3
 class Estimator:
     """Fed with the inertial truth (as an IMU would sense it) and external navigation."""
 
-    def __init__(self, seed: int):
+    def __init__(self, seed: int, ready_s: float = READY_S, reset_ignored_s: float = RESET_IGNORED_S):
         random = np.random.default_rng([seed, 2])
         self._acc_bias = random.normal(0.0, 0.005, 3).tolist()
         self._random = random
+        self._ready_s, self._reset_ignored_s = ready_s, reset_ignored_s
+        self.baro_m = 0.0
+        self.resets = 0  # position adopted with a step; the GUIDED target does not follow
+        self.begin()
+
+    def begin(self) -> None:
+        """As after power-on: nothing is known."""
         self._boot_s: Optional[float] = None
+        self.runs = False  # whether the filter has begun, as of the last prediction
         self._vision_s: Optional[float] = None
         self._first_vision_s: Optional[float] = None
         self._reset_counter: Optional[int] = None
         self._rejecting_since_s: Optional[float] = None
-        self.yaw_offset_rad = 0.0  # of the ext frame's yaw against the world's, as believed
+        self._adopting_until_s: Optional[float] = None  # a jump that was rejected is being adopted
+        self._ignored_until_s = float("-inf")  # the tracker was reset
+        self._adopted, self._adopt_next = False, True
+        self._datum_m = 0.0  # what resets of the height datum added to the height that is told
+        self.innovation_ratio = 0.0  # position innovation over its gate: the filter's test ratio
         self.p_ext_m = np.zeros(3)
         self.v_ext_mps = np.zeros(3)
         self.yaw_ext_rad = 0.0
-        self.baro_m = 0.0
         self._yaw_known = False
-        self.resets = 0  # position adopted with a step; the GUIDED target does not follow
 
     def predict(self, now_s: float, dt_s: float, acc_world_mps2, yaw_world_rad: float, yaw_rate_rps: float, z_m: float):
         """One step of inertial sensing (m/s2 without gravity, rad, m)."""
         if self._boot_s is None:
             self._boot_s = now_s
+        self.runs = self.started(now_s)
         self.yaw_ext_rad = wrap(self.yaw_ext_rad + yaw_rate_rps * dt_s)
         turn = self.yaw_ext_rad - yaw_world_rad
         c, s = math.cos(turn), math.sin(turn)
@@ -67,31 +81,60 @@ class Estimator:
         self._vision_s = now_s
         if first:
             self._first_vision_s = now_s
-        if not self.started(now_s):
+        if not self.started(now_s) or self._reset(now_s, reset_counter):
             return
         self._fuse_yaw(yaw_ext_rad)
-        innovation = np.asarray(p_ext_m, float) - self.p_ext_m
-        reset = self._reset_counter is not None and reset_counter != self._reset_counter
-        self._reset_counter = reset_counter
-        if reset or not self._adopted:
-            self._adopt(p_ext_m)
-        elif np.linalg.norm(innovation) > _GATE_M:
-            self._rejecting_since_s = self._rejecting_since_s or now_s
+        p = np.array(p_ext_m, float)
+        p[2] += self._datum_m
+        if self._adopt_next:
+            self._adopt(p)
+        else:
+            self._fuse_position(now_s, gap_s, p)
+
+    def _reset(self, now_s: float, counter: int) -> bool:
+        """Whether the feed is ignored, because the tracker was begun anew a moment ago. What comes after is adopted."""
+        if self._reset_counter is not None and counter != self._reset_counter:
+            self._ignored_until_s = now_s + self._reset_ignored_s
+            self._adopt_next = True
+        self._reset_counter = counter
+        return now_s < self._ignored_until_s
+
+    def _fuse_position(self, now_s: float, gap_s: float, p: np.ndarray) -> None:
+        innovation = p - self.p_ext_m
+        apart_m = float(np.linalg.norm(innovation))
+        self.innovation_ratio = apart_m / _GATE_M
+        if self._adopting_until_s is not None:
+            self._creep(now_s, gap_s, innovation, apart_m)
+        elif apart_m > _GATE_M:
+            self._rejecting_since_s = now_s if self._rejecting_since_s is None else self._rejecting_since_s
             if now_s - self._rejecting_since_s > _REJECT_S:
-                self._adopt(p_ext_m)
+                self._rejecting_since_s, self._adopting_until_s = None, now_s + _ADOPT_S
+                self.p_ext_m += innovation * min(1.0, _ADOPT_STEP_M / apart_m)
+                self.resets += 1
         else:
             self._rejecting_since_s = None
             weight = float(np.clip(gap_s * 30.0, 0.2, 6.0))  # slower feeds weigh more per message
             self.p_ext_m += min(1.0, _POSITION_GAIN * weight) * innovation
             self.v_ext_mps += _VELOCITY_GAIN * weight * innovation
 
-    _adopted = False
+    def _creep(self, now_s: float, gap_s: float, innovation: np.ndarray, apart_m: float) -> None:
+        """On the way to a jump that was rejected: over several messages, in steps that no agent takes for a jump."""
+        left_s = self._adopting_until_s - now_s
+        share = 1.0 if left_s <= gap_s else gap_s / left_s
+        self.p_ext_m += innovation * min(share, _ADOPT_STEP_M / max(apart_m, 1e-9))
+        if left_s <= gap_s:
+            self._adopting_until_s = None
 
-    def _adopt(self, p_ext_m) -> None:
-        if self._adopted:
-            self.resets += 1
-        self.p_ext_m = np.array(p_ext_m, float)
-        self._adopted, self._rejecting_since_s = True, None
+    def reset_height_datum(self) -> None:
+        """The height of the filter becomes zero and what it was is added to what is told: once a second while disarmed
+        with an origin at altitude 0. The height told creeps up by the height that the feed tells."""
+        self._datum_m = float(self.p_ext_m[2])
+
+    def _adopt(self, p: np.ndarray) -> None:
+        self.resets += self._adopted
+        self.p_ext_m = p
+        self._adopted, self._adopt_next = True, False
+        self._rejecting_since_s = self._adopting_until_s = None
 
     def _fuse_yaw(self, yaw_ext_rad: float) -> None:
         if not self._yaw_known:
@@ -102,8 +145,12 @@ class Estimator:
             self.yaw_ext_rad = wrap(self.yaw_ext_rad + _YAW_GAIN * innovation)
 
     def started(self, now_s: float) -> bool:
-        """Whether the filter runs (an origin sent before is dropped)."""
-        return self._boot_s is not None and now_s - self._boot_s > START_S
+        """Whether the filter runs (an origin that was set before is lost)."""
+        return self._boot_s is not None and now_s - self._boot_s > self._ready_s
+
+    def booting(self, now_s: float) -> bool:
+        """Whether the firmware itself is still starting."""
+        return self._boot_s is None or now_s - self._boot_s < min(1.0, 0.5 * self._ready_s)
 
     def feed_healthy(self, now_s: float) -> bool:
         """A message within 300 ms."""

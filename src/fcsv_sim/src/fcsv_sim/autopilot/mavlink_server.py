@@ -16,7 +16,7 @@ from fcsv_sim.autopilot.core import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Autop
 
 _M = mavutil.mavlink
 _PREARM_BIT = 0x10000000
-_FLAGS_OK = 0x33F
+_FLAGS_OK, _UNINITIALISED = 0x33F, 0x400
 _LOCAL, _IGNORE_XYZ, _IGNORE_V, _IGNORE_A, _IGNORE_YAW = 1, 0x007, 0x038, 0x1C0, 0x400
 
 
@@ -39,11 +39,8 @@ class MavlinkServer:
         self._encoder = _M.MAVLink(None)
         self._out: List[object] = []
         self._parameters = dict(parameters.DEFAULTS, SYSID_THISMAV=(system_id, parameters.INT16))
-        self._intervals_s: Dict[int, float] = {}
-        self._due_s: Dict[int, float] = {_M.MAVLINK_MSG_ID_HEARTBEAT: 0.0}
-        self._client_seen = False
-        self._boot_s: Optional[float] = None
-        self._next_timesync_s = 0.0
+        self._boots = autopilot.boots
+        self._start()
         self._attitude = (0.0, 0.0, 0.0)
         self._streams: Dict[int, Callable] = {
             _M.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
@@ -56,7 +53,17 @@ class MavlinkServer:
             _M.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
             _M.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._version,
             _M.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
+            _M.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
         }
+
+    def _start(self) -> None:
+        """As after power-on: nobody has asked for anything."""
+        self._intervals_s: Dict[int, float] = {_M.MAVLINK_MSG_ID_HEARTBEAT: 1.0}
+        self._due_s: Dict[int, float] = {_M.MAVLINK_MSG_ID_HEARTBEAT: 0.0}
+        self._mode_told = self._pilot.mode
+        self._client_seen = False
+        self._boot_s: Optional[float] = None
+        self._next_timesync_s = 0.0
 
     def take(self, now_s: float, message) -> None:
         """One message from a companion or a ground station."""
@@ -78,6 +85,9 @@ class MavlinkServer:
         return out
 
     def _begin(self, now_s: float) -> None:
+        if self._boots != self._pilot.boots:
+            self._boots = self._pilot.boots
+            self._start()
         self._boot_s = now_s if self._boot_s is None else self._boot_s
         self._now_s = now_s
 
@@ -163,16 +173,14 @@ class MavlinkServer:
         if m.command == _M.MAV_CMD_REQUEST_MESSAGE:
             if int(m.param1) not in self._streams:
                 return FAILED
-            if int(m.param1) == _M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN and pilot.origin is None:
-                return FAILED
-            self._streams[int(m.param1)]()
+            self._streams[int(m.param1)]()  # of a missing origin nothing comes, and the answer is the same
             return ACCEPTED
         return UNSUPPORTED
 
     def _set_interval(self, message_id: int, interval_us: float) -> int:
         if message_id in (_M.MAVLINK_MSG_ID_ODOMETRY, _M.MAVLINK_MSG_ID_ESTIMATOR_STATUS):
             return FAILED
-        if message_id not in self._streams and message_id != _M.MAVLINK_MSG_ID_HEARTBEAT:
+        if message_id not in self._streams:
             return ACCEPTED if interval_us <= 0 else FAILED
         self._intervals_s.pop(message_id, None)
         if interval_us > 0:
@@ -184,9 +192,8 @@ class MavlinkServer:
 
     def _send_due(self) -> None:
         now_s = self._now_s
-        if now_s >= self._due_s[_M.MAVLINK_MSG_ID_HEARTBEAT]:
-            self._due_s[_M.MAVLINK_MSG_ID_HEARTBEAT] = now_s + 1.0
-            self._heartbeat()
+        if self._pilot.mode != self._mode_told:
+            self._heartbeat()  # a new mode is told at once
         if now_s >= self._next_timesync_s:
             self._next_timesync_s = now_s + 10.0
             self._send("timesync", 0, int(now_s * 1e9))
@@ -203,11 +210,19 @@ class MavlinkServer:
         return int((self._now_s - self._boot_s) * 1000) & 0xFFFFFFFF
 
     def _heartbeat(self) -> None:
-        base = _M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (_M.MAV_MODE_FLAG_SAFETY_ARMED if self._pilot.armed else 0)
-        base |= _M.MAV_MODE_FLAG_GUIDED_ENABLED if self._pilot.mode == modes.GUIDED else 0
-        base |= _M.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED if self._pilot.rc_alive(self._now_s) else 0
-        status = _M.MAV_STATE_ACTIVE if self._pilot.flying else _M.MAV_STATE_STANDBY
-        self._send("heartbeat", _M.MAV_TYPE_QUADROTOR, _M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, self._pilot.mode, status)
+        pilot = self._pilot
+        self._mode_told = pilot.mode
+        base = _M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _M.MAV_MODE_FLAG_STABILIZE_ENABLED
+        base |= _M.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | (_M.MAV_MODE_FLAG_SAFETY_ARMED if pilot.armed else 0)
+        # "guided" says that the position controller runs
+        base |= _M.MAV_MODE_FLAG_GUIDED_ENABLED if pilot.armed and pilot.mode in modes.POSITION_CONTROL else 0
+        if pilot.failsafe:
+            status = _M.MAV_STATE_CRITICAL
+        elif pilot.estimator.booting(self._now_s):
+            status = _M.MAV_STATE_BOOT
+        else:
+            status = _M.MAV_STATE_ACTIVE if pilot.flying else _M.MAV_STATE_STANDBY
+        self._send("heartbeat", _M.MAV_TYPE_QUADROTOR, _M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, pilot.mode, status)
 
     def _local_position(self) -> None:
         if self._pilot.origin is None or not self._pilot.estimator.position_ok(self._now_s):
@@ -235,8 +250,12 @@ class MavlinkServer:
         self._send("battery_status", 0, 0, 1, 32767, voltages, 1500, 0, 0, share)
 
     def _ekf_status(self) -> None:
-        good = self._pilot.estimator.position_ok(self._now_s)
-        self._send("ekf_status_report", _FLAGS_OK if good else 0x0A7, 0.05, 0.05, 0.05, 0.0, 0.0)
+        estimator = self._pilot.estimator
+        if not estimator.started(self._now_s):
+            self._send("ekf_status_report", _UNINITIALISED, 0.0, 0.0, 0.0, 0.0, 0.0)
+            return
+        good, ratio = estimator.position_ok(self._now_s), estimator.innovation_ratio
+        self._send("ekf_status_report", _FLAGS_OK if good else 0x0A7, 0.6 * ratio, ratio, 0.05, 0.0, 0.0)
 
     def _origin(self) -> None:
         if self._pilot.origin is not None:
@@ -247,7 +266,9 @@ class MavlinkServer:
             self._send("home_position", *self._pilot.origin, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
 
     def _rc_channels(self) -> None:
-        self._send("rc_channels", self._milliseconds(), 8, *([1500] * 18), 255)
+        heard = self._pilot.rc_alive(self._now_s)
+        channels = list(self._pilot.rc_pwm if heard else ())
+        self._send("rc_channels", self._milliseconds(), len(channels), *channels, *[0] * (18 - len(channels)), 255)
 
     def _version(self) -> None:
         self._send("autopilot_version", 0, 0x04030800, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)

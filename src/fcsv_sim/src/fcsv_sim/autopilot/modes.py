@@ -7,4 +7,5 @@ NAMES = {
 }  # fmt: skip
 NUMBERS = {name: number for number, name in NAMES.items()}
 NEEDS_POSITION = {GUIDED, LOITER, BRAKE}
+POSITION_CONTROL = {GUIDED, LOITER, BRAKE, LAND}
 MANUAL_ARMING = {STABILIZE, ALT_HOLD, LOITER}  # modes that may be armed with the sticks

@@ -13,9 +13,9 @@ from fcsv_control.errors import ControlError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.feed_check import FeedCheck
-from fcsv_control.flight.listener import BatteryHeard, PoseHeard, StateHeard
+from fcsv_control.flight.listener import BatteryHeard, EstimateMoved, PoseHeard, StateHeard
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
-from fcsv_control.guardian.air import LinkReport, Other
+from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
 from fcsv_control.guardian.core import AskMode, Guardian, HoldAt
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
@@ -102,7 +102,6 @@ class RehearsedVehicle:
         self.agent = AgentCore(self.name, start.rules)
         self.guardian = Guardian(self.name, start.guardian)
         self._check = FeedCheck()
-        self._throttle = math.nan
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self.T_home_odom: Dict[str, np.ndarray] = {}  # as the control PC told it last
         self.agent.epoch(self.epoch.number, self.epoch.reason)
@@ -138,7 +137,6 @@ class RehearsedVehicle:
 
     def sticks(self, now_s: float, s: Sticks) -> None:
         """A frame of its transmitter."""
-        self._throttle = s.throttle
         self.autopilot.rc_frame(now_s, frame_of(s.roll, s.pitch, s.throttle, s.yaw, s.mode))
         moved, self._switch_at = s.mode != self._switch_at, s.mode
         if moved and self.autopilot.mode == modes.NUMBERS[s.mode]:
@@ -202,8 +200,8 @@ class RehearsedVehicle:
         if self._odometry.epoch != self.epoch:
             self.epoch = self._odometry.epoch
             self.agent.epoch(self.epoch.number, self.epoch.reason)
-        if self._feed.judge(stamp_s, stamp_s)[0] is FeedVerdict.SEND:
-            T_odom_body = self.T_odom_body
+        if self._feed.judge(now_s, stamp_s)[0] is FeedVerdict.SEND:
+            T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
             self.guardian.feed(now_s, T_odom_body)
             if not self.guardian.air.flying:
                 self._check.begin_again()
@@ -225,6 +223,8 @@ class RehearsedVehicle:
         for event in self.link.events():
             if isinstance(event, PoseHeard):
                 self._estimate(now_s, event)
+            elif isinstance(event, EstimateMoved):
+                self.agent.estimate_moved(now_s, event.step_m)
             elif isinstance(event, (StateHeard, BatteryHeard)):
                 self.agent.state(self.link.state.mode, self.link.state.armed)
                 self.guardian.state(now_s, self.link.state.mode, self.link.state.armed)
@@ -252,7 +252,9 @@ class RehearsedVehicle:
         """One step of the guardian, and what it wants done."""
         self.guardian.confidence(self.tracker.confidence)
         if self.link_runs:
-            self.guardian.link(now_s, LinkReport(self._check.doubt, throttle=self._throttle))
+            s = self.link.state
+            failsafe = s.system_status in AUTOPILOT_FAILSAFE
+            self.guardian.link(now_s, LinkReport(self._check.doubt, s.ekf_variance, s.throttle, failsafe))
         self.guardian.step(now_s)
         for output in self.guardian.outgoing():
             if isinstance(output, AskMode) and self.link_runs:

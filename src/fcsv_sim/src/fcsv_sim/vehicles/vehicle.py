@@ -30,6 +30,7 @@ class VehicleParameters:
     seed: int = 1
     start_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     wind_mps: float = 1.0
+    ready_s: float = 2.0  # until the autopilot may be armed; 20 s in a real one, which every flown test would wait for
     airframe: Airframe = field(default_factory=Airframe)
 
 
@@ -103,7 +104,7 @@ class SimulatedVehicle(SteppedBody):
         seed = parameters.seed * 1000 + parameters.system_id
         body = Quadrotor(parameters.airframe, T_world_body, seed, parameters.wind_mps)
         super().__init__(body, TruthWriter(parameters.sim_dir, parameters.name), now_s)
-        self.autopilot = Autopilot(self.body.hover_thrust, seed)
+        self.autopilot = Autopilot(self.body.hover_thrust, seed, parameters.ready_s)
         self._rc = RcReceiver(parameters.rc_port)
         server = MavlinkServer(self.autopilot, parameters.system_id)
         self._line = UdpLine(server, parameters.companion, parameters.system_id)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the flight link tells of itself: its health five times a second, the pilot's sticks, and slow diagnostics."""
+
+import math
+import time
+
+import rospy
+from geometry_msgs.msg import Vector3Stamped
+
+from fcsv_control.flight.link import FlightLink
+from fcsv_geometry.flow import RateGate
+from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros.health import Health
+from fcsv_msgs.msg import LinkHealth, RcIn
+
+_RATE_HZ = 5.0
+
+
+class LinkHealthReport:
+    """Publishes flight_link/health, flight_link/estimate_moved and mavros/rc/in of one vehicle."""
+
+    def __init__(self, name: str, odom: str, health: Health):
+        self._name, self._odom, self._health = name, odom, health
+        self._gate, self._doubt = RateGate(_RATE_HZ), ""
+        self._publisher = rospy.Publisher("flight_link/health", LinkHealth, queue_size=5)
+        self._moved = rospy.Publisher("flight_link/estimate_moved", Vector3Stamped, queue_size=20)
+        self._rc = rospy.Publisher("mavros/rc/in", RcIn, queue_size=5)
+
+    def publish(self, now_s: float, link: FlightLink, doubt: str) -> None:
+        """At 5 Hz, and at once where there is another ``doubt`` of the poses, however often it is called."""
+        if doubt == self._doubt and not self._gate.passes(now_s):
+            return
+        self._doubt = doubt
+        connected, s = link.snapshot()
+        rate_hz, age_s, apart_m = link.feed_figures()
+        self._publisher.publish(
+            header=conversions.header(rospy.get_time(), ""), connected=connected, ekf_flags=s.ekf_flags,
+            ekf_variance=s.ekf_variance, throttle=s.throttle, throttle_age_s=now_s - s.throttle_heard_s,
+            system_status=s.system_status, origin_set=link.origin_set, parameters_ok=link.parameters_ok,
+            feed_rate_hz=rate_hz, feed_age_s=age_s, estimate_apart_m=apart_m, feed_stopped=link.feed_stopped,
+            doubt=doubt,
+        )  # fmt: skip
+
+    def rc(self, link: FlightLink) -> None:
+        """The transmitter was reported."""
+        s = link.state
+        self._rc.publish(conversions.header(rospy.get_time(), ""), s.rc_rssi, s.rc_channels)
+
+    def estimate_moved(self, step_m) -> None:
+        """The autopilot adopted a jump of its navigation: targets have to move along."""
+        message = Vector3Stamped(header=conversions.header(rospy.get_time(), self._odom))
+        message.vector.x, message.vector.y, message.vector.z = map(float, step_m)
+        rospy.logwarn("%s: the autopilot's estimate moved by %.2f m", self._name, math.hypot(*step_m))
+        self._moved.publish(message)
+
+    def diagnose(self, link: FlightLink) -> None:
+        """Diagnostics that change slowly."""
+        s, name, health = link.state, self._name, self._health
+        wrong, weak = "; ".join(link.parameter_problems), "; ".join(link.parameter_warnings)
+        others, zero = link.strangers, link.origin_at_zero
+        health.problem("link", "" if link.connected else f"{name}: no heartbeat of the autopilot")
+        health.problem("parameters", f"{name}: autopilot's parameters: {wrong}" if wrong else "")
+        health.problem("failsafes", f"{name}: autopilot's own failsafes: {weak}" if weak else "")
+        health.problem("autopilots", f"{name}: a second autopilot, {others}, is on the line" if others else "")
+        restart = f"{name}: origin's altitude is 0, height runs away: restart the autopilot"
+        health.problem("origin", restart if zero and not s.armed else "")
+        stopped = link.feed_stopped
+        health.problem("feed stopped", f"{name}: no pose goes to the autopilot: {stopped}" if stopped else "")
+        for key, value in (
+            ("mode", s.mode), ("armed", s.armed), ("ready to arm", s.prearm_ok), ("origin", link.origin_set),
+            ("EKF flags", hex(s.ekf_flags)), ("EKF variance", f"{s.ekf_variance:.2f}"),
+            ("throttle stick", f"{s.throttle:.2f}"),
+            ("stick heard (s ago)", f"{time.monotonic() - s.throttle_heard_s:.1f}"),
+        ):  # fmt: skip
+            health.value(key, value)
