@@ -106,14 +106,21 @@ def hover(mission) -> Flight:
     return flown_to(mission, "CONFIGURATIONS", 12.0)
 
 
-def test_a_dead_agent_sends_nothing(mission):
+def test_a_dead_agent_sends_nothing_and_its_guardian_holds(mission):
     flight = hover(mission)
-    vehicle, sent = flight.fleet["uav2"], []
+    vehicle, sent, tell = flight.fleet["uav2"], [], flight.fleet["uav2"].told
+    begun(flight, "agent dies")
     processes.kill_agent(vehicle)
-    vehicle.told = lambda _s, what, m: sent.append(m.get_type()) if what == "sent" else None
-    fly(flight, 3.0)
-    assert not vehicle.agent_runs and "SET_POSITION_TARGET_LOCAL_NED" not in sent and "HEARTBEAT" in sent
-    assert vehicle.autopilot.mode == modes.GUIDED
+
+    def told(now_s, what, which):
+        sent.append(what if what != "sent" else which.get_type())
+        tell(now_s, what, which)
+
+    vehicle.told = told
+    fly(flight, 0.9)
+    assert not vehicle.agent_runs and "SET_POSITION_TARGET_LOCAL_NED" not in sent
+    fly(flight, 1.2)
+    assert "held" in sent and "SET_POSITION_TARGET_LOCAL_NED" in sent and vehicle.autopilot.mode == modes.GUIDED
 
 
 def test_a_link_that_is_started_again_finds_its_autopilot(mission):
@@ -153,15 +160,31 @@ def test_a_mission_that_restarts_knows_nothing(mission):
     assert flight.control.alive and flight.control.machine is not machine
 
 
-def test_who_comes_down_is_the_upper_one(mission):
+def test_who_comes_down_is_the_upper_one_and_the_lower_one_must_react(mission):
     (fault,) = make_faults(["comes down"], 3)
-    adapted = fault.adapt(mission)
-    assert adapted.configurations[0].baseline_m in (3.0, 5.0, 10.0)
-    flight = flown_to(adapted, "CONFIGURATIONS")
-    fly(flight, 20.0, [fault])
-    assert fault.vehicle is flight.fleet["uav2"] and fault.vehicle.autopilot.mode == modes.LAND
-    (answer,) = flight.witness.answers  # uav1's: it is sent aside
-    assert answer.after_s < 1.0 and flight.fleet["uav1"].autopilot.mode == modes.GUIDED
+    assert {make_faults(["comes down"], k)[0].adapt(mission).configurations[0].baseline_m for k in range(20)} == {
+        3,
+        5,
+        10,
+    }
+    flight = hover(mission)
+    upper, lower = flight.fleet["uav2"], flight.fleet["uav1"]
+    T = lower.body.T_world_body
+    T[2, 3] += 1.5
+    upper.body.place(T)
+    fault._due = lambda _flight: True
+    fault(flight)
+    assert fault.began_s is None  # nobody stands above another
+    T[2, 3] += 2.5
+    upper.body.place(T)
+    fault(flight)
+    assert fault.vehicle is upper and upper.autopilot.mode == modes.LAND and lower.autopilot.mode == modes.GUIDED
+    (answer,) = flight.witness.answers
+    flight.now_s += 0.2
+    upper.told(flight.now_s, "held", None)
+    assert answer.after_s is None
+    lower.told(flight.now_s, "held", None)
+    assert answer.after_s == pytest.approx(0.2)
 
 
 # ---- pilots ----------------------------------------------------------------------------------------------------
