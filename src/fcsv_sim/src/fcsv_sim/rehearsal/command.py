@@ -2,6 +2,7 @@
 """`rosrun fcsv_sim rehearse`: many flights of a mission with faults, and what broke."""
 
 import argparse
+import logging
 import multiprocessing
 import os
 import sys
@@ -88,8 +89,13 @@ def _told(job: Job, r: Result) -> str:
 def _on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
     if processes == 1 or len(jobs) == 1:
         return [work(job) for job in tqdm(jobs, unit="flight", disable=None)]
-    with multiprocessing.Pool(processes) as pool:
+    with multiprocessing.Pool(processes, _quietly) as pool:
         return list(tqdm(pool.imap(work, jobs), total=len(jobs), unit="flight", disable=None))
+
+
+def _quietly() -> None:
+    """A link that is restarted says so; a thousand of them hide the progress."""
+    logging.getLogger("fcsv_control").setLevel(logging.ERROR)
 
 
 def _trace(job: Job, path: str) -> int:
