@@ -2,9 +2,10 @@
 """What the autopilot believes: position, velocity and yaw in the frame of the external navigation.
 
 Complementary filters with innovation gates, tuned to the behaviour measured on ArduCopter 4.3.8 and 4.6.2: a jump of
-half a metre is followed, one of five is refused for five seconds and then adopted over many messages, a yaw step of
-thirty degrees is not adopted, a reset of the tracker is ignored for a second and then adopted in one step, and without
-a feed the position drifts slowly. Frames: ``ext`` is the feed's frame, ENU (z up); yaw counter-clockwise from its x.
+half a metre is followed, one of five is refused for four and a half seconds and then adopted over many messages, a yaw
+step of thirty degrees is not adopted, a reset of the tracker is ignored for a second and then adopted in one step, and
+without a feed the position drifts slowly. Frames: ``ext`` is the feed's frame, ENU (z up); yaw counter-clockwise from
+its x axis.
 """
 
 import math
@@ -18,9 +19,10 @@ READY_S = 20.0  # the filter begins and arming is possible this long after power
 HEALTHY_S = 0.3  # a feed older than this prevents arming
 LOST_S = 8.0  # flags stay good this long without a feed
 _GATE_M = 1.5
-_REJECT_S = 5.0
-_ADOPT_S = 4.3  # over which a rejected jump is adopted, once it is
-_ADOPT_STEP_M = 0.65  # the largest step meanwhile
+_REJECT_S = 4.5
+_ADOPT_LAG_S = 0.27  # a rejected jump is then adopted over about a second, as through a lag,
+_ADOPT_STEP_M = 0.65  # in steps that are no larger than this
+_ADOPTED_M = 0.3
 RESET_IGNORED_S = 1.08  # with VISO_TYPE 2 the feed is ignored for so long after a reset
 _YAW_GATE_RAD = np.radians(15.0)
 _POSITION_GAIN, _VELOCITY_GAIN, _YAW_GAIN = 0.12, 0.25, 0.06  # per message at 30 Hz
@@ -46,7 +48,7 @@ class Estimator:
         self._first_vision_s: Optional[float] = None
         self._reset_counter: Optional[int] = None
         self._rejecting_since_s: Optional[float] = None
-        self._adopting_until_s: Optional[float] = None  # a jump that was rejected is being adopted
+        self._adopting = False  # a jump that was rejected
         self._ignored_until_s = float("-inf")  # the tracker was reset
         self._adopted, self._adopt_next = False, True
         self._datum_m = 0.0  # what resets of the height datum added to the height that is told
@@ -103,13 +105,12 @@ class Estimator:
         innovation = p - self.p_ext_m
         apart_m = float(np.linalg.norm(innovation))
         self.innovation_ratio = apart_m / _GATE_M
-        if self._adopting_until_s is not None:
-            self._creep(now_s, gap_s, innovation, apart_m)
+        if self._adopting:
+            self._creep(gap_s, innovation, apart_m)
         elif apart_m > _GATE_M:
             self._rejecting_since_s = now_s if self._rejecting_since_s is None else self._rejecting_since_s
             if now_s - self._rejecting_since_s > _REJECT_S:
-                self._rejecting_since_s, self._adopting_until_s = None, now_s + _ADOPT_S
-                self.p_ext_m += innovation * min(1.0, _ADOPT_STEP_M / apart_m)
+                self._rejecting_since_s, self._adopting = None, True
                 self.resets += 1
         else:
             self._rejecting_since_s = None
@@ -117,13 +118,11 @@ class Estimator:
             self.p_ext_m += min(1.0, _POSITION_GAIN * weight) * innovation
             self.v_ext_mps += _VELOCITY_GAIN * weight * innovation
 
-    def _creep(self, now_s: float, gap_s: float, innovation: np.ndarray, apart_m: float) -> None:
-        """On the way to a jump that was rejected: over several messages, in steps that no agent takes for a jump."""
-        left_s = self._adopting_until_s - now_s
-        share = 1.0 if left_s <= gap_s else gap_s / left_s
+    def _creep(self, gap_s: float, innovation: np.ndarray, apart_m: float) -> None:
+        """On the way to a jump that was rejected: over many messages, in steps that no agent takes for a jump."""
+        share = 1.0 - math.exp(-gap_s / _ADOPT_LAG_S)
         self.p_ext_m += innovation * min(share, _ADOPT_STEP_M / max(apart_m, 1e-9))
-        if left_s <= gap_s:
-            self._adopting_until_s = None
+        self._adopting = apart_m > _ADOPTED_M
 
     def reset_height_datum(self) -> None:
         """The height of the filter becomes zero and what it was is added to what is told: once a second while disarmed
@@ -134,7 +133,7 @@ class Estimator:
         self.resets += self._adopted
         self.p_ext_m = p
         self._adopted, self._adopt_next = True, False
-        self._rejecting_since_s = self._adopting_until_s = None
+        self._rejecting_since_s, self._adopting = None, False
 
     def _fuse_yaw(self, yaw_ext_rad: float) -> None:
         if not self._yaw_known:

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The flight link's core flying an autopilot: the simulated one faster than real time, or one at an address.
+
+With FCSV_AUTOPILOT (as tcp:127.0.0.1:5760) the tests fly that one, in real time. It must be a simulation that tells its
+true pose as SIM_STATE at FCSV_AUTOPILOT_TRUTH (the port two further on, by default): the feed is made of it.
+"""
+
+import math
+import os
+import time
+
+os.environ.setdefault("MAVLINK20", "1")
+
+import numpy as np
+from pymavlink import mavutil
+
+from fcsv_control.flight.core import LinkCore, LinkParameters
+from fcsv_control.flight.listener import EstimateMoved, PoseHeard, TextHeard
+from fcsv_control.flight.transport import Transport
+from fcsv_geometry import transforms
+from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.autopilot.mavlink_server import MavlinkServer
+from fcsv_sim.vehicles.dynamics import Airframe, Quadrotor
+from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
+
+M = mavutil.mavlink
+_METRES_PER_DEG = 111319.49
+_FEED_Z_M = 0.05  # the tracker's zero is a little under the vehicle that stands
+
+
+def flown_link(**parameters):
+    """A closed loop with the autopilot of FCSV_AUTOPILOT, the simulated one by default."""
+    url = os.environ.get("FCSV_AUTOPILOT", "")
+    return AddressLoop(url, **parameters) if url else SimulatedLoop(**parameters)
+
+
+class Loop:
+    """``run`` lets time pass; ``offset_m`` jumps the feed, ``feed_hz`` 0 cuts it, ``target`` is streamed at 10 Hz and
+    moves along with the estimate."""
+
+    def __init__(self, **parameters):
+        self.core = LinkCore(LinkParameters(**parameters))
+        self.t, self.offset_m, self.feed_hz, self.target = 0.0, np.zeros(3), 30.0, None
+        self.moved, self.texts, self.estimate = [], [], None
+        self._feed_s = self._aimed_s = -math.inf
+
+    @property
+    def p_true_m(self):
+        return self.T_true[:3, 3]
+
+    def minded(self):
+        """The core's events."""
+        for event in self.core.events():
+            if isinstance(event, EstimateMoved):
+                self.moved.append(event.step_m)
+                if self.target is not None:
+                    self.target[:3, 3] += event.step_m
+            elif isinstance(event, PoseHeard):
+                self.estimate = event.T_odom_body
+            elif isinstance(event, TextHeard):
+                self.texts.append(event.text)
+
+    def fed(self):
+        """What is due towards the core."""
+        if self.feed_hz and self.t >= self._feed_s and self.T_true is not None:
+            self._feed_s = max(self._feed_s + 1.0 / self.feed_hz, self.t - PASS_S)  # as evenly as passes allow
+            T = self.T_true.copy()
+            T[:3, 3] += self.offset_m + [0, 0, _FEED_Z_M]
+            self.core.send_pose(self.t, T)
+        if self.target is not None and self.t >= self._aimed_s + 0.1 - 1e-6:
+            self._aimed_s = self.t
+            self.core.send_set_point(self.target)
+
+    def until(self, condition, timeout_s):
+        """Whether it came true in time."""
+        end_s = self.t + timeout_s
+        while not condition() and self.t < end_s:
+            self.run(0.05)
+        return condition()
+
+    def done(self, request, timeout_s=10.0):
+        """Waits for a request; raises what it ended with."""
+        assert self.until(lambda: request.over, timeout_s)
+        request.require_done()
+
+    def ready(self):
+        assert self.until(lambda: self.core.origin_set(self.t) and self.core.state.prearm_ok, 60.0)
+        return self
+
+    def hover(self):
+        """Holds at 3 m, its target streamed."""
+        self.ready()
+        self.done(self.core.set_mode(self.t, "GUIDED"))
+        self.done(self.core.arm(self.t, True))
+        self.done(self.core.take_off(self.t, 3.0))
+        assert self.until(lambda: self.estimate[2, 3] > 2.8, 20.0)
+        self.target = transforms.from_xyz_yaw([*self.estimate[:2, 3], 3.0], transforms.yaw(self.estimate))
+        self.run(5.0)
+        assert abs(self.p_true_m[2] + _FEED_Z_M - 3.0) < 0.3
+        self.moved.clear()
+        return self
+
+    def furthest_m(self, seconds):
+        """How far it was from where it is now, at most."""
+        start, most = self.p_true_m.copy(), 0.0
+        for _ in range(int(seconds * 10)):
+            self.run(0.1)
+            most = max(most, float(np.linalg.norm(self.p_true_m - start)))
+        return most
+
+
+class SimulatedLoop(Loop):
+    """Core, simulated autopilot and airframe on one clock."""
+
+    def __init__(self, **parameters):
+        super().__init__(**parameters)
+        self.body = Quadrotor(Airframe(), np.eye(4), 3, 0.3)
+        self.pilot = Autopilot(self.body.hover_thrust, 3, ready_s=2.0)  # 20 s in a real one
+        self.server, self._piloted = MavlinkServer(self.pilot, 1), Piloted(self.body, self.pilot)
+        self.line_up, self._command = True, (0.0,) * 4
+
+    @property
+    def T_true(self):
+        return self.body.T_world_body
+
+    def reboot(self):
+        self.pilot.reboot()
+
+    def run(self, seconds):
+        for _ in range(int(round(seconds / PASS_S))):
+            self.t += PASS_S
+            state = self.body.advance(self._command, 4)[-1]
+            rpy = self._piloted.sense(self.t, state)
+            self.server.step(self.t, rpy)
+            for message in self.server.outgoing():
+                if self.line_up:
+                    self.core.take(self.t, _received(message))
+            self.minded()
+            self.fed()
+            self.core.step(self.t)
+            for message in self.core.outgoing():
+                if self.line_up:
+                    self.server.take(self.t, _received(message))
+            self._command = self._piloted.decide(self.t, state)
+        return self
+
+    def close(self):
+        pass
+
+
+class AddressLoop(Loop):
+    """The same in real time, with the autopilot at an address."""
+
+    def __init__(self, url, **parameters):
+        super().__init__(**parameters)
+        host, port = url.rpartition(":")[0], int(url.rpartition(":")[2])
+        self._line = Transport(url)
+        self._truth = Transport(os.environ.get("FCSV_AUTOPILOT_TRUTH", f"{host}:{port + 2}"))
+        self.line_up, self.T_true, self._zero, self._asked_s = True, None, None, -math.inf
+
+    def reboot(self):
+        self._line.send(self._asking(M.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0))
+
+    def run(self, seconds):
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            message = self._line.receive(0.005)
+            self.t = time.monotonic()
+            if message is not None and self.line_up:
+                self.core.take(self.t, message)
+            self._hear_truth()
+            self.minded()
+            self.fed()
+            self.core.step(self.t)
+            for message in self.core.outgoing():
+                if self.line_up:
+                    self._line.send(message)
+        return self
+
+    def close(self):
+        self._line.close()
+        self._truth.close()
+
+    def _hear_truth(self):
+        if self.t > self._asked_s + 2.0:
+            self._asked_s = self.t
+            self._truth.send(self._asking(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_SIM_STATE, 10000.0))
+        m = self._truth.receive(0.0)
+        while m is not None:
+            if m.get_type() == "SIM_STATE":
+                self._zero = self._zero or (m.lat_int, m.lon_int, m.alt)
+                lat_int, lon_int, alt = self._zero
+                north = (m.lat_int - lat_int) / 1e7 * _METRES_PER_DEG
+                east = (m.lon_int - lon_int) / 1e7 * _METRES_PER_DEG * math.cos(math.radians(lat_int / 1e7))
+                rpy = [m.roll, -m.pitch, math.pi / 2 - m.yaw]
+                self.T_true = transforms.from_xyz_rpy([east, north, m.alt - alt], rpy)
+            m = self._truth.receive(0.0)
+
+    @staticmethod
+    def _asking(number, *values):
+        message = M.MAVLink(None).command_long_encode(1, 1, number, 0, *values, *[0.0] * (7 - len(values)))
+        message.get_header().srcSystem, message.get_header().srcComponent = 1, 195
+        return message
+
+
+def _received(message):
+    """A message as the other side reads it: texts are strings, not bytes."""
+    for name in ("text", "param_id"):
+        value = getattr(message, name, None)
+        if isinstance(value, bytes):
+            setattr(message, name, value.rstrip(b"\0").decode("ascii", "replace"))
+    return message
