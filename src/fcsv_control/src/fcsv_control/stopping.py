@@ -131,7 +131,8 @@ class StopAll:
         answered_s = math.inf if order is None or order.answered_s is None else order.answered_s
         if order is None or now_s - answered_s > _AGAIN_S:
             self._number += 1
-            order = self._orders[name] = StopOrder(name, self._number, mode, now_s)
+            refused = "" if order is None else order.refused  # is said until there is another answer
+            order = self._orders[name] = StopOrder(name, self._number, mode, now_s, refused=refused)
         if order.answered_s is not None or now_s - order.sent_s < REPEAT_S:
             return None
         order.sent_s = now_s

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everybody is stopped in a rehearsed flight: the real cores of link, agent, mission and stop-all over a radio."""
+
+import numpy as np
+import pytest
+
+from fcsv_control.agent.messages import Instruction, Kind
+from fcsv_control.stopping import STOP, StopAll
+from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_sim.people.operator import Sticks
+from fcsv_sim.rehearsal.flight import Flight
+from fcsv_sim.rehearsal.radio import RadioQuality
+
+
+class StopDesk:
+    """The stop-all node of a rehearsal: a fault that is told of every pass; the call comes at ``at_s``."""
+
+    def __init__(self, flight, at_s):
+        self.core, self.at_s, self.called_s = StopAll(list(flight.fleet)), at_s, None
+        take = flight.control._take_ack
+
+        def take_ack(name, ack):
+            take(name, ack)
+            if ack.sender == "stop_all":
+                self.core.acknowledged(flight.now_s, name, ack.number, "" if ack.result == 0 else ack.reason)
+
+        flight.control._take_ack = take_ack
+
+    def __call__(self, flight):
+        now_s = flight.now_s
+        for name, heard in flight.control.heard.items():
+            if heard.state_s > -np.inf:
+                self.core.state(heard.state_s, name, heard.mode, heard.armed)
+        if self.called_s is None and now_s >= self.at_s:
+            self.called_s = now_s
+            self.core.begin(now_s, STOP, "a test")
+            if flight.control.alive:
+                flight.control.machine.stopped("a test")
+        for order in self.core.due(now_s):
+            instruction = Instruction(order.vehicle, "stop_all", order.number, Kind.SET_MODE, now_s, order.ordered_s,
+                                      0.0, order.mode)  # fmt: skip
+            vehicle = flight.fleet[order.vehicle]
+            flight.radios[order.vehicle].send(now_s, lambda c, v=vehicle: v.obey(c, flight.now_s), instruction)
+
+
+@pytest.fixture
+def flying():
+    """flying(seed, loss) -> a flight that is in the configurations."""
+    listed = [StereoConfiguration(axis, b, record_s=2.0) for axis, b in (("horizontal", 2.0), ("vertical", 5.0))]
+
+    def begin(seed, loss=0.01):
+        flight = Flight(Mission("rehearsed", listed), 2, seed, RadioQuality(loss=loss))
+        while flight.phase != "CONFIGURATIONS" and flight.now_s < 200.0:
+            flight.step()
+        wait(flight, 5.0)
+        assert flight.phase == "CONFIGURATIONS"
+        return flight
+
+    return begin
+
+
+def wait(flight, seconds, *faults):
+    end_s = flight.now_s + seconds
+    while flight.now_s < end_s:
+        for fault in faults:
+            fault(flight)
+        flight.step()
+
+
+def asked_since(flight, name, since_s):
+    return [(at_s, mode) for at_s, mode in flight.fleet[name].modes_asked if at_s >= since_s]
+
+
+@pytest.mark.parametrize("loss, most_s", [(0.0, 0.1), (0.3, 1.0)])  # five repetitions in a second: 0.3^6 of all are lost
+def test_with_the_mission_dead_everybody_stops_and_stays(flying, loss, most_s):
+    flight = flying(1, loss)
+    flight.control.alive = False  # it neither hears nor says anything; the stop-all node does
+    desk = StopDesk(flight, flight.now_s)
+    wait(flight, 30.0, desk)
+    for name, vehicle in flight.fleet.items():
+        [(at_s, mode), *more] = asked_since(flight, name, desk.called_s)
+        assert mode == "BRAKE" and at_s - desk.called_s <= most_s
+        assert {m for _, m in more} <= {"BRAKE"} and vehicle.link.state.mode == "BRAKE"
+        assert np.linalg.norm(vehicle.body.velocity_mps) < 1.0  # wind of 2 m/s at most
+    assert not flight.invariants.violations
+
+
+def test_who_is_flown_by_hand_gets_no_mode_command(flying):
+    flight = flying(2)
+    flight.hands["uav2"] = lambda *_: Sticks(mode="BRAKE")  # a pilot's BRAKE, which looks like ours
+    wait(flight, 2.0)
+    desk = StopDesk(flight, flight.now_s)
+    desk.core.begin(flight.now_s, "land", "a test")
+    desk.called_s = flight.now_s
+    wait(flight, 20.0, desk)
+    assert not asked_since(flight, "uav2", desk.called_s) and desk.core.report(flight.now_s).by_hand == ["uav2"]
+    assert [m for _, m in asked_since(flight, "uav1", desk.called_s)][:1] == ["LAND"]
+
+
+def test_the_mission_takes_them_again_when_the_operator_resumes(flying):
+    flight = flying(3)
+    flight.operator_there = False
+    desk = StopDesk(flight, flight.now_s)
+    wait(flight, 60.0, desk)
+    assert {v.link.state.mode for v in flight.fleet.values()} == {"BRAKE"}
+    assert {m for n in flight.fleet for _, m in asked_since(flight, n, desk.called_s)} == {"BRAKE"}
+    assert flight.control.machine.waits_for == "resume"
+    flight.operator_there = True
+    assert flight.control.machine.proceed("resume") == ""
+    result = flight.run()
+    assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
