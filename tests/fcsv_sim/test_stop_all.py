@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everybody is stopped in a rehearsed flight: the real cores of link, agent, mission and stop-all over a radio."""
+"""Everybody stops in a rehearsed flight: the real cores of link, agent, mission and stop-all over a radio."""
 
 import numpy as np
 import pytest
@@ -71,7 +71,7 @@ def asked_since(flight, name, since_s):
     return [(at_s, mode) for at_s, mode in flight.fleet[name].modes_asked if at_s >= since_s]
 
 
-@pytest.mark.parametrize("loss, most_s", [(0.0, 0.1), (0.3, 1.0)])  # five repetitions in a second: 0.3^6 of all are lost
+@pytest.mark.parametrize("loss, most_s", [(0.0, 0.1), (0.3, 1.0)])  # a second holds five repetitions
 def test_with_the_mission_dead_everybody_stops_and_stays(flying, loss, most_s):
     flight = flying(1, loss)
     flight.control.alive = False  # it neither hears nor says anything; the stop-all node does
@@ -109,3 +109,36 @@ def test_the_mission_takes_them_again_when_the_operator_resumes(flying):
     assert flight.control.machine.proceed("resume") == ""
     result = flight.run()
     assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
+
+
+# ---- an odometry that begins anew ------------------------------------------------------------------------------
+
+
+def test_a_gap_of_the_tracker_holds_everybody_within_half_a_second(flying):
+    flight = flying(4)
+    flight.operator_there = False
+    lost = flight.fleet["uav2"]
+    lost.tracker_on = False
+    wait(flight, 0.6)  # longer than what begins an epoch, shorter than what lands it
+    lost.tracker_on = True
+    back_s = flight.now_s
+    wait(flight, 0.5)
+    assert any(p.startswith("uav2: its odometry began anew (the tracker was silent for 0.6 s)")
+               for p in flight.control.machine.problems)  # fmt: skip
+    wait(flight, 4.0)  # from 2 m/s it takes a while to stand
+    places = {n: v.p_world_m.copy() for n, v in flight.fleet.items()}
+    wait(flight, 20.0)
+    for name, vehicle in flight.fleet.items():
+        assert vehicle.link.state.mode == "GUIDED" and not asked_since(flight, name, back_s)
+        assert np.linalg.norm(vehicle.p_world_m - places[name]) < 0.5  # wind of 2 m/s at most
+    assert "its odometry began anew" in lost.agent.rights.frame.outdated
+    assert not flight.fleet["uav1"].agent.rights.frame.outdated
+
+
+@pytest.mark.parametrize("step_s", [-60.0, -0.4, 2.0])
+def test_a_step_of_a_vehicles_clock_begins_no_epoch(flying, step_s):
+    flight = flying(4)
+    before = flight.fleet["uav2"].epoch
+    flight.fleet["uav2"].clock_offset_s = step_s
+    result = flight.run()
+    assert flight.fleet["uav2"].epoch == before and (result.phase, result.captures) == ("DONE", 2)
