@@ -12,6 +12,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 from tqdm import tqdm
 
+from fcsv_control.mission import plan_check
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import Mission, load_mission
 from fcsv_sim.bringup import mission_file
@@ -90,7 +91,9 @@ def _jobs(args) -> List[Job]:
             raise SimulationError(f"--faults: '{name}' is not one of {', '.join(FAULTS)}")
     if args.flights < 1 or not 2 <= args.vehicles <= 20:
         raise SimulationError("--flights must be 1 or more, --vehicles 2 to 20")
-    mission.check_vehicles([f"uav{k + 1}" for k in range(args.vehicles)])
+    fleet = [f"uav{k + 1}" for k in range(args.vehicles)]
+    mission.check_vehicles(fleet)
+    plan_check.require_flyable(mission, fleet)
     return [Job(mission, args.vehicles, args.seed + i, names[i % len(names)]) for i in range(args.flights)]
 
 
