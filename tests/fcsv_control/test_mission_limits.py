@@ -186,6 +186,19 @@ def test_a_way_back_that_is_lost_too_ends_with_a_landing(flight):
     f.phase("ABORTED", 60.0)
 
 
+def test_on_the_way_back_nobody_crosses_below_one_that_lands_by_itself(flight):
+    f = flight(mission(30.0))
+    f.up_to_configurations()
+    f.wait(12.0)
+    f.fleet["uav1"].battery_share = 0.15
+    f.wait(22.0)
+    assert f.machine.phase == "CONFIGURATIONS"
+    f.fleet["uav1"].mode = "LAND"
+    f.wait(0.3)
+    assert f.machine.phase == "LAND" and f.fleet["uav2"].mode == "LAND"
+    f.phase("ABORTED", 60.0)
+
+
 def test_who_is_silent_since_it_stood_on_the_ground_may_fly_by_now(flight):
     f = flight(mission())
     f.phase("TAKE_OFF")

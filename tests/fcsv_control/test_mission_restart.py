@@ -176,6 +176,19 @@ def test_a_memory_is_not_written_over_before_it_was_judged(flying, path):
     assert machine.memory() is None and machine.phase == "WAIT_VEHICLES"
 
 
+def test_an_abort_before_the_memory_was_judged_lands_and_is_remembered(flying, path):
+    flying.wait(1.0)
+    flying.fleet["uav2"].mode = "LOITER"
+    flying.fleet["uav1"].heard = flying.fleet["uav1"].heard_once = False
+    machine = restarted(flying, path)
+    flying.wait(2.0)
+    assert machine.phase == "WAIT_VEHICLES" and "once uav1 is heard" in machine.detail
+    machine.abort("stop")
+    flying.fleet["uav1"].heard = True
+    flying.until(lambda: not flying.fleet["uav1"].armed, 60.0)
+    assert machine.memory().phase == "LAND" and flying.fleet["uav2"].mode == "LOITER"
+
+
 # ---- the file -------------------------------------------------------------------------------------------------------
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Holds vehicles where they are, but never beneath one that comes down."""
 
-from typing import Dict, Sequence
+from typing import Dict, Optional, Sequence
 
 from fcsv_control.mission import clearing
 from fcsv_control.mission.journey import go_to
@@ -39,5 +39,5 @@ class Holding:
             self._dodging[name] = go_to(self._outbox, snapshot, name, place)
 
 
-def _to_be_told(order: Order) -> bool:
+def _to_be_told(order: Optional[Order]) -> bool:
     return order is None or order.failed

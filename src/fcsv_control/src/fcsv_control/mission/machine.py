@@ -94,7 +94,7 @@ class MissionMachine(Operated):
 
     def memory(self) -> Optional[Memory]:
         """What a restart needs to go on; None while it is not clear yet whether the last run's counts."""
-        if self._memory is not None:
+        if self._memory is not None and self.phase == "WAIT_VEHICLES":
             return None
         flown = self._flight_list
         return Memory(
@@ -207,6 +207,9 @@ class MissionMachine(Operated):
         stopped = self._stopped_by_people() or bool(self._pauses)
         if Pause.LOST in self._pauses or (stopped and not flown.going_back):
             flown.pause(snapshot, taken)
+            return
+        if flown.going_back and any(v.armed and v.mode == "LAND" for v in snapshot.vehicles.values()):
+            self._end_of_list(flown)  # one comes down already: who is beneath goes aside, nobody crosses below it
             return
         capture = flown.step(snapshot, taken)
         self.detail = f"{flown.detail} ({flown.going_back})" if flown.going_back else flown.detail
