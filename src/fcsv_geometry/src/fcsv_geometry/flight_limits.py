@@ -20,6 +20,7 @@ class PauseLimits:
     recorder_s: float = 60.0  # a recorder that is silent or full: back, land; one that refuses: next configuration
     pilot_s: float = 120.0  # a vehicle in a pilot's hands: the others go back to the column and land
     handover_s: float = 60.0  # GUIDED is refused: land
+    task_s: float = 300.0  # a configuration with pauses again and again (and attempts x 4 x record_s): land
     operator_s: float = 300.0  # the operator confirms nothing, or does not end his pause: land
 
     def __post_init__(self):

@@ -16,6 +16,8 @@ from fcsv_control.mission.task_list import Task, TaskList, tasks
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 
+_LONGEST = 4  # times the wanted recording: what one attempt records at most
+
 
 class FlightList:
     """Flies a mission's configurations in GUIDED. ``step`` raises MissionError where it cannot go on.
@@ -36,6 +38,7 @@ class FlightList:
         self._standing: Optional[Standing] = None
         self._holding: Optional[Holding] = None
         self._taken_over = False
+        self._task_since_s: Optional[float] = None
         self.going_back = ""  # why nothing more is flown but the way back
         self.detail = ""
         self.notes: List[str] = []  # configurations that were left out, and why
@@ -88,9 +91,13 @@ class FlightList:
         guided = [n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED" and n not in taken]
         self._holding.step(snapshot, guided)
 
+    def resumed(self) -> None:
+        """The operator lets it go on: the running task has all its time again."""
+        self._task_since_s = None
+
     def go_back(self, snapshot: Snapshot, why: str) -> None:
         """Fly nothing more: who is away goes back to the column."""
-        self.going_back = why
+        self.going_back, self._task_since_s = why, None
         self._begin(snapshot)
         self._list.go_back()
 
@@ -102,7 +109,7 @@ class FlightList:
         refusal = change()
         if not refusal:
             self._begin(snapshot)
-            self._attempts = {}
+            self._attempts, self._task_since_s = {}, None
             if operation == "skip":
                 self.notes.append(f"{self._mission.configurations[index].title} left out by the operator")
         return refusal
@@ -117,6 +124,7 @@ class FlightList:
         if self.finished:
             return None
         task = self._list.left[0]
+        self._watch_time(snapshot, task)
         if self.going_back and task.vehicle in taken:
             self._next()  # its pilot lands it
             return None
@@ -130,6 +138,16 @@ class FlightList:
             else:
                 self._standing = self._stand_at(task)
         return None
+
+    def _watch_time(self, snapshot: Snapshot, task: Task) -> None:
+        """Raises MissionError where a task does not end: short pauses again and again pass every other limit."""
+        self._task_since_s = snapshot.now_s if self._task_since_s is None else self._task_since_s
+        most_s = self._mission.limits.task_s
+        if task.index is not None:
+            record_s = self._mission.configurations[task.index].record_s
+            most_s += _LONGEST * self._mission.settle.attempts * record_s
+        if snapshot.now_s - self._task_since_s > most_s:
+            raise MissionError(f"{task.vehicle} is not done with {self._place(task)[1]} after {most_s:g} s: landing")
 
     def _still_holds(self, snapshot: Snapshot, taken: Collection[str]) -> bool:
         """After a restart nobody moves before everybody has acknowledged to hold."""
@@ -148,7 +166,7 @@ class FlightList:
 
     def _next(self) -> None:
         self._list.done()
-        self._journey_now, self._standing = None, None
+        self._journey_now, self._standing, self._task_since_s = None, None, None
 
     def _journey(self, name: str, T_home_cam: np.ndarray) -> Journey:
         m = self._mission

@@ -189,6 +189,7 @@ class MissionMachine(Operated):
             return
         if self._flight_list is None:
             self._flight_list = FlightList.begin(self.mission, self.vehicles, self.outbox, snapshot, self._indices)
+        self._flight_list.resumed()
         self._enter("CONFIGURATIONS", "")
 
     def _stopped_by_people(self) -> bool:
