@@ -77,7 +77,7 @@ virtual_environment() {
 
 workspace() {  # configure and build catkin; nothing to do when no message, node or package file changed
   local stamp=build/fcsv-built want
-  want=$( { find src -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -path '*/msg/*' -o -path '*/srv/*' -o -name '*.c' -o -path '*/nodes/*' -type f
+  want=$( { find src -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -path '*/msg/*' -o -path '*/srv/*' -o -path '*/action/*' -o -name '*.c' -o -path '*/nodes/*' -type f
             echo CMakeLists.txt; } | LC_ALL=C sort | while read -r f; do [ -f "$f" ] && case "$f" in */nodes/*) echo "$f" ;; *) sha256sum "$f" ;; esac; done; pwd )
   [ -f devel/setup.sh ] && [ "$(cat $stamp 2>/dev/null)" = "$want" ] && return
   say "building the catkin workspace"

@@ -169,7 +169,7 @@ class Both:
         self.link = FlightLink(
             f"udpin:127.0.0.1:{self.port}",
             LinkParameters(**{**FAST, **parameters}),
-            on_pose=self.poses.append,
+            on_pose=lambda T, _v: self.poses.append(T),
             on_text=lambda severity, text: self.texts.append((severity, text)),
             on_state=lambda: self.states.append((self.link.connected, self.link.state)),
         )
@@ -383,7 +383,7 @@ def test_another_autopilot_on_the_line_is_not_obeyed(both):
 def test_an_odd_message_does_not_end_the_link(pair):
     failed = []
 
-    def fail(T):
+    def fail(T, _v):
         failed.append(T)
         raise RuntimeError("a callback of a node that is going down")
 

@@ -16,7 +16,8 @@ PILOTS_MODES = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
 
 
 class Aloft:
-    """A guardian aboard a vehicle that hovers 8 m above its take-off place in GUIDED, all well. ``obeys``: the autopilot
+    """A guardian aboard a vehicle that hovers 8 m above its take-off place in GUIDED, all well. ``obeys``: the
+    autopilot
     takes the modes that are asked for; what is listed in ``silent`` says nothing."""
 
     def __init__(self, rules=None, obeys=True):

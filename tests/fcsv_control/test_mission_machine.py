@@ -10,6 +10,7 @@ from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry.errors import MissionError
+from fcsv_geometry.flight_limits import PauseLimits
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
 from fcsv_msgs.msg import MissionState
 
@@ -132,7 +133,7 @@ def test_a_tag_that_is_lost_again_takes_the_button_away(flight):
 
 
 def test_a_refused_mode_is_said_and_asked_again(flight):
-    f = flight(mission())
+    f = flight(mission(limits=PauseLimits(handover_s=1000.0)))
     f.fleet["uav2"].refuses = {"SET_MODE": "Mode change to GUIDED failed: requires position"}
     with pytest.raises(AssertionError):
         f.up_to_configurations()
@@ -234,7 +235,7 @@ def test_a_vehicle_that_is_given_back_goes_on_once_it_is_confirmed(flying):
 
 def test_a_pilot_who_takes_over_during_the_handing_over_is_not_sent_back_to_guided(flight):
     """uav2 was in GUIDED already while uav1 still refuses; its pilot takes it again."""
-    f = flight(mission())
+    f = flight(mission(limits=PauseLimits(handover_s=1000.0)))
     f.fleet["uav1"].refuses = {"SET_MODE": "requires position"}
     with pytest.raises(AssertionError):
         f.up_to_configurations()
@@ -423,7 +424,7 @@ def test_abort_before_anybody_was_heard_is_not_over(flight):
         v.heard = False
     f.machine.abort("no")
     f.wait(5.0)
-    assert f.machine.phase == "LAND" and any("uav1: never heard" in p for p in f.machine.problems)
+    assert f.machine.phase == "LAND" and any("uav1: not heard" in p for p in f.machine.problems)
     for v in f.fleet.values():
         v.heard = True
     f.phase("ABORTED", 5.0)

@@ -24,6 +24,7 @@ class StandIn:
         import rospy
         from geometry_msgs.msg import PoseStamped
         from nav_msgs.msg import Odometry
+        from sensor_msgs.msg import BatteryState
 
         from fcsv_msgs.msg import Command, CommandAck, Epoch, RecorderStatus, State, TagDetections
 
@@ -36,7 +37,7 @@ class StandIn:
         topic = lambda t, kind: rospy.Publisher(f"/{self.name}/{t}", kind, queue_size=20)  # noqa: E731
         self.odometry, self.state = topic("odometry/state", Odometry), topic("mavros/state", State)
         self.position = topic("mavros/local_position/pose", PoseStamped)
-        self.recorder = topic("recorder/status", RecorderStatus)
+        self.recorder, self.battery = topic("recorder/status", RecorderStatus), topic("mavros/battery", BatteryState)
         self.epoch = rospy.Publisher(f"/{self.name}/odometry/epoch", Epoch, queue_size=1, latch=True)
         self.epoch.publish(Epoch(epoch=7, reason="start"))
         self.tags, self.acks = topic("tags/detections", TagDetections), topic("command_ack", CommandAck)
@@ -49,6 +50,7 @@ class StandIn:
         import rospy
         from geometry_msgs.msg import PoseStamped
         from nav_msgs.msg import Odometry
+        from sensor_msgs.msg import BatteryState
 
         from fcsv_geometry.ros import conversions
         from fcsv_msgs.msg import RecorderStatus, State, TagDetection, TagDetections
@@ -63,6 +65,7 @@ class StandIn:
             position.pose.position.z = 50.0 + self.height_m
             self.position.publish(position)
             self.state.publish(State(header=now, connected=True, armed=self.armed, mode=self.mode))
+            self.battery.publish(BatteryState(header=now, percentage=0.9))
             self.pictures += 2 * self.recording
             self.recorder.publish(RecorderStatus(header=now, pictures=self.pictures))
             if self.sees is not None:
@@ -92,8 +95,8 @@ class StandIn:
     def close(self):
         self.over.set()
         self.thread.join()
-        for one in (self.odometry, self.state, self.position, self.recorder, self.tags, self.acks, self.commanded,
-                    self.epoch):  # fmt: skip
+        for one in (self.odometry, self.state, self.position, self.recorder, self.battery, self.tags, self.acks,
+                    self.commanded, self.epoch):  # fmt: skip
             one.unregister()
 
 
@@ -105,7 +108,7 @@ class ControlPc:
         from std_srvs.srv import Trigger
 
         from fcsv_msgs.msg import Calibration, Capture, Epochs, Home, MissionState
-        from fcsv_msgs.srv import Calibrate, Proceed, SetHome
+        from fcsv_msgs.srv import Calibrate, Control, Proceed, SetHome
 
         self.fleet, self.mission, self.captures, self.calibrations = fleet, MissionState(), [], 0
         self.calibration = rospy.Publisher("/calibration", Calibration, queue_size=1, latch=True)
@@ -121,6 +124,7 @@ class ControlPc:
         ]
         self.proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
         self.abort = rospy.ServiceProxy("/mission/abort", Trigger)
+        self.control = rospy.ServiceProxy("/mission/control", Control)
 
     def on_calibrate(self, request):
         from fcsv_geometry.ros import conversions
@@ -151,6 +155,28 @@ class ControlPc:
 
     def wait_for(self, phase, waits_for=None):
         until(lambda: self.mission.phase_name == phase and waits_for in (None, self.mission.waits_for))
+
+    def up_to_home(self):
+        """What people do before "execute"; the first calibration fails."""
+        _front, back = self.fleet
+        self.wait_for("TAKE_OFF")
+        for v in self.fleet:
+            v.armed, v.mode = True, "LOITER"
+        time.sleep(0.5)  # the ground is where they stood with motors off
+        for v in self.fleet:
+            v.height_m = 3.0
+        back.sees = 1
+        for _ in range(2):
+            self.wait_for("COLUMN", "calibrate")
+            self.confirm("calibrate")
+        self.wait_for("MOVE_HOME", "set_home")
+        self.confirm("set_home")
+        self.wait_for("SET_HOME", "execute")
+
+    def forget(self):
+        """As after a reboot: nobody tells calibration and home any more."""
+        self.calibration.unregister()
+        self.home.unregister()
 
     def confirm(self, step):
         """As people do: again where the step before was confirmed a moment ago."""
@@ -243,6 +269,118 @@ def began_anew_and_stopped(pc, vehicle):
     stop.publish(String("a test"))
     until(lambda: "everybody was stopped (a test)" in pc.mission.detail, what="the mission hears of a stop")
     stop.unregister()
+@pytest.fixture
+def pair(ros_master, folder):
+    """Two stand-ins in a column, and a control PC that knows them."""
+    geometry = load_vehicles(folder, NAMES)
+    lever = geometry[NAMES[0]].T_body_cam[:3, 3]
+    fleet = [StandIn(g, np.array([-3.5 * i, 0.0, 0.0]) - lever, i) for i, g in enumerate(geometry.values())]
+    pc = ControlPc(fleet)
+    yield pc
+    pc.close()
+    for v in fleet:
+        v.close()
+
+
+def started(start_node, folder, **more):
+    params = {"mission": str(folder / "mission.yaml"), "vehicles": list(NAMES), "vehicles_dir": str(folder), **more}
+    return start_node("fcsv_control", "mission", params=params)
+
+
+@pytest.mark.slow_motion
+def test_a_control_pc_that_is_gone_and_comes_back_goes_on(pair, start_node, folder):
+    """Killed while it records the second configuration; calibration and home are gone with the computer."""
+    import rospy
+
+    from fcsv_geometry.ros import conversions
+    from fcsv_msgs.msg import Calibration, Command, Home
+
+    front, back = pair.fleet
+    process = started(start_node, folder, memory_dir=str(folder / "memory"))
+    pair.up_to_home()
+    pair.confirm("execute")
+    until(lambda: back.recording and pair.mission.configuration == 1)
+    until(lambda: '"index": 0' in (folder / "memory" / "mission_memory.json").read_text())
+    place = back.T_home_body.copy()
+    process.kill()
+    pair.forget()
+    said = {"calibration": [], "home": []}
+    watches = [rospy.Subscriber("/calibration", Calibration, said["calibration"].append),
+               rospy.Subscriber("/home", Home, said["home"].append)]  # fmt: skip
+    before = {v.name: len(v.commands) for v in pair.fleet}
+    begun_s = time.monotonic()
+    started(start_node, folder, memory_dir=str(folder / "memory"))
+    until(lambda: all(len(v.commands) > before[v.name] for v in pair.fleet))
+    took_s = time.monotonic() - begun_s
+    assert {v.commands[before[v.name]].kind for v in pair.fleet} == {Command.HOLD}
+    assert took_s < 10.0  # 5 s of the node and the start of its interpreter on a busy machine
+    until(lambda: said["calibration"] and said["home"])
+    assert said["home"][-1].reference == NAMES[0]
+    np.testing.assert_allclose(
+        conversions.pose_to_transform(said["home"][-1].home_in_odom), transforms.invert(front.T_home_odom), atol=1e-9
+    )
+    until(lambda: pair.mission.phase_name == "CONFIGURATIONS" and pair.mission.configuration == 1)
+    until(lambda: back.commands[-1].kind == Command.RECORD and back.commands[-1].flag)
+    np.testing.assert_allclose(back.T_home_body, place, atol=1e-6)
+    until(lambda: [c.index for c in pair.captures] == [0, 0])  # told again, not flown again
+    assert pair.captures[0].start == pair.captures[1].start
+    assert pair.abort().success
+    pair.wait_for("ABORTED")
+    for watch in watches:
+        watch.unregister()
+
+
+@pytest.mark.slow_motion
+def test_chosen_configurations_by_action_and_operations_by_service(pair, start_node, folder):
+    import actionlib
+    import rospy
+    from actionlib_msgs.msg import GoalStatus
+
+    from fcsv_msgs.msg import ExecuteAction, ExecuteGoal
+
+    front, back = pair.fleet
+    started(start_node, folder)
+    pair.wait_for("TAKE_OFF")
+    client, told = actionlib.SimpleActionClient("/mission/execute", ExecuteAction), []
+    assert client.wait_for_server(rospy.Duration(15.0))
+    client.send_goal_and_wait(ExecuteGoal([0]))
+    assert client.get_state() == GoalStatus.REJECTED and "not waited for in" in client.get_goal_status_text()
+    assert "this is TAKE_OFF" in pair.control("pause").message
+    assert "is not one of" in pair.control("fly").message
+    pair.up_to_home()
+    time.sleep(1.2)
+    client.send_goal(ExecuteGoal([1, 0]), feedback_cb=told.append)
+    until(lambda: back.recording and pair.mission.configuration == 1)
+    assert pair.control("skip").success
+    until(lambda: pair.captures)
+    assert client.wait_for_result(rospy.Duration(30.0))
+    result = client.get_result()
+    assert (list(result.captured), list(result.left_out)) == ([0], [1]) and client.get_state() == GoalStatus.SUCCEEDED
+    assert {f.phase for f in told} >= {"CONFIGURATIONS"} and max(f.progress for f in told) >= 0.5
+    assert pair.mission.phase_name == "DONE" and not front.armed and not back.armed
+
+
+@pytest.mark.slow_motion
+def test_a_goal_that_is_cancelled_brings_them_back_to_the_column(pair, start_node, folder):
+    import actionlib
+    import rospy
+    from actionlib_msgs.msg import GoalStatus
+
+    from fcsv_msgs.msg import ExecuteAction, ExecuteGoal
+
+    _front, back = pair.fleet
+    column = back.T_home_body.copy()
+    started(start_node, folder)
+    pair.up_to_home()
+    client = actionlib.SimpleActionClient("/mission/execute", ExecuteAction)
+    assert client.wait_for_server(rospy.Duration(15.0))
+    time.sleep(1.2)
+    client.send_goal(ExecuteGoal())
+    until(lambda: back.recording and pair.mission.configuration == 1)
+    client.cancel_goal()
+    assert client.wait_for_result(rospy.Duration(30.0))
+    assert client.get_state() == GoalStatus.PREEMPTED and list(client.get_result().left_out) == [1]
+    np.testing.assert_allclose(back.T_home_body, column, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -251,6 +389,7 @@ def began_anew_and_stopped(pc, vehicle):
         ({"configurations": []}, "configurations: the list is empty"),
         ({"reference": "uav9"}, "reference 'uav9'"),
         ({"speed": 1}, "unknown key 'speed'"),
+        ({"configurations": [{"axis": "vertical", "baseline_m": 60.0}]}, "(vertical 60 m): 68 m above"),
     ],
 )
 def test_a_mission_that_cannot_be_flown_ends_the_node_with_one_line(start_node, folder, change, words):

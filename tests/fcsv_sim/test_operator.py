@@ -243,3 +243,12 @@ def test_pilots_react_late_and_are_the_same_for_a_seed():
         tracks.append(np.array(ground.track))
     np.testing.assert_array_equal(tracks[0], tracks[1])
     assert np.abs(tracks[0] - tracks[2]).max() > 1e-3
+
+
+def test_a_mission_that_starts_again_in_flight_leaves_hands_where_they_are():
+    """It says WAIT_VEHICLES until it has heard them: no throttle down, no other mode."""
+    pilot = Pilot(0, Field(), 1)
+    sight = Sight(np.eye(4), np.zeros(3), True, "GUIDED")
+    before = [pilot.sticks(0.02 * k, "CONFIGURATIONS", sight) for k in range(50)][-1]
+    after = [pilot.sticks(1.0 + 0.02 * k, "WAIT_VEHICLES", sight) for k in range(50)][-1]
+    assert after == before and after.throttle == 0.0

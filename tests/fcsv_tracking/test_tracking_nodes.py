@@ -346,6 +346,29 @@ def home_is_set_by_odometry_that_came_just_now(column):
     assert set_home("uav1").success
 
 
+def test_from_guided_on_neither_calibration_nor_home_may_change(start_node, talk, folder):
+    """Both would move every place that the mission flies to."""
+    import rospy
+
+    from fcsv_msgs.msg import MissionState
+    from fcsv_msgs.srv import Calibrate, SetHome
+
+    state = talk("/mission/state", MissionState, latch=True)
+    start_node("fcsv_tracking", "calibration", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder})
+    calibrate, set_home = rospy.ServiceProxy("/calibrate", Calibrate), rospy.ServiceProxy("/set_home", SetHome)
+    set_home.wait_for_service(60.0)
+    for phase in ("GUIDED", "CONFIGURATIONS", "LAND", "DONE"):
+        state.publish(MissionState(phase_name=phase))
+        end_s = time.monotonic() + 10.0
+        words = "calibrate the column" if phase == "DONE" else f"while the mission flies the vehicles ({phase})"
+        while words not in set_home("uav1").message:
+            assert time.monotonic() < end_s, phase
+            time.sleep(0.1)
+        if phase != "DONE":
+            answer = calibrate(["uav1", "uav2"], 0.1)
+            assert not answer.success and words in answer.message
+
+
 class TestTags:
     """The tag node between pictures and detections."""
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-ROS_MODULES = {"rospy", "rosbag", "tf2_ros", "cv_bridge", "message_filters", "diagnostic_updater", "fcsv_msgs"}
+ROS_MODULES = {"rospy", "rosbag", "tf2_ros", "cv_bridge", "message_filters", "diagnostic_updater", "actionlib",
+               "fcsv_msgs"}  # fmt: skip
 BELOW = {
     "fcsv_geometry": set(),
     "fcsv_tracking": {"fcsv_geometry"},

@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_geometry import config
 from fcsv_geometry.errors import MissionError
+from fcsv_geometry.flight_limits import Fence, FlightBounds, PauseLimits
 
 AXES = ("horizontal", "vertical")
 _RECORD_S = (0.5, 600.0)
@@ -93,6 +94,9 @@ class Mission:
     home_height_m: float = 8.0  # a hint for the operators: above the take-off place
     column_spacing_m: float = 3.5  # likewise
     settle: SettleBounds = field(default_factory=SettleBounds)
+    limits: PauseLimits = field(default_factory=PauseLimits)
+    fence: Fence = field(default_factory=Fence)
+    flight: FlightBounds = field(default_factory=FlightBounds)
 
     def __post_init__(self):
         if not self.configurations:

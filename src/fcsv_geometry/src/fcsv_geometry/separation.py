@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How near vehicles are to each other, with their downwash, and where one can go out of the others' way.
 
-The planner, the mission, the guardian and the rehearsals measure with these functions. Positions are (3,), m, in any one level
+The planner, the mission, the guardian and the rehearsals measure with these functions. Positions are (3,), m, in any
+one level
 frame with z up.
 """
 
@@ -42,7 +43,8 @@ def margin_m(
 ) -> float:
     """By how much (m) two vehicles are further apart than they must be; negative: too near.
 
-    ``sigma_m`` is the standard deviation of the offset (both poses), ``age_s`` the age of the older pose, ``speed_mps`` how
+    ``sigma_m`` is the standard deviation of the offset (both poses), ``age_s`` the age of the older pose,
+    ``speed_mps`` how
     fast both can have approached meanwhile.
 
     >>> margin_m(np.array([2.0, 0.0, 0.0]), SeparationRules(0.8, 3.0), sigma_m=0.1, age_s=0.5, speed_mps=1.0)
@@ -56,7 +58,8 @@ def aside(
     here_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float, away_from_m: Optional[np.ndarray] = None,
     side: Optional[np.ndarray] = None,
 ) -> np.ndarray:  # fmt: skip
-    """A place (3,) at the same height whose column of air is ``clear_m`` from all others: away from one of them, else to
+    """A place (3,) at the same height whose column of air is ``clear_m`` from all others: away from one of them, else
+    to
     either ``side`` ((2,), a direction), forwards or backwards; where none is clear, the one with most room.
 
     >>> aside(np.array([0.0, 0.0, 8.0]), [np.array([1.0, 0.0, 3.0])], 2.0, np.array([1.0, 0.0, 3.0])).tolist()

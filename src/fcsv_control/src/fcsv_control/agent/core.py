@@ -90,7 +90,8 @@ class AgentCore:
             self._hold_here()
 
     def guarded(self, action: str, holds: bool, why: str, forbids: Sequence[str]) -> None:
-        """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it is; an
+        """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it
+        is; an
         ``action`` may be a mode that it asks for; ``forbids`` tells why the vehicle is not to be handed over."""
         if action in STOPPING_MODES:
             self.rights.hands.asked(action)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guardian's decisions: what is heard on board and over the radio in, modes and set-points out.
 
-It warns, holds, moves aside, brakes and lands, in this order of strength, and never asks for LOITER. It acts only while the
+It warns, holds, moves aside, brakes and lands, in this order of strength, and never asks for LOITER. It acts only
+while the
 companion flies the vehicle; in a mode that the pilot chose it only speaks. No ROS, no thread, no clock.
 """
 
@@ -86,7 +87,8 @@ class Guardian:
         """The flight controller's mode."""
         if self._hands.see(now_s, mode, armed):
             self._let_go()
-            self._say(now_s, f"mode {mode}", f"{mode} was not asked for by the companion: it stays with who chose it", False)
+            self._say(now_s, f"mode {mode}", f"{mode} was not asked for by the companion: it stays with who chose it",
+            False)
         if not armed:
             self._landing = False
             self._answered.clear()
@@ -99,7 +101,7 @@ class Guardian:
     def estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate."""
         self.air.estimate, self.air.estimate_s = T_odom_body, now_s
-        if np.isfinite(self.air.state_s) and not self.air.armed:  # one that is started in flight has not seen the ground
+        if np.isfinite(self.air.state_s) and not self.air.armed:  # started in flight, it never saw the ground
             self.air.take_off = T_odom_body
 
     def link(self, now_s: float, report: LinkReport) -> None:

@@ -51,7 +51,8 @@ class Fence:
 
 @dataclass(frozen=True)
 class GuardianRules:
-    """Times in s, shares of the battery, angles in degrees. ``link_loss`` "never" must be written: then a vehicle without
+    """Times in s, shares of the battery, angles in degrees. ``link_loss`` "never" must be written: then a vehicle
+    without
     its control PC holds until the battery is low."""
 
     feed_warn_s: float = 0.5

@@ -1,106 +1,135 @@
 # SPDX-License-Identifier: Apache-2.0
 """The list of configurations, one after the other: go there, settle, record, go on; at the end back to the column."""
 
-from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Collection, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_control.mission import clearing
-from fcsv_control.mission.journey import Journey, go_to
-from fcsv_control.mission.outbox import Order, Outbox
+from fcsv_control.mission.holding import Holding
+from fcsv_control.mission.journey import Journey
+from fcsv_control.mission.memory import RememberedList
+from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, level_camera
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow, Progress, Standing
+from fcsv_control.mission.task_list import Task, TaskList, tasks
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 
-
-@dataclass(frozen=True)
-class Task:
-    """A vehicle's place: that of a configuration, or (None) where it was parked when the list began."""
-
-    vehicle: str
-    index: Optional[int]
-
-
-def tasks(mission: Mission, vehicles: Sequence[str]) -> List[Task]:
-    """What is flown in order. A vehicle that has done its part goes back to its place in the column before another
-    moves and before all land, so that no vehicle comes down on another."""
-    found: List[Task] = []
-    for i in range(len(mission.configurations)):
-        mover = mission.mover(i, vehicles)
-        if found and found[-1].vehicle != mover:
-            found.append(Task(found[-1].vehicle, None))
-        found.append(Task(mover, i))
-    return [*found, Task(found[-1].vehicle, None)]
+_LONGEST = 4  # times the wanted recording: what one attempt records at most
 
 
 class FlightList:
-    """Flies a mission's configurations in GUIDED. ``step`` raises MissionError where it cannot go on."""
+    """Flies a mission's configurations in GUIDED. ``step`` raises MissionError where it cannot go on.
 
-    def __init__(self, mission: Mission, vehicles: Sequence[str], outbox: Outbox, snapshot: Snapshot):
+    ``parked`` is each vehicle's T_home_cam in the column, level.
+    """
+
+    def __init__(self, mission: Mission, outbox: Outbox, parked: Dict[str, np.ndarray], task_list: TaskList):
         self._mission = mission
-        self._vehicles = list(vehicles)
+        self._vehicles = list(parked)
         self._outbox = outbox
-        self._tasks = tasks(mission, vehicles)
-        self._parked = {n: level_camera(snapshot.vehicles[n].T_home_cam) for n in vehicles}
+        self._parked = parked
+        self._list = task_list
         self._attempts: Dict[int, int] = {}
         self._home = self._journey(mission.reference, T_HOME_CAM_AT_HOME)
         self._reference_is_home = False
         self._journey_now: Optional[Journey] = None
         self._standing: Optional[Standing] = None
-        self._paused = False
-        self._dodged: Dict[str, Order] = {}
+        self._holding: Optional[Holding] = None
+        self._taken_over = False
+        self._task_since_s: Optional[float] = None
+        self.going_back = ""  # why nothing more is flown but the way back
         self.detail = ""
         self.notes: List[str] = []  # configurations that were left out, and why
 
+    @classmethod
+    def begin(cls, mission: Mission, vehicles: Sequence[str], outbox: Outbox, snapshot: Snapshot, indices=None):
+        """From where the vehicles stand now; ``indices`` of the configurations, None: all."""
+        parked = {n: level_camera(snapshot.vehicles[n].T_home_cam) for n in vehicles}
+        return cls(mission, outbox, parked, TaskList(mission, vehicles, tasks(mission, vehicles, indices)))
+
+    @classmethod
+    def remembered(cls, mission: Mission, vehicles: Sequence[str], outbox: Outbox, memory: RememberedList):
+        """Where a mission that was restarted stood; the first ``step`` waits until everybody holds."""
+        parked = {n: np.array(memory.parked[n]).reshape(4, 4) for n in vehicles}
+        again = cls(mission, outbox, parked, TaskList(mission, vehicles, memory.left, memory.flown))
+        again.notes, again.going_back, again._taken_over = list(memory.notes), memory.going_back, True
+        return again
+
+    @property
+    def memory(self) -> RememberedList:
+        """What a restart needs to go on."""
+        parked = {n: T.ravel().tolist() for n, T in self._parked.items()}
+        return RememberedList(
+            list(self._list.left), list(self._list.flown), parked, list(self.notes), self.going_back
+        )  # fmt: skip
+
     @property
     def finished(self) -> bool:
-        return not self._tasks
+        return not self._list.left
 
     @property
     def index(self) -> int:
         """Of the running configuration; the last one's on the way back."""
-        return next((t.index for t in self._tasks if t.index is not None), len(self._mission.configurations) - 1)
+        return self._list.index
 
-    def pause(self, snapshot: Snapshot) -> None:
-        """Something is wrong: whoever is in GUIDED holds where it is, but never beneath a vehicle that comes down; a
-        running recording does not count."""
-        if not self._paused:
-            self._paused = True
-            self._dodged = {}
-            if self._standing is not None:
-                self._standing.stop(snapshot)
-            for name in self._in_guided(snapshot):
-                if not self._dodge(snapshot, name):
-                    self._outbox.order(snapshot.now_s, name, "HOLD")
-            self._begin()
-            return
-        for name in self._in_guided(snapshot):
-            self._dodge(snapshot, name)
+    @property
+    def share(self) -> float:
+        """0..1 of the configurations that are behind."""
+        behind = len(set(self._list.flown))
+        return behind / max(behind + len({t.index for t in self._list.left if t.index is not None}), 1)
 
-    def _in_guided(self, snapshot: Snapshot) -> List[str]:
-        return [n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED"]
+    # ---- what interrupts it --------------------------------------------------------------------------------
 
-    def _dodge(self, snapshot: Snapshot, name: str) -> bool:
-        """Whether a vehicle comes down on this one: then it is sent aside, again where it did not obey."""
-        clear_m = clearing.clearance_m(self._mission.min_separation_m)
-        upper = clearing.coming_down_on(snapshot, name, clear_m)
-        if upper is None:
-            return False
-        order = self._dodged.get(name)
-        if order is None or order.failed:
-            place = clearing.aside(snapshot, name, upper, clear_m)
-            self._dodged[name] = go_to(self._outbox, snapshot, name, place)
-        return True
+    def pause(self, snapshot: Snapshot, taken: Collection[str] = ()) -> None:
+        """Something is wrong: whoever is in GUIDED and not taken by a pilot holds where it is, but never beneath a
+        vehicle that comes down; a running recording does not count."""
+        if self._holding is None:
+            self._holding = Holding(self._outbox, self._mission.min_separation_m)
+            self._begin(snapshot)
+        guided = [n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED" and n not in taken]
+        self._holding.step(snapshot, guided)
 
-    def step(self, snapshot: Snapshot) -> Optional[CaptureWindow]:
+    def resumed(self) -> None:
+        """The operator lets it go on: the running task has all its time again."""
+        self._task_since_s = None
+
+    def go_back(self, snapshot: Snapshot, why: str) -> None:
+        """Fly nothing more: who is away goes back to the column."""
+        self.going_back, self._task_since_s = why, None
+        self._begin(snapshot)
+        self._list.go_back()
+
+    def change(self, snapshot: Snapshot, operation: str) -> str:
+        """The operator's "skip", "repeat", "next" or "previous"; "" when done, else why not."""
+        index = self._list.running
+        change = {"skip": self._list.skip, "repeat": self._list.again, "next": self._list.put_off,
+                  "previous": self._list.before}[operation]  # fmt: skip
+        refusal = change()
+        if not refusal:
+            self._begin(snapshot)
+            self._attempts, self._task_since_s = {}, None
+            if operation == "skip":
+                self.notes.append(f"{self._mission.configurations[index].title} left out by the operator")
+        return refusal
+
+    # ---- its steps -----------------------------------------------------------------------------------------
+
+    def step(self, snapshot: Snapshot, taken: Collection[str] = ()) -> Optional[CaptureWindow]:
         """Advance the running task; a recording that counts comes back once."""
-        self._paused = False
-        if self.finished or not self._bring_reference_home(snapshot):
+        if self._taken_over and self._still_holds(snapshot, taken):
             return None
-        task = self._tasks[0]
+        self._holding = None
+        if self.finished:
+            return None
+        task = self._list.left[0]
+        self._watch_time(snapshot, task)
+        if self.going_back and task.vehicle in taken:
+            self._next()  # its pilot lands it
+            return None
+        if not self.going_back and not self._bring_reference_home(snapshot):
+            return None
         if self._standing is not None:
             return self._stand(snapshot, task)
         if self._travel(snapshot, task):
@@ -110,17 +139,34 @@ class FlightList:
                 self._standing = self._stand_at(task)
         return None
 
-    # ---- parts of one task ---------------------------------------------------------------------------------
+    def _watch_time(self, snapshot: Snapshot, task: Task) -> None:
+        """Raises MissionError where a task does not end: short pauses again and again pass every other limit."""
+        self._task_since_s = snapshot.now_s if self._task_since_s is None else self._task_since_s
+        most_s = self._mission.limits.task_s
+        if task.index is not None:
+            record_s = self._mission.configurations[task.index].record_s
+            most_s += _LONGEST * self._mission.settle.attempts * record_s
+        if snapshot.now_s - self._task_since_s > most_s:
+            raise MissionError(f"{task.vehicle} is not done with {self._place(task)[1]} after {most_s:g} s: landing")
 
-    def _begin(self) -> None:
+    def _still_holds(self, snapshot: Snapshot, taken: Collection[str]) -> bool:
+        """After a restart nobody moves before everybody has acknowledged to hold."""
+        self.detail = "taken over after a restart: all hold"
+        self.pause(snapshot, taken)
+        self._taken_over = not self._holding.done
+        return self._taken_over
+
+    def _begin(self, snapshot: Snapshot) -> None:
         """The running task from its start, and the reference home again."""
+        if self._standing is not None:
+            self._standing.stop(snapshot)
         self._journey_now, self._standing = None, None
         self._home = self._journey(self._mission.reference, T_HOME_CAM_AT_HOME)
         self._reference_is_home = False
 
     def _next(self) -> None:
-        self._tasks.pop(0)
-        self._journey_now, self._standing = None, None
+        self._list.done()
+        self._journey_now, self._standing, self._task_since_s = None, None, None
 
     def _journey(self, name: str, T_home_cam: np.ndarray) -> Journey:
         m = self._mission
@@ -164,7 +210,7 @@ class FlightList:
             self._standing = self._stand_at(task)
         elif progress is Progress.GIVEN_UP:
             title = self._mission.configurations[task.index].title
-            self.notes.append(f"{title} left out, not calm there: {self._standing.detail}")
+            self.notes.append(f"{title} left out, {self._standing.why}")
             self._next()
         elif progress is Progress.DONE:
             self._next()

@@ -5,7 +5,7 @@ A mode that the mission did not ask for is somebody else's decision: the pilot's
 The mission then sends no mode and no way-point until the vehicle is given back and the operator confirms it.
 """
 
-from typing import Dict, Set
+from typing import Dict, List, Sequence, Set
 
 from fcsv_control.mission.snapshot import Snapshot
 
@@ -38,6 +38,24 @@ class Hands:
                 self._ours[name] = mode
         self.taken = {}
 
+    @property
+    def all_given_back(self) -> bool:
+        """Whether every vehicle that was taken shows a mode in which pilots give back."""
+        return all(mode in GIVEN_BACK for mode in self.taken.values())
+
+    def problems(self) -> List[str]:
+        """A line for each vehicle that somebody else has, and what to do."""
+        return [
+            f"{name}: {mode} was not asked for by the mission; "
+            + ("confirm 'resume'" if mode in GIVEN_BACK else "give it back in LOITER or GUIDED, or abort")
+            for name, mode in self.taken.items()
+        ]
+
+    def take_over(self, vehicles: Sequence[str], taken: Dict[str, str]) -> None:
+        """After a restart: GUIDED was asked for, and ``taken`` was in a pilot's hands. Any other mode is a pilot's."""
+        self._ours = dict.fromkeys(vehicles, "GUIDED")
+        self.taken = dict(taken)
+
     def ours(self) -> Set[str]:
         """Vehicles that show a mode which the mission asked for."""
         return set(self._ours)
@@ -45,6 +63,8 @@ class Hands:
     def see(self, snapshot: Snapshot) -> None:
         """What modes tell."""
         for name, view in snapshot.vehicles.items():
+            if view.state_age_s == float("inf"):
+                continue  # never heard
             if not view.armed:
                 for known in (self.taken, self._asked, self._ours):
                     known.pop(name, None)

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lands all vehicles that the mission flies, none of them onto another."""
 
-from typing import Dict, List, Optional, Sequence
-
-import numpy as np
+from typing import Dict, List, Optional, Sequence, Set
 
 from fcsv_control.mission import clearing
 from fcsv_control.mission.hands import Hands
@@ -14,6 +12,7 @@ from fcsv_control.mission.snapshot import Snapshot
 _REPEAT_S = 3.0
 _ASIDE_REPEAT_S = 1.0
 _GUIDED_TRIES = 3  # to take a vehicle that was stopped (BRAKE) aside; then it lands where it is
+_FRESH_S = 3.5  # what an older state says may have changed
 
 
 class Landing:
@@ -28,18 +27,28 @@ class Landing:
         self._next_s: Dict[str, float] = dict.fromkeys(vehicles, float("-inf"))
         self._tries: Dict[str, int] = dict.fromkeys(vehicles, 0)
         self._recorders_off: Dict[str, Optional[Order]] = dict.fromkeys(vehicles)
+        self._down: Set[str] = set()  # heard with motors off since the landing began
         self.problems: List[str] = []
 
     def step(self, snapshot: Snapshot) -> bool:
         """Whether every vehicle was heard to be on the ground with motors off."""
         self.problems = []
-        unheard = [n for n in self._vehicles if not np.isfinite(snapshot.vehicles[n].state_age_s)]
-        self.problems += [f"{n}: never heard; see whether it flies, and land it by hand" for n in unheard]
+        for name in self._vehicles:
+            self._hear(snapshot, name)
         flying = [n for n in self._vehicles if snapshot.vehicles[n].armed]
+        unheard = [n for n in self._vehicles if n not in self._down and n not in flying]
+        self.problems += [f"{n}: not heard; see whether it flies, and land it by hand" for n in unheard]
         for name in flying:
             self._switch_off(snapshot, name)
             self._see_to(snapshot, name)
         return not flying and not unheard
+
+    def _hear(self, snapshot: Snapshot, name: str) -> None:
+        view = snapshot.vehicles[name]
+        if view.armed:
+            self._down.discard(name)
+        elif view.state_age_s <= _FRESH_S:
+            self._down.add(name)
 
     def _switch_off(self, snapshot: Snapshot, name: str) -> None:
         order = self._recorders_off[name]

@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mission as a state machine: fed with snapshots and answers, it says what to do next. It knows no clock."""
 
-from typing import Callable, Dict, List, Optional, Sequence
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
 
-from fcsv_control.mission import watch
+from fcsv_control.mission import restart, watch
 from fcsv_control.mission.flight_list import FlightList
-from fcsv_control.mission.hands import GIVEN_BACK, Hands
+from fcsv_control.mission.handover import Handover
+from fcsv_control.mission.hands import Hands
+from fcsv_control.mission.holding import Holding
 from fcsv_control.mission.landing import Landing
-from fcsv_control.mission.outbox import Order, Outbox
+from fcsv_control.mission.memory import Memory, digest
+from fcsv_control.mission.operated import Operated
+from fcsv_control.mission.outbox import Outbox
+from fcsv_control.mission.patience import BACK, LAND, Patience, Pause, what_follows
+from fcsv_control.mission.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry.errors import MissionError
@@ -18,19 +24,19 @@ PHASES = (
     "DONE", "ABORTED",
 )  # fmt: skip
 _FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS", "LAND")
+_BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")  # people fly
 _SEEN_S = 2.0
 _AIRBORNE_M = 1.5
-_CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger
-_MODE_SHOWS_S = 2.0  # a heartbeat a second tells the mode: so long after the acknowledgement it must show
 
 
-class MissionMachine:
+class MissionMachine(Operated):
     """``step`` advances; ``calibrate`` and ``set_home`` are asked for through ``wants`` and answered by ``answer``.
 
-    Raises MissionError where the mission names vehicles that are not in the fleet.
+    ``radius_m`` by vehicle. Raises MissionError where the mission names vehicles that are not in the fleet, or where a
+    leg of it cannot be flown.
     """
 
-    def __init__(self, mission: Mission, vehicles: Sequence[str]):
+    def __init__(self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None):
         mission.check_vehicles(vehicles)
         self.mission = mission
         self.vehicles = list(vehicles)
@@ -41,14 +47,21 @@ class MissionMachine:
         self.wants = ""  # "calibrate" or "set_home": a service to call now
         self.problems: List[str] = []
         self.captures: List[CaptureWindow] = []
+        self._plan = PlanGate(mission, vehicles, radius_m)
         self._flight_list: Optional[FlightList] = None
         self._hands = Hands()
         self._landing = Landing(vehicles, self.outbox, mission.min_separation_m, self._hands)
-        self._mode_orders: Dict[str, Order] = {}
+        self._patience = Patience(mission.limits)
+        self._pauses: Set[Pause] = set()
+        self._handover = Handover(self.outbox, self._hands)
         self._aborted = False
         self._stopped = ""  # why everybody was stopped from outside; nothing is ordered until it is over
-        self._now_s = 0.0
+        self._paused_by_operator = False
+        self._snapshot: Optional[Snapshot] = None
         self._confirmed_s = float("-inf")
+        self._indices: Optional[List[int]] = None  # of the configurations to fly; None: all
+        self._memory: Optional[Memory] = None
+        self.said: List[str] = []  # for the log
 
     @property
     def over(self) -> bool:
@@ -59,26 +72,12 @@ class MissionMachine:
         """Index of the running configuration."""
         return 0 if self._flight_list is None else self._flight_list.index
 
-    # ---- what people and services say ----------------------------------------------------------------------
+    @property
+    def progress(self) -> float:
+        """0..1 of the configurations that are recorded or left out."""
+        return 0.0 if self._flight_list is None else self._flight_list.share
 
-    def proceed(self, step: str) -> str:
-        """The operator confirms the step that he names; "" when taken, else why not."""
-        if self._now_s - self._confirmed_s < _CONFIRMED_ONCE_S:
-            return "the step before was confirmed a moment ago; look at the vehicles, then confirm again"
-        if not self.waits_for:
-            return f"nothing is waited for in {self.phase}"
-        if step != self.waits_for:
-            return f"'{self.waits_for}' is waited for, not '{step}'"
-        self._confirmed_s = self._now_s
-        if step in ("execute", "resume"):
-            self._hands.give_back()
-            self._stopped = self.waits_for = ""
-            if self.phase != "LAND":
-                self._enter("GUIDED", "handing over to the mission")
-        else:
-            self._enter({"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[step], "running")
-            self.wants = step
-        return ""
+    # ---- what services say ------------------------------------------------------------------------------------
 
     def answer(self, what: str, success: bool, message: str) -> None:
         """The outcome of a service that was asked for; one that failed is waited for again."""
@@ -89,11 +88,47 @@ class MissionMachine:
         else:
             self._enter(*(("SET_HOME", message, "execute") if success else ("MOVE_HOME", message, "set_home")))
 
-    def abort(self, reason: str) -> None:
-        """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to land."""
-        if not self.over:
-            self._aborted, self._stopped = True, ""
-            self._enter("LAND", reason)
+    # ---- over a restart ------------------------------------------------------------------------------------
+
+    def restore(self, memory: Memory) -> None:
+        """Before the first step: what the last run of this mission left. It counts where vehicles still fly."""
+        self._memory = memory
+
+    def memory(self) -> Optional[Memory]:
+        """What a restart needs to go on; None while it is not clear yet whether the last run's counts."""
+        if self._memory is not None and self.phase == "WAIT_VEHICLES":
+            return None
+        flown = self._flight_list
+        return Memory(
+            self.mission.name, digest(self.mission), self.vehicles, self.phase, self.detail, self._aborted,
+            list(self.captures), dict(self._hands.taken), None if flown is None else flown.memory,
+        )  # fmt: skip
+
+    def _recall(self, snapshot: Snapshot) -> None:
+        memory, (what, why) = self._memory, restart.judge(self._memory, snapshot)
+        self.detail = why
+        if what is restart.Verdict.WAIT:
+            return
+        self._memory = None
+        self.said.append(why)
+        if what is restart.Verdict.ANEW:
+            return
+        self.captures, self._aborted = list(memory.captures), memory.aborted
+        if what is restart.Verdict.LAND:
+            self._aborted |= memory.phase != "LAND"
+            self._enter("LAND", why)
+            return
+        self._hands.take_over(self.vehicles, memory.taken)
+        self._hands.see(snapshot)
+        taken = self._hands.taken
+        if memory.flight_list is None:
+            self._enter("GUIDED", why)
+            guided = [n for n in restart.in_guided(snapshot) if n not in taken]
+            Holding(self.outbox, self.mission.min_separation_m).step(snapshot, guided)
+        else:
+            self._flight_list = FlightList.remembered(self.mission, self.vehicles, self.outbox, memory.flight_list)
+            self._enter("CONFIGURATIONS", why)
+            self._flight_list.pause(snapshot, taken)
 
     def stopped(self, reason: str) -> None:
         """Somebody has stopped everybody (/stop_all): no order until the operator confirms ``resume``, or aborts."""
@@ -106,9 +141,10 @@ class MissionMachine:
 
     def step(self, snapshot: Snapshot) -> None:
         """Advance by what is seen; orders go to the outbox."""
-        self._now_s = snapshot.now_s
+        self._snapshot = snapshot
         self._hands.see(snapshot)
-        self.problems = [] if self.over else watch.problems(self.mission, self.phase, snapshot)
+        found = [] if self.over else watch.found(self.mission, self.phase, snapshot)
+        self.problems, self._pauses = [text for _, text in found], {kind for kind, _ in found}
         if self._stopped:
             self._stand_still(snapshot)
             return
@@ -124,15 +160,25 @@ class MissionMachine:
             watch.require_flyable(self.mission, self.phase, snapshot)
             if self.phase in story:
                 story[self.phase](snapshot)
+            self._lose_patience(snapshot)
         except MissionError as error:
             self.abort(str(error))
 
     def _enter(self, phase: str, detail: str, waits_for: str = "") -> None:
         self.phase, self.detail, self.waits_for, self.wants = phase, detail, waits_for, ""
-        self._mode_orders = {}
+        self._handover = Handover(self.outbox, self._hands)
+        self._patience.begin_anew()
 
-    def _wait_vehicles(self, _snapshot: Snapshot) -> None:
+    def _wait_vehicles(self, snapshot: Snapshot) -> None:
         self.detail = "waiting for all vehicles"
+        if self._memory is not None:
+            self._recall(snapshot)
+            return
+        self.problems += [
+            f"{n} flies in GUIDED and nothing is known of its mission: abort to land, or fly it by hand"
+            for n in restart.in_guided(snapshot)
+        ]
+        self.problems = self.problems or self._plan.before_take_off(snapshot)
         if not self.problems:
             self._enter("TAKE_OFF", "operators: take off in ALT_HOLD, then LOITER")
 
@@ -147,59 +193,79 @@ class MissionMachine:
         self.waits_for = "" if self.problems or blind else "calibrate"
 
     def _guided(self, snapshot: Snapshot) -> None:
-        if self._taken() or self.problems:
+        if self._stopped_by_people() or self.problems:
             return
-        waiting = [n for n in self.vehicles if snapshot.vehicles[n].mode != "GUIDED"]
-        for name in waiting:
-            self._switch_to_guided(snapshot, name)
-        if not waiting:
-            if self._flight_list is None:
-                self._flight_list = FlightList(self.mission, self.vehicles, self.outbox, snapshot)
-            self._enter("CONFIGURATIONS", "")
+        self._pauses.add(Pause.HANDOVER)
+        if not self._handover.step(snapshot, self.vehicles):
+            self.detail = self._handover.detail or self.detail
+            return
+        if self._flight_list is None:
+            self._flight_list = FlightList.begin(self.mission, self.vehicles, self.outbox, snapshot, self._indices)
+        self._flight_list.resumed()
+        self._enter("CONFIGURATIONS", "")
 
     def _stand_still(self, snapshot: Snapshot) -> None:
-        """Everybody was stopped: recorders off, and no more than that."""
+        """Everybody was stopped: recorders off, and no more than that, until the operator confirms or is too long."""
         if self.phase == "CONFIGURATIONS":
-            self._flight_list.pause(snapshot)
-        if not self._taken():
+            self._flight_list.pause(snapshot, self._hands.taken)
+        if not self._stopped_by_people():
             self.waits_for = "resume"
         self.detail = f"everybody was stopped ({self._stopped}): confirm 'resume', or abort to land"
         self.problems.append(self.detail)
+        self._pauses = {Pause.OPERATOR}
+        self._lose_patience(snapshot)
 
-    def _taken(self) -> bool:
-        """Whether somebody else has a vehicle; the operator can confirm once each is given back."""
+    def _stopped_by_people(self) -> bool:
+        """Whether somebody else has a vehicle, or the operator wants a pause; he confirms once each is given back."""
         taken = self._hands.taken
-        self.problems += [
-            f"{name}: {mode} was not asked for by the mission; "
-            + ("confirm 'resume'" if mode in GIVEN_BACK else "give it back in LOITER or GUIDED, or abort")
-            for name, mode in taken.items()
-        ]
-        self.waits_for = "resume" if taken and all(m in GIVEN_BACK for m in taken.values()) else ""
-        return bool(taken)
-
-    def _switch_to_guided(self, snapshot: Snapshot, name: str) -> None:
-        now_s, order = snapshot.now_s, self._mode_orders.get(name)
-        if order is not None and order.failed:
-            self.detail = f"{name} does not go to GUIDED: {order.outcome}"
-        unheard = order is not None and order.outcome is None
-        if order is None or not (unheard or now_s - order.ordered_s < _MODE_SHOWS_S):
-            self._mode_orders[name] = self.outbox.order(now_s, name, "SET_MODE", mode="GUIDED")
-            self._hands.asked(name, "GUIDED", snapshot.vehicles[name].mode)
+        self.problems += self._hands.problems()
+        if self._paused_by_operator:
+            self.problems.append("paused by the operator: confirm 'resume'")
+        self._pauses |= {Pause.PILOT} if taken else {Pause.OPERATOR} if self._paused_by_operator else set()
+        stopped = bool(taken) or self._paused_by_operator
+        self.waits_for = "resume" if stopped and self._hands.all_given_back else ""
+        return stopped
 
     def _configurations(self, snapshot: Snapshot) -> None:
-        if self._taken() or self.problems:
-            self._flight_list.pause(snapshot)
+        flown, taken = self._flight_list, self._hands.taken
+        stopped = self._stopped_by_people() or bool(self._pauses)
+        if Pause.LOST in self._pauses or (stopped and not flown.going_back):
+            flown.pause(snapshot, taken)
             return
-        capture = self._flight_list.step(snapshot)
-        self.detail = self._flight_list.detail
+        if flown.going_back and any(v.armed and v.mode == "LAND" for v in snapshot.vehicles.values()):
+            self._end_of_list(flown)  # one comes down already: who is beneath goes aside, nobody crosses below it
+            return
+        capture = flown.step(snapshot, taken)
+        self.detail = f"{flown.detail} ({flown.going_back})" if flown.going_back else flown.detail
         if capture is not None:
             self.captures.append(capture)
-        if self._flight_list.finished:
-            self._flight_list.require_some(len(self.captures))
-            self._enter("LAND", "; ".join(["all configurations flown", *self._flight_list.notes]))
+        if flown.finished:
+            self._end_of_list(flown)
+
+    def _end_of_list(self, flown: FlightList) -> None:
+        if flown.going_back:
+            self.abort("; ".join([f"{flown.going_back}: landing", *flown.notes]))
+            return
+        flown.require_some(len(self.captures))
+        self._enter("LAND", "; ".join(["all configurations flown", *flown.notes]))
 
     def _land(self, snapshot: Snapshot) -> None:
         landed = self._landing.step(snapshot)
         self.problems += self._landing.problems
         if landed:
             self._enter("ABORTED" if self._aborted else "DONE", self.detail)
+
+    # ---- pauses that last too long -------------------------------------------------------------------------
+
+    def _lose_patience(self, snapshot: Snapshot) -> None:
+        by_hand = self.phase in _BY_HAND and any(v.armed for v in snapshot.vehicles.values())
+        going_back = self._flight_list is not None and bool(self._flight_list.going_back)
+        then = {Pause.OPERATOR: LAND} if self._stopped else what_follows(self.phase, going_back, by_hand)
+        pauses = self._pauses | ({Pause.OPERATOR} if by_hand else set())
+        ended = self._patience.see(snapshot.now_s, pauses & set(then))
+        if ended is None:
+            self.problems += self._patience.told(snapshot.now_s, then)
+        elif then[ended] == BACK:
+            self.finish(self._patience.ended(ended))
+        else:
+            self.abort(f"{self._patience.ended(ended)}: {then[ended]}")

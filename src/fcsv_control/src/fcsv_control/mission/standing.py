@@ -34,7 +34,7 @@ class Progress(Enum):
     UNDER_WAY = auto()
     DONE = auto()  # with its window
     AGAIN = auto()  # it was disturbed
-    GIVEN_UP = auto()  # the vehicles do not become calm
+    GIVEN_UP = auto()  # the vehicles do not become calm, or a recorder refuses for too long
 
 
 class Standing:
@@ -42,6 +42,7 @@ class Standing:
 
     def __init__(self, mission: Mission, index: int, mover: str, places: Dict[str, np.ndarray], outbox: Outbox, last):
         self._bounds = mission.settle
+        self._recorder_s = mission.limits.recorder_s
         self._configuration = mission.configurations[index]
         self._index = index
         self._mover = mover
@@ -51,12 +52,14 @@ class Standing:
         self._started_s: Optional[float] = None
         self._calm_since_s: Optional[float] = None
         self._switched_on: List[Order] = []
+        self._asked_s: Optional[float] = None  # for the recorders, the first time
         self._start_s: Optional[float] = None
         self._stop_s: Optional[float] = None
         self._lacking = False  # pictures, when the wanted time was over
         self._pictures_before: Dict[str, Optional[int]] = {}
         self._worst_m = 0.0
         self.detail = ""
+        self.why = ""  # it was given up
 
     def stop(self, snapshot: Snapshot) -> None:
         """Pictures off, where they are on."""
@@ -70,8 +73,7 @@ class Standing:
         if not self._switched_on:
             return self._settle(snapshot), None
         if self._start_s is None:
-            self._await_recorders(snapshot)
-            return Progress.UNDER_WAY, None
+            return self._await_recorders(snapshot), None
         return self._watch(snapshot)
 
     def _settle(self, snapshot: Snapshot) -> Progress:
@@ -79,7 +81,7 @@ class Standing:
         if not self._calm(snapshot):
             self._calm_since_s = None
             late = snapshot.now_s - self._started_s > self._bounds.timeout_s
-            return Progress.GIVEN_UP if late else Progress.UNDER_WAY
+            return self._give_up(f"not calm there: {self.detail}") if late else Progress.UNDER_WAY
         self._calm_since_s = snapshot.now_s if self._calm_since_s is None else self._calm_since_s
         if snapshot.now_s - self._calm_since_s >= self._bounds.time_s:
             self._switched_on = self._record(snapshot, True)
@@ -104,15 +106,24 @@ class Standing:
     def _record(self, snapshot: Snapshot, on: bool) -> List[Order]:
         return [self._outbox.order(snapshot.now_s, n, "RECORD", flag=on) for n in self._places]
 
-    def _await_recorders(self, snapshot: Snapshot) -> None:
-        """The window opens when every recorder is known to be on; who refuses is asked again."""
+    def _give_up(self, why: str) -> Progress:
+        self.why = why
+        return Progress.GIVEN_UP
+
+    def _await_recorders(self, snapshot: Snapshot) -> Progress:
+        """The window opens when every recorder is known to be on; who refuses is asked again, but not for ever."""
+        self._asked_s = snapshot.now_s if self._asked_s is None else self._asked_s
         if all(o.done for o in self._switched_on):
             self._start_s = snapshot.now_s + _FIRST_PICTURE_S
             self._pictures_before = {n: snapshot.vehicles[n].pictures for n in self._places}
         elif all(o.outcome is not None for o in self._switched_on):
             why = "; ".join(o.outcome for o in self._switched_on if o.failed)
             self.detail = f"recorders do not start for {self._configuration.title}: {why}"
+            if snapshot.now_s - self._asked_s > self._recorder_s:
+                self.stop(snapshot)
+                return self._give_up(f"recorders do not start: {why}")
             self._switched_on = self._record(snapshot, True)
+        return Progress.UNDER_WAY
 
     def _watch(self, snapshot: Snapshot) -> Tuple[Progress, Optional[CaptureWindow]]:
         if self._stop_s is None:

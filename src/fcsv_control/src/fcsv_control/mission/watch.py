@@ -2,10 +2,11 @@
 """What must be well for the mission to go on. Texts hold no numbers that change: they are shown until they change."""
 
 from itertools import combinations
-from typing import Iterator, List
+from typing import Iterator, List, Tuple
 
 import numpy as np
 
+from fcsv_control.mission.patience import Pause
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
@@ -18,16 +19,22 @@ _IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIG
 _RECORDED = ("WAIT_VEHICLES", "GUIDED", "CONFIGURATIONS")
 _FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS")
 _CALIBRATED = ("MOVE_HOME", "SET_HOME", *_FLOWN_BY_US)
+_BATTERY_KNOWN = ("WAIT_VEHICLES", *_FLOWN_BY_US)
 
 
 def problems(mission: Mission, phase: str, snapshot: Snapshot) -> List[str]:
     """Why the mission does not go on in this phase, one line each."""
-    found: List[str] = []
+    return [text for _, text in found(mission, phase, snapshot)]
+
+
+def found(mission: Mission, phase: str, snapshot: Snapshot) -> List[Tuple[Pause, str]]:
+    """The same with the kind of pause that each makes."""
+    told: List[Tuple[Pause, str]] = []
     for name, view in snapshot.vehicles.items():
-        found += [f"{name}: {text}" for text in _of_vehicle(mission, phase, view)]
+        told += [(kind, f"{name}: {text}") for kind, text in _of_vehicle(mission, phase, view)]
     if phase in _FLOWN_BY_US:
-        found += _too_near(mission, snapshot)
-    return found
+        told += [(Pause.LOST, text) for text in _too_near(mission, snapshot)]
+    return told
 
 
 def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
@@ -39,26 +46,28 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
             raise MissionError(f"{name}: motors are off: landing everybody")
 
 
-def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[str]:
+def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tuple[Pause, str]]:
     ages_s = (("state", view.state_age_s, _STATE_STALE_S), ("pose", view.pose_age_s, _POSE_STALE_S))
     silent = [f"no {what} for {most_s:g} s" for what, age_s, most_s in ages_s if age_s > most_s]
     if silent:
-        yield f"{' and '.join(silent)}; check the radio link"
+        yield Pause.LOST, f"{' and '.join(silent)}; check the radio link"
         return
     if not view.connected:
-        yield "no flight controller"
+        yield Pause.LOST, "no flight controller"
     if phase in _RECORDED and view.recorder_age_s > _RECORDER_STALE_S:
-        yield "its recorder is not heard"
+        yield Pause.RECORDER, "its recorder is not heard"
     elif phase in _RECORDED and view.recorder_problem:
-        yield f"recorder: {view.recorder_problem}"
+        yield Pause.RECORDER, f"recorder: {view.recorder_problem}"
     if phase in _IN_THE_AIR and not view.armed:
-        yield "motors are off"
+        yield Pause.LOST, "motors are off"
     if view.battery_share < mission.low_battery_share:
-        yield f"battery below {mission.low_battery_share:.0%}; abort to land"
+        yield Pause.BATTERY, f"battery below {mission.low_battery_share:.0%}; abort to land"
+    elif phase in _BATTERY_KNOWN and np.isnan(view.battery_share):
+        yield Pause.BATTERY, "battery is not known; no GUIDED before its flight controller tells it"
     if phase in _CALIBRATED and view.frame_problem:
-        yield view.frame_problem
+        yield Pause.LOST, view.frame_problem
     if phase in _FLOWN_BY_US and view.T_home_cam is None:
-        yield "its place in home is not known; calibrate and set home again"
+        yield Pause.LOST, "its place in home is not known; calibrate and set home again"
 
 
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guardian on board as a node: topics and the flight link's service around its core.
 
-It hears its own vehicle on the vehicle's own master, and the others and the control PC over the radio while there is one.
+It hears its own vehicle on the vehicle's own master, and the others and the control PC over the radio while there is
+one.
 """
 
 import math
@@ -64,7 +65,9 @@ class GuardianNode:
         self._timer = node.every(1.0 / _STEP_HZ, self._step)
 
     def _subscribe(self) -> None:
-        hear = lambda topic, kind, call: rospy.Subscriber(topic, kind, call, queue_size=5, tcp_nodelay=True)  # noqa: E731
+        def hear(topic, kind, call):
+            return rospy.Subscriber(topic, kind, call, queue_size=5, tcp_nodelay=True)
+
         hear("mavros/vision_pose/pose", PoseStamped, lambda m: self._pose(self._core.feed, m))
         hear("mavros/local_position/pose", PoseStamped, lambda m: self._pose(self._core.estimate, m))
         hear("odometry/state", Odometry, self._on_odometry)

@@ -5,7 +5,7 @@ import os
 import threading
 import time
 from dataclasses import dataclass
-from typing import List
+from typing import List, Optional
 
 import rospy
 from std_msgs.msg import String
@@ -15,7 +15,9 @@ from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
+from fcsv_control.ros.mission_desk import MissionDesk
 from fcsv_control.ros.mission_inputs import VehicleInputs
+from fcsv_control.ros.mission_memory import MissionMemory, Restored
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.mission import Mission, load_mission
@@ -25,16 +27,20 @@ from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configurati
 from fcsv_msgs.srv import Calibrate, Proceed, ProceedResponse, SetHome
 
 _ALIVE_S = 0.2
+_FLOWN = ("GUIDED", "CONFIGURATIONS", "LAND")
+_OTHERS_TELL_S = 3.0  # so long after a restart a calibration node that lives has told calibration and home
 
 
 @dataclass(frozen=True)
 class MissionParameters:
-    """Parameters of the node; the fleet is a column, front first."""
+    """Parameters of the node; the fleet is a column, front first. ``memory_dir``: where a restart finds how far it was;
+    empty: a restart begins anew."""
 
     mission: str
     vehicles: List[str]
     vehicles_dir: str
     rate_hz: float = 10.0
+    memory_dir: str = ""
 
     def __post_init__(self):
         if not 1.0 <= self.rate_hz <= 100.0:
@@ -50,7 +56,7 @@ class MissionNode:
         self._vehicles = node.vehicles(self._parameters.vehicles_dir, names)
         self._mission = load_mission(self._parameters.mission)
         rospy.loginfo("%s", self._mission)
-        self._machine = MissionMachine(self._mission, names)
+        self._machine = MissionMachine(self._mission, names, {n: v.radius_m for n, v in self._vehicles.items()})
         self._sender = f"mission-{os.getpid()}-{int(time.time())}"
         self._lock = threading.RLock()
         self._in_home = HomeFrames()
@@ -59,6 +65,9 @@ class MissionNode:
         self._started_s, self._alive_s = time.monotonic(), float("-inf")
         self._alive = rospy.Publisher("/mission/alive", Heartbeat, queue_size=2)
         self._stop_over = rospy.Publisher("/stop_all/over", String, queue_size=2)
+        self._memory = MissionMemory(self._parameters.memory_dir, self._mission, names, self._health)
+        self._restored, self._judged = self._recall(), False
+        self._begun_s = time.monotonic()
         self._state = rospy.Publisher("/mission/state", MissionState, queue_size=10, latch=True)
         self._captures = rospy.Publisher("/mission/capture", Capture, queue_size=50, latch=True)
         self._commands = {n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in names}
@@ -66,6 +75,7 @@ class MissionNode:
         self._set_home = rospy.ServiceProxy("/set_home", SetHome)
         rospy.Service("/mission/proceed", Proceed, self._on_proceed)
         rospy.Service("/mission/abort", Trigger, self._on_abort)
+        self._desk = MissionDesk(self._machine, self._lock)
         fronts = [None, *(self._vehicles[n].tag_id for n in names[:-1])]
         self._inputs = {n: VehicleInputs(self._vehicles[n], tag, self._health) for n, tag in zip(names, fronts)}
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
@@ -85,17 +95,47 @@ class MissionNode:
             self._machine.outbox.acknowledged(message.vehicle, message.number, outcome)
 
     def _on_calibration(self, message: Calibration) -> None:
-        self._compose(home_messages.take_calibration, message)
+        self._hear("calibration", message)
 
     def _on_home(self, message: Home) -> None:
-        self._compose(home_messages.take_home, message)
+        self._hear("home", message)
 
-    def _compose(self, take, message) -> None:
+    def _hear(self, kind: str, message) -> None:
         with self._lock:
-            try:
-                take(self._in_home, message)
-            except FcsvError as error:
-                self._health.drop("calibration or home", str(error))
+            if self._restored is None or self._restored.told_by(kind, message._connection_header["callerid"]):
+                self._compose(kind, message)
+
+    def _compose(self, kind: str, message) -> None:
+        take = {"calibration": home_messages.take_calibration, "home": home_messages.take_home}[kind]
+        try:
+            take(self._in_home, message)
+            self._memory.heard(kind, message)
+        except FcsvError as error:
+            self._health.drop("calibration or home", str(error))
+
+    # ---- over a restart ------------------------------------------------------------------------------------
+
+    def _recall(self) -> Optional[Restored]:
+        memory = self._memory.load()
+        if memory is None:
+            return None
+        rospy.loginfo("found the memory of a mission in %s", memory.phase)
+        self._machine.restore(memory)
+        return Restored(memory, self._compose)
+
+    def _judge(self, now_s: float) -> None:
+        """Once the machine knows whether the last run's memory counts: its calibration and home count, or do not."""
+        for text in self._machine.said:
+            rospy.logwarn("%s", text)
+        self._machine.said.clear()
+        if self._restored is None or self._judged or self._machine.memory() is None:
+            return
+        if self._machine.phase not in _FLOWN:
+            self._restored, self._in_home = None, HomeFrames()
+            self._memory.forget()
+        elif now_s - self._begun_s >= _OTHERS_TELL_S:
+            self._restored.publish()
+            self._judged = True
 
     def _on_stop_all(self, message: String) -> None:
         with self._lock:
@@ -149,10 +189,13 @@ class MissionNode:
                 self._machine.step(self._snapshot(now_s))
                 if self._machine.phase != phase:
                     rospy.loginfo("%s -> %s: %s", phase, self._machine.phase, self._machine.detail)
+                self._judge(now_s)
                 for order in self._machine.outbox.due(now_s):
                     self._commands[order.vehicle].publish(self._command(order, now_s))
                 self._publish(now_s)
                 self._live(now_s)
+                self._memory.keep(now_s, self._machine.memory())
+            self._desk.tell(now_s)
             time.sleep(1.0 / self._parameters.rate_hz)
 
     def _live(self, now_s: float) -> None:
@@ -196,6 +239,8 @@ class MissionNode:
                 problems=m.problems,
             )
         )
+        if self._restored is not None and not self._judged:
+            return  # after a restart recordings are told again, once who records them is connected
         wall_s = rospy.get_time()
         for window in m.captures[self._published_captures :]:
             self._captures.publish(capture_message(self._mission, window, wall_s, wall_s - now_s))

@@ -4,7 +4,6 @@
 The core takes time as an argument and knows no MAVLink; ``texts`` collects what it has to say.
 """
 
-import math
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np

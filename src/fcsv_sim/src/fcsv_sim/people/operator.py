@@ -103,6 +103,8 @@ class Pilot:
         return self._seen[0][1]
 
     def _decide(self, now_s: float, phase: str, sight: Sight) -> Sticks:
+        if phase == "WAIT_VEHICLES" and sight.armed:
+            return Sticks(mode=self._switch)  # a mission that was started again in flight: hands off
         if (phase == "WAIT_VEHICLES" and not self._airborne) or (phase in ("DONE", "ABORTED") and not sight.armed):
             return Sticks(throttle=-1.0, mode="ALT_HOLD")
         if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):

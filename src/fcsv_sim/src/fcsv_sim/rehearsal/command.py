@@ -11,6 +11,7 @@ from typing import Callable, Iterable, List, Optional
 
 from tqdm import tqdm
 
+from fcsv_control.mission import plan_check
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import Mission, load_mission
 from fcsv_sim.bringup import mission_file
@@ -119,7 +120,9 @@ def _jobs(args) -> List[Job]:
     mission = load_mission(mission_file(args.mission))
     if args.flights < 1 or not 2 <= args.vehicles <= 20:
         raise SimulationError("--flights must be 1 or more, --vehicles 2 to 20")
-    mission.check_vehicles([f"uav{k + 1}" for k in range(args.vehicles)])
+    fleet = [f"uav{k + 1}" for k in range(args.vehicles)]
+    mission.check_vehicles(fleet)
+    plan_check.require_flyable(mission, fleet)
     faults = NONE if args.faults == _TAKEOVER_TABLE else args.faults
     for k in range(faults.count(",") + 1):
         faults_of(faults, k)

@@ -17,7 +17,7 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.tracker import load_profile
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_msgs.msg import Calibration, ClockOffset, Epochs, Home, TagDetections
+from fcsv_msgs.msg import Calibration, ClockOffset, Epochs, Home, MissionState, TagDetections
 from fcsv_msgs.srv import Calibrate, CalibrateResponse, SetHome, SetHomeResponse
 from fcsv_tracking.calibration import CalibrationRules, Link, calibrate_link
 from fcsv_tracking.clocks import difference
@@ -29,6 +29,7 @@ from fcsv_tracking.ros import clock_node, epoch_watch, link_messages
 _OLDEST_ODOMETRY_S = 0.5
 _SET_BACK_S = 0.3
 _PLENTY = 1.25  # times the least: a few are always refused
+_FLOWN = ("GUIDED", "CONFIGURATIONS", "LAND")  # phases in which a mission flies by calibration and home
 _SILENT_S = 4.0  # a link that shows no tag for so long will not get enough
 
 
@@ -62,6 +63,7 @@ class CalibrationNode:
         self._tags_came_s: Dict[str, List[float]] = {}
         self._came_s: Dict[str, float] = {}  # the newest odometry, by the monotonic clock
         self._clocks: Dict[str, ClockOffset] = {}
+        self._phase = ""  # the mission's
         self._health = Health("control")
         self._calibration = rospy.Publisher("/calibration", Calibration, queue_size=1, latch=True)
         self._home = rospy.Publisher("/home", Home, queue_size=1, latch=True)
@@ -70,6 +72,7 @@ class CalibrationNode:
         self._home_epochs = rospy.Publisher("/home_epochs", Epochs, queue_size=1, latch=True)
         rospy.Service("/calibrate", Calibrate, self._on_calibrate)
         rospy.Service("/set_home", SetHome, self._on_set_home)
+        rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         for name in self._names:
             rospy.Subscriber(f"/{name}/odometry/state", Odometry, self._on_odometry, name, queue_size=30)
             rospy.Subscriber(f"/{name}/tags/detections", TagDetections, self._on_tags, name, queue_size=30)
@@ -113,12 +116,22 @@ class CalibrationNode:
                 self._collected.setdefault(name, []).append(message)
                 self._tags_came_s.setdefault(name, []).append(time.monotonic())
 
+    def _on_mission(self, message: MissionState) -> None:
+        self._phase = message.phase_name
+
+    def _require_nobody_flies_by_it(self, what: str) -> None:
+        """Raises TrackingError from GUIDED on: another calibration or home would move every place that is flown to."""
+        if self._phase in _FLOWN:
+            raise TrackingError(f"{what} is refused while the mission flies the vehicles ({self._phase}): land first")
+
     def _on_calibrate(self, request) -> CalibrateResponse:
         column = list(request.column) or self._names
         epochs = self._epochs.now(column)
         try:
+            self._require_nobody_flies_by_it("a calibration")
             stamp_s, links = self._calibrate(column, request.duration_s)
             self._epochs.require_same(epochs)
+            self._require_nobody_flies_by_it("a calibration")
         except FcsvError as error:
             rospy.logwarn("calibration refused: %s", error)
             return CalibrateResponse(False, str(error), Calibration())
@@ -233,6 +246,7 @@ class CalibrationNode:
     def _on_set_home(self, request) -> SetHomeResponse:
         reference = request.reference or self._names[0]
         try:
+            self._require_nobody_flies_by_it("a new home")
             home = self._home_message(reference)
         except FcsvError as error:
             return SetHomeResponse(False, str(error), Home())

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a mission remembers over a restart of its node or its computer, as a small JSON file."""
+
+import dataclasses
+import hashlib
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence
+
+from fcsv_control.errors import SessionError
+from fcsv_control.mission.standing import CaptureWindow
+from fcsv_control.mission.task_list import Task
+from fcsv_geometry import config
+from fcsv_geometry.mission import Mission
+
+FILE = "mission_memory.json"
+_VERSION = 1
+_MOST_AGE_S = 600.0  # it is written at least once a minute: older is of another flight
+_POSE_NUMBERS = 16
+
+
+@dataclass(frozen=True)
+class RememberedList:
+    """A FlightList: tasks that are left, configurations behind, T_home_cam (16 numbers, row-major) in the column."""
+
+    left: List[Task]
+    flown: List[int]
+    parked: Dict[str, List[float]]
+    notes: List[str] = field(default_factory=list)
+    going_back: str = ""
+
+    def __post_init__(self):
+        bad = [n for n, T in self.parked.items() if len(T) != _POSE_NUMBERS]
+        if bad:
+            raise ValueError(f"parked.{bad[0]}: must have {_POSE_NUMBERS} numbers")
+
+
+@dataclass(frozen=True)
+class Memory:
+    """``calibration`` and ``home`` are messages as mappings, kept as they came; ``saved_s`` is wall-clock time."""
+
+    mission: str
+    digest: str
+    vehicles: List[str]
+    phase: str
+    detail: str = ""
+    aborted: bool = False
+    captures: List[CaptureWindow] = field(default_factory=list)
+    taken: Dict[str, str] = field(default_factory=dict)
+    flight_list: Optional[RememberedList] = None
+    calibration: Any = None
+    home: Any = None
+    saved_s: float = 0.0
+    version: int = _VERSION
+
+    def __post_init__(self):
+        if self.version != _VERSION:
+            raise ValueError(f"version: {self.version} is not known here; this reads version {_VERSION}")
+
+
+def digest(mission: Mission) -> str:
+    """Tells a mission from one that was changed."""
+    return hashlib.sha256(json.dumps(dataclasses.asdict(mission), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def write(path: Path, memory: Memory) -> None:
+    """The file, whole or not at all. Raises SessionError where the disk refuses."""
+    partial = path.with_name(path.name + ".partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("w") as file:
+            json.dump(dataclasses.asdict(memory), file, indent=1)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except OSError as error:
+        raise SessionError(f"{path}: cannot be written ({error.strerror}); a restart would not go on") from error
+
+
+def read(path: Path, mission: Mission, vehicles: Sequence[str], wall_s: float) -> Optional[Memory]:
+    """The memory of this mission's last run, None where there is none. Raises SessionError naming what is wrong with a
+    file that is damaged, of another mission or fleet, or too old."""
+    try:
+        text = path.read_text()
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SessionError(f"{path}: cannot be read ({error})") from error
+    try:
+        memory = config.from_mapping(json.loads(text), Memory, str(path))
+    except ValueError as error:
+        raise SessionError(f"{path}: is damaged ({error})") from error
+    except config.ConfigError as error:
+        raise SessionError(f"{error}; the file is damaged or of another program") from error
+    _require_fitting(path, memory, mission, vehicles, wall_s)
+    return memory
+
+
+def set_aside(path: Path) -> Path:
+    """Move a file that was refused out of the way; its new name. Raises SessionError where that fails."""
+    aside, number = path.with_name(path.name + ".refused"), 1
+    while aside.exists():
+        number += 1
+        aside = path.with_name(f"{path.name}.refused-{number}")
+    try:
+        path.rename(aside)
+    except OSError as error:
+        raise SessionError(f"{path}: cannot be set aside ({error.strerror}); move it away by hand") from error
+    return aside
+
+
+def _require_fitting(path: Path, memory: Memory, mission: Mission, vehicles: Sequence[str], wall_s: float) -> None:
+    if memory.digest != digest(mission):
+        raise SessionError(f"{path}: is of mission '{memory.mission}' as it was then, not of '{mission.name}' as it is")
+    if memory.vehicles != list(vehicles):
+        raise SessionError(f"{path}: is of the fleet {', '.join(memory.vehicles)}, this is {', '.join(vehicles)}")
+    age_s = wall_s - memory.saved_s
+    if age_s > _MOST_AGE_S:
+        raise SessionError(f"{path}: is {age_s / 60.0:.0f} min old, of an earlier flight")
+    known = memory.flight_list
+    if known is None:
+        return
+    indices = [*known.flown, *(t.index for t in known.left if t.index is not None)]
+    names = [*(t.vehicle for t in known.left), *known.parked]
+    if any(not 0 <= i < len(mission.configurations) for i in indices) or set(known.parked) != set(vehicles):
+        raise SessionError(f"{path}: names configurations or places that this mission lacks")
+    if not set(names) <= set(vehicles):
+        raise SessionError(f"{path}: names vehicles that this mission lacks")

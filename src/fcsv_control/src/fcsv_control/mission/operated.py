@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The operator's half of the mission: confirmations, which configurations to fly, pause, skip and the like."""
+
+from typing import List, Optional, Sequence
+
+from fcsv_control.mission.flight_list import FlightList
+from fcsv_control.mission.hands import Hands
+from fcsv_control.mission.patience import Patience
+from fcsv_control.mission.plan_gate import PlanGate
+from fcsv_control.mission.snapshot import Snapshot
+from fcsv_geometry.mission import Mission
+
+OPERATIONS = ("pause", "resume", "skip", "repeat", "next", "previous", "abort")
+_CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger
+
+
+class Operated:
+    """What MissionMachine answers to people; each returns "" when it is done, else why not."""
+
+    mission: Mission
+    phase: str
+    detail: str
+    waits_for: str
+    wants: str
+    over: bool
+    _aborted: bool
+    _hands: Hands
+    _plan: PlanGate
+    _patience: Patience
+    _snapshot: Optional[Snapshot]
+    _flight_list: Optional[FlightList]
+    _confirmed_s: float
+    _paused_by_operator: bool
+    _stopped: str
+    _indices: Optional[List[int]]
+
+    def _enter(self, phase: str, detail: str, waits_for: str = "") -> None:
+        raise NotImplementedError
+
+    def proceed(self, step: str) -> str:
+        """The operator confirms the step that he names; "" when taken, else why not."""
+        now_s = 0.0 if self._snapshot is None else self._snapshot.now_s
+        if now_s - self._confirmed_s < _CONFIRMED_ONCE_S:
+            return "the step before was confirmed a moment ago; look at the vehicles, then confirm again"
+        if not self.waits_for:
+            return f"nothing is waited for in {self.phase}"
+        if step != self.waits_for:
+            return f"'{self.waits_for}' is waited for, not '{step}'"
+        wrong = self._plan.from_here(self._snapshot, self._indices) if step == "execute" else ""
+        if wrong:
+            self._enter("MOVE_HOME", f"the list cannot be flown from here: {wrong}", "set_home")
+            return self.detail
+        self._confirmed_s = now_s
+        if step in ("execute", "resume"):
+            self._hands.give_back()
+            self._paused_by_operator, self._stopped, self.waits_for = False, "", ""
+            if self.phase != "LAND":
+                self._enter("GUIDED", "handing over to the mission")
+        else:
+            self._enter({"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[step], "running")
+            self.wants = step
+        return ""
+
+    def execute(self, indices: Sequence[int]) -> str:
+        """As ``proceed("execute")``, for these configurations in this order (none: all)."""
+        most = len(self.mission.configurations) - 1
+        wrong = [i for i in indices if not 0 <= i <= most]
+        if wrong or len(set(indices)) != len(indices):
+            return f"configurations are numbered 0..{most}, each once; got {list(indices)}"
+        if self.waits_for != "execute":
+            return f"'execute' is not waited for in {self.phase}"
+        self._indices = list(indices) or None
+        return self.proceed("execute")
+
+    def control(self, operation: str) -> str:
+        """One of OPERATIONS; "" when done, else why not."""
+        if operation == "abort":
+            if self.over:
+                return f"the mission is over ({self.phase})"
+            self.abort("aborted by the operator: landing")
+            return ""
+        if operation not in OPERATIONS:
+            return f"'{operation}' is not one of {', '.join(OPERATIONS)}"
+        if operation == "resume":
+            return self.proceed("resume")
+        flown = self._flight_list
+        if flown is None or self.phase not in ("GUIDED", "CONFIGURATIONS"):
+            return f"'{operation}' is for vehicles that fly the list; this is {self.phase}"
+        if flown.going_back:
+            return f"the list is over, the vehicles go back and land: {flown.going_back}"
+        if operation == "pause":
+            self._paused_by_operator = True
+            return ""
+        return flown.change(self._snapshot, operation)
+
+    def abort(self, reason: str) -> None:
+        """Land everybody whom the mission flies, wherever it is; who is flown by hand is told to land."""
+        if not self.over:
+            self._aborted, self._stopped = True, ""
+            self._enter("LAND", reason)
+
+    def finish(self, reason: str) -> None:
+        """Fly nothing more: back to the column and land; where the list is not flown, as ``abort``."""
+        if self.phase == "CONFIGURATIONS" and self._flight_list is not None:
+            self._flight_list.go_back(self._snapshot, reason)
+            self._paused_by_operator = False
+            self._patience.begin_anew()
+        else:
+            self.abort(f"{reason}: landing")

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A mission's list flown on paper before anybody takes off: separation, fence, battery."""
+
+from dataclasses import dataclass
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_control.mission.places import camera_place
+from fcsv_control.mission.routes import route
+from fcsv_control.mission.task_list import Task, tasks
+from fcsv_geometry.errors import MissionError
+from fcsv_geometry.mission import Mission
+
+RADIUS_M = 0.25  # of a vehicle whose file says nothing else
+_APART_M = 0.5  # between the outlines of two vehicles, at least
+_RESERVE = 1.3  # times the planned time must be in the battery
+_BEFORE_S = 150.0  # take-off, column, calibration, home
+_AFTER_S = 30.0  # landing
+_RECORDERS_S = 1.0  # on and off
+_EVERY_M = 0.5  # of a leg is compared with the fence
+
+
+@dataclass(frozen=True)
+class Situation:
+    """From where the list is flown: by the mission's hints before take-off, as it is once home is set.
+
+    ``places`` are the cameras' positions (3,) in home.
+    """
+
+    home_height_m: float
+    places: Mapping[str, np.ndarray]
+    battery_share: Mapping[str, float]  # those that are known
+    before_s: float = _BEFORE_S
+
+
+def on_the_ground(mission: Mission, vehicles: Sequence[str], battery_share: Mapping[str, float]) -> Situation:
+    """Before take-off: the reference will be at home, the others before and behind it in the column."""
+    at = list(vehicles).index(mission.reference)
+    places = {n: np.array([-(k - at) * mission.column_spacing_m, 0.0, 0.0]) for k, n in enumerate(vehicles)}
+    return Situation(mission.home_height_m, places, battery_share)
+
+
+def check_plan(
+    mission: Mission,
+    situation: Situation,
+    radius_m: Optional[Mapping[str, float]] = None,
+    indices: Optional[Sequence[int]] = None,
+) -> List[str]:
+    """Why the list cannot be flown, a line per leg with the leg's name; empty where it can.
+
+    ``radius_m`` of each vehicle (default: 0.25 m), ``indices`` of the configurations to fly (default: all).
+    """
+    vehicles = list(situation.places)
+    found = list(_too_little_room(mission, dict.fromkeys(vehicles, RADIUS_M), radius_m or {}))
+    places, flight_s = dict(situation.places), 0.0
+    for task in tasks(mission, vehicles, indices):
+        goal = situation.places[task.vehicle] if task.index is None else camera_place(
+            mission.configurations[task.index])[:3, 3]  # fmt: skip
+        wrong, leg_s = _leg(mission, task, goal, places, situation.home_height_m)
+        if wrong:  # the legs after it are judged as if it were left out
+            found.append(f"{_named(mission, task)}: {wrong}")
+            continue
+        places[task.vehicle] = goal
+        flight_s += leg_s + _standing_s(mission, task)
+    return found + list(_batteries(mission, situation, flight_s))
+
+
+def require_flyable(mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None) -> None:
+    """Raises MissionError naming every leg that cannot be flown, and why."""
+    found = check_plan(mission, on_the_ground(mission, vehicles, {}), radius_m)
+    if found:
+        raise MissionError(f"mission '{mission.name}' cannot be flown: {'; '.join(found)}")
+
+
+def _too_little_room(mission: Mission, usual: Dict[str, float], radius_m: Mapping[str, float]) -> Iterator[str]:
+    largest_m = max({**usual, **radius_m}.values())
+    least_m = 2.0 * largest_m + _APART_M
+    if mission.min_separation_m < least_m - 1e-9:
+        yield (
+            f"min_separation_m: {mission.min_separation_m:g} m is under {least_m:g} m, twice the largest vehicle's "
+            f"radius ({largest_m:g} m) and {_APART_M:g} m"
+        )
+
+
+def _leg(
+    mission: Mission, task: Task, goal: np.ndarray, places: Dict[str, np.ndarray], home_height_m: float
+) -> Tuple[str, float]:
+    """(what is wrong with it, time in s)."""
+    start, others = places[task.vehicle], [p for n, p in places.items() if n != task.vehicle]
+    wrong = mission.fence.outside(goal, home_height_m)
+    if wrong:
+        return wrong, 0.0
+    try:
+        way = route(start, goal, others, mission.min_separation_m)
+    except MissionError as error:
+        return str(error), 0.0
+    time_s = 0.0
+    for a, b in zip([start, *way], way):
+        length_m = float(np.linalg.norm(b - a))
+        time_s += mission.flight.leg_s(length_m)
+        for share in np.linspace(0.0, 1.0, int(length_m / _EVERY_M) + 2):
+            wrong = wrong or mission.fence.outside(a + share * (b - a), home_height_m)
+    return wrong and f"on the way there {wrong}", time_s
+
+
+def _standing_s(mission: Mission, task: Task) -> float:
+    if task.index is None:
+        return 0.0
+    return mission.settle.time_s + mission.configurations[task.index].record_s + _RECORDERS_S
+
+
+def _batteries(mission: Mission, situation: Situation, flight_s: float) -> Iterator[str]:
+    needed_s = _RESERVE * (situation.before_s + flight_s + _AFTER_S)
+    for name, share in {n: 1.0 for n in situation.places if n not in situation.battery_share}.items():
+        yield from _battery(mission, f"{name} with a full battery", share, needed_s)
+    for name, share in situation.battery_share.items():
+        yield from _battery(mission, f"{name} with {share:.0%} of its battery", share, needed_s)
+
+
+def _battery(mission: Mission, who: str, share: float, needed_s: float) -> Iterator[str]:
+    lasts_s = mission.flight.endurance_s * (share - mission.low_battery_share)
+    if lasts_s < needed_s:
+        yield (
+            f"{who} flies {max(lasts_s, 0.0):.0f} s until {mission.low_battery_share:.0%} are left, the flight needs "
+            f"{needed_s:.0f} s ({_RESERVE:g} times its time): fewer configurations, or full batteries"
+        )
+
+
+def _named(mission: Mission, task: Task) -> str:
+    if task.index is None:
+        return f"way of {task.vehicle} back to the column"
+    return f"configurations[{task.index}] ({mission.configurations[task.index].title})"

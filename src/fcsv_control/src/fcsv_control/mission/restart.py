@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a mission that starts goes on with what its last run left."""
+
+from enum import Enum, auto
+from typing import List, Tuple
+
+from fcsv_control.mission.memory import Memory
+from fcsv_control.mission.snapshot import Snapshot
+
+_FRESH_S = 3.5  # a state that is older is none
+_FLOWN = ("GUIDED", "CONFIGURATIONS")
+
+
+class Verdict(Enum):
+    """What becomes of the memory."""
+
+    WAIT = auto()  # not everybody was heard yet
+    ANEW = auto()  # it does not count
+    TAKE_OVER = auto()  # hold everybody, then go on
+    LAND = auto()
+
+
+def judge(memory: Memory, snapshot: Snapshot) -> Tuple[Verdict, str]:
+    """What to do, and why in words. One vehicle in GUIDED is enough: nobody but this mission flies it."""
+    heard = [n for n, v in snapshot.vehicles.items() if v.state_age_s <= _FRESH_S]
+    flying = [n for n in heard if snapshot.vehicles[n].armed]
+    if memory.phase in _FLOWN and in_guided(snapshot):
+        return Verdict.TAKE_OVER, f"restarted in flight: takes over {', '.join(in_guided(snapshot))}"
+    if memory.phase == "LAND" and flying:
+        return Verdict.LAND, f"restarted while landing: {memory.detail}"
+    unheard = [n for n in snapshot.vehicles if n not in heard]
+    if unheard:
+        return Verdict.WAIT, f"restarted: goes on or begins anew once {', '.join(unheard)} is heard"
+    if not flying:
+        return Verdict.ANEW, "restarted while nobody flies: a new mission begins"
+    if memory.phase in _FLOWN and any(snapshot.vehicles[n].mode in ("LAND", "BRAKE") for n in flying):
+        return Verdict.LAND, f"restarted: {', '.join(flying)} found coming down"
+    return Verdict.ANEW, f"restarted: {', '.join(flying)} flown by hand: begins anew, calibrate again"
+
+
+def in_guided(snapshot: Snapshot) -> List[str]:
+    """Vehicles that fly in GUIDED, by a fresh state."""
+    return [n for n, v in snapshot.vehicles.items() if v.state_age_s <= _FRESH_S and v.armed and v.mode == "GUIDED"]
