@@ -8,8 +8,9 @@ import pytest
 
 from fcsv_control.guardian.air import LinkReport, Other
 from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, Warned
-from fcsv_control.guardian.rules import Fence, GuardianRules
+from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
+from fcsv_geometry.fence import Fence
 
 STEP_S = 0.05
 PILOTS_MODES = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
@@ -379,9 +380,10 @@ def test_rules_that_cannot_be_are_refused(wrong, said):
         GuardianRules(**wrong)
 
 
-@pytest.mark.parametrize("wrong", [
-    {"floor_m": 50.0}, {"radius_m": 0.0}, {"polygon_m": [1.0, 2.0]}, {"polygon_m": [math.nan] * 6},
+@pytest.mark.parametrize("wrong, said", [
+    ({"floor_m": 50.0}, "ceiling_m"), ({"radius_m": 0.0}, "radius_m"), ({"polygon": [(1.0, 2.0)]}, "polygon"),
+    ({"polygon": [(math.nan, 0.0)] * 3}, "polygon"),
 ])  # fmt: skip
-def test_fences_that_cannot_be_are_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
+def test_fences_that_cannot_be_are_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
         Fence(**wrong)

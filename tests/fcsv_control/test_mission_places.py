@@ -94,7 +94,7 @@ def test_no_way_comes_too_near(start, goal, others):
     """Any start, any goal, up to three vehicles about: either no way, or one that keeps clear all along."""
     assume(all(np.linalg.norm(p - o) > SEPARATION_M for p in (start, goal) for o in others))
     try:
-        way = routes.route(start, goal, others, SEPARATION_M)
+        way = routes.route(start, goal, others, routes.Keep(SEPARATION_M))
     except MissionError:
         # only between two vehicles whose keep-out spheres touch may there be none
         assert any(np.linalg.norm(a - b) < 3 * SEPARATION_M for i, a in enumerate(others) for b in others[i + 1 :])
@@ -115,25 +115,25 @@ CONFIGURATIONS = [("horizontal", b) for b in (2, 4, 6, 8, 10)] + [("vertical", b
 def test_every_change_of_the_thesis_list_has_a_way(before, after):
     """None is the place in the column, 3.5 m behind the reference."""
     at = lambda c: np.array([-3.5, 0, 0.0]) if c is None else places.camera_place(StereoConfiguration(*c))[:3, 3]  # noqa: E731
-    way = routes.route(at(before), at(after), [np.zeros(3)], SEPARATION_M)
+    way = routes.route(at(before), at(after), [np.zeros(3)], routes.Keep(SEPARATION_M))
     assert sampled_clearance(at(before), way, np.zeros(3)) >= SEPARATION_M - 1e-6
     assert len(way) <= 2
 
 
 def test_straight_where_it_can_be():
-    assert len(routes.route([0, -2, 0], [0, -8, 0], [np.zeros(3)], SEPARATION_M)) == 1
+    assert len(routes.route([0, -2, 0], [0, -8, 0], [np.zeros(3)], routes.Keep(SEPARATION_M))) == 1
 
 
 def test_round_a_vehicle_in_the_middle():
-    way = routes.route([-4, 0, 0], [4, 0, 0], [np.zeros(3)], SEPARATION_M)
+    way = routes.route([-4, 0, 0], [4, 0, 0], [np.zeros(3)], routes.Keep(SEPARATION_M))
     assert len(way) >= 2 and sampled_clearance(np.array([-4.0, 0, 0]), way, np.zeros(3)) >= SEPARATION_M - 1e-6
 
 
 def test_a_start_too_near_is_left_outwards():
-    way = routes.route([0, -1.0, 0], [0, 6, 0], [np.zeros(3)], SEPARATION_M)
+    way = routes.route([0, -1.0, 0], [0, 6, 0], [np.zeros(3)], routes.Keep(SEPARATION_M))
     assert sampled_clearance(np.array([0, -1.0, 0]), way, np.zeros(3)) >= 1.0 - 1e-6
 
 
 def test_a_goal_too_near_is_refused():
     with pytest.raises(MissionError, match=r"is 1\.0 m from another vehicle, at least 1\.5 m"):
-        routes.route([0, -5, 0], [0, -1, 0], [np.zeros(3)], SEPARATION_M)
+        routes.route([0, -5, 0], [0, -1, 0], [np.zeros(3)], routes.Keep(SEPARATION_M))

@@ -11,7 +11,8 @@ from fcsv_control.mission import plan_check
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_geometry import flight_limits
 from fcsv_geometry.errors import ConfigError, MissionError
-from fcsv_geometry.flight_limits import Fence, FlightBounds
+from fcsv_geometry.fence import Fence
+from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
 
 PAIR = ("uav1", "uav2")

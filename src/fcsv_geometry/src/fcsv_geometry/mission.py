@@ -8,7 +8,9 @@ import numpy as np
 
 from fcsv_geometry import config
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.flight_limits import Fence, FlightBounds, PauseLimits
+from fcsv_geometry.fence import Fence
+from fcsv_geometry.flight_limits import FlightBounds, PauseLimits
+from fcsv_geometry.separation import SeparationRules
 
 AXES = ("horizontal", "vertical")
 _RECORD_S = (0.5, 600.0)
@@ -89,6 +91,7 @@ class Mission:
     configurations: List[StereoConfiguration]
     reference: str = "uav1"
     min_separation_m: float = 1.5  # between cameras; what no way and no configuration may undercut
+    air: SeparationRules = field(default_factory=lambda: SeparationRules(0.95))  # of a vehicle, with its downwash
     low_battery_share: float = 0.2  # below: everybody holds until the operator decides
     empty_battery_share: float = 0.1  # below: everybody lands
     home_height_m: float = 8.0  # a hint for the operators: above the take-off place

@@ -21,7 +21,7 @@ _AWAY_M = 0.3  # nearer than this horizontally, "away" has no direction
 class SeparationRules:
     """The air that belongs to a vehicle: an ellipsoid, taller than wide, because its downwash goes far down."""
 
-    horizontal_m: float = 0.8
+    horizontal_m: float = 0.6
     vertical_factor: float = 3.0  # vertical over horizontal semi-axis
 
     def __post_init__(self):

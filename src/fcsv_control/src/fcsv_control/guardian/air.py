@@ -33,7 +33,7 @@ class Other:
     armed: bool = True
     mode: str = ""
     uncontrolled: bool = False
-    sigma_m: float = 0.1  # of its place in home
+    sigma_m: float = 0.05  # of its place in home
 
 
 @dataclass

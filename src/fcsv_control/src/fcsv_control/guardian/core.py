@@ -50,6 +50,11 @@ class Verdict:
     reasons: Tuple[str, ...] = ()
     forbids: Tuple[str, ...] = ()
 
+    @property
+    def in_words(self) -> str:
+        """What is done and why, empty where nothing is done."""
+        return f"{self.action}: {'; '.join(self.reasons)}" if self.action else ""
+
 
 @dataclass(frozen=True)
 class Warned:

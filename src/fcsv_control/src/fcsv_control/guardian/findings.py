@@ -13,6 +13,7 @@ from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry import separation
 
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
+_USUAL_AGE_S = 0.25  # of a state that comes ten times a second over a radio
 _MOST_AGE_S = 1.0  # of a pose of another vehicle, in the separation: then it is its silence that counts
 _BELOW_M = 0.5
 
@@ -77,7 +78,7 @@ class Watches:
         if here is None:
             return
         for name, other in air.others.items():
-            age_s = min(max(0.0, now_s - other.heard_s), _MOST_AGE_S)
+            age_s = min(max(0.0, now_s - other.heard_s - _USUAL_AGE_S), _MOST_AGE_S)
             if other.armed and now_s - other.heard_s < _OLD_S:
                 offset = here - other.p_home_m
                 yield name, separation.margin_m(
@@ -179,8 +180,10 @@ class Watches:
     # ---- where it is -----------------------------------------------------------------------------------------
 
     def _fence(self, _now_s: float, air: Air) -> Iterator[Finding]:
-        place = air.from_take_off_m
-        out_m = 0.0 if place is None else self._rules.fence.outside_m(place, air.p_home_m)
+        place, home = air.from_take_off_m, air.p_home_m
+        if place is None or not air.flying:
+            return
+        out_m = self._rules.fence.outside_m(place if home is None else home, float(place[2]), home is not None)
         if out_m > self._rules.fence_land_m:
             yield Finding("far outside", Wish.LAND_ASIDE, "it is far outside the fence")
         elif out_m > 0.0:

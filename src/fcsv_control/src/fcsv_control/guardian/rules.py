@@ -1,52 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a guardian watches for, and when it acts."""
 
-import math
 from dataclasses import dataclass, field
-from typing import List
-
-import numpy as np
 
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.fence import Fence
 from fcsv_geometry.separation import SeparationRules
 
 NEVER = "never"
 LINK_LOSS = ("land", NEVER)
-
-
-@dataclass(frozen=True)
-class Fence:
-    """Where a vehicle may be. Heights are above the take-off place. ``radius_m`` counts from the take-off place;
-    ``polygon_m`` (x, y, x, y, ... in home; empty: none) counts once home is known."""
-
-    floor_m: float = -5.0
-    ceiling_m: float = 45.0
-    radius_m: float = 100.0
-    polygon_m: List[float] = field(default_factory=list)
-
-    def __post_init__(self):
-        if not self.floor_m < self.ceiling_m:
-            raise ValueError(f"floor_m: {self.floor_m} is not under ceiling_m {self.ceiling_m}")
-        if not self.radius_m > 0:
-            raise ValueError(f"radius_m: {self.radius_m} must be positive")
-        if len(self.polygon_m) % 2 or 0 < len(self.polygon_m) < 6:
-            raise ValueError("polygon_m: give x, y of three corners or more, or nothing")
-        if not all(map(math.isfinite, self.polygon_m)):
-            raise ValueError("polygon_m: holds NaN or infinity")
-
-    def outside_m(self, from_take_off_m: np.ndarray, p_home_m=None) -> float:
-        """How far (m) a place is outside, 0 inside; (3,) from the take-off place, and (3,) in home where known.
-
-        >>> Fence(0.0, 40.0, 100.0).outside_m(np.array([0.0, 103.0, 10.0]))
-        3.0
-        >>> Fence(polygon_m=[0.0, 0.0, 9.0, 0.0, 0.0, 9.0]).outside_m(np.zeros(3), np.array([-2.0, 4.0, 0.0]))
-        2.0
-        """
-        x, y, z = (float(v) for v in from_take_off_m)
-        out_m = max(self.floor_m - z, z - self.ceiling_m, math.hypot(x, y) - self.radius_m, 0.0)
-        if self.polygon_m and p_home_m is not None:
-            out_m = max(out_m, _outside_polygon_m(np.reshape(self.polygon_m, (-1, 2)), np.asarray(p_home_m[:2], float)))
-        return out_m
 
 
 @dataclass(frozen=True)
@@ -79,7 +41,7 @@ class GuardianRules:
     agent_land_s: float = 15.0
     link_silent_s: float = 2.0
     throttle_middle: float = 0.25  # of the stick's way either side
-    fence: Fence = field(default_factory=Fence)
+    fence: Fence = field(default_factory=lambda: Fence(0.3, 45.0, 100.0))
     fence_land_m: float = 5.0  # further out than this: LAND
     separation: SeparationRules = field(default_factory=SeparationRules)
     clear_m: float = 2.5  # horizontally, for one to come down beside another
@@ -96,16 +58,3 @@ class GuardianRules:
                           ("empty_battery", "low_battery"), ("tilt_warn_deg", "tilt_land_deg")):  # fmt: skip
             if getattr(self, low) > getattr(self, high):
                 raise ValueError(f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}")
-
-
-def _outside_polygon_m(corners: np.ndarray, p: np.ndarray) -> float:
-    """Distance (m) from a polygon (N, 2), 0 inside it (even-odd rule)."""
-    a, b = corners, np.roll(corners, -1, axis=0)
-    crosses = (a[:, 1] > p[1]) != (b[:, 1] > p[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = a[:, 0] + (p[1] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    if int((crosses & (p[0] < x)).sum()) % 2:
-        return 0.0
-    ab = b - a
-    s = np.clip(((p - a) * ab).sum(1) / np.maximum((ab * ab).sum(1), 1e-12), 0.0, 1.0)
-    return float(np.linalg.norm(a + s[:, None] * ab - p, axis=1).min())

@@ -10,6 +10,7 @@ from fcsv_control.mission.journey import Journey
 from fcsv_control.mission.memory import RememberedList
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, level_camera
+from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow, Progress, Standing
 from fcsv_control.mission.task_list import Task, TaskList, tasks
@@ -170,7 +171,7 @@ class FlightList:
 
     def _journey(self, name: str, T_home_cam: np.ndarray) -> Journey:
         m = self._mission
-        return Journey(self._outbox, name, T_home_cam, m.min_separation_m, m.settle.timeout_s)
+        return Journey(self._outbox, name, T_home_cam, Keep(m.min_separation_m, m.air), m.settle.timeout_s)
 
     def _others(self, name: str) -> List[str]:
         return [n for n in self._vehicles if n != name]

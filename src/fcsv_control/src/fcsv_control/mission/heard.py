@@ -11,6 +11,7 @@ from fcsv_control.mission.snapshot import VehicleView
 from fcsv_geometry.home import camera_in_home
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
+_GUARDIAN_OLD_S = 3.0  # what it said so long ago is over
 _NEVER_S = -math.inf
 
 
@@ -49,6 +50,7 @@ class VehicleHeard:
         self._z_m = self._ground_z_m = 0.0
         self._mode, self._armed, self._connected = "", False, False
         self._battery_share = math.nan
+        self._guarded, self._guarded_s = "", _NEVER_S
         self._problem, self._pictures = "", 0
 
     def odometry(self, now_s: float, T_odom_body: np.ndarray, speed_mps: float) -> None:
@@ -64,6 +66,10 @@ class VehicleHeard:
     def state(self, now_s: float, mode: str, armed: bool, connected: bool) -> None:
         """What its autopilot shows."""
         self._mode, self._armed, self._connected, self._state_s = mode, armed, connected, now_s
+
+    def guardian(self, now_s: float, words: str) -> None:
+        """What its guardian does and why; empty where it leaves the vehicle alone."""
+        self._guarded, self._guarded_s = words, now_s
 
     def battery(self, share: float) -> None:
         """0..1, NaN where unknown."""
@@ -97,5 +103,6 @@ class VehicleHeard:
             recorder_age_s=now_s - self._recorder_s,
             recorder_problem=self._problem,
             pictures=None if self._recorder_s == _NEVER_S else self._pictures,
+            guarded=self._guarded if now_s - self._guarded_s < _GUARDIAN_OLD_S else "",
             frame_problem=self.epochs.problem,
         )

@@ -7,7 +7,7 @@ import numpy as np
 
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.places import body_set_point
-from fcsv_control.mission.routes import route
+from fcsv_control.mission.routes import Keep, route
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.errors import MissionError
@@ -27,11 +27,11 @@ class Journey:
     ``timeout_s`` is for each way-point.
     """
 
-    def __init__(self, outbox: Outbox, name: str, T_home_cam: np.ndarray, separation_m: float, timeout_s: float):
+    def __init__(self, outbox: Outbox, name: str, T_home_cam: np.ndarray, keep: Keep, timeout_s: float):
         self.name = name
         self._outbox = outbox
         self._T_home_cam = T_home_cam
-        self._separation_m = separation_m
+        self._keep = keep
         self._timeout_s = timeout_s
         self._way: Optional[List[np.ndarray]] = None
         self._order: Optional[Order] = None
@@ -41,7 +41,7 @@ class Journey:
         """Whether the vehicle is there (within 0.5 m, the order acknowledged). Raises MissionError."""
         if self._way is None:
             others_m = [snapshot.p_home_cam(n) for n in others]
-            self._way = route(snapshot.p_home_cam(self.name), self._T_home_cam[:3, 3], others_m, self._separation_m)
+            self._way = route(snapshot.p_home_cam(self.name), self._T_home_cam[:3, 3], others_m, self._keep)
             self._started_s = snapshot.now_s
         if not self._way:
             return True

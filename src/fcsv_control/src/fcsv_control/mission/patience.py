@@ -10,7 +10,7 @@ from fcsv_geometry.flight_limits import PauseLimits
 class Pause(Enum):
     """Why the mission does not go on."""
 
-    LOST = "no pose or state, or vehicles too near"
+    LOST = "no pose or state, a guardian that acts, or vehicles too near"
     BATTERY = "a battery"
     RECORDER = "a recorder"
     PILOT = "a vehicle in a pilot's hands"

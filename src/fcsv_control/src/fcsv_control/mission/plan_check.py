@@ -7,7 +7,7 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.mission.places import camera_place
-from fcsv_control.mission.routes import route
+from fcsv_control.mission.routes import Keep, route
 from fcsv_control.mission.task_list import Task, tasks
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
@@ -92,7 +92,7 @@ def _leg(
     if wrong:
         return wrong, 0.0
     try:
-        way = route(start, goal, others, mission.min_separation_m)
+        way = route(start, goal, others, Keep(mission.min_separation_m, mission.air))
     except MissionError as error:
         return str(error), 0.0
     time_s = 0.0

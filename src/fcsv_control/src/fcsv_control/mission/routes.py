@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways between places that keep clear of the other vehicles."""
 
-from typing import List, Sequence
+from dataclasses import dataclass
+from typing import List, Optional, Sequence
 
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from fcsv_geometry.errors import MissionError
+from fcsv_geometry.separation import SeparationRules, distance_m
 
-_SLACK_M = 0.3  # a goal may be this much nearer to a vehicle that does not stand quite at its place
+_SLACK = 0.2  # a goal may keep this share less of a vehicle that does not stand quite at its place
 _SHELL = 1.35  # corners of the way stand at this multiple of the separation; their chords stay outside of it
 _DIP_M = 0.2  # a way does not go lower than the lower of its ends by more than this: the ground is not known
-_EPSILON_M = 1e-6
+_SHELL_AIR = 1.15  # likewise above and below, of its air
+_EPSILON = 1e-6
 
 
 def distance_to_segments(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -26,58 +29,90 @@ def distance_to_segments(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.
     return np.linalg.norm(a + s[:, None] * ab - point, axis=1)
 
 
-def route(start_m, goal_m, others_m: Sequence[np.ndarray], separation_m: float) -> List[np.ndarray]:
-    """Way-points from start (excluded) to goal (included); every leg keeps ``separation_m`` from the others.
+@dataclass(frozen=True)
+class Keep:
+    """What ways keep from other vehicles: a sphere, and the air below and above them (None: no downwash)."""
+
+    separation_m: float
+    air: Optional[SeparationRules] = None
+
+    def share(self, offset_m: np.ndarray) -> float:
+        """Of what is to be kept, how much is: 1 and more is enough."""
+        kept = float(np.linalg.norm(offset_m)) / self.separation_m
+        if self.air is None:
+            return kept
+        return min(kept, distance_m(offset_m, self.air.vertical_factor) / self.air.horizontal_m)
+
+    def shares(self, other: np.ndarray, a: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """The least share (N,) on the legs from a (3,) to each of nodes (N, 3)."""
+        kept = distance_to_segments(other, a, nodes) / self.separation_m
+        if self.air is None:
+            return kept
+        flat = np.array([1.0, 1.0, 1.0 / self.air.vertical_factor])
+        return np.minimum(kept, distance_to_segments(other * flat, a * flat, nodes * flat) / self.air.horizontal_m)
+
+    @property
+    def shell_m(self) -> np.ndarray:
+        """(3,) semi-axes of the shell on which ways go around."""
+        level_m = _SHELL * self.separation_m
+        tall_m = 0.0 if self.air is None else _SHELL_AIR * self.air.horizontal_m * self.air.vertical_factor
+        return np.array([level_m, level_m, max(level_m, tall_m)])
+
+    def __str__(self) -> str:
+        tall_m = 0.0 if self.air is None else self.air.horizontal_m * self.air.vertical_factor
+        above = f" ({tall_m:.2g} m straight above)" if tall_m > self.separation_m else ""
+        return f"{self.separation_m:g} m{above}"
+
+
+def route(start_m, goal_m, others_m: Sequence[np.ndarray], keep: Keep) -> List[np.ndarray]:
+    """Way-points from start (excluded) to goal (included); every leg keeps what is to be kept from the others.
 
     The shortest way over corners around the other vehicles (a visibility graph), straight where it can be. A start
-    that is already too near is left on a leg that only leads away; a goal up to 0.3 m too near is still flown to (the
+    that is already too near is left on a leg that only leads away; a goal up to a fifth too near is still flown to (the
     other vehicle does not stand quite at its place). Positions (3,) in one frame with z up. Raises MissionError where
     the goal is too near or no way exists.
     """
     start, goal = np.asarray(start_m, float), np.asarray(goal_m, float)
     others = [np.asarray(o, float) for o in others_m]
-    clear_m = [_clearance(goal, other, separation_m) for other in others]
-    nodes = np.array([start, goal, *_corners(others, separation_m, min(start[2], goal[2]) - _DIP_M)])
-    lengths = np.array([_lengths(a, nodes, others, clear_m) for a in nodes])
+    clear = [_clearance(goal, other, keep) for other in others]
+    nodes = np.array([start, goal, *_corners(others, keep, min(start[2], goal[2]) - _DIP_M)])
+    lengths = np.array([_lengths(a, nodes, others, clear, keep) for a in nodes])
     _, before = dijkstra(lengths, indices=0, return_predecessors=True)
     way = [1]
     while way[0] != 0:
         if before[way[0]] < 0:
-            raise MissionError(
-                f"no way to {_in_words(goal)} keeps {separation_m:g} m from the other vehicles: move them apart"
-            )
+            raise MissionError(f"no way to {_in_words(goal)} keeps {keep} from the other vehicles: move them apart")
         way.insert(0, int(before[way[0]]))
     return [nodes[i] for i in way[1:]]
 
 
-def _clearance(goal: np.ndarray, other: np.ndarray, separation_m: float) -> float:
-    distance_m = float(np.linalg.norm(goal - other))
-    if distance_m < separation_m - _SLACK_M:
-        raise MissionError(
-            f"{_in_words(goal)} is {distance_m:.1f} m from another vehicle, at least {separation_m:g} m are needed"
-        )
-    return min(separation_m, distance_m)
+def _clearance(goal: np.ndarray, other: np.ndarray, keep: Keep) -> float:
+    share = keep.share(goal - other)
+    if share < 1.0 - _SLACK:
+        away_m = float(np.linalg.norm(goal - other))
+        raise MissionError(f"{_in_words(goal)} is {away_m:.1f} m from another vehicle, at least {keep} are needed")
+    return min(1.0, share)
 
 
-def _corners(others: Sequence[np.ndarray], separation_m: float, lowest_m: float) -> List[np.ndarray]:
+def _corners(others: Sequence[np.ndarray], keep: Keep, lowest_m: float) -> List[np.ndarray]:
     """26 points around every other vehicle."""
     steps = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
-    points = [other + step * _SHELL * separation_m for other in others for step in steps]
+    points = [other + step * keep.shell_m for other in others for step in steps]
     return [p for p in points if p[2] >= lowest_m]
 
 
-def _lengths(a: np.ndarray, nodes: np.ndarray, others: Sequence[np.ndarray], clear_m: Sequence[float]) -> np.ndarray:
+def _lengths(
+    a: np.ndarray, nodes: np.ndarray, others: Sequence[np.ndarray], clear: Sequence[float], keep: Keep
+) -> np.ndarray:
     """Of the legs from a to every node (N,), infinite where one is not free.
 
     A leg may start too near (the vehicle stands there) as long as it leads away from its first metre on.
     """
     # every corner costs a stop: rather one metre more than one corner more
     lengths = np.linalg.norm(nodes - a, axis=1) + 1.0
-    for other, clear in zip(others, clear_m):
-        nearest_m, start_m = distance_to_segments(other, a, nodes), float(np.linalg.norm(a - other))
-        least_m = min(clear, start_m) - _EPSILON_M
-        lengths[nearest_m < least_m] = np.inf
+    for other, least in zip(others, clear):
+        lengths[keep.shares(other, a, nodes) < min(least, keep.share(a - other)) - _EPSILON] = np.inf
     return lengths
 
 

@@ -26,6 +26,7 @@ class VehicleView:
     recorder_age_s: float = _INF
     recorder_problem: str = ""
     pictures: Optional[int] = None  # recorded so far, None where unknown
+    guarded: str = ""  # what its guardian does, and why
     frame_problem: str = ""  # why its odometry frame is not the one that was calibrated
 
 

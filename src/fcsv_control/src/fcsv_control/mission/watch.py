@@ -54,6 +54,8 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         return
     if not view.connected:
         yield Pause.LOST, "no flight controller"
+    if phase in _FLOWN_BY_US and view.guarded:
+        yield Pause.LOST, f"its guardian acts: {view.guarded}"
     if phase in _RECORDED and view.recorder_age_s > _RECORDER_STALE_S:
         yield Pause.RECORDER, "its recorder is not heard"
     elif phase in _RECORDED and view.recorder_problem:

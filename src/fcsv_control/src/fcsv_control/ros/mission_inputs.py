@@ -17,7 +17,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicle import VehicleGeometry
-from fcsv_msgs.msg import Epoch, Epochs, RecorderStatus, State, TagDetections
+from fcsv_msgs.msg import Epoch, Epochs, GuardianState, RecorderStatus, State, TagDetections
 
 
 class VehicleInputs:
@@ -35,6 +35,7 @@ class VehicleInputs:
         subscribe("odometry/state", Odometry, self._on_odometry)
         subscribe("odometry/epoch", Epoch, self._on_epoch)
         subscribe("mavros/state", State, self._on_state)
+        subscribe("guardian/state", GuardianState, self._on_guardian)
         for what in ("calibration", "home"):
             rospy.Subscriber(f"/{what}_epochs", Epochs, self._on_epochs, what, queue_size=1)
         if front_tag_id is not None:
@@ -70,6 +71,10 @@ class VehicleInputs:
     def _on_state(self, m: State) -> None:
         with self._lock:
             self._heard.state(time.monotonic(), m.mode, m.armed, m.connected)
+
+    def _on_guardian(self, m: GuardianState) -> None:
+        with self._lock:
+            self._heard.guardian(time.monotonic(), f"{m.action}: {'; '.join(m.reasons)}" if m.action else "")
 
     def _on_battery(self, message: BatteryState) -> None:
         with self._lock:

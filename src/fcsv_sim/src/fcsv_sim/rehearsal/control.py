@@ -57,9 +57,10 @@ class ControlPc:
                 fields = {"pose": vehicle.T_odom_body, "speed_mps": speed, "height_m": vehicle.height_m}
                 radio.send(now_s, _update(heard, "pose_s"), {**fields, "epoch": vehicle.epoch, "pose_s": now_s})
             state = vehicle.link.state
-            if now_s >= due[1] or state.mode != heard.mode or state.armed != heard.armed:
+            told = {"mode": state.mode, "armed": state.armed, "guarded": vehicle.guardian.verdict.in_words}
+            if now_s >= due[1] or any(getattr(heard, k) != v for k, v in told.items()):
                 due[1] = now_s + _STATE_EVERY_S
-                fields = {"mode": state.mode, "armed": state.armed, "connected": vehicle.link.connected(now_s)}
+                fields = {**told, "connected": vehicle.link.connected(now_s)}
                 radio.send(now_s, _update(heard, "state_s"), {**fields, "state_s": now_s})
             if now_s >= due[2]:
                 due[2] = now_s + _SLOW_EVERY_S
@@ -102,6 +103,7 @@ class ControlPc:
         h, T_home_odom = self.heard[name], self.T_home_odom.get(name)
         known = h.pose is not None and T_home_odom is not None
         return VehicleView(
+            guarded=h.guarded,
             pose_age_s=now_s - h.pose_s, speed_mps=h.speed_mps, height_m=h.height_m, state_age_s=now_s - h.state_s,
             connected=h.connected, armed=h.armed, mode=h.mode, sees_front_s=self._sees(now_s, name),
             T_home_cam=camera_in_home(T_home_odom, h.pose, self._cameras[name]) if known else None,

@@ -38,6 +38,7 @@ class Heard:
     pose_s: float = -math.inf
     mode: str = ""
     armed: bool = False
+    guarded: str = ""
     connected: bool = False
     state_s: float = -math.inf
     height_m: float = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 import rospy
 
 from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, heading_error_rad
-from fcsv_control.mission.routes import route
+from fcsv_control.mission.routes import Keep, route
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry import transforms
 from fcsv_geometry.mission import Mission
@@ -159,7 +159,8 @@ class PairMission:
     def _go(self, name: str, T_home_cam: np.ndarray) -> None:
         """Way-point by way-point, clear of the others. Raises MissionError where there is no way."""
         others = [self._cameras[n].latest()[1][:3, 3] for n in self._names if n != name]
-        way = route(self._cameras[name].latest()[1][:3, 3], T_home_cam[:3, 3], others, self._mission.min_separation_m)
+        keep = Keep(self._mission.min_separation_m)  # a Tello of 80 g has no downwash to speak of
+        way = route(self._cameras[name].latest()[1][:3, 3], T_home_cam[:3, 3], others, keep)
         for p_home in way:
             self._places[name] = transforms.transform(T_home_cam[:3, :3], p_home)
             self._pilots.by_tracker(name, self._places[name])
