@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.guardian.air import LinkReport, Other
-from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, Warned
+from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, RestartLink, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.fence import Fence
@@ -28,7 +28,7 @@ class Aloft:
         self.report, self.battery, self.confidence, self.feed_every = LinkReport(throttle=0.0), 0.8, 3.0, 1
         self.others, self.T_home_odom, self.lean_rad = {}, np.eye(4), 0.0
         self.mode, self.armed = "STABILIZE", False
-        self.asked, self.held, self.texts, self.steps = [], [], [], 0
+        self.asked, self.held, self.texts, self.restarts, self.steps = [], [], [], [], 0
         self.run(2.0)
         self.mode, self.armed = "LOITER", True
         self.run(0.5)
@@ -91,6 +91,8 @@ class Aloft:
                 self.mode = output.mode
         elif isinstance(output, HoldAt):
             self.held.append((self.now_s, output.T_odom_body[:3, 3]))
+        elif isinstance(output, RestartLink):
+            self.restarts.append(self.now_s)
         elif isinstance(output, Warned):
             self.texts.append(output.text)
 
@@ -252,6 +254,18 @@ def test_a_silent_agent_is_held_for_then_landed():
     air.silent.add("agent")
     air.run(15.5)
     assert air.modes == ["LAND"]
+
+
+def test_a_link_that_hangs_is_ended_once():
+    air = Aloft()
+    air.silent.add("link")
+    begun_s = air.now_s
+    air.run(10.0)
+    assert [at_s - begun_s for at_s in air.restarts] == [pytest.approx(2.0, abs=0.1)]
+    air.silent.clear()
+    air.run(1.0)
+    air.silent.add("link")
+    assert len(air.run(3.0).restarts) == 2
 
 
 def test_a_fence_brakes_once_per_crossing():

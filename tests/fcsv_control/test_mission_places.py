@@ -11,6 +11,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.home import home_of, odoms_in_home
 from fcsv_geometry.mission import StereoConfiguration
+from fcsv_geometry.separation import SeparationRules, distance_m
 from fcsv_geometry.vehicle import Mount
 from fcsv_tracking.calibration import Link
 
@@ -137,3 +138,14 @@ def test_a_start_too_near_is_left_outwards():
 def test_a_goal_too_near_is_refused():
     with pytest.raises(MissionError, match=r"is 1\.0 m from another vehicle, at least 1\.5 m"):
         routes.route([0, -5, 0], [0, -1, 0], [np.zeros(3)], routes.Keep(SEPARATION_M))
+
+
+def test_ways_keep_clear_of_downwash():
+    """Over another vehicle 1.5 m are enough to be apart, not to be out of its air."""
+    keep = routes.Keep(SEPARATION_M, SeparationRules(0.95, 3.0))
+    way = [np.array([0.0, -4.0, 0.0]), *routes.route([0, -4, 0], [0, 0, 5], [np.zeros(3)], keep)]
+    for a, b in zip(way, way[1:]):
+        for share in np.linspace(0.0, 1.0, 50):
+            assert distance_m(a + share * (b - a), 3.0) > 0.94
+    with pytest.raises(MissionError, match="downwash of the upper one: 2.8 m straight above"):
+        routes.route([0, -4, 0], [0, 0, 2], [np.zeros(3)], keep)

@@ -64,7 +64,12 @@ class Warned:
     acts: bool
 
 
-Output = Union[AskMode, HoldAt, Verdict, Warned]
+@dataclass(frozen=True)
+class RestartLink:
+    """The flight link's process hangs: end it, so that it is started again. Without it the autopilot gets no poses."""
+
+
+Output = Union[AskMode, HoldAt, RestartLink, Warned]
 
 
 class Guardian:
@@ -78,6 +83,7 @@ class Guardian:
         self._place: Optional[np.ndarray] = None  # T_odom_body that is held
         self._aside_s: Optional[float] = None  # when the way aside began
         self._held_s = now_s  # when something last asked for a hold
+        self._link_heard = self._link_restarted = False
         self._landing = False
         self._braking_for = ""
         self._answered: Set[str] = set()  # findings for which it braked: a fence counts once per crossing
@@ -111,6 +117,7 @@ class Guardian:
 
     def link(self, now_s: float, report: LinkReport) -> None:
         """The flight link lives."""
+        self._link_heard = True
         self.air.link, self.air.link_s = report, now_s
 
     def battery(self, share: float) -> None:
@@ -154,6 +161,7 @@ class Guardian:
         """Look at everything, and act where it is needed."""
         air = self.air
         found = self._watches.findings(now_s, air) if air.armed else []
+        self._mind_link(now_s)
         forbids = tuple(self._watches.forbids(now_s, air)) if air.mode != "GUIDED" else ()
         worst = max((f.wish for f in found), default=Wish.SAY)
         acting = air.armed and self._hands.ours
@@ -199,6 +207,15 @@ class Guardian:
             self._hold(now_s)
         if self._place is not None and self.air.mode == "GUIDED" and self._gate.passes(now_s):
             self._out.append(HoldAt(self._place))
+
+    def _mind_link(self, now_s: float) -> None:
+        """A link that was heard and is silent hangs, whoever flies: once until it is heard again."""
+        silent_s = now_s - self.air.link_s
+        if silent_s < self._rules.link_silent_s:
+            self._link_restarted = False
+        elif self.air.armed and self._link_heard and not self._link_restarted:
+            self._link_restarted = True
+            self._out.append(RestartLink())
 
     def _land(self, now_s: float, worst: Optional[Finding]) -> None:
         if self.air.mode == "LAND":

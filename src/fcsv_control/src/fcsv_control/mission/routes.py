@@ -58,10 +58,12 @@ class Keep:
         tall_m = 0.0 if self.air is None else _SHELL_AIR * self.air.horizontal_m * self.air.vertical_factor
         return np.array([level_m, level_m, max(level_m, tall_m)])
 
-    def __str__(self) -> str:
-        tall_m = 0.0 if self.air is None else self.air.horizontal_m * self.air.vertical_factor
-        above = f" ({tall_m:.2g} m straight above)" if tall_m > self.separation_m else ""
-        return f"{self.separation_m:g} m{above}"
+    def needed(self, offset_m: np.ndarray) -> str:
+        """What is needed at least, in words, where ``share`` is too little."""
+        if self.air is None or float(np.linalg.norm(offset_m)) < self.separation_m:
+            return f"at least {self.separation_m:g} m are needed"
+        tall_m = self.air.horizontal_m * self.air.vertical_factor
+        return f"in the downwash of the upper one: {tall_m:.2g} m straight above are needed"
 
 
 def route(start_m, goal_m, others_m: Sequence[np.ndarray], keep: Keep) -> List[np.ndarray]:
@@ -81,7 +83,9 @@ def route(start_m, goal_m, others_m: Sequence[np.ndarray], keep: Keep) -> List[n
     way = [1]
     while way[0] != 0:
         if before[way[0]] < 0:
-            raise MissionError(f"no way to {_in_words(goal)} keeps {keep} from the other vehicles: move them apart")
+            raise MissionError(
+                f"no way to {_in_words(goal)} keeps {keep.separation_m:g} m from the other vehicles: move them apart"
+            )
         way.insert(0, int(before[way[0]]))
     return [nodes[i] for i in way[1:]]
 
@@ -90,7 +94,7 @@ def _clearance(goal: np.ndarray, other: np.ndarray, keep: Keep) -> float:
     share = keep.share(goal - other)
     if share < 1.0 - _SLACK:
         away_m = float(np.linalg.norm(goal - other))
-        raise MissionError(f"{_in_words(goal)} is {away_m:.1f} m from another vehicle, at least {keep} are needed")
+        raise MissionError(f"{_in_words(goal)} is {away_m:.1f} m from another vehicle, {keep.needed(goal - other)}")
     return min(1.0, share)
 
 

@@ -6,6 +6,8 @@ one.
 """
 
 import math
+import os
+import signal
 import threading
 import time
 from dataclasses import dataclass, field
@@ -17,7 +19,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport
-from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, Verdict, Warned
+from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros.guardian_others import OtherVehicles
 from fcsv_geometry import frames
@@ -52,6 +54,7 @@ class GuardianNode:
         self._core = Guardian(p.vehicle, p.rules, time.monotonic())
         self._others = OtherVehicles(p.vehicle, p.vehicles)
         self._asking: Dict[str, threading.Thread] = {}
+        self._link_pid = 0
         self._orders: Dict[int, Command] = {}
         self._published, self._published_s = Verdict(), float("-inf")
         self._health = Health(p.vehicle)
@@ -109,6 +112,7 @@ class GuardianNode:
 
     def _on_link(self, m: LinkHealth) -> None:
         throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan  # no transmitter is heard
+        self._link_pid = m.pid
         report = LinkReport(m.doubt, m.ekf_variance, throttle, m.system_status in AUTOPILOT_FAILSAFE)
         self._hear(self._core.link, report)
 
@@ -143,6 +147,8 @@ class GuardianNode:
             elif isinstance(output, HoldAt):
                 frame = frames.odom(self._name)
                 self._set_points.publish(conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame))
+            elif isinstance(output, RestartLink):
+                self._end_link()
             elif isinstance(output, Warned):
                 self._say(output)
         if verdict != self._published or now_s - self._published_s >= _STATE_S:
@@ -161,6 +167,16 @@ class GuardianNode:
                 rospy.logerr("%s: the autopilot did not go to %s", self._name, mode)
         except (rospy.ServiceException, rospy.ROSException) as error:
             rospy.logerr("%s: %s cannot be asked for: %s", self._name, mode, error)
+
+    def _end_link(self) -> None:
+        """roslaunch starts it again. Only a process that is the flight link still: numbers are given again."""
+        try:
+            with open(f"/proc/{self._link_pid}/cmdline", "rb") as file:
+                if b"flight_link" in file.read():
+                    os.kill(self._link_pid, signal.SIGKILL)
+                    rospy.logerr("%s: the flight link hung and was ended; it starts again", self._name)
+        except OSError as error:
+            rospy.logerr("%s: the flight link is silent and cannot be ended: %s", self._name, error)
 
     def _say(self, warned: Warned) -> None:
         rospy.logerr("guardian of %s", warned.text)

@@ -2,6 +2,7 @@
 """What the flight link tells of itself: its health five times a second, the pilot's sticks, and slow diagnostics."""
 
 import math
+import os
 import time
 
 import rospy
@@ -38,7 +39,7 @@ class LinkHealthReport:
             ekf_variance=s.ekf_variance, throttle=s.throttle, throttle_age_s=now_s - s.throttle_heard_s,
             system_status=s.system_status, origin_set=link.origin_set, parameters_ok=link.parameters_ok,
             feed_rate_hz=rate_hz, feed_age_s=age_s, estimate_apart_m=apart_m, feed_stopped=link.feed_stopped,
-            doubt=doubt,
+            doubt=doubt, pid=os.getpid(),
         )  # fmt: skip
 
     def rc(self, link: FlightLink) -> None:
