@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from fcsv_control.guardian.air import LinkReport, Other
-from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, RestartLink, Warned
+from fcsv_control.guardian.core import Guardian
+from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.fence import Fence

@@ -6,14 +6,14 @@ while the
 companion flies the vehicle; in a mode that the pilot chose it only speaks. No ROS, no thread, no clock.
 """
 
-from dataclasses import dataclass
-from typing import Dict, List, Optional, Set, Tuple, Union
+from typing import Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
 from fcsv_control.guardian.air import Air, LinkReport, Other
 from fcsv_control.guardian.findings import Finding, Watches, Wish
 from fcsv_control.guardian.hands import Hands
+from fcsv_control.guardian.messages import AskMode, HoldAt, Output, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import separation, transforms
 from fcsv_geometry.flow import RateGate
@@ -23,53 +23,6 @@ _AGAIN_S = 0.5  # a mode is asked for again
 _THERE_M = 0.4
 _CALM_S = 3.0  # what asked for a hold must be over for so long
 _SAY_AGAIN_S = 10.0
-
-
-@dataclass(frozen=True)
-class AskMode:
-    """A mode command for the autopilot."""
-
-    mode: str
-
-
-@dataclass(frozen=True)
-class HoldAt:
-    """Where to be: T_odom_body, streamed while the guardian holds."""
-
-    T_odom_body: np.ndarray
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused; ``uncontrolled``: the
-    vehicle comes down without a position."""
-
-    action: str = ""
-    holds: bool = False
-    uncontrolled: bool = False
-    reasons: Tuple[str, ...] = ()
-    forbids: Tuple[str, ...] = ()
-
-    @property
-    def in_words(self) -> str:
-        """What is done and why, empty where nothing is done."""
-        return f"{self.action}: {'; '.join(self.reasons)}" if self.action else ""
-
-
-@dataclass(frozen=True)
-class Warned:
-    """A text for people; ``acts`` where the guardian does something."""
-
-    text: str
-    acts: bool
-
-
-@dataclass(frozen=True)
-class RestartLink:
-    """The flight link's process hangs: end it, so that it is started again. Without it the autopilot gets no poses."""
-
-
-Output = Union[AskMode, HoldAt, RestartLink, Warned]
 
 
 class Guardian:

@@ -19,7 +19,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport
-from fcsv_control.guardian.core import AskMode, Guardian, HoldAt, RestartLink, Verdict, Warned
+from fcsv_control.guardian.core import Guardian
+from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros.guardian_others import OtherVehicles
 from fcsv_geometry import frames

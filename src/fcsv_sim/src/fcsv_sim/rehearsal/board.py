@@ -16,7 +16,8 @@ from fcsv_control.flight.feed_check import FeedCheck
 from fcsv_control.flight.listener import BatteryHeard, EstimateMoved, PoseHeard, StateHeard
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
-from fcsv_control.guardian.core import AskMode, Guardian, HoldAt
+from fcsv_control.guardian.core import Guardian
+from fcsv_control.guardian.messages import AskMode, HoldAt
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicle import VehicleGeometry

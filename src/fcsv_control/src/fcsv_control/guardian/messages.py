@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a guardian wants done, and what it tells."""
+
+from dataclasses import dataclass
+from typing import Tuple, Union
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class AskMode:
+    """A mode command for the autopilot."""
+
+    mode: str
+
+
+@dataclass(frozen=True)
+class HoldAt:
+    """Where to be: T_odom_body, streamed while the guardian holds."""
+
+    T_odom_body: np.ndarray
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused; ``uncontrolled``: the
+    vehicle comes down without a position."""
+
+    action: str = ""
+    holds: bool = False
+    uncontrolled: bool = False
+    reasons: Tuple[str, ...] = ()
+    forbids: Tuple[str, ...] = ()
+
+    @property
+    def in_words(self) -> str:
+        """What is done and why, empty where nothing is done."""
+        return f"{self.action}: {'; '.join(self.reasons)}" if self.action else ""
+
+
+@dataclass(frozen=True)
+class Warned:
+    """A text for people; ``acts`` where the guardian does something."""
+
+    text: str
+    acts: bool
+
+
+@dataclass(frozen=True)
+class RestartLink:
+    """The flight link's process hangs: end it, so that it is started again. Without it the autopilot gets no poses."""
+
+
+Output = Union[AskMode, HoldAt, RestartLink, Warned]
