@@ -378,7 +378,7 @@ class TestJumps:
         assert flight.p_ext[0] - p[0] < -2.0  # flies off
 
     def test_a_rejected_jump_is_adopted_over_many_messages(self, flight):
-        """Refused for 4.5 s, then 5 m in half a second (0.4 s measured) and no step over 0.65 m: none that looks like a jump."""
+        """Refused for 4.5 s, then 5 m in 0.4 s, and no step over 0.65 m: none that looks like a jump."""
         flight.airborne()
         told = []  # what the estimate is off from where the vehicle is
         flight.offset_m = np.array([5.0, 0, 0])
