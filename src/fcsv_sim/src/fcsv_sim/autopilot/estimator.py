@@ -20,9 +20,10 @@ HEALTHY_S = 0.3  # a feed older than this prevents arming
 LOST_S = 8.0  # flags stay good this long without a feed
 _GATE_M = 1.5
 _REJECT_S = 4.5
-_ADOPT_LAG_S = 0.27  # a rejected jump is then adopted over about a second, as through a lag,
+_ADOPT_LAG_S = 0.27  # a rejected jump is then adopted as through a lag,
 _ADOPT_STEP_M = 0.65  # in steps that are no larger than this
 _ADOPTED_M = 0.3
+_ADOPT_SPEED_PER_S = 1.5
 RESET_IGNORED_S = 1.08  # with VISO_TYPE 2 the feed is ignored for so long after a reset
 _YAW_GATE_RAD = np.radians(15.0)
 _POSITION_GAIN, _VELOCITY_GAIN, _YAW_GAIN = 0.12, 0.25, 0.06  # per message at 30 Hz
@@ -121,7 +122,9 @@ class Estimator:
     def _creep(self, gap_s: float, innovation: np.ndarray, apart_m: float) -> None:
         """On the way to a jump that was rejected: over many messages, in steps that no agent takes for a jump."""
         share = 1.0 - math.exp(-gap_s / _ADOPT_LAG_S)
-        self.p_ext_m += innovation * min(share, _ADOPT_STEP_M / max(apart_m, 1e-9))
+        step = innovation * min(share, _ADOPT_STEP_M / max(apart_m, 1e-9))
+        self.p_ext_m += step
+        self.v_ext_mps += _ADOPT_SPEED_PER_S * step  # taken for flight, which is braked: it swings by 3 m
         self._adopting = apart_m > _ADOPTED_M
 
     def reset_height_datum(self) -> None:
