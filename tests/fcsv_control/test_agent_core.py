@@ -121,19 +121,19 @@ def test_set_points_come_at_their_rate_for_ever():
 
 def test_while_the_guardian_holds_the_agent_is_quiet_and_then_holds_where_it_is():
     board = Board()
-    board.core.guarded("hold", True, "uav2 comes down", ())
+    board.core.guarded(board.now_s, "hold", True, "uav2 comes down", ())
     out = board.run(3.0)
     assert not of(out, SetPoint)
     board.tell(Kind.GOTO, target=transforms.from_xyz_yaw([9.0, 0.0, 3.0], 0.0), frame="uav1/odom")
     assert "the guardian flies: uav2 comes down" in of(board.run(0.5), Ack)[0].reason
     board.core.pose(board.now_s, transforms.from_xyz_yaw([4.0, 0.0, 3.0], 0.0))
-    board.core.guarded("", False, "", ())
+    board.core.guarded(board.now_s, "", False, "", ())
     assert np.allclose(of(board.run(0.5), SetPoint)[-1].T_odom_body[:3, 3], [4.0, 0.0, 3.0])
 
 
 def test_what_the_guardian_forbids_is_not_handed_over():
     board = Board()
-    board.core.guarded("", False, "", ("the throttle stick is not in the middle",))
+    board.core.guarded(board.now_s, "", False, "", ("the throttle stick is not in the middle",))
     for kind, fields in ((Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})):
         board.tell(kind, **fields)
         out = board.run(0.5)
@@ -142,9 +142,22 @@ def test_what_the_guardian_forbids_is_not_handed_over():
     assert of(board.run(0.5), Ask), "stopping is never forbidden"
 
 
+def test_without_a_living_guardian_nothing_is_handed_over():
+    board = Board(guardian=True)
+    for kind, fields in ((Kind.SET_MODE, {"mode": "GUIDED"}), (Kind.ARM, {"flag": True})):
+        assert "its guardian is not heard" in board.answer(kind, **fields)[1]
+    board.tell(Kind.LAND)
+    assert of(board.run(0.5), Ask), "stopping needs none"
+    board.core.guarded(board.now_s, "", False, "", ())
+    board.tell(Kind.SET_MODE, mode="GUIDED")
+    assert of(board.run(0.5), Ask)
+    board.run(3.0)
+    assert "its guardian is not heard" in board.answer(Kind.ARM, flag=True)[1]
+
+
 def test_a_landing_of_the_guardians_is_no_pilots():
     board = Board()
-    board.core.guarded("LAND", False, "", ())
+    board.core.guarded(board.now_s, "LAND", False, "", ())
     board.core.state("LAND", True)
     board.tell(Kind.LAND)
     assert of(board.run(0.5), Ask)

@@ -83,6 +83,7 @@ def vehicle(root, start_node, tmp_path):
     tracker = start_node("fcsv_sim", "t265", ns=NAME, params=simulated)
     start_node("fcsv_tracking", "odometry", ns=NAME, params=both)
     start_node("fcsv_control", "flight_link", ns=NAME, params={**both, "fcu_url": f"udpin:127.0.0.1:{port}"})
+    start_node("fcsv_control", "guardian", ns=NAME, params={"vehicle": NAME, "vehicles": [NAME]})
     start_node("fcsv_control", "agent", ns=NAME, params={"vehicle": NAME})
     pc = ControlPc()
     pc.tracker = tracker

@@ -81,13 +81,14 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
         rospy.Subscriber("/s_one/command_ack", CommandAck, acks.append),
     ]
     for name in fleet:
-        start_node("fcsv_control", "agent", ns=name, params={"vehicle": name})
+        start_node("fcsv_control", "agent", ns=name, params={"vehicle": name, "guardian": False})
     start_node("fcsv_control", "stop_all", params={"vehicles": list(NAMES)})
     until(lambda: reports and alive, what="the nodes")
     first = next(iter(alive.values()))
     until(lambda: next(iter(alive.values())).sent_s - first.started_s > 1.5, what="an agent that has listened")
 
-    twin = start_node("fcsv_control", "agent", ns="s_one", name="agent_two", params={"vehicle": "s_one"})
+    params = {"vehicle": "s_one", "guardian": False}
+    twin = start_node("fcsv_control", "agent", ns="s_one", name="agent_two", params=params)
     until(lambda: any("this second one does nothing" in m.problem for m in alive.values()), what="the second agent")
     assert {bool(m.problem) for m in alive.values()} == {True, False}
 

@@ -40,10 +40,11 @@ _QUIET_S = 0.15  # set-points on their way arrive before the take-off that they 
 
 @dataclass(frozen=True)
 class AgentRules:
-    """``maintenance`` permits any mode. What a silent control PC means is the guardian's to decide."""
+    """``maintenance`` permits any mode. ``guardian``: without a living one nothing is handed over to the mission."""
 
     set_point_rate_hz: float = 10.0
     maintenance: bool = False
+    guardian: bool = False
     limits: Limits = field(default_factory=Limits)
 
 
@@ -53,7 +54,7 @@ class AgentCore:
     def __init__(self, vehicle: str, rules: AgentRules, twins: Optional[Twins] = None):
         self._vehicle, self._rules = vehicle, rules
         self.twins = twins or NoTwins()
-        self.rights = Rights(vehicle)
+        self.rights = Rights(vehicle, rules.guardian)
         self._log = CommandLog(vehicle)
         self._clocks = SenderClocks()
         self._holder = Holder(frames.odom(vehicle), rules.limits)
@@ -89,10 +90,11 @@ class AgentCore:
             self._say(f"the odometry began anew ({reason}); holding")
             self._hold_here()
 
-    def guarded(self, action: str, holds: bool, why: str, forbids: Sequence[str]) -> None:
+    def guarded(self, now_s: float, action: str, holds: bool, why: str, forbids: Sequence[str]) -> None:
         """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it
         is; an
         ``action`` may be a mode that it asks for; ``forbids`` tells why the vehicle is not to be handed over."""
+        self.rights.guardian_s = now_s
         if action in STOPPING_MODES:
             self.rights.hands.asked(action)
         if self.rights.guarded and not holds:

@@ -11,14 +11,16 @@ from fcsv_control.agent.hands import ModeHands
 from fcsv_control.agent.lease import LEASE_S, Lease
 from fcsv_control.agent.messages import Instruction, Kind
 
+_GUARDIAN_SILENT_S = 2.0
 _MARGIN_S = 0.5  # a commander learns of somebody else's stop a moment after the vehicle, or before it
 
 
 class Rights:
     """``hands``, ``lease`` and ``frame`` are told what is heard of modes, commanders and the odometry's epochs."""
 
-    def __init__(self, vehicle: str):
-        self._vehicle = vehicle
+    def __init__(self, vehicle: str, needs_guardian: bool = False):
+        self._vehicle, self._needs_guardian = vehicle, needs_guardian
+        self.guardian_s = -math.inf  # when it was heard last
         self.hands, self.lease, self.frame = ModeHands(), Lease(), CalibratedFrame()
         self._stopped_s, self._stopped_by = -math.inf, ""
         self.guarded = ""  # why the guardian flies, "" where it does not
@@ -45,12 +47,14 @@ class Rights:
             )
         if c.kind is Kind.SET_MODE and c.mode == "GUIDED" and self.frame.outdated:
             return f"{self._vehicle}: {self.frame.outdated}"
-        return self._guardians(c)
+        return self._guardians(now_s, c)
 
-    def _guardians(self, c: Instruction) -> str:
+    def _guardians(self, now_s: float, c: Instruction) -> str:
         if self.guarded and c.kind in (Kind.GOTO, Kind.TAKEOFF):
             return f"{self._vehicle}: the guardian flies: {self.guarded}"
         hands_over = (c.kind is Kind.SET_MODE and c.mode == "GUIDED") or (c.kind is Kind.ARM and c.flag)
+        if hands_over and self._needs_guardian and now_s - self.guardian_s > _GUARDIAN_SILENT_S:
+            return f"{self._vehicle}: its guardian is not heard; start it before vehicles are handed over"
         if self.forbidden and hands_over:
             return f"{self._vehicle}: the guardian forbids it: {'; '.join(self.forbidden)}"
         return ""

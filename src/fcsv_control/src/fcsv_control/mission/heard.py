@@ -11,7 +11,7 @@ from fcsv_control.mission.snapshot import VehicleView
 from fcsv_geometry.home import camera_in_home
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
-_GUARDIAN_OLD_S = 3.0  # what it said so long ago is over
+_GUARDIAN_OLD_S = 3.0  # it speaks five times a second
 _NEVER_S = -math.inf
 
 
@@ -85,6 +85,11 @@ class VehicleHeard:
             self._tag_since_s = now_s
         self._tag_s = now_s
 
+    def _guardian_words(self, now_s: float) -> str:
+        """Where one was heard it must go on being heard."""
+        silent = self._guarded_s != _NEVER_S and now_s - self._guarded_s > _GUARDIAN_OLD_S
+        return "it is silent" if silent else self._guarded
+
     def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
         """The vehicle now; its place in home where ``T_home_odom`` is known."""
         known = self._T_odom_body is not None and T_home_odom is not None
@@ -103,6 +108,6 @@ class VehicleHeard:
             recorder_age_s=now_s - self._recorder_s,
             recorder_problem=self._problem,
             pictures=None if self._recorder_s == _NEVER_S else self._pictures,
-            guarded=self._guarded if now_s - self._guarded_s < _GUARDIAN_OLD_S else "",
+            guarded=self._guardian_words(now_s),
             frame_problem=self.epochs.problem,
         )

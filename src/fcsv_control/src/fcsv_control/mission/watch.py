@@ -7,14 +7,17 @@ from typing import Iterator, List, Tuple
 import numpy as np
 
 from fcsv_control.mission.patience import Pause
+from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
+from fcsv_geometry.separation import SeparationRules
 
 _POSE_STALE_S = 2.0
 _STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio
 _RECORDER_STALE_S = 5.0
 _TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses explains
+_SEPARATION = SeparationRules()  # as the guardians have it
 _IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS")
 _RECORDED = ("WAIT_VEHICLES", "GUIDED", "CONFIGURATIONS")
 _FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS")
@@ -55,7 +58,7 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
     if not view.connected:
         yield Pause.LOST, "no flight controller"
     if phase in _FLOWN_BY_US and view.guarded:
-        yield Pause.LOST, f"its guardian acts: {view.guarded}"
+        yield Pause.LOST, f"its guardian: {view.guarded}"
     if phase in _RECORDED and view.recorder_age_s > _RECORDER_STALE_S:
         yield Pause.RECORDER, "its recorder is not heard"
     elif phase in _RECORDED and view.recorder_problem:
@@ -75,5 +78,6 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:
     known = [n for n, v in snapshot.vehicles.items() if v.T_home_cam is not None]
     for a, b in combinations(known, 2):
-        if np.linalg.norm(snapshot.p_home_cam(a) - snapshot.p_home_cam(b)) < _TOO_NEAR * mission.min_separation_m:
+        offset_m = snapshot.p_home_cam(a) - snapshot.p_home_cam(b)
+        if Keep(_TOO_NEAR * mission.min_separation_m, _SEPARATION).share(offset_m) < 1.0:
             yield f"{a} and {b} are too near to each other; move them apart by hand"

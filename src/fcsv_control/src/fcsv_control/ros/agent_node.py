@@ -35,6 +35,7 @@ class AgentParameters:
     set_point_rate_hz: float = 10.0
     service_timeout_s: float = 3.0
     maintenance: bool = False  # commands may ask for any mode; never in a flight with people about
+    guardian: bool = True  # nothing is handed over without a living one; never False with people about
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self):
@@ -46,7 +47,7 @@ class AgentParameters:
     @property
     def rules(self) -> AgentRules:
         """What the core needs of them."""
-        return AgentRules(self.set_point_rate_hz, self.maintenance, self.limits)
+        return AgentRules(self.set_point_rate_hz, self.maintenance, self.guardian, self.limits)
 
 
 class AgentNode:
@@ -113,7 +114,7 @@ class AgentNode:
         self._do(lambda: self._core.estimate_moved(time.monotonic(), (m.vector.x, m.vector.y, m.vector.z)))
 
     def _on_guardian(self, m: GuardianState) -> None:
-        self._do(lambda: self._core.guarded(m.action, m.holds, "; ".join(m.reasons), m.forbids))
+        self._do(lambda: self._core.guarded(time.monotonic(), m.action, m.holds, "; ".join(m.reasons), m.forbids))
 
     def _on_epoch(self, m: Epoch) -> None:
         self._do(lambda: self._core.epoch(m.epoch, m.reason))

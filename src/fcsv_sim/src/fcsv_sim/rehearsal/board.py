@@ -181,7 +181,7 @@ class OnBoard:
                 self.link.send_set_point(output.T_odom_body)
                 self.told(now_s, "held", output)
         verdict = self.guardian.verdict
-        self.agent.guarded(verdict.action, verdict.holds, "; ".join(verdict.reasons), verdict.forbids)
+        self.agent.guarded(now_s, verdict.action, verdict.holds, "; ".join(verdict.reasons), verdict.forbids)
 
     def _estimate(self, now_s: float, heard: PoseHeard) -> None:
         T_odom_body = heard.T_odom_body
