@@ -34,6 +34,7 @@ class ControlPc:
             on("mavros/state", State, lambda m: setattr(self, "state", m)),
             on("mavros/local_position/pose", PoseStamped, self.on_pose),
             on("mavros/statustext/recv", StatusText, lambda m: self.texts.append(m.text)),
+            on("guardian/said", StatusText, lambda m: self.texts.append(m.text)),
             on("command_ack", CommandAck, lambda m: self.acks.setdefault(m.number, []).append(m)),
             on("mavros/setpoint_position/local", PoseStamped, self.set_points.append),
         ]
@@ -147,8 +148,8 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle)
     assert pc.command("TAKEOFF", altitude_m=2.0) == (0, "")
     until(lambda: pc.T_odom_body[2, 3] > 1.8, 30.0, "2 m")
     pc.tracker.stop()
-    until(lambda: pc.state.mode == "LAND", 5.0, "the watchdog's landing")
-    assert any("pose feed is" in t and "landing" in t for t in pc.texts)
+    until(lambda: pc.state.mode == "LAND", 5.0, "the landing of guardian or watchdog")
+    assert any("the tracking camera is silent" in t for t in pc.texts)
     until(lambda: not pc.state.armed, 60.0, "the ground")
 
 
