@@ -59,7 +59,15 @@ class ControlPc:
         c.ordered_s = c.sent_s = time.monotonic()
         for answers in range(1, times + 1):  # said again although it was answered, as when the answer got lost
             self.commands.publish(c)
-            until(lambda n=answers: len(self.acks.get(number, [])) >= n, what=f"{answers} acknowledgements of {kind}")
+            said_s = [time.monotonic()]
+
+            def answered(n=answers, said_s=said_s):
+                if time.monotonic() - said_s[0] > 1.0:  # as a mission does: an agent that has just begun says nothing
+                    said_s[0] = time.monotonic()
+                    self.commands.publish(c)
+                return len(self.acks.get(number, [])) >= n
+
+            until(answered, what=f"{answers} acknowledgements of {kind}")
         return self.acks[number][-1].result, self.acks[number][-1].reason
 
     def at(self, xyz):

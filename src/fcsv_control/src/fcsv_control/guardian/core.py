@@ -41,7 +41,7 @@ class Guardian:
         self._braking_for = ""
         self._answered: Set[str] = set()  # findings for which it braked: a fence counts once per crossing
         self._asked: Tuple[str, float, float] = ("", now_s, now_s)  # mode, first and last asked
-        self._said_s: Dict[str, float] = {}
+        self._said: Dict[str, Tuple[str, float]] = {}  # text and time, by what it is about
         self._verdict = Verdict()
         self._out: List[Output] = []
 
@@ -246,6 +246,8 @@ class Guardian:
         return "aside" if self._aside_s is not None else "hold"
 
     def _say(self, now_s: float, what: str, text: str, acts: bool) -> None:
-        if now_s - self._said_s.get(what, float("-inf")) > _SAY_AGAIN_S:
+        """Once while it lasts, again where it is another text, or after some time without it."""
+        before, before_s = self._said.get(what, ("", float("-inf")))
+        if text != before or now_s - before_s > _SAY_AGAIN_S:
             self._out.append(Warned(f"{self._vehicle}: {text}", acts))
-        self._said_s[what] = now_s
+        self._said[what] = (text, now_s)
