@@ -17,7 +17,8 @@ from fcsv_sim.rehearsal.invariants import NOT_HELD
 from fcsv_sim.rehearsal.radio import Radio, RadioQuality
 from fcsv_sim.rehearsal.tables import table
 
-#: What breaks today, by fault. Whoever mends one takes it out of here. A drift of 0.1 m/s is not told from a movement, and a map of it is wrong.
+#: What breaks today, by fault. Whoever mends one takes it out of here.
+#: A drift of 0.1 m/s is not told from a movement, and a map of it is wrong.
 KNOWN = {"tracker drifts slowly": {NOT_HELD}}
 FLIGHTS, SECONDS, LONGEST_S = 60, 60.0, 180.0
 
