@@ -92,7 +92,6 @@ class ControlPc:
             return
         self._serve(now_s)
         self.machine.step(self._snapshot(now_s))
-        self._memory = self.machine.memory() or self._memory
         for order in self.machine.outbox.due(now_s):
             vehicle = self._fleet[order.vehicle]
             self._radios[order.vehicle].send(
@@ -105,6 +104,7 @@ class ControlPc:
     def restart(self) -> None:
         """A new process of the mission, in place of one that died: it reads its memory from the disk, and has heard
         nobody. Calibration and home are another node's, and are told again."""
+        self._memory = self.machine.memory() or self._memory  # as the dead one wrote it in its last step
         self.machine = MissionMachine(self._mission, list(self._fleet))
         if self._memory is not None:
             saved = json.loads(json.dumps(dataclasses.asdict(self._memory)))
