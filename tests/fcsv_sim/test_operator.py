@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pilots on a vehicle that answers sticks as LOITER and ALT_HOLD do, and the one who presses the buttons."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -80,11 +82,16 @@ class Ground:
         self.pressed_s = []
         self.track = []
         self.loiter_heights_m = {}  # where each was switched to LOITER first
+        self.sees_others, self.battery_share = False, 0.9
+
+    def sight(self, name):
+        others = tuple(v.p.copy() for n, v in self.vehicles.items() if n != name and self.sees_others)
+        return replace(self.vehicles[name].sight(), battery_share=self.battery_share, others=others)
 
     def run(self, seconds):
         for _ in range(int(seconds / STEP_S)):
             self.now_s += STEP_S
-            sights = {n: v.sight() for n, v in self.vehicles.items()}
+            sights = {n: self.sight(n) for n in self.vehicles}
             self.sticks = [p.sticks(self.now_s, self.phase, s) for p, s in zip(self.pilots, sights.values())]
             for vehicle, sticks in zip(self.vehicles.values(), self.sticks):
                 assert max(abs(x) for x in (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw)) <= 1.0
@@ -252,3 +259,73 @@ def test_a_mission_that_starts_again_in_flight_leaves_hands_where_they_are():
     before = [pilot.sticks(0.02 * k, "CONFIGURATIONS", sight) for k in range(50)][-1]
     after = [pilot.sticks(1.0 + 0.02 * k, "WAIT_VEHICLES", sight) for k in range(50)][-1]
     assert after == before and after.throttle == 0.0
+
+
+# ---- what a person would do ------------------------------------------------------------------------------------
+
+
+def test_who_flies_back_goes_around_another_vehicle():
+    """Straight back from ten metres away would be exactly through it."""
+    ground = Ground().airborne()
+    ground.phase = "COLUMN"
+    ground.vehicles["uav1"].p[:] = ground.pilots[0].goal(0.0, "COLUMN")[0]
+    back = ground.vehicles["uav2"]
+    back.p[:] = [10.0, 0.0, 8.0]
+    began = len(ground.track)
+    ground.sees_others = True
+    ground.run(25.0)
+    track = np.array(ground.track[began:])
+    assert np.linalg.norm((track[:, 0] - track[:, 1])[:, :2], axis=1).min() > 2.0
+    assert max(ground.off("COLUMN")) < 0.3
+
+
+def test_where_the_place_is_taken_he_waits():
+    ground = Ground().airborne()
+    ground.phase, ground.sees_others = "COLUMN", True
+    ground.pilots[1].goal = ground.pilots[0].goal
+    ground.run(20.0)
+    assert np.linalg.norm(ground.vehicles["uav1"].p - ground.vehicles["uav2"].p) > 2.2
+
+
+@pytest.mark.parametrize("mode, lands", [("LOITER", True), ("GUIDED", False)])
+def test_with_a_dead_control_pc_who_flies_by_hand_lands_after_half_a_minute(mode, lands):
+    ground = Ground().airborne()
+    ground.phase = "CONFIGURATIONS"
+    ground.run(1.0)
+    for v in ground.vehicles.values():
+        v.mode = mode
+    ground.phase = ""
+    ground.run(28.0)
+    assert all(v.armed and v.mode == mode for v in ground.vehicles.values())
+    ground.run(25.0)
+    assert all(v.armed != lands for v in ground.vehicles.values()), "in GUIDED it is the guardian's"
+
+
+def test_a_low_battery_is_landed_by_hand_and_nobody_takes_off_again():
+    ground = Ground().airborne()
+    ground.battery_share = 0.15
+    ground.phase = "COLUMN"
+    ground.run(40.0)
+    assert not any(v.armed for v in ground.vehicles.values())
+    assert all(s.throttle == -1.0 and s.yaw == 0.0 for s in ground.sticks)
+
+
+def test_who_is_above_another_flies_aside_before_he_lands():
+    ground = Ground().airborne()
+    ground.sees_others = True
+    ground.vehicles["uav2"].p[:] = ground.vehicles["uav1"].p + [0.3, 0.0, 5.0]
+    ground.vehicles["uav1"].mode = "GUIDED"
+    ground.phase = "LAND"
+    ground.run(12.0)
+    upper, lower = ground.vehicles["uav2"], ground.vehicles["uav1"]
+    assert upper.mode == "LAND" and np.linalg.norm((upper.p - lower.p)[:2]) > 2.5
+
+
+def test_what_runs_off_in_land_is_brought_down_in_alt_hold():
+    """Its position is lost: LAND follows it and does not end."""
+    pilot = Pilot(0, Field(), 1)
+    sight = Sight(transforms.from_xyz_yaw([0.0, 0.0, 0.9], 0.0), np.array([4.0, 0.0, 0.0]), True, "LAND")
+    assert not any(pilot.sticks(k, "LAND", sight).throttle for k in range(71))
+    assert pilot.sticks(79.0, "LAND", sight).mode == "ALT_HOLD"
+    s = pilot.sticks(80.0, "LAND", sight)
+    assert s.pitch < -0.1 and s.throttle < 0.0

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each fault of a rehearsal does what it says, and each invariant sees what it is for."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -150,14 +151,28 @@ def test_a_link_that_sleeps_reads_on_where_it_was_and_does_not_take_its_sleep_fo
     assert len(vehicle.modes_asked) == asked  # no LAND
 
 
-def test_a_mission_that_restarts_knows_nothing(mission):
-    flight = hover(mission)
-    fault = begun(flight, "mission restarts")
-    machine = flight.control.machine
+def test_a_mission_that_restarts_goes_on_where_it_was(mission):
+    """A new process under a new name: the old one's lease ends first, then everybody is held and the list goes on."""
+    two = replace(mission, configurations=[StereoConfiguration("horizontal", 2.0, record_s=2.0), *mission.configurations])
+    flight = flown_to(two, "CONFIGURATIONS", 0.0)
+    while not flight.control.machine.captures:
+        flight.step()
+    fly(flight, 1.0)
+    fault, machine, sender = begun(flight, "mission restarts"), flight.control.machine, flight.control.sender
     fly(flight, 4.0, [fault])
     assert not flight.control.alive
-    fly(flight, 2.0, [fault])
-    assert flight.control.alive and flight.control.machine is not machine
+    fly(flight, 2.5, [fault])
+    assert flight.control.alive and flight.control.machine is not machine and flight.control.sender != sender
+    assert flight.control.machine.phase == "CONFIGURATIONS" and len(flight.control.machine.captures) == 1
+    result = flight.run([fault])
+    assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
+
+
+def test_a_mission_that_restarts_while_people_fly_begins_anew(mission):
+    flight = flown_to(mission, "MOVE_HOME")
+    fault = begun(flight, "mission restarts")
+    result = flight.run([fault])
+    assert (result.phase, result.captures, result.violations) == ("DONE", 1, [])
 
 
 def test_who_comes_down_is_the_upper_one_and_the_lower_one_must_react(mission):

@@ -36,7 +36,7 @@ class Estimator:
         random = np.random.default_rng([seed, 2])
         self._acc_bias = random.normal(0.0, 0.005, 3).tolist()
         self._random = random
-        self._ready_s, self._reset_ignored_s = ready_s, reset_ignored_s
+        self.ready_s, self._reset_ignored_s = ready_s, reset_ignored_s
         self.baro_m = 0.0
         self.resets = 0  # position adopted with a step; the GUIDED target does not follow
         self.begin()
@@ -148,11 +148,11 @@ class Estimator:
 
     def started(self, now_s: float) -> bool:
         """Whether the filter runs (an origin that was set before is lost)."""
-        return self._boot_s is not None and now_s - self._boot_s > self._ready_s
+        return self._boot_s is not None and now_s - self._boot_s > self.ready_s
 
     def booting(self, now_s: float) -> bool:
         """Whether the firmware itself is still starting."""
-        return self._boot_s is None or now_s - self._boot_s < min(1.0, 0.5 * self._ready_s)
+        return self._boot_s is None or now_s - self._boot_s < min(1.0, 0.5 * self.ready_s)
 
     def feed_healthy(self, now_s: float) -> bool:
         """A message within 300 ms."""

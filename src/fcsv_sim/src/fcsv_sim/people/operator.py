@@ -12,12 +12,22 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS
+from fcsv_sim.people.around import beside, kept_clear
 
 _YAW_STICK_RPS = np.radians(100.0)
 _LEAN_RAD = np.radians(30.0)
 _REACTION_S = 0.3
+_BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")
 _LAND_BY_HAND_S = 15.0  # a mission that lands gets so long to do it; then the pilot does
 _TOLD_S = 1.0  # who flies by hand lands when the mission says so, after a moment
+_DARK_S = 30.0  # with the control PC dead, who flies by hand lands after this
+_LOW_BATTERY, _LOW_S = 0.2, 10.0  # and with a low battery after this
+_NO_MISSION_S = 60.0  # and where no mission begins
+_BESIDE_S, _BESIDE_M = 15.0, 0.6  # so long and so well he flies aside of who is beneath, before he lands
+_FLICK_S = 0.3
+_NO_LANDING_S = 60.0  # who is in LAND for so long and still flies runs after a lost position: down in ALT_HOLD
+_RUNS_OFF_M = 30.0  # from where he wants it, in LOITER: likewise
+_LOW_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -33,12 +43,15 @@ class Sticks:
 
 @dataclass(frozen=True)
 class Sight:
-    """What a pilot sees: T_world_body, velocity (m/s, world), and on the screen armed and mode."""
+    """What a pilot sees: T_world_body, velocity (m/s, world), and on the screen armed, mode and the battery's share
+    (NaN: not known); ``others`` are (3,) places of the other vehicles (world, m)."""
 
     T_world_body: np.ndarray
     v_world_mps: np.ndarray
     armed: bool
     mode: str
+    battery_share: float = float("nan")
+    others: Tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -72,15 +85,37 @@ class Pilot:
         self._airborne = False
         self._switch = "ALT_HOLD"
         self._shake = np.zeros(3)
+        self._screen_s = self._full_s = float("-inf")  # when the screen told a phase, and a battery that is not low
+        self._landing_s: Optional[float] = None  # since when he lands by hand
+        self._beside: Optional[np.ndarray] = None  # where, if not here
+        self._in_land_s: Optional[float] = None  # since when it has been in LAND
 
     def sticks(self, now_s: float, phase: str, sight: Sight) -> Sticks:
-        """Sticks for the mission's phase; what is seen is acted upon 0.3 s later."""
+        """Sticks for the mission's phase, which is empty while the control PC is dead; what is seen is acted upon 0.3 s
+        later."""
         sight = self._reacted_to(now_s, sight)
-        if phase != self._phase:
+        if phase not in ("", self._phase):
             self._phase, self._phase_since_s = phase, now_s
-        sticks = self._decide(now_s, phase, sight)
+        self._screen_s = now_s if phase else self._screen_s
+        self._full_s = self._full_s if sight.battery_share < _LOW_BATTERY else now_s
+        sticks = self._decide(now_s, self._phase, sight)
         self._switch = sticks.mode
         return sticks
+
+    def land_by_hand(self, now_s: float, sight: Sight) -> Sticks:
+        """LAND, to the end; beside who is beneath, if that can be flown to in time."""
+        if self._landing_s is None:
+            self._landing_s, self._beside = now_s, beside(sight.T_world_body[:3, 3], sight.others)
+            if sight.mode == "LAND" or self._runs_off(now_s, sight):
+                self._landing_s -= _BESIDE_S + _NO_LANDING_S
+        since_s = now_s - self._landing_s
+        if self._beside is None or since_s > _BESIDE_S:
+            return Sticks(mode="LAND") if since_s < _BESIDE_S + _NO_LANDING_S else self._bring_down(sight)
+        if since_s < _FLICK_S and sight.mode != "LOITER":
+            return Sticks(mode="ALT_HOLD")  # the switch may be at LOITER already: away and back
+        if np.linalg.norm((self._beside - sight.T_world_body[:3, 3])[:2]) < _BESIDE_M:
+            self._beside = None
+        return Sticks(mode="LAND") if self._beside is None else self._fly_to(self._beside, np.zeros(3), sight)
 
     def goal(self, now_s: float, phase: str) -> Tuple[np.ndarray, np.ndarray]:
         """Position (m) and velocity (m/s), world, that the pilot aims at."""
@@ -102,20 +137,46 @@ class Pilot:
             self._seen.popleft()
         return self._seen[0][1]
 
+    @staticmethod
+    def _bring_down(sight: Sight) -> Sticks:
+        """In ALT_HOLD, which needs no position: against the way that it flies, and down."""
+        forward, left = in_body(np.clip(-0.8 * sight.v_world_mps[:2], -2.0, 2.0), sight)
+        lean = [float(np.clip(a / 9.81 / _LEAN_RAD, -1.0, 1.0)) for a in (-left, forward)]
+        return Sticks(*lean, -0.6 if sight.T_world_body[2, 3] > _LOW_M else -1.0, 0.0, "ALT_HOLD")
+
+    def _runs_off(self, now_s: float, sight: Sight) -> bool:
+        off_m = np.hypot(*(self.goal(now_s, self._phase)[0] - sight.T_world_body[:3, 3])[:2])
+        return sight.mode == "LOITER" and self._phase in _BY_HAND and off_m > _RUNS_OFF_M
+
+    def _must_land(self, now_s: float, phase: str, sight: Sight) -> bool:
+        """Whether he lands what he flies by hand, whatever is to be done: a person would."""
+        self._in_land_s = (self._in_land_s or now_s) if sight.mode == "LAND" else None
+        if sight.mode == "LAND":
+            return now_s - self._in_land_s > _BESIDE_S + _NO_LANDING_S
+        if sight.mode == "GUIDED":
+            return False
+        waits_s = now_s - self._phase_since_s if phase == "WAIT_VEHICLES" else 0.0
+        late = now_s - self._screen_s > _DARK_S or now_s - self._full_s > _LOW_S or waits_s > _NO_MISSION_S
+        return late or self._runs_off(now_s, sight)
+
     def _decide(self, now_s: float, phase: str, sight: Sight) -> Sticks:
+        if self._landing_s is not None and not sight.armed:
+            return Sticks(throttle=-1.0, mode="ALT_HOLD")  # down for good
+        if self._landing_s is not None or (sight.armed and self._must_land(now_s, phase, sight)):
+            return self.land_by_hand(now_s, sight)
         if phase == "WAIT_VEHICLES" and sight.armed:
             return Sticks(mode=self._switch)  # a mission that was started again in flight: hands off
         if (phase == "WAIT_VEHICLES" and not self._airborne) or (phase in ("DONE", "ABORTED") and not sight.armed):
             return Sticks(throttle=-1.0, mode="ALT_HOLD")
         if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):
             return self._take_off(now_s, sight)
-        if phase in ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME"):
+        if phase in _BY_HAND:
             goal, v_goal = self.goal(now_s, phase)
             return self._fly_to(goal, v_goal, sight)
         if phase in ("LAND", "DONE", "ABORTED") and sight.mode != "LAND":
             patience_s = _LAND_BY_HAND_S if sight.mode == "GUIDED" else _TOLD_S
             if now_s - self._phase_since_s > patience_s:
-                return Sticks(mode="LAND")
+                return self.land_by_hand(now_s, sight)
         return Sticks(mode=self._switch)  # hands off: the mission flies, or the autopilot lands
 
     def _take_off(self, now_s: float, sight: Sight) -> Sticks:
@@ -155,6 +216,7 @@ class Pilot:
         v = v_goal + np.clip(0.7 * error, -1.2, 1.2)
         if not v_goal.any():
             v[np.abs(error) < 0.08] = 0.0  # good enough: hands off
+        v = kept_clear(v, sight.T_world_body[:3, 3], goal, sight.others)
         forward, left = in_body(v[:2], sight)
         self._shake = 0.95 * self._shake + 0.004 * self._random.standard_normal(3)
         climb = v[2] / (MAX_CLIMB_MPS if v[2] > 0 else MAX_SINK_MPS)

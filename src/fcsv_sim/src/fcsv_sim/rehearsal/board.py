@@ -84,9 +84,9 @@ class OnBoard:
             self.guardian.moved(now_s)
         self.agent.take(now_s, instruction)
 
-    def hear_control(self, now_s: float, T_home_odom: Dict[str, np.ndarray]) -> None:
+    def hear_control(self, now_s: float, sender: str, T_home_odom: Dict[str, np.ndarray]) -> None:
         """The mission's state came, and where odometry frames stand in home."""
-        self.agent.control_heard(now_s, "mission")
+        self.agent.control_heard(now_s, sender)
         self.guardian.control_heard(now_s)
         self.T_home_odom = T_home_odom
         self.guardian.home(T_home_odom.get(self.name))

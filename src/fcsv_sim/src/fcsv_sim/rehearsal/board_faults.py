@@ -10,6 +10,7 @@ import numpy as np
 from fcsv_geometry.mission import Mission, StereoConfiguration
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.autopilot.estimator import READY_S
 from fcsv_sim.rehearsal import processes
 from fcsv_sim.rehearsal.fault import Fault
 from fcsv_sim.rehearsal.flight import Flight
@@ -127,11 +128,12 @@ class MissionRestarts(Fault):
 
 
 class AutopilotReboots(Fault):
-    """In the air."""
+    """In the air. Its filter then begins as late as a real one's."""
 
     name = "autopilot reboots"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        vehicle.autopilot.estimator.ready_s = READY_S
         vehicle.autopilot.reboot()
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The control PC of a rehearsal: the mission, what it heard of the vehicles, calibration and home."""
 
+import dataclasses
+import json
 import math
 from typing import Dict, Optional
 
@@ -9,9 +11,10 @@ import numpy as np
 from fcsv_control.agent.messages import Ack, Instruction, Kind
 from fcsv_control.mission.heard import FrameEpochs
 from fcsv_control.mission.machine import MissionMachine
+from fcsv_control.mission.memory import FILE, Memory
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
-from fcsv_geometry import transforms
+from fcsv_geometry import config, transforms
 from fcsv_geometry.home import camera_in_home, home_of
 from fcsv_geometry.mission import Mission
 from fcsv_sim.rehearsal.radio import Radio
@@ -29,6 +32,8 @@ class ControlPc:
     def __init__(self, mission: Mission, fleet: Dict[str, RehearsedVehicle], radios: Dict[str, Radio], seed: int):
         self.machine = MissionMachine(mission, list(fleet))
         self.alive = True
+        self._memory: Optional[Memory] = None  # what lies on its disk
+        self._runs = 1
         self.battery_share: Dict[str, float] = {}  # overrides what a vehicle says
         self._mission, self._fleet, self._radios = mission, fleet, radios
         self._random = np.random.default_rng([seed, 22])
@@ -71,8 +76,13 @@ class ControlPc:
         return lambda ack: self._take_ack(name, ack)
 
     def _take_ack(self, name: str, ack: Ack) -> None:
-        if self.alive and ack.sender == "mission":
+        if self.alive and ack.sender == self.sender:
             self.machine.outbox.acknowledged(name, ack.number, "" if ack.result == 0 else ack.reason or "refused")
+
+    @property
+    def sender(self) -> str:
+        """As whom the mission commands: each of its processes has a name of its own."""
+        return f"mission-{self._runs}"
 
     # ---- time --------------------------------------------------------------------------------------------------
 
@@ -85,14 +95,23 @@ class ControlPc:
         for order in self.machine.outbox.due(now_s):
             vehicle = self._fleet[order.vehicle]
             self._radios[order.vehicle].send(
-                now_s, lambda c, v=vehicle, t=now_s: v.obey(c, t), _instruction(order, now_s)
+                now_s, lambda c, v=vehicle, t=now_s: v.obey(c, t), _instruction(order, self.sender, now_s)
             )
         for name, vehicle in self._fleet.items():
-            self._radios[name].send(now_s, lambda m, v=vehicle, t=now_s: v.hear_control(t, m), self.T_home_odom)
+            told = (self.sender, self.T_home_odom)
+            self._radios[name].send(now_s, lambda m, v=vehicle, t=now_s: v.hear_control(t, *m), told)
 
     def restart(self) -> None:
-        """A new process of the mission, in place of one that died."""
+        """A new process of the mission, in place of one that died: it reads its memory from the disk, and has heard
+        nobody. Calibration and home are another node's, and are told again."""
+        self._memory = self.machine.memory() or self._memory  # as the dead one wrote it in its last step
         self.machine = MissionMachine(self._mission, list(self._fleet))
+        if self._memory is not None:
+            saved = json.loads(json.dumps(dataclasses.asdict(self._memory)))
+            self.machine.restore(config.from_mapping(saved, Memory, FILE))
+        self.heard = {n: Heard() for n in self._fleet}
+        self._service = None
+        self._runs += 1
         self.alive = True
 
     def _snapshot(self, now_s: float) -> Snapshot:
@@ -162,10 +181,10 @@ class ControlPc:
         self.T_home_odom = {n: transforms.invert(T_ref_home) @ T for n, T in self._T_ref_odom.items()}
 
 
-def _instruction(order: Order, now_s: float) -> Instruction:
+def _instruction(order: Order, sender: str, now_s: float) -> Instruction:
     a = order.arguments
     return Instruction(
-        order.vehicle, "mission", order.number, Kind[order.kind], now_s, order.ordered_s,
+        order.vehicle, sender, order.number, Kind[order.kind], now_s, order.ordered_s,
         order.expires_s - order.ordered_s, a.get("mode", ""), a.get("flag", False), 0.0, a.get("target"),
         a.get("frame", ""),
     )  # fmt: skip

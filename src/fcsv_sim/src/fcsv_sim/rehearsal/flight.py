@@ -106,8 +106,9 @@ class Flight:
                     self.radios[name].send(now_s, lambda m, v=hearer, t=now_s: v.hear_other(t, m), told)
 
     def _people(self, now_s: float) -> None:
-        phase = self.phase
-        sights = {n: v.sight() for n, v in self.fleet.items()}
+        phase = self.phase if self.control.alive else ""
+        places = {n: v.p_world_m for n, v in self.fleet.items()}
+        sights = {n: v.sight([p for o, p in places.items() if o != n]) for n, v in self.fleet.items()}
         for name, pilot in self.pilots.items():
             decide = self.hands.get(name, pilot.sticks)
             self.fleet[name].sticks(now_s, decide(now_s, phase, sights[name]))

@@ -46,7 +46,7 @@ class Invariants:
         self._out_s: Dict[str, float] = {}
         self._apart: Dict[Tuple[str, str], bool] = {}  # in height
         self._past: Deque[Tuple[float, Dict[str, Place]]] = deque(maxlen=_REMEMBERED)
-        self._captures = 0
+        self._captures: Set[Tuple[int, float]] = set()  # looked at
         self._begun: Dict[str, Place] = {}
         self.violations: List[Violation] = []
         self.nearest_m = self.crossing_m = float("inf")  # of two in the air; as one lands past the other
@@ -67,9 +67,10 @@ class Invariants:
         for name in fleet:
             self._ground(now_s, name, up[name])
             self._fence(now_s, name, places[name])
-        for window in self._flight.control.machine.captures[self._captures :]:
-            self._captures += 1
-            self._held(now_s, window)
+        for window in self._flight.control.machine.captures:
+            if (window.index, window.start_s) not in self._captures:
+                self._captures.add((window.index, window.start_s))
+                self._held(now_s, window)
 
     def end(self, ended: bool) -> None:
         """Every flight has an end."""

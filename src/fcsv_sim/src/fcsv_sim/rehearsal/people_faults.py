@@ -26,7 +26,7 @@ class PilotTakesOver(Fault):
         self._until_s = self._lasts_s(0.33, 5.0, 20.0)
         self._hands_on = HandsOn(self.mode, vehicle.p_world_m, self._random, self._roams, self._drops)
         self._told_s = np.inf
-        self._mine = self._hands
+        self._mine, self._pilot = self._hands, flight.pilots[vehicle.name]
         flight.hands[vehicle.name] = self._mine
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
@@ -39,7 +39,7 @@ class PilotTakesOver(Fault):
         if phase in _ENDS:
             self._told_s = min(self._told_s, now_s)
         if now_s > self._told_s + _TOLD_S or now_s > self.began_s + _PATIENCE_S:
-            return Sticks(mode="LAND")
+            return self._pilot.land_by_hand(now_s, sight)
         return self._hands_on.sticks(now_s - self.began_s, sight)
 
 

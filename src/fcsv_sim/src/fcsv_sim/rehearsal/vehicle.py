@@ -3,7 +3,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Optional, Tuple
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from fcsv_tracking.odometry import EpochBegan
 
 _SUBSTEPS = int(round(PASS_S / STEP_S))
 _BOARD_EVERY = 2  # passes between two steps of link and agent
+_READY_S = 2.0  # until the autopilot may be armed; 20 s in a real one, in which nothing happens on the ground
 _TRACKER_EVERY = 3  # passes between two samples of the tracker: 33 Hz, what goes to the autopilot of its 200 Hz
 
 
@@ -65,7 +66,7 @@ class RehearsedVehicle(OnBoard):
         seed = seed * 1000 + geometry.system_id
         *position, yaw = start.xyz_yaw
         self.body = Quadrotor(Airframe(), transforms.from_xyz_yaw(position, yaw), seed, start.wind_mps)
-        self.autopilot = Autopilot(self.body.hover_thrust, seed)
+        self.autopilot = Autopilot(self.body.hover_thrust, seed, _READY_S)
         self._server = MavlinkServer(self.autopilot, geometry.system_id)
         self.tracker = T265(start.tracker, geometry.T_body_t265, seed)
         self.tracker_on = True
@@ -82,10 +83,11 @@ class RehearsedVehicle(OnBoard):
         """Where it truly is."""
         return self.body.position_m
 
-    def sight(self) -> Sight:
-        """What a pilot sees of it."""
-        mode, armed = self.link.state.mode, self.autopilot.armed
-        return Sight(self.body.T_world_body, self.body.velocity_mps, armed, mode)
+    def sight(self, others_m: Sequence[np.ndarray] = ()) -> Sight:
+        """What its pilot sees of it, and of the others."""
+        state, armed = self.link.state, self.autopilot.armed
+        share = state.battery_share if self.battery_said is None else self.battery_said
+        return Sight(self.body.T_world_body, self.body.velocity_mps, armed, state.mode, share, tuple(others_m))
 
     def sticks(self, now_s: float, s: Sticks) -> None:
         """A frame of its transmitter."""
