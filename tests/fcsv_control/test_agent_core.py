@@ -259,6 +259,16 @@ def test_the_lease_lasts_as_long_as_its_holder_is_heard():
     assert "mission-124" in board.answer(Kind.GOTO, sender="mission-123", **AHEAD)[1]
 
 
+def test_what_comes_without_a_name_does_not_renew_the_lease_of_a_mission_that_is_dead():
+    """/mission/state names no sender: the next mission's state kept the lease of the one before."""
+    board = Board()
+    assert board.answer(Kind.GOTO, sender="mission-123", **AHEAD) == (DONE, "")
+    for _ in range(12):
+        board.run(0.2)
+        board.core.control_heard(board.now_s)
+    assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD) == (DONE, "")
+
+
 def test_of_two_agents_the_younger_does_nothing_until_the_older_is_gone():
     board = Board(twins=Twins("agent-2", 100.0))
     board.core.twins.heard(100.2, "agent-1", 60.0)

@@ -340,6 +340,19 @@ def test_what_a_pilot_gives_back_is_the_operators_to_confirm():
     assert air.run(1.0).modes == ["LAND"]
 
 
+def test_a_pilot_who_changes_his_own_modes_is_not_told_of_them():
+    """At each take-off he goes from ALT_HOLD to LOITER; a take-over, and a landing that nobody asked for, are told."""
+    air = Aloft()
+    air.mode = "LOITER"
+    assert any("LOITER was not asked for" in text for text in air.run(1.0).texts)
+    air.forget()
+    for mode in ("ALT_HOLD", "STABILIZE"):
+        air.mode = mode
+        assert air.run(1.0).texts == []
+    air.mode = "LAND"
+    assert any("LAND was not asked for" in text for text in air.run(1.0).texts)
+
+
 def test_a_pilot_who_takes_over_from_a_landing_keeps_it():
     air = Aloft()
     air.silent.add("feed")

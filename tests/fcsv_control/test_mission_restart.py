@@ -98,6 +98,23 @@ def test_who_was_taken_by_a_pilot_meanwhile_is_left_to_him(flying, path):
     assert captured(flying) == [0, 1, 2]
 
 
+@pytest.mark.parametrize("landing", [False, True], ids=["configurations", "landing"])
+def test_who_was_stopped_meanwhile_waits_for_the_operator(flying, path, landing):
+    """/stop_all while the mission is dead: a LAND of its successor would fight with the BRAKE that is sent again."""
+    flying.wait(1.0)
+    if landing:
+        flying.machine.abort("enough")
+        flying.wait(0.2)
+    machine = restarted(flying, path)
+    for vehicle in flying.fleet.values():
+        vehicle.mode = "BRAKE"
+    flying.wait(10.0)
+    assert flying.orders == [] and machine.waits_for == "resume"
+    assert any("found in BRAKE" in p and "confirm 'resume'" in p for p in machine.problems)
+    flying.press("resume")
+    flying.phase("ABORTED" if landing else "DONE", 400.0)
+
+
 def test_who_was_given_back_and_not_confirmed_before_the_restart_still_waits(flying, path):
     flying.wait(1.0)
     flying.fleet["uav2"].mode = "LOITER"

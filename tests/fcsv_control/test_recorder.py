@@ -279,9 +279,14 @@ def test_what_a_machine_records():
     assert vehicle.pictures == ["/uav2/camera/color/image_raw", "/uav2/camera/color/camera_info"]
     for topic in ("/uav2/odometry/body", "/uav2/tags/detections", "/uav2/mavros/state", "/tf_static", "/more"):
         assert topic in vehicle.always
+    for name in ("guardian/state", "guardian/said", "agent/alive", "command", "command_ack"):  # what was done, and why
+        assert f"/uav2/{name}" in vehicle.always
+    assert "/uav2/flight_link/health" in vehicle.always and "/uav2/flight_link/estimate_moved" in vehicle.always
     control = recording.plan(recording.RecorderParameters("control", "control", "x", ["uav1"], "m.yaml"))
     for topic in ("/calibration", "/home", "/mission/state", "/mission/capture", "/uav1/odometry/state",
-                  "/uav1/mavros/state", "/uav1/camera_pose", "/tf", "/tf_static"):  # fmt: skip
+                  "/uav1/mavros/state", "/uav1/camera_pose", "/tf", "/tf_static", "/uav1/guardian/state",
+                  "/uav1/guardian/said", "/uav1/agent/alive", "/uav1/command", "/uav1/command_ack",
+                  "/stop_all/report"):  # fmt: skip
         assert topic in control.always
     assert not control.pictures
 

@@ -26,7 +26,7 @@ class Lease:
 
     def heard(self, now_s: float, sender: str) -> None:
         """A sign of life of a sender."""
-        if sender == self.holder(now_s):
+        if sender and sender == self.holder(now_s):  # no name renews no lease that has run out
             self._heard_s = now_s
 
     def take(self, now_s: float, sender: str) -> str:

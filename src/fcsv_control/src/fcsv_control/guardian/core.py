@@ -12,7 +12,7 @@ import numpy as np
 
 from fcsv_control.guardian.air import Air, LinkReport, Other
 from fcsv_control.guardian.findings import Finding, Watches, Wish
-from fcsv_control.guardian.hands import Hands
+from fcsv_control.guardian.hands import COMPANIONS_MODES, Hands
 from fcsv_control.guardian.messages import AskMode, HoldAt, Output, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import separation, transforms
@@ -49,10 +49,12 @@ class Guardian:
 
     def state(self, now_s: float, mode: str, armed: bool) -> None:
         """The flight controller's mode."""
+        was_ours = self._hands.ours
         if self._hands.see(now_s, mode, armed):
             self._let_go()
-            self._say(now_s, f"mode {mode}", f"{mode} was not asked for by the companion: it stays with who chose it",
-            False)
+            if was_ours or mode in COMPANIONS_MODES:  # a pilot who goes from one mode of his to another is no news
+                text = f"{mode} was not asked for by the companion: it stays with who chose it"
+                self._say(now_s, f"mode {mode}", text, False)
         if not armed:
             self._landing = False
             self._answered.clear()

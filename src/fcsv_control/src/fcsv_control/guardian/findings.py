@@ -12,6 +12,7 @@ from fcsv_control.guardian.air import Air, Other
 from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry import separation
 
+STICK = "the throttle stick is not in the middle: who takes over would climb or fall"
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
 _USUAL_AGE_S = 0.25  # of a state that comes ten times a second over a radio
 _MOST_AGE_S = 1.0  # of a pose of another vehicle, in the separation: then it is its silence that counts
@@ -67,7 +68,7 @@ class Watches:
         elif air.battery_share < r.low_battery:
             reasons.append(f"battery below {r.low_battery:.0%}")
         if abs(air.link.throttle) > r.throttle_middle:
-            reasons.append("the throttle stick is not in the middle: who takes over would climb or fall")
+            reasons.append(STICK)
         if air.confidence <= r.confidence:
             reasons.append("the tracking camera has low confidence")
         return reasons

@@ -9,6 +9,7 @@ the operator has confirmed that the vehicle was given back.
 
 from typing import Dict
 
+COMPANIONS_MODES = ("GUIDED", "LAND", "BRAKE")
 _ASKED_S = 6.0  # so long after it was asked for a mode may still show
 
 
@@ -22,7 +23,7 @@ class Hands:
 
     @property
     def ours(self) -> bool:
-        return not self._taken and self._mode in ("GUIDED", "LAND", "BRAKE")
+        return not self._taken and self._mode in COMPANIONS_MODES
 
     def asked(self, now_s: float, mode: str) -> None:
         """Agent or guardian asked for a mode."""

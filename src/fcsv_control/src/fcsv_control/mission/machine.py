@@ -119,7 +119,13 @@ class MissionMachine(Operated):
             self._enter("LAND", why)
             return
         self._hands.take_over(self.vehicles, memory.taken)
+        if what is restart.Verdict.STOPPED:  # LAND now would fight with who stops everybody
+            self._stopped = why
+            self._hands.all_asked("BRAKE")
         self._hands.see(snapshot)
+        if memory.phase == "LAND":
+            self._enter("LAND", memory.detail)
+            return
         taken = self._hands.taken
         if memory.flight_list is None:
             self._enter("GUIDED", why)

@@ -17,6 +17,7 @@ class Verdict(Enum):
     WAIT = auto()  # not everybody was heard yet
     ANEW = auto()  # it does not count
     TAKE_OVER = auto()  # hold everybody, then go on
+    STOPPED = auto()  # somebody stopped everybody meanwhile: the operator goes on, or aborts
     LAND = auto()
 
 
@@ -26,6 +27,9 @@ def judge(memory: Memory, snapshot: Snapshot) -> Tuple[Verdict, str]:
     flying = [n for n in heard if snapshot.vehicles[n].armed]
     if memory.phase in _FLOWN and in_guided(snapshot):
         return Verdict.TAKE_OVER, f"restarted in flight: takes over {', '.join(in_guided(snapshot))}"
+    braking = [n for n in flying if snapshot.vehicles[n].mode == "BRAKE"]
+    if braking and memory.phase in (*_FLOWN, "LAND"):
+        return Verdict.STOPPED, f"restarted: {', '.join(braking)} found in BRAKE"
     if memory.phase == "LAND" and flying:
         return Verdict.LAND, f"restarted while landing: {memory.detail}"
     unheard = [n for n in snapshot.vehicles if n not in heard]
@@ -33,7 +37,7 @@ def judge(memory: Memory, snapshot: Snapshot) -> Tuple[Verdict, str]:
         return Verdict.WAIT, f"restarted: goes on or begins anew once {', '.join(unheard)} is heard"
     if not flying:
         return Verdict.ANEW, "restarted while nobody flies: a new mission begins"
-    if memory.phase in _FLOWN and any(snapshot.vehicles[n].mode in ("LAND", "BRAKE") for n in flying):
+    if memory.phase in _FLOWN and any(snapshot.vehicles[n].mode == "LAND" for n in flying):
         return Verdict.LAND, f"restarted: {', '.join(flying)} found coming down"
     return Verdict.ANEW, f"restarted: {', '.join(flying)} flown by hand: begins anew, calibrate again"
 

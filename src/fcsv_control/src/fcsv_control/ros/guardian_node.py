@@ -20,6 +20,7 @@ from sensor_msgs.msg import BatteryState
 
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport
 from fcsv_control.guardian.core import Guardian
+from fcsv_control.guardian.findings import STICK
 from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros.guardian_others import OtherVehicles
@@ -188,7 +189,9 @@ class GuardianNode:
         self._published, self._published_s = v, now_s
         text = "; ".join(v.reasons) or v.action
         self._health.problem("guardian", f"{self._name}: {v.action}: {text}" if v.action else "")
-        self._health.problem("not to be handed over", f"{self._name}: {'; '.join(v.forbids)}" if v.forbids else "")
+        self._health.value("not to be handed over", "; ".join(v.forbids) or "nothing against it")
+        wrong = [text for text in v.forbids if text != STICK]  # pilots who fly move their sticks
+        self._health.problem("not to be handed over", f"{self._name}: {'; '.join(wrong)}" if wrong else "")
         header = conversions.header(rospy.get_time(), "")
         self._states.publish(
             GuardianState(header, self._name, v.action, v.holds, v.uncontrolled, list(v.reasons), list(v.forbids))

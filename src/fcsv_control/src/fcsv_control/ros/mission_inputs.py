@@ -73,8 +73,9 @@ class VehicleInputs:
             self._heard.state(time.monotonic(), m.mode, m.armed, m.connected)
 
     def _on_guardian(self, m: GuardianState) -> None:
+        words = ": ".join([m.action, *(["; ".join(m.reasons)] if m.reasons else [])]) if m.action else ""
         with self._lock:
-            self._heard.guardian(time.monotonic(), f"{m.action}: {'; '.join(m.reasons)}" if m.action else "")
+            self._heard.guardian(time.monotonic(), words)
 
     def _on_battery(self, message: BatteryState) -> None:
         with self._lock:

@@ -48,7 +48,7 @@ def every(period_s: float, work: Callable[[Any], None]) -> rospy.Timer:
         try:
             work(event)
         except Exception:
-            if not rospy.is_shutdown():  # topics are closed then
+            if not rospy.core.is_shutdown_requested():  # topics are closed from then on, before is_shutdown()
                 rospy.logerr_throttle(_LOG_EVERY_S, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     return rospy.Timer(rospy.Duration(period_s), turn)

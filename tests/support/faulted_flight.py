@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated flight of the whole system in which processes die, as a program of its own, and what is heard on board.
+
+``fly`` starts it in slow motion. Its story: an agent stops; the mission dies and everybody is stopped; the radio of the
+upper vehicle of a vertical configuration is gone for good.
+"""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Callable, Dict, List
+
+import psutil
+
+from fcsv_sim.demo.fleet import CONTROL, FleetPlan, SimulatedFleet
+from fcsv_sim.machines.slow_motion import slow_motion
+from fcsv_sim.truth import TruthReader
+
+LINK_HOLD_S = 6.0
+MISSION = """name: faults
+limits: {pause_s: 20}
+configurations:
+  - {axis: horizontal, baseline_m: 5.0, record_s: 3.0}
+  - {axis: vertical, baseline_m: 5.0, record_s: 15.0}
+"""
+_AGENT_S = 8.0  # so long the agent is stopped
+_ON_GROUND_M, _AT_REST_S = 0.3, 5.0
+
+
+def fly(out: Path, limit_s: float = 700.0) -> Dict[str, List[dict]]:
+    """By "story" and by vehicle what was heard, each with its time ``t`` (s, of one clock). Raises on a bad end."""
+    command = [sys.executable, __file__, "fly", str(out)]
+    with slow_motion():
+        done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s)
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-3000:]
+    logs = {v: out / "run" / v / "ear.log" for v in ("uav1", "uav2")}
+    return {"story": _lines(out / "story.log"), **{name: _lines(path) for name, path in logs.items()}}
+
+
+def _lines(path: Path) -> List[dict]:
+    return [json.loads(line) for line in path.read_text().splitlines() if line.startswith("{") and line.endswith("}")]
+
+
+class FaultedFleet(SimulatedFleet):
+    """Whose guardians do not wait long for a control PC that is gone."""
+
+    def _vehicle_args(self, vehicle: str, index: int) -> Dict[str, object]:
+        return {**super()._vehicle_args(vehicle, index), "link_hold_s": LINK_HOLD_S}
+
+    def signal(self, machine: str, node: str, number: int) -> None:
+        """To the process of a node; roslaunch starts anew what dies, not what is stopped."""
+        folder = str(self.machines[machine].folder)
+        for process in psutil.process_iter(["cmdline"]):
+            words = process.info["cmdline"] or []
+            if f"__name:={node}" in words and any(folder in w for w in words):
+                process.send_signal(number)
+                return
+        raise AssertionError(f"{machine} has no {node}")
+
+
+class Story:
+    """What is done to the flight, in its order."""
+
+    def __init__(self, out: Path):
+        (out / "mission.yaml").write_text(MISSION)
+        self._plan = FleetPlan(out, out / "mission.yaml", seed=1, world="plain")
+        self._fleet, self._log = FaultedFleet(self._plan), open(out / "story.log", "w", buffering=1)
+        self._said: List[str] = []
+        self._truth = {v: TruthReader(self._plan.sim_folder, v) for v in self._plan.vehicles}
+
+    def fly(self) -> None:
+        """The whole flight; everything is stopped in the end."""
+        try:
+            self._fleet.start()
+            for vehicle in self._plan.vehicles:
+                command = [sys.executable, __file__, "ear", vehicle, str(self._plan.sim_folder)]
+                self._fleet.machines[vehicle].run(command, "ear")
+            self._go_on()
+        finally:
+            for vehicle in self._plan.vehicles:  # whoever is stopped cannot end by itself
+                for node in ("agent", "relay"):
+                    self._signal(vehicle, node, signal.SIGCONT)
+            self._fleet.stop()
+
+    def _go_on(self) -> None:
+        from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs this fleet's master in the environment
+
+        watch = MissionWatch(self._fleet.control, self._plan.vehicles, self._say)
+        self._hear("CONFIGURATIONS 1/2: uav2 on its way", 240.0)
+        self._agent_stops()
+        self._hear("CONFIGURATIONS 1/2: recording horizontal", 60.0)
+        self._mission_dies()
+        self._hear("CONFIGURATIONS 2/2: recording vertical", 90.0)
+        self._radio_is_gone()
+        self._until(lambda: watch.over and watch.landed, 60.0, "the mission did not end")
+
+    def _agent_stops(self) -> None:
+        time.sleep(0.5)
+        self._note("agent stopped")
+        self._signal("uav2", "agent", signal.SIGSTOP)
+        time.sleep(_AGENT_S)
+        self._note("agent goes on")
+        self._signal("uav2", "agent", signal.SIGCONT)
+        self._said.clear()
+
+    def _mission_dies(self) -> None:
+        import rospy
+        from std_srvs.srv import Trigger
+
+        from fcsv_msgs.srv import Proceed
+
+        stop_all, proceed = rospy.ServiceProxy("/stop_all", Trigger), rospy.ServiceProxy("/mission/proceed", Proceed)
+        stop_all.wait_for_service(10.0)
+        self._signal(CONTROL, "mission", signal.SIGKILL)
+        self._note("stop all")
+        self._note(f"answer: {stop_all().message}")
+        time.sleep(5.0)
+        self._said.clear()
+
+        def resumed() -> bool:
+            try:
+                return proceed("resume").success
+            except rospy.ServiceException:
+                return False  # the mission is not there again
+
+        self._until(resumed, 30.0, "nobody could resume", every_s=1.0)
+        self._note("resumed")
+
+    def _radio_is_gone(self) -> None:
+        self._note("radio cut")
+        self._signal("uav2", "relay", signal.SIGSTOP)
+        since_s = time.monotonic()
+
+        def at_rest() -> bool:
+            nonlocal since_s
+            if any(t.latest()[1][2, 3] > _ON_GROUND_M for t in self._truth.values()):
+                since_s = time.monotonic()
+            return time.monotonic() - since_s > _AT_REST_S
+
+        self._until(at_rest, 120.0, "not everybody came down")
+        self._note("on the ground")
+        self._signal("uav2", "relay", signal.SIGCONT)
+
+    # ---- what it stands on -----------------------------------------------------------------------------------
+
+    def _signal(self, machine: str, node: str, number: int) -> None:
+        self._fleet.signal(machine, node, number)
+
+    def _note(self, text: str) -> None:
+        self._log.write(json.dumps({"t": time.monotonic(), "what": text}) + "\n")
+
+    def _say(self, line: str) -> None:
+        self._said.append(line)
+        self._note(f"said: {line}")
+        print(f"{time.monotonic():.1f} {line}", flush=True)
+
+    def _hear(self, words: str, limit_s: float) -> None:
+        self._until(lambda: any(s.startswith(words) for s in list(self._said)), limit_s, f"'{words}' was not said")
+
+    def _until(self, condition: Callable[[], bool], limit_s: float, otherwise: str, every_s: float = 0.05) -> None:
+        deadline_s = time.monotonic() + limit_s
+        while not condition():
+            self._fleet.require_alive()
+            if time.monotonic() > deadline_s:
+                raise AssertionError(otherwise)
+            time.sleep(every_s)
+
+
+def listen(vehicle: str, sim_folder: str) -> None:
+    """On a vehicle's own master: set-points by sender, the guardian, modes, and the true place, as lines of JSON."""
+    import rospy
+    from geometry_msgs.msg import PoseStamped
+
+    from fcsv_geometry.errors import PoseUnavailable
+    from fcsv_msgs.msg import GuardianState, State
+
+    def tell(what: str, **more) -> None:
+        sys.stdout.write(json.dumps({"t": time.monotonic(), "what": what, **more}) + "\n")
+        sys.stdout.flush()
+
+    rospy.init_node("ear", anonymous=True)
+    on = lambda topic, kind, call: rospy.Subscriber(f"/{vehicle}/{topic}", kind, call, queue_size=20)  # noqa: E731
+    on("guardian/state", GuardianState, lambda m: tell("guardian", action=m.action, holds=m.holds, why=m.reasons))
+    on("mavros/state", State, lambda m: tell("state", mode=m.mode, armed=m.armed))
+    on("mavros/setpoint_position/local", PoseStamped,
+       lambda m: tell("set-point", by=m._connection_header["callerid"].rsplit("/", 1)[-1]))  # fmt: skip
+    truth = TruthReader(sim_folder, vehicle)
+    while not rospy.is_shutdown():
+        try:
+            tell("place", p=[float(x) for x in truth.latest()[1][:3, 3]])
+        except PoseUnavailable:
+            pass  # it is not there yet
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "ear":
+        listen(*sys.argv[2:])
+    else:
+        Story(Path(sys.argv[2])).fly()
