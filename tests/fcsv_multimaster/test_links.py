@@ -13,13 +13,15 @@ def test_shipped_links_carry_what_they_must_and_no_raw_pictures(root):
     links = load_links(root / "config/links/default.yaml")
     up = links.crossing("uav1", "control")
     assert {"/uav1/odometry/state", "/uav1/tags/detections", "/uav1/command_ack", "/uav1/mavros/state"} <= set(up)
-    assert {"/uav1/odometry/epoch", "/uav1/agent/alive"} <= set(up)
+    assert {"/uav1/odometry/epoch", "/uav1/agent/alive", "/uav1/guardian/state", "/uav1/guardian/said"} <= set(up)
     down = links.crossing("control", "uav2")
     assert set(down) == {
         "/uav2/command", "/uav2/clock/ping", "/uav2/clock/offset", "/calibration", "/home", "/mission/state",
         "/calibration_epochs", "/mission/alive",
     }  # fmt: skip
-    assert set(links.crossing("uav1", "uav2")) == {"/uav1/odometry/state"}
+    assert set(links.crossing("uav1", "uav2")) == {
+        "/uav1/odometry/state", "/uav1/mavros/state", "/uav1/guardian/state",
+    }  # fmt: skip
     everything = [*up, *down]
     assert not [t for t in everything if t.endswith(("image_raw", "odometry/body", "/rosout", "/clock", "/tf"))]
     assert links.crossing("uav1", "uav1") == {}
