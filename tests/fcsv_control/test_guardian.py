@@ -191,6 +191,32 @@ def test_who_must_land_moves_aside_of_who_is_beneath(height_m):
     assert air.p[2] == pytest.approx(8.0), "at its own height"
 
 
+def test_who_was_stopped_above_another_moves_aside_too_before_it_lands():
+    """After /stop_all both are in BRAKE; without a control PC both land, but not the upper one straight down."""
+    air = Aloft()
+    air.others = {"uav2": below()}
+    air.guardian.mode_asked(air.now_s, "BRAKE")
+    air.mode = "BRAKE"
+    air.run(1.0)
+    air.silent.add("control")
+    air.run(29.0).forget()
+    air.run(20.0)
+    assert air.modes == ["GUIDED", "LAND"] and np.hypot(*(air.p - below()["p_home_m"])[:2]) > 2.0
+    assert air.asked[-1][0] - air.asked[0][0] < 15.0
+
+
+@pytest.mark.parametrize("heard", ["nothing", "a pilot's BRAKE"])
+def test_a_stop_is_left_for_nothing_else(heard):
+    air = Aloft()
+    air.others = {"uav2": below()}
+    if heard == "nothing":
+        air.guardian.mode_asked(air.now_s, "BRAKE")
+    else:
+        air.silent.add("control")
+    air.mode = "BRAKE"
+    assert air.run(60.0).modes == []
+
+
 def test_who_has_no_position_lands_where_it_is():
     air = Aloft()
     air.others = {"uav2": below()}

@@ -178,8 +178,11 @@ class Guardian:
             return
         self._landing = True
         blind = worst is not None and worst.wish is Wish.LAND
-        beneath = None if blind or self.air.mode != "GUIDED" else self._watches.beneath(now_s, self.air)
+        flown = self.air.mode in ("GUIDED", "BRAKE")
+        beneath = self._watches.beneath(now_s, self.air) if flown and not blind else None
         if beneath is not None and self._way_aside(now_s, beneath):
+            if self.air.mode == "BRAKE":  # where /stop_all, or this one, stopped it: it cannot move in BRAKE
+                self._ask(now_s, "GUIDED")
             return
         self._place = None
         self._ask(now_s, "LAND")
@@ -241,7 +244,7 @@ class Guardian:
 
     def _action(self, now_s: float) -> str:
         asked, _, last_s = self._asked
-        if asked and now_s - last_s < 1.0:
+        if asked and now_s - last_s < 1.0 and asked != "GUIDED":  # that is for the way aside
             return asked
         if self._place is None:
             return ""

@@ -35,7 +35,7 @@ class Verdict:
     @property
     def in_words(self) -> str:
         """What is done and why, empty where nothing is done."""
-        return f"{self.action}: {'; '.join(self.reasons)}" if self.action else ""
+        return ": ".join(filter(None, (self.action, "; ".join(self.reasons)))) if self.action else ""
 
 
 @dataclass(frozen=True)

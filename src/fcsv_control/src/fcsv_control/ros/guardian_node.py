@@ -187,8 +187,7 @@ class GuardianNode:
 
     def _publish(self, now_s: float, v: Verdict) -> None:
         self._published, self._published_s = v, now_s
-        text = "; ".join(v.reasons) or v.action
-        self._health.problem("guardian", f"{self._name}: {v.action}: {text}" if v.action else "")
+        self._health.problem("guardian", f"{self._name}: {v.in_words}" if v.action else "")
         self._health.value("not to be handed over", "; ".join(v.forbids) or "nothing against it")
         wrong = [text for text in v.forbids if text != STICK]  # pilots who fly move their sticks
         self._health.problem("not to be handed over", f"{self._name}: {'; '.join(wrong)}" if wrong else "")
