@@ -153,7 +153,8 @@ def test_a_link_that_sleeps_reads_on_where_it_was_and_does_not_take_its_sleep_fo
 
 def test_a_mission_that_restarts_goes_on_where_it_was(mission):
     """A new process under a new name: the old one's lease ends first, then everybody is held and the list goes on."""
-    two = replace(mission, configurations=[StereoConfiguration("horizontal", 2.0, record_s=2.0), *mission.configurations])
+    first = StereoConfiguration("horizontal", 2.0, record_s=2.0)
+    two = replace(mission, configurations=[first, *mission.configurations])
     flight = flown_to(two, "CONFIGURATIONS", 0.0)
     while not flight.control.machine.captures:
         flight.step()
