@@ -38,7 +38,7 @@ class MissionMachine(Operated):
 
     def __init__(self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None):
         mission.check_vehicles(vehicles)
-        self.mission = mission
+        self.mission, self._digest = mission, digest(mission)
         self.vehicles = list(vehicles)
         self.outbox = Outbox()
         self.phase = "WAIT_VEHICLES"
@@ -100,7 +100,7 @@ class MissionMachine(Operated):
             return None
         flown = self._flight_list
         return Memory(
-            self.mission.name, digest(self.mission), self.vehicles, self.phase, self.detail, self._aborted,
+            self.mission.name, self._digest, self.vehicles, self.phase, self.detail, self._aborted,
             list(self.captures), dict(self._hands.taken), None if flown is None else flown.memory,
         )  # fmt: skip
 
