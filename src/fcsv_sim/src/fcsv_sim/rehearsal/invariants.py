@@ -62,7 +62,7 @@ class Invariants:
         up = {n: p[2] > _IN_THE_AIR_M for n, p in places.items()}
         self.flew |= any(up.values())
         for a, b in combinations(fleet, 2):
-            if up[a] or up[b]:
+            if up[a] or up[b] or self._apart.get((a, b)):  # who lands on one that stands on the ground meets it there
                 self._pair(now_s, a, b, places[a], places[b], up[a] and up[b])
         for name in fleet:
             self._ground(now_s, name, up[name])
