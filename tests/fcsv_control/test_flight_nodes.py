@@ -24,10 +24,10 @@ class ControlPc:
         import rospy
         from geometry_msgs.msg import PoseStamped
 
-        from fcsv_msgs.msg import Command, CommandAck, State, StatusText
+        from fcsv_msgs.msg import Command, CommandAck, Heartbeat, State, StatusText
 
         self.state, self.T_odom_body, self.texts, self.acks, self.number = State(), None, [], {}, 0
-        self.set_points = []
+        self.set_points, lives = [], []
         self.sender = f"test-{time.time():.0f}"
         on = lambda topic, kind, do: rospy.Subscriber(f"/{NAME}/{topic}", kind, do, queue_size=50)  # noqa: E731
         self.heard = [
@@ -37,9 +37,12 @@ class ControlPc:
             on("guardian/said", StatusText, lambda m: self.texts.append(m.text)),
             on("command_ack", CommandAck, lambda m: self.acks.setdefault(m.number, []).append(m)),
             on("mavros/setpoint_position/local", PoseStamped, self.set_points.append),
+            on("agent/alive", Heartbeat, lives.append),
         ]
         self.commands = rospy.Publisher(f"/{NAME}/command", Command, queue_size=20)
         until(lambda: self.commands.get_num_connections(), what="agent")
+        listened = lambda: lives and lives[-1].sent_s - lives[-1].started_s > 1.2  # noqa: E731
+        until(listened, what="an agent that has listened for another one, which takes a second")
 
     def on_pose(self, message):
         from fcsv_geometry.ros import conversions

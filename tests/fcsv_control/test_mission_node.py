@@ -323,7 +323,8 @@ def test_a_control_pc_that_is_gone_and_comes_back_goes_on(pair, start_node, fold
     until(lambda: back.commands[-1].kind == Command.RECORD and back.commands[-1].flag)
     np.testing.assert_allclose(back.T_home_body, place, atol=1e-6)
     until(lambda: [c.index for c in pair.captures] == [0, 0])  # told again, not flown again
-    assert pair.captures[0].start == pair.captures[1].start
+    # two readings of two clocks: a moment on a busy machine, a fortieth of a picture's period
+    assert abs((pair.captures[0].start - pair.captures[1].start).to_sec()) < 5e-3
     assert pair.abort().success
     pair.wait_for("ABORTED")
     for watch in watches:

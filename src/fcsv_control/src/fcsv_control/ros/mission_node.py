@@ -243,7 +243,8 @@ class MissionNode:
             return  # after a restart recordings are told again, once who records them is connected
         wall_s = rospy.get_time()
         for window in m.captures[self._published_captures :]:
-            self._captures.publish(capture_message(self._mission, window, wall_s, wall_s - now_s))
+            offset_s = rospy.get_time() - time.monotonic()  # both now: ``now_s`` is as old as this step took
+            self._captures.publish(capture_message(self._mission, window, wall_s, offset_s))
         self._published_captures = len(m.captures)
 
 
