@@ -97,3 +97,13 @@ def test_a_clock_that_is_set_raises_no_doubt():
 def test_rules_out_of_range_are_refused(name):
     with pytest.raises(ValueError, match=name):
         FeedCheckRules(**{name: -1.0})
+
+
+def test_a_tracker_that_comes_and_goes_is_doubted():
+    air = Air()
+    air.run(3.0)
+    for k in range(3):
+        assert air.check.doubt == ""
+        air.now_s += 0.7
+        air.run(2.0)
+    assert air.check.doubt == "the tracker comes and goes"

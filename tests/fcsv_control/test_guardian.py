@@ -263,6 +263,18 @@ def test_two_in_one_column_go_to_different_sides():
     assert np.linalg.norm(places[8.0] - places[5.0]) > 5.0
 
 
+def test_the_way_aside_passes_nobody():
+    """In a column the way from the one behind would lead through the one in front."""
+    air = Aloft()
+    air.others = {"uav3": {"p_home_m": np.array([-2.0, 0.1, 8.3]), "mode": "LAND"},
+                  "uav1": {"p_home_m": np.array([2.8, 0.0, 8.0]), "mode": "GUIDED"}}  # fmt: skip
+    nearest_m = np.inf
+    for _ in range(60):
+        air.run(0.1)
+        nearest_m = min(nearest_m, float(np.linalg.norm(air.p[:2] - [2.8, 0.0])))
+    assert np.linalg.norm(air.p[:2] - [-2.0, 0.1]) > 2.5 and nearest_m > 1.9
+
+
 def test_too_near_to_another_means_apart():
     air = Aloft()
     air.others = {"uav2": {"p_home_m": np.array([0.6, 0.0, 8.0]), "mode": "GUIDED"}}

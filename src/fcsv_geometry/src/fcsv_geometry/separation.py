@@ -14,6 +14,7 @@ import numpy as np
 from fcsv_geometry.config import require_positive
 
 _SIGMAS = 3.0
+_ANGLES = [0.0, *(sign * k * np.pi / 8.0 for k in range(1, 9) for sign in (1.0, -1.0))]  # the nearest first
 _AWAY_M = 0.3  # nearer than this horizontally, "away" has no direction
 
 
@@ -58,21 +59,38 @@ def aside(
     here_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float, away_from_m: Optional[np.ndarray] = None,
     side: Optional[np.ndarray] = None,
 ) -> np.ndarray:  # fmt: skip
-    """A place (3,) at the same height whose column of air is ``clear_m`` from all others: away from one of them, else
-    to
-    either ``side`` ((2,), a direction), forwards or backwards; where none is clear, the one with most room.
+    """A place (3,) at the same height whose column of air is ``clear_m`` from all others, by a way that passes nobody: away
+    from one of them, else as near as can be to ``side`` ((2,), a direction; to the right by default); where none is
+    clear, the one with most room.
 
     >>> aside(np.array([0.0, 0.0, 8.0]), [np.array([1.0, 0.0, 3.0])], 2.0, np.array([1.0, 0.0, 3.0])).tolist()
     [-4.0, 0.0, 8.0]
     """
     first = np.array([0.0, -1.0]) if side is None else np.asarray(side, float)
-    across = np.array([-first[1], first[0]])
-    directions = [first, -first, -across, across]
     if away_from_m is not None:
         away = here_m[:2] - away_from_m[:2]
         length_m = float(np.linalg.norm(away))
-        if length_m > _AWAY_M:
-            directions.insert(0, away / length_m)
-    places = [here_m + 2.0 * clear_m * np.array([*d, 0.0]) for d in directions]
-    room_m = [min((float(np.linalg.norm((p - o)[:2])) for o in others_m), default=np.inf) for p in places]
-    return next((p for p, m in zip(places, room_m) if m > clear_m), places[int(np.argmax(room_m))])
+        first = away / length_m if length_m > _AWAY_M else first
+    places = [here_m + 2.0 * clear_m * np.array([*_turned(first, angle), 0.0]) for angle in _ANGLES]
+    room = [_room_m(here_m, p, others_m, clear_m) for p in places]
+    return next((p for p, m in zip(places, room) if m >= 0.0), places[int(np.argmax(room))])
+
+
+def _turned(direction: np.ndarray, angle_rad: float) -> np.ndarray:
+    """(2,), exact for no turn."""
+    c, s = (1.0, 0.0) if angle_rad == 0.0 else (np.cos(angle_rad), np.sin(angle_rad))
+    return np.array([c * direction[0] - s * direction[1], s * direction[0] + c * direction[1]])
+
+
+def _room_m(here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float) -> float:
+    """By how much (m) a way and its end keep clear, horizontally; negative: they do not. Who is near already must not come
+    nearer."""
+    least_m = np.inf
+    a, ab = here_m[:2], place_m[:2] - here_m[:2]
+    for other in others_m:
+        off = other[:2] - a
+        share = min(1.0, max(0.0, float(off @ ab) / max(float(ab @ ab), 1e-12)))
+        passes_m = float(np.linalg.norm(off - share * ab))
+        needed_m = min(0.8 * clear_m, float(np.linalg.norm(off)) - 1e-6)
+        least_m = min(least_m, passes_m - needed_m, float(np.linalg.norm(off - ab)) - clear_m)
+    return least_m

@@ -38,6 +38,7 @@ class FeedCheckRules:
     noise_m: float = 0.06  # of two poses and the way between them
     speed_mps: float = 0.12  # of the filter's velocity
     lag_s: float = 0.04  # between both: counts while the velocity changes
+    most_gaps: int = 3  # silences of more than half a second in one flight
     withheld_s: float = 0.25  # so long nothing believable came: doubt
     apart_m: float = 0.5  # between estimate and feed, beyond what is flown in apart_lag_s
     apart_lag_s: float = 0.2
@@ -63,6 +64,7 @@ class FeedCheck:
 
     def begin_again(self) -> None:
         """On the ground, or the odometry frame was begun anew: nothing of before counts."""
+        self._gaps = 0
         self._samples: Deque[Tuple[float, Tuple[float, ...]]] = deque()  # stamp; position, forward and left axes (9,)
         self._believed: Deque[Tuple[float, Vector, Vector, Vector]] = deque()  # stamp, position, way, velocity
         self._withheld_since_s: Optional[float] = None
@@ -103,7 +105,7 @@ class FeedCheck:
             self._withheld_since_s = None
         elif self._withheld_since_s is None:
             self._withheld_since_s = stamp_s
-        self.doubt = self.doubt or self._frozen(stamp_s) or self._ran_off(stamp_s) or self._apart(now_s, p_m)
+        self.doubt = self.doubt or self._comes_and_goes() or self._frozen(stamp_s) or self._ran_off(stamp_s) or self._apart(now_s, p_m)
         return believed and not self.doubt
 
     def _continue(self, now_s: float, stamp_s: float) -> None:
@@ -114,10 +116,11 @@ class FeedCheck:
             step_s, arrived_s = stamp_s - self._clock_s, now_s - self._skew_s - self._clock_s
             if arrived_s > _GAP_S:
                 self._settled_s = now_s + _SETTLE_S
+                self._gaps += 1
             if abs(step_s - arrived_s) > _CLOCK_STEP_S or not 0.0 < step_s < _GAP_S:
-                kept = self.doubt
+                doubt, gaps = self.doubt, self._gaps
                 self.begin_again()
-                self.doubt = kept
+                self.doubt, self._gaps = doubt, gaps
         self._clock_s, self._skew_s = stamp_s, now_s - stamp_s
 
     # ---- against the velocity --------------------------------------------------------------------------------
@@ -155,6 +158,10 @@ class FeedCheck:
         return way, v
 
     # ---- doubt -----------------------------------------------------------------------------------------------
+
+    def _comes_and_goes(self) -> str:
+        """After a gap poses are believed for a while; a tracker that begins anew again and again tells nothing."""
+        return "the tracker comes and goes" if self._gaps >= self._rules.most_gaps else ""
 
     def _frozen(self, stamp_s: float) -> str:
         r, newest = self._rules, self._samples[-1][1]

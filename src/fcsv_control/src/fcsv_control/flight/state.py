@@ -71,6 +71,11 @@ class FlightState:
             self, throttle=throttle, throttle_heard_s=heard_s, rc_channels=channels, rc_rssi=m.rssi
         )  # fmt: skip
 
+    @property
+    def in_the_air(self) -> Optional[bool]:
+        """As the autopilot says; None: it has not said."""
+        return None if self.landed is None else not self.landed
+
     def with_heartbeat(self, m) -> "FlightState":
         """After a HEARTBEAT of the autopilot."""
         return replace(

@@ -21,6 +21,7 @@ class LinkReport:
     ekf_variance: float = 0.0  # the largest
     throttle: float = math.nan
     failsafe: bool = False
+    in_the_air: Optional[bool] = None  # as the autopilot says; None: it has not
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ class Air:
     @property
     def flying(self) -> bool:
         """Armed and off the ground, as the autopilot believes."""
+        if self.armed and self.link.in_the_air is not None:
+            return self.link.in_the_air
         if not self.armed or self.estimate is None or self.take_off is None:
             return self.armed
         return bool(self.estimate[2, 3] - self.take_off[2, 3] > _FLYING_M)

@@ -112,7 +112,7 @@ class FlightLinkNode:
     def _believed(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """Whether a pose agrees with what the autopilot feels. On the ground there is nothing to feel."""
         state = self._link.state
-        if state.armed and state.landed is False:
+        if state.armed and state.in_the_air:
             believed = self._check.judge(now_s, stamp_s, T_odom_body)
         else:
             self._check.begin_again()

@@ -39,7 +39,7 @@ class LinkHealthReport:
             ekf_variance=s.ekf_variance, throttle=s.throttle, throttle_age_s=now_s - s.throttle_heard_s,
             system_status=s.system_status, origin_set=link.origin_set, parameters_ok=link.parameters_ok,
             feed_rate_hz=rate_hz, feed_age_s=age_s, estimate_apart_m=apart_m, feed_stopped=link.feed_stopped,
-            doubt=doubt, pid=os.getpid(),
+            doubt=doubt, pid=os.getpid(), in_the_air=-1 if s.in_the_air is None else int(s.in_the_air),
         )  # fmt: skip
 
     def rc(self, link: FlightLink) -> None:

@@ -122,7 +122,7 @@ class OnBoard:
         if self._feed.judge(now_s, stamp_s)[0] is FeedVerdict.SEND:
             T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
             self.guardian.feed(now_s, T_odom_body)
-            if not self.guardian.air.flying:
+            if not (self.link.state.armed and self.link.state.in_the_air):
                 self._check.begin_again()
             elif not self._check.judge(now_s, stamp_s, T_odom_body):
                 return
@@ -172,7 +172,7 @@ class OnBoard:
         if self.link_runs:
             s = self.link.state
             failsafe = s.system_status in AUTOPILOT_FAILSAFE
-            self.guardian.link(now_s, LinkReport(self._check.doubt, s.ekf_variance, s.throttle, failsafe))
+            self.guardian.link(now_s, LinkReport(self._check.doubt, s.ekf_variance, s.throttle, failsafe, s.in_the_air))
         self.guardian.step(now_s)
         for output in self.guardian.outgoing():
             if isinstance(output, AskMode) and self.link_runs:
