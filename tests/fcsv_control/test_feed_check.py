@@ -102,7 +102,7 @@ def test_rules_out_of_range_are_refused(name):
 def test_a_tracker_that_comes_and_goes_is_doubted():
     air = Air()
     air.run(3.0)
-    for k in range(3):
+    for _ in range(3):
         assert air.check.doubt == ""
         air.now_s += 0.7
         air.run(2.0)

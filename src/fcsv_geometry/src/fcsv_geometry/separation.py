@@ -59,8 +59,8 @@ def aside(
     here_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float, away_from_m: Optional[np.ndarray] = None,
     side: Optional[np.ndarray] = None,
 ) -> np.ndarray:  # fmt: skip
-    """A place (3,) at the same height whose column of air is ``clear_m`` from all others, by a way that passes nobody: away
-    from one of them, else as near as can be to ``side`` ((2,), a direction; to the right by default); where none is
+    """A place (3,) at the same height whose column of air is ``clear_m`` from all others, by a way that passes nobody:
+    away from one of them, else as near as can be to ``side`` ((2,), a direction; to the right by default); where none is
     clear, the one with most room.
 
     >>> aside(np.array([0.0, 0.0, 8.0]), [np.array([1.0, 0.0, 3.0])], 2.0, np.array([1.0, 0.0, 3.0])).tolist()
@@ -83,8 +83,8 @@ def _turned(direction: np.ndarray, angle_rad: float) -> np.ndarray:
 
 
 def _room_m(here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float) -> float:
-    """By how much (m) a way and its end keep clear, horizontally; negative: they do not. Who is near already must not come
-    nearer."""
+    """By how much (m) a way and its end keep clear, horizontally; negative: they do not. Who is near already must not
+    come nearer."""
     least_m = np.inf
     a, ab = here_m[:2], place_m[:2] - here_m[:2]
     for other in others_m:

@@ -105,7 +105,8 @@ class FeedCheck:
             self._withheld_since_s = None
         elif self._withheld_since_s is None:
             self._withheld_since_s = stamp_s
-        self.doubt = self.doubt or self._comes_and_goes() or self._frozen(stamp_s) or self._ran_off(stamp_s) or self._apart(now_s, p_m)
+        doubt = self.doubt or self._comes_and_goes() or self._frozen(stamp_s) or self._ran_off(stamp_s)
+        self.doubt = doubt or self._apart(now_s, p_m)
         return believed and not self.doubt
 
     def _continue(self, now_s: float, stamp_s: float) -> None:
