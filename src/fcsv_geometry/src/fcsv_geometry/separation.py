@@ -60,8 +60,8 @@ def aside(
     side: Optional[np.ndarray] = None,
 ) -> np.ndarray:  # fmt: skip
     """A place (3,) at the same height whose column of air is ``clear_m`` from all others, by a way that passes
-    nobody: away from one of them, else as near as can be to ``side`` ((2,), a direction; to the right by default); where none is
-    clear, the one with most room.
+    nobody: away from one of them, else as near as can be to ``side`` ((2,), a direction; to the right by
+    default); where none is clear, the one with most room.
 
     >>> aside(np.array([0.0, 0.0, 8.0]), [np.array([1.0, 0.0, 3.0])], 2.0, np.array([1.0, 0.0, 3.0])).tolist()
     [-4.0, 0.0, 8.0]
