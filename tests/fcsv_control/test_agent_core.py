@@ -131,6 +131,16 @@ def test_while_the_guardian_holds_the_agent_is_quiet_and_then_holds_where_it_is(
     assert np.allclose(of(board.run(0.5), SetPoint)[-1].T_odom_body[:3, 3], [4.0, 0.0, 3.0])
 
 
+def test_who_is_moved_aside_is_not_stopped_on_the_way():
+    board = Board()
+    board.core.guarded(board.now_s, "aside", True, "uav2 comes down", ())
+    assert "moves it aside: uav2 comes down" in board.answer(Kind.SET_MODE, mode="BRAKE")[1]
+    assert "moves it aside" in board.answer(Kind.LAND)[1], "beneath the other"
+    board.core.guarded(board.now_s, "", False, "", ())
+    board.tell(Kind.SET_MODE, mode="BRAKE")
+    assert of(board.run(0.5), Ask)
+
+
 def test_what_the_guardian_forbids_is_not_handed_over():
     board = Board()
     board.core.guarded(board.now_s, "", False, "", ("the throttle stick is not in the middle",))

@@ -238,6 +238,16 @@ def test_who_is_beneath_moves_aside_within_a_second(fields):
     assert np.linalg.norm(air.p[:2] - [0.2, 0.1]) > 2.5
 
 
+def test_who_was_stopped_beneath_one_that_comes_down_moves_aside():
+    air = Aloft()
+    air.guardian.mode_asked(air.now_s, "BRAKE")  # /stop_all
+    air.mode = "BRAKE"
+    air.run(1.0)
+    air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": "LAND"}}
+    air.run(5.0)
+    assert air.modes[0] == "GUIDED" and np.linalg.norm(air.p[:2] - [0.2, 0.1]) > 2.5
+
+
 def test_who_was_above_and_is_silent_may_come_down():
     air = Aloft()
     air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": "GUIDED"}}

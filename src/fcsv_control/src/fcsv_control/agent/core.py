@@ -94,7 +94,7 @@ class AgentCore:
         """The guardian's verdict: while it ``holds`` the vehicle the agent is quiet, and thereafter holds where it
         is; an
         ``action`` may be a mode that it asks for; ``forbids`` tells why the vehicle is not to be handed over."""
-        self.rights.guardian_s = now_s
+        self.rights.guardian_s, self.rights.aside = now_s, action == "aside"
         if action in STOPPING_MODES:
             self.rights.hands.asked(action)
         if self.rights.guarded and not holds:

@@ -24,6 +24,7 @@ class Rights:
         self.hands, self.lease, self.frame = ModeHands(), Lease(), CalibratedFrame()
         self._stopped_s, self._stopped_by = -math.inf, ""
         self.guarded = ""  # why the guardian flies, "" where it does not
+        self.aside = False  # out of the way of one that comes down: then nobody stops it there
         self.forbidden: Sequence[str] = ()  # why the guardian forbids to hand the vehicle over
 
     def stopped(self, now_s: float, sender: str) -> None:
@@ -34,7 +35,9 @@ class Rights:
         """Why a command is not obeyed; "" where it is. A moving command takes or renews the lease."""
         if c.stops:
             mode = self.hands.by_hand
-            return f"{self._vehicle} is flown by hand ({mode}); tell its pilot" if mode else ""
+            if mode:
+                return f"{self._vehicle} is flown by hand ({mode}); tell its pilot"
+            return f"{self._vehicle}: its guardian moves it aside: {self.guarded}" if self.aside else ""
         if not c.moves:
             return ""
         if c.sender != self._stopped_by and c.ordered_s < self._stopped_s + _MARGIN_S:

@@ -149,6 +149,9 @@ class Guardian:
         worst = max(wishes, key=lambda f: f.wish, default=None)
         if self._landing or (worst is not None and worst.wish in (Wish.LAND, Wish.LAND_ASIDE)):
             self._land(now_s, worst)
+        elif self.air.mode == "BRAKE" and worst is not None and worst.wish is Wish.ASIDE:
+            self._move_aside(now_s, worst.away_from)  # it cannot move in BRAKE
+            self._ask(now_s, "GUIDED")
         elif self.air.mode != "GUIDED":
             self._place = None  # BRAKE stops it by itself
             self._answered.add(self._braking_for)
