@@ -426,6 +426,9 @@ def test_a_guardian_started_in_flight_knows_guided_and_leaves_other_modes_alone(
     (lambda air: setattr(air, "report", LinkReport(throttle=-1.0)), "throttle"),
     (lambda air: setattr(air, "report", LinkReport("frozen", throttle=0.0)), "frozen"),
     (lambda air: setattr(air, "confidence", 0.0), "confidence"),
+    (lambda air: setattr(air, "report", LinkReport(throttle=0.0, origin_set=False)), "no origin"),
+    (lambda air: setattr(air, "report", LinkReport(throttle=0.0, parameters_ok=False)), "parameters"),
+    (lambda air: setattr(air, "report", LinkReport(throttle=0.0, ekf_variance=1.2)), "filter"),
     (lambda air: air.silent.add("feed"), "no poses"),
 ])  # fmt: skip
 def test_what_forbids_guided(what, reason):

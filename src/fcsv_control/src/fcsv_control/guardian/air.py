@@ -21,6 +21,8 @@ class LinkReport:
     ekf_variance: float = 0.0  # the largest
     throttle: float = math.nan
     failsafe: bool = False
+    origin_set: bool = True
+    parameters_ok: bool = True
     in_the_air: Optional[bool] = None  # as the autopilot says; None: it has not
 
 

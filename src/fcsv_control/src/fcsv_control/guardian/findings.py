@@ -59,6 +59,12 @@ class Watches:
         r, reasons = self._rules, []
         if air.link.doubt:
             reasons.append(f"{air.link.doubt}; land by hand and begin anew")
+        if not air.link.origin_set:
+            reasons.append("the autopilot has no origin yet")
+        if not air.link.parameters_ok:
+            reasons.append("parameters of the autopilot do not fit, or were not read: see /diagnostics")
+        if air.link.ekf_variance > r.ekf_variance:
+            reasons.append("the autopilot's filter does not agree with its sensors")
         if now_s - air.feed_s > r.feed_warn_s:
             reasons.append("no poses come from the tracking camera")
         if not air.flying and self._lasts(now_s, "apart", self._apart_m(air) > r.apart_m, 0.5):

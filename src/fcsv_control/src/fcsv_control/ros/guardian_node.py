@@ -116,7 +116,10 @@ class GuardianNode:
         throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan  # no transmitter is heard
         self._link_pid = m.pid
         in_the_air = None if m.in_the_air < 0 else bool(m.in_the_air)
-        report = LinkReport(m.doubt, m.ekf_variance, throttle, m.system_status in AUTOPILOT_FAILSAFE, in_the_air)
+        report = LinkReport(
+            m.doubt, m.ekf_variance, throttle, m.system_status in AUTOPILOT_FAILSAFE, m.origin_set, m.parameters_ok,
+            in_the_air,
+        )  # fmt: skip
         self._hear(self._core.link, report)
 
     def _on_command(self, m: Command) -> None:

@@ -172,7 +172,11 @@ class OnBoard:
         if self.link_runs:
             s = self.link.state
             failsafe = s.system_status in AUTOPILOT_FAILSAFE
-            self.guardian.link(now_s, LinkReport(self._check.doubt, s.ekf_variance, s.throttle, failsafe, s.in_the_air))
+            report = LinkReport(
+                self._check.doubt, s.ekf_variance, s.throttle, failsafe, self.link.origin_set(now_s),
+                in_the_air=s.in_the_air,
+            )  # fmt: skip
+            self.guardian.link(now_s, report)
         self.guardian.step(now_s)
         for output in self.guardian.outgoing():
             if isinstance(output, AskMode) and self.link_runs:
