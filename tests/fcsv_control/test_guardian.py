@@ -317,6 +317,16 @@ def test_a_link_that_hangs_is_ended_once():
     assert len(air.run(3.0).restarts) == 2
 
 
+def test_who_is_held_in_flight_is_held_where_it_comes_to_rest():
+    air = Aloft()
+    air.silent.add("agent")
+    while not air.held:
+        air.p = air.p + [3.0 * STEP_S, 0.0, 0.0]
+        air.run(STEP_S)
+    ahead_m = float(air.held[0][1][0] - air.p[0])
+    assert 1.0 < ahead_m < 2.5, "v^2 / 2a at 3 m/s"
+
+
 def test_a_fence_brakes_once_per_crossing():
     air = Aloft(GuardianRules(fence=Fence(ceiling_m=10.0)))
     air.p[2] = 11.0

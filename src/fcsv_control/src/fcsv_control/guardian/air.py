@@ -4,11 +4,12 @@
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Deque, Dict, Optional
+from typing import Deque, Dict, Optional, Tuple
 
 import numpy as np
 
 _INF = float("inf")
+_WAY_S = 0.3
 _FLYING_M = 0.5  # above where it stood
 AUTOPILOT_FAILSAFE = (5, 6)  # MAV_STATE_CRITICAL, MAV_STATE_EMERGENCY
 
@@ -60,6 +61,7 @@ class Air:
     T_home_odom: Optional[np.ndarray] = None
     others: Dict[str, Other] = field(default_factory=dict)
     feeds: Deque[float] = field(default_factory=deque)  # times within the last second
+    way: Deque[Tuple[float, np.ndarray]] = field(default_factory=deque)  # estimates of the last moments: time, position
 
     def fed(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """A pose came from the odometry."""
@@ -67,6 +69,18 @@ class Air:
         self.feeds.append(now_s)
         while self.feeds[0] < now_s - 1.0:
             self.feeds.popleft()
+
+    def estimated(self, now_s: float, T_odom_body: np.ndarray) -> None:
+        """The autopilot's estimate came."""
+        self.estimate, self.estimate_s = T_odom_body, now_s
+        self.way.append((now_s, T_odom_body[:3, 3]))
+        while self.way[0][0] < now_s - _WAY_S:
+            self.way.popleft()
+
+    def velocity_mps(self) -> np.ndarray:
+        """(3,) of the estimate, odometry frame; zero while there is too little of it."""
+        (early_s, p_then), (late_s, p_now) = (self.way[0], self.way[-1]) if self.way else ((0.0, 0.0), (0.0, 0.0))
+        return (p_now - p_then) / (late_s - early_s) if late_s - early_s > 0.5 * _WAY_S else np.zeros(3)
 
     def feed_hz(self, now_s: float) -> float:
         """Poses in the last second."""

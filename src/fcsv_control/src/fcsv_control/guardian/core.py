@@ -21,6 +21,7 @@ from fcsv_geometry.flow import RateGate
 _SET_POINT_HZ = 10.0
 _AGAIN_S = 0.5  # a mode is asked for again
 _THERE_M = 0.4
+_STOPS_MPS2, _LONGEST_STOP_S = 2.5, 1.0  # how an ArduCopter in GUIDED comes to rest
 _CALM_S = 3.0  # what asked for a hold must be over for so long
 _SAY_AGAIN_S = 10.0
 
@@ -66,7 +67,7 @@ class Guardian:
 
     def estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate."""
-        self.air.estimate, self.air.estimate_s = T_odom_body, now_s
+        self.air.estimated(now_s, T_odom_body)
         if np.isfinite(self.air.state_s) and not self.air.armed:  # started in flight, it never saw the ground
             self.air.take_off = T_odom_body
 
@@ -216,9 +217,12 @@ class Guardian:
         self._aside_s = self._aside_s or now_s
 
     def _hold(self, now_s: float) -> None:
+        """Where it comes to rest: a place behind it would be overshot, and flown back to."""
         self._held_s = now_s
         if self._place is None and self.air.estimate is not None:
+            v = self.air.velocity_mps()
             self._place = transforms.level(self.air.estimate)
+            self._place[:3, 3] += v * min(float(np.linalg.norm(v)) / (2.0 * _STOPS_MPS2), _LONGEST_STOP_S)
 
     def _brake(self, now_s: float, finding: Finding) -> None:
         """BRAKE, once per finding; LAND where it does not show."""
