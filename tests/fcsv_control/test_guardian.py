@@ -292,6 +292,21 @@ def test_too_near_to_another_means_apart():
     assert air.p[0] < -1.0 and not air.asked
 
 
+def test_a_guardian_that_slept_blames_nobody():
+    air = Aloft()
+    air.now_s += 3.0  # the computer did not let it run
+    assert air.run(0.3).asked == [] and air.held == []
+
+
+def test_on_the_ground_it_gives_no_set_points():
+    """They would replace the take-off."""
+    air = Aloft()
+    air.p[2] = 0.0
+    air.report = LinkReport(throttle=0.0, in_the_air=False)
+    air.silent.add("agent")
+    assert air.run(3.0).held == []
+
+
 def test_a_silent_agent_is_held_for_then_landed():
     air = Aloft()
     air.silent.add("agent")
@@ -337,6 +352,19 @@ def test_a_fence_brakes_once_per_crossing():
     air.run(1.0)
     air.p[2] = 11.0
     assert air.run(1.0).modes == ["BRAKE", "BRAKE"]
+
+
+def test_a_take_off_begins_under_the_floor():
+    air = Aloft()
+    air.report, air.p[2] = LinkReport(throttle=0.0, in_the_air=False), 0.0
+    air.run(1.0)
+    air.report = LinkReport(throttle=0.0, in_the_air=True)
+    air.p[2] = 0.1
+    assert air.run(1.0).asked == []
+    air.p[2] = 3.0
+    air.run(1.0)
+    air.p[2] = 0.1
+    assert air.run(1.0).modes == ["BRAKE"], "who sinks to the ground in GUIDED"
 
 
 def test_a_brake_that_does_not_show_becomes_land():

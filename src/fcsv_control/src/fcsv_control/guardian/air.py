@@ -77,6 +77,11 @@ class Air:
         while self.way[0][0] < now_s - _WAY_S:
             self.way.popleft()
 
+    def slept(self, seconds: float) -> None:
+        """This process itself did not run for so long."""
+        for name in ("feed_s", "link_s", "agent_s", "control_s"):
+            setattr(self, name, getattr(self, name) + seconds)
+
     def velocity_mps(self) -> np.ndarray:
         """(3,) of the estimate, odometry frame; zero while there is too little of it."""
         (early_s, p_then), (late_s, p_now) = (self.way[0], self.way[-1]) if self.way else ((0.0, 0.0), (0.0, 0.0))

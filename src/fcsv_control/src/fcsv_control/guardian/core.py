@@ -21,6 +21,7 @@ from fcsv_geometry.flow import RateGate
 _SET_POINT_HZ = 10.0
 _AGAIN_S = 0.5  # a mode is asked for again
 _THERE_M = 0.4
+_STALL_S = 0.25  # a step that comes later than this was delayed itself
 _STOPS_MPS2, _LONGEST_STOP_S = 2.5, 1.0  # how an ArduCopter in GUIDED comes to rest
 _CALM_S = 3.0  # what asked for a hold must be over for so long
 _SAY_AGAIN_S = 10.0
@@ -36,7 +37,7 @@ class Guardian:
         self._gate = RateGate(_SET_POINT_HZ)
         self._place: Optional[np.ndarray] = None  # T_odom_body that is held
         self._aside_s: Optional[float] = None  # when the way aside began
-        self._held_s = now_s  # when something last asked for a hold
+        self._held_s = self._stepped_s = now_s  # when something last asked for a hold, and the last step
         self._link_heard = self._link_restarted = False
         self._landing = False
         self._braking_for = ""
@@ -116,6 +117,9 @@ class Guardian:
     def step(self, now_s: float) -> None:
         """Look at everything, and act where it is needed."""
         air = self.air
+        if now_s - self._stepped_s > _STALL_S:  # what came meanwhile is still to be read: no silence of anybody
+            air.slept(now_s - self._stepped_s)
+        self._stepped_s = now_s
         found = self._watches.findings(now_s, air) if air.armed else []
         self._mind_link(now_s)
         forbids = tuple(self._watches.forbids(now_s, air)) if air.mode != "GUIDED" else ()
@@ -156,7 +160,7 @@ class Guardian:
         elif self.air.mode != "GUIDED":
             self._place = None  # BRAKE stops it by itself
             self._answered.add(self._braking_for)
-        elif worst is None:
+        elif worst is None or not self.air.flying:  # a set-point would replace the take-off
             self._release(now_s)
         elif worst.wish is Wish.BRAKE:
             self._brake(now_s, worst)

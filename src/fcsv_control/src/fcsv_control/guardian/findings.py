@@ -17,6 +17,7 @@ _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
 _USUAL_AGE_S = 0.25  # of a state that comes ten times a second over a radio
 _MOST_AGE_S = 1.0  # of a pose of another vehicle, in the separation: then it is its silence that counts
 _BELOW_M = 0.5
+_ABOVE_FLOOR_M = 0.5
 
 
 class Wish(IntEnum):
@@ -46,7 +47,7 @@ class Watches:
     def __init__(self, rules: GuardianRules):
         self._rules = rules
         self._since_s: Dict[str, float] = {}
-        self._was_outside = False
+        self._took_off = False
 
     def findings(self, now_s: float, air: Air) -> List[Finding]:
         """What is wrong with an armed vehicle."""
@@ -189,8 +190,13 @@ class Watches:
     def _fence(self, _now_s: float, air: Air) -> Iterator[Finding]:
         place, home = air.from_take_off_m, air.p_home_m
         if place is None or not air.flying:
+            self._took_off = False
             return
-        out_m = self._rules.fence.outside_m(place if home is None else home, float(place[2]), home is not None)
+        fence, height_m = self._rules.fence, float(place[2])
+        self._took_off = self._took_off or height_m > fence.floor_m + _ABOVE_FLOOR_M
+        if not self._took_off:
+            height_m = max(height_m, fence.floor_m)  # a take-off begins under the floor
+        out_m = fence.outside_m(place if home is None else home, height_m, home is not None)
         if out_m > self._rules.fence_land_m:
             yield Finding("far outside", Wish.LAND_ASIDE, "it is far outside the fence")
         elif out_m > 0.0:
