@@ -194,8 +194,8 @@ class Watches:
             return
         fence, height_m = self._rules.fence, float(place[2])
         self._took_off = self._took_off or height_m > fence.floor_m + _ABOVE_FLOOR_M
-        if not self._took_off:
-            height_m = max(height_m, fence.floor_m)  # a take-off begins under the floor
+        if not self._took_off or air.mode == "LAND":
+            height_m = max(height_m, fence.floor_m)  # a take-off begins under the floor, and a landing ends there
         out_m = fence.outside_m(place if home is None else home, height_m, home is not None)
         if out_m > self._rules.fence_land_m:
             yield Finding("far outside", Wish.LAND_ASIDE, "it is far outside the fence")
