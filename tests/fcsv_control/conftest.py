@@ -160,6 +160,11 @@ class Flight:
         self.wait(1.1)  # nobody presses twice within a second
         assert self.machine.proceed(button) == ""
 
+    @property
+    def captured(self):
+        """Indices of the configurations that were recorded, in order."""
+        return [w.index for w in self.machine.captures]
+
     def line_up(self) -> None:
         """Up to the column, where everybody sees the tag in front."""
         self.phase("TAKE_OFF")
@@ -168,8 +173,8 @@ class Flight:
         for v in list(self.fleet.values())[1:]:
             v.sees_front_s = 3.0
 
-    def up_to_configurations(self) -> None:
-        """Everything that people do, done well."""
+    def up_to_home(self) -> None:
+        """Everything that people do until home is set, done well."""
         self.line_up()
         self.press("calibrate")
         assert self.machine.wants == "calibrate"
@@ -177,6 +182,10 @@ class Flight:
         self.press("set_home")
         self.home_known = True
         self.machine.answer("set_home", True, "set")
+
+    def up_to_configurations(self) -> None:
+        """And hand over to the mission."""
+        self.up_to_home()
         self.press("execute")
         self.phase("CONFIGURATIONS")
 

@@ -52,12 +52,7 @@ def test_a_battery_that_is_low_or_unknown_goes_back_and_lands(flying, share):
 
 def test_a_battery_that_is_not_known_forbids_guided(flight):
     f = flight(mission())
-    f.line_up()
-    f.press("calibrate")
-    f.machine.answer("calibrate", True, "good")
-    f.press("set_home")
-    f.home_known = True
-    f.machine.answer("set_home", True, "set")
+    f.up_to_home()
     f.fleet["uav2"].battery_share = NAN
     f.press("execute")
     f.wait(10.0)
@@ -137,12 +132,7 @@ def test_a_pilot_who_takes_the_reference_is_not_waited_for_and_the_other_goes_ba
 def test_guided_that_is_refused_for_ever_ends_with_a_landing(flight):
     f = flight(mission())
     f.fleet["uav2"].refuses = {"SET_MODE": "requires position"}
-    f.line_up()
-    f.press("calibrate")
-    f.machine.answer("calibrate", True, "good")
-    f.press("set_home")
-    f.home_known = True
-    f.machine.answer("set_home", True, "set")
+    f.up_to_home()
     f.press("execute")
     f.until(lambda: f.machine.phase == "LAND", 65.0)
     assert "GUIDED is not taken for 60 s: landing" in f.machine.detail

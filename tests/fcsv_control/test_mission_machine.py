@@ -433,12 +433,7 @@ def test_abort_before_anybody_was_heard_is_not_over(flight):
 def test_two_quick_confirmations_are_one(flight):
     """Two calls at set_home used to hand over to GUIDED."""
     f = flight(mission())
-    f.line_up()
-    f.press("calibrate")
-    f.machine.answer("calibrate", True, "good")
-    f.press("set_home")
-    f.home_known = True
-    f.machine.answer("set_home", True, "set")
+    f.up_to_home()
     assert "a moment ago" in f.machine.proceed("execute") and f.machine.phase == "SET_HOME"
     f.wait(1.2)
     assert "'execute' is waited for, not 'set_home'" in f.machine.proceed("set_home")

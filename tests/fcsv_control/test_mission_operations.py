@@ -22,10 +22,6 @@ def flying(flight):
     return f
 
 
-def captured(f):
-    return [w.index for w in f.machine.captures]
-
-
 def until_recording(f, index):
     f.until(lambda: f.machine.configuration == index and f.fleet["uav2"].recording)
     f.wait(0.5)
@@ -43,7 +39,7 @@ def test_a_pause_holds_until_it_is_resumed(flying):
     assert flying.machine.waits_for == "resume" and "paused by the operator" in flying.machine.problems[0]
     assert flying.machine.control("resume") == ""
     flying.phase("DONE", 200.0)
-    assert captured(flying) == [0, 1, 2]
+    assert flying.captured == [0, 1, 2]
 
 
 def test_a_pause_that_the_operator_forgets_ends(flight):
@@ -60,7 +56,7 @@ def test_skip_leaves_the_running_one_out(flying):
     flying.wait(0.3)
     assert not flying.fleet["uav2"].recording and flying.machine.configuration == 2
     flying.phase("DONE", 200.0)
-    assert captured(flying) == [0, 2] and "horizontal 6 m left out by the operator" in flying.machine.detail
+    assert flying.captured == [0, 2] and "horizontal 6 m left out by the operator" in flying.machine.detail
 
 
 def test_repeat_begins_the_running_one_again(flying):
@@ -69,21 +65,21 @@ def test_repeat_begins_the_running_one_again(flying):
     flying.wait(0.3)
     assert not flying.fleet["uav2"].recording
     flying.phase("DONE", 200.0)
-    assert captured(flying) == [0, 1, 2]
+    assert flying.captured == [0, 1, 2]
 
 
 def test_next_puts_the_running_one_off(flying):
     until_recording(flying, 0)
     assert flying.machine.control("next") == ""
     flying.phase("DONE", 200.0)
-    assert captured(flying) == [1, 2, 0]
+    assert flying.captured == [1, 2, 0]
 
 
 def test_previous_flies_the_one_before_again(flying):
     until_recording(flying, 1)
     assert flying.machine.control("previous") == ""
     flying.phase("DONE", 200.0)
-    assert captured(flying) == [0, 0, 1, 2]
+    assert flying.captured == [0, 0, 1, 2]
 
 
 def test_on_the_last_way_back_the_last_one_can_be_repeated(flying):
@@ -91,7 +87,7 @@ def test_on_the_last_way_back_the_last_one_can_be_repeated(flying):
     assert "no configuration is left" in flying.machine.control("skip")
     assert flying.machine.control("repeat") == ""
     flying.phase("DONE", 200.0)
-    assert captured(flying) == [0, 1, 2, 2]
+    assert flying.captured == [0, 1, 2, 2]
 
 
 def test_what_cannot_be_done_is_said(flight):
@@ -151,7 +147,7 @@ def test_chosen_configurations_are_flown_in_their_order(flight):
     assert f.machine.execute([2, 0]) == ""
     shares = []
     f.until(lambda: shares.append(f.machine.progress) or f.machine.phase == "DONE", 200.0)
-    assert captured(f) == [2, 0] and sorted(set(shares)) == [0.0, 0.5, 1.0] and shares == sorted(shares)
+    assert f.captured == [2, 0] and sorted(set(shares)) == [0.0, 0.5, 1.0] and shares == sorted(shares)
 
 
 def test_finish_goes_back_to_the_column_and_lands(flying):
@@ -159,4 +155,4 @@ def test_finish_goes_back_to_the_column_and_lands(flying):
     flying.machine.finish("cancelled")
     flying.phase("ABORTED", 100.0)
     apart = flying.fleet["uav2"].landed_at - flying.fleet["uav1"].landed_at
-    assert apart[0] == pytest.approx(-3.5, abs=0.5) and captured(flying) == [0]
+    assert apart[0] == pytest.approx(-3.5, abs=0.5) and flying.captured == [0]

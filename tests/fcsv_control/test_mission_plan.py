@@ -120,12 +120,7 @@ def test_nobody_takes_off_with_batteries_that_do_not_last(flight):
 
 def test_execute_is_refused_from_a_home_that_is_too_high_and_home_is_set_again(flight):
     f = flight(mission(("vertical", 30.0)))
-    f.line_up()
-    f.press("calibrate")
-    f.machine.answer("calibrate", True, "good")
-    f.press("set_home")
-    f.home_known = True
-    f.machine.answer("set_home", True, "set")
+    f.up_to_home()
     for v in f.fleet.values():
         v.height_m = 15.0
     f.wait(1.2)

@@ -41,10 +41,6 @@ def flying(flight):
     return f
 
 
-def captured(f):
-    return [w.index for w in f.machine.captures]
-
-
 @pytest.mark.parametrize("when", ["travelling", "recording", "between"])
 def test_a_restarted_mission_holds_and_goes_on_where_it_was(flying, path, when):
     flying.until(lambda: len(flying.machine.captures) == 1)
@@ -59,7 +55,7 @@ def test_a_restarted_mission_holds_and_goes_on_where_it_was(flying, path, when):
     assert {(o.vehicle, o.kind) for _, o in flying.orders} == {("uav1", "HOLD"), ("uav2", "HOLD")}
     assert flying.now_s - begun_s < 5.0 and machine.phase == "CONFIGURATIONS"
     flying.phase("DONE", 400.0)
-    assert captured(flying) == [0, 1, 2] and machine.captures[0] == recorded[0] and flying.closest_m > 1.45
+    assert flying.captured == [0, 1, 2] and machine.captures[0] == recorded[0] and flying.closest_m > 1.45
 
 
 def test_nobody_moves_before_all_hold(flying, path):
@@ -70,7 +66,7 @@ def test_nobody_moves_before_all_hold(flying, path):
     assert flying.orders and not [o for _, o in flying.orders if o.kind != "HOLD"]
     flying.lossy = 0.0
     flying.phase("DONE", 400.0)
-    assert captured(flying) == [0, 1, 2]
+    assert flying.captured == [0, 1, 2]
 
 
 def test_who_is_heard_late_is_held_then(flying, path):
@@ -95,7 +91,7 @@ def test_who_was_taken_by_a_pilot_meanwhile_is_left_to_him(flying, path):
     assert machine.waits_for == "resume" and any("uav2: LOITER was not asked for" in p for p in machine.problems)
     flying.press("resume")
     flying.phase("DONE", 400.0)
-    assert captured(flying) == [0, 1, 2]
+    assert flying.captured == [0, 1, 2]
 
 
 @pytest.mark.parametrize("landing", [False, True], ids=["configurations", "landing"])
@@ -129,12 +125,7 @@ def test_who_was_given_back_and_not_confirmed_before_the_restart_still_waits(fly
 def test_a_restart_while_handing_over_asks_nobody_for_guided_before_it_is_confirmed(flight, path):
     f = flight(mission())
     f.fleet["uav1"].refuses = {"SET_MODE": "requires position"}
-    f.line_up()
-    f.press("calibrate")
-    f.machine.answer("calibrate", True, "good")
-    f.press("set_home")
-    f.home_known = True
-    f.machine.answer("set_home", True, "set")
+    f.up_to_home()
     f.press("execute")
     f.until(lambda: f.fleet["uav2"].mode == "GUIDED")
     f.fleet["uav1"].refuses = {}
@@ -162,7 +153,7 @@ def test_a_restart_when_nobody_flies_begins_anew_and_says_so(flying, path):
         v.armed = False
     machine = restarted(flying, path)
     flying.phase("TAKE_OFF", 5.0)
-    assert any("nobody flies: a new mission begins" in text for text in machine.said) and not captured(flying)
+    assert any("nobody flies: a new mission begins" in text for text in machine.said) and not flying.captured
 
 
 def test_a_restart_when_all_are_flown_by_hand_begins_anew(flying, path):

@@ -2,8 +2,7 @@
 """How near vehicles are to each other, with their downwash, and where one can go out of the others' way.
 
 The planner, the mission, the guardian and the rehearsals measure with these functions. Positions are (3,), m, in any
-one level
-frame with z up.
+one level frame with z up.
 """
 
 from dataclasses import dataclass

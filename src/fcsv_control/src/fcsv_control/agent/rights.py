@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who may have a command obeyed: whoever stops a vehicle that is not flown by hand, and one commander who moves it,
-while
-the guardian lets him."""
+while the guardian lets him."""
 
 import math
 from typing import Sequence

@@ -2,12 +2,9 @@
 """Whether the external navigation can be believed, held against the autopilot's own velocity and estimate.
 
 A T265 that looks down is known to freeze (one pose with fresh stamps) and to run off. Both pass every gate on stamps
-and steps.
-The velocity of the autopilot's filter comes from its IMU; a wrong feed pulls it only within about half a second
-(measured:
-a step of 0.5 m is followed within 1 s). A pose that this velocity cannot explain is withheld at once, so that the
-filter
-does not learn from it; when such poses go on, the feed is in doubt.
+and steps. The velocity of the autopilot's filter comes from its IMU; a wrong feed pulls it only within about half a
+second (measured: a step of 0.5 m is followed within 1 s). A pose that this velocity cannot explain is withheld at
+once, so that the filter does not learn from it; when such poses go on, the feed is in doubt.
 """
 
 import math
@@ -50,8 +47,7 @@ class FeedCheckRules:
 
 class FeedCheck:
     """``doubt`` says why the feed of a flying vehicle is not to be believed; it stays until the vehicle is on the
-    ground,
-    because a tracker that comes to itself again has lost its place."""
+    ground, because a tracker that comes to itself again has lost its place."""
 
     def __init__(self, rules: Optional[FeedCheckRules] = None):
         self._rules = rules or FeedCheckRules()
@@ -89,8 +85,7 @@ class FeedCheck:
         """Whether a pose of a flying vehicle may go to the autopilot.
 
         Times go by the poses' own stamps: when they arrive tells how busy the computer is. A clock that was set, and
-        a gap,
-        begin anew.
+        a gap, begin anew.
         """
         self._continue(now_s, stamp_s)
         rows = T_odom_body.tolist()
@@ -111,8 +106,7 @@ class FeedCheck:
 
     def _continue(self, now_s: float, stamp_s: float) -> None:
         """After a step of the sender's clock, or a gap, everything but a doubt begins anew. After a gap the
-        autopilot's filter
-        finds its way back first."""
+        autopilot's filter finds its way back first."""
         if self._clock_s is not None:
             step_s, arrived_s = stamp_s - self._clock_s, now_s - self._skew_s - self._clock_s
             if arrived_s > _GAP_S:

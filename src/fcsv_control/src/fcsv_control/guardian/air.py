@@ -8,6 +8,8 @@ from typing import Deque, Dict, Optional, Tuple
 
 import numpy as np
 
+from fcsv_geometry import transforms
+
 _INF = float("inf")
 _WAY_S = 0.3
 _FLYING_M = 0.5  # above where it stood
@@ -50,7 +52,6 @@ class Air:
     feed_s: float = -_INF
     feed: Optional[np.ndarray] = None
     estimate: Optional[np.ndarray] = None
-    estimate_s: float = -_INF
     take_off: Optional[np.ndarray] = None  # estimate when last on the ground
     confidence: float = math.nan
     link: LinkReport = field(default_factory=LinkReport)
@@ -72,7 +73,7 @@ class Air:
 
     def estimated(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate came."""
-        self.estimate, self.estimate_s = T_odom_body, now_s
+        self.estimate = T_odom_body
         self.way.append((now_s, T_odom_body[:3, 3]))
         while self.way[0][0] < now_s - _WAY_S:
             self.way.popleft()
@@ -112,7 +113,7 @@ class Air:
         """(3,) in home; None while home is not known."""
         if self.estimate is None or self.T_home_odom is None:
             return None
-        return self.T_home_odom[:3, :3] @ self.estimate[:3, 3] + self.T_home_odom[:3, 3]
+        return transforms.apply(self.T_home_odom, self.estimate[:3, 3])
 
     def tilt_rad(self) -> float:
         """Of the body's up axis against the vertical."""

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guardian's decisions: what is heard on board and over the radio in, modes and set-points out.
 
-It warns, holds, moves aside, brakes and lands, in this order of strength, and never asks for LOITER. It acts only
-while the
-companion flies the vehicle; in a mode that the pilot chose it only speaks. No ROS, no thread, no clock.
+It warns, holds, moves aside, brakes and lands, in this order of strength, and never asks for LOITER. It acts only while
+the companion flies the vehicle; in a mode that the pilot chose it only speaks. No ROS, no thread, no clock.
 """
 
 from typing import Dict, List, Optional, Set, Tuple
@@ -155,8 +154,7 @@ class Guardian:
         if self._landing or (worst is not None and worst.wish in (Wish.LAND, Wish.LAND_ASIDE)):
             self._land(now_s, worst)
         elif self.air.mode == "BRAKE" and worst is not None and worst.wish is Wish.ASIDE:
-            self._move_aside(now_s, worst.away_from)  # it cannot move in BRAKE
-            self._ask(now_s, "GUIDED")
+            self._move_aside(now_s, worst.away_from)
         elif self.air.mode != "GUIDED":
             self._place = None  # BRAKE stops it by itself
             self._answered.add(self._braking_for)
@@ -189,22 +187,22 @@ class Guardian:
         flown = self.air.mode in ("GUIDED", "BRAKE")
         beneath = self._watches.beneath(now_s, self.air) if flown and not blind else None
         if beneath is not None and self._way_aside(now_s, beneath):
-            if self.air.mode == "BRAKE":  # where /stop_all, or this one, stopped it: it cannot move in BRAKE
-                self._ask(now_s, "GUIDED")
             return
         self._place = None
         self._ask(now_s, "LAND")
 
     def _way_aside(self, now_s: float, away_from: str) -> bool:
         """Whether it is still on its way."""
+        if self._aside_s is not None and now_s - self._aside_s >= self._rules.aside_s:
+            return False
         self._move_aside(now_s, away_from)
-        return self._aside_s is not None and now_s - self._aside_s < self._rules.aside_s
+        return True
 
     def _move_aside(self, now_s: float, away_from: str) -> None:
+        """Only with both places known, as every finding about another vehicle has them."""
         here, air = self.air.p_home_m, self.air
-        if here is None or air.T_home_odom is None:
-            self._hold(now_s)
-            return
+        if air.mode == "BRAKE":  # where /stop_all, or this guardian, stopped it: it cannot move in BRAKE
+            self._ask(now_s, "GUIDED")
         self._held_s = now_s
         if self._aside_s is not None and self._place is not None:
             left_m = float(np.linalg.norm((air.estimate - self._place)[:2, 3]))
@@ -215,9 +213,8 @@ class Guardian:
         side = np.array([0.0, 1.0 if upper else -1.0])  # of two in one column the upper goes left, the lower right
         others = [o.p_home_m for o in air.others.values()]
         p_home = separation.aside(here, others, self._rules.clear_m, other, side)
-        T_odom_home = transforms.invert(air.T_home_odom)
         self._place = transforms.level(air.estimate)
-        self._place[:3, 3] = T_odom_home[:3, :3] @ p_home + T_odom_home[:3, 3]
+        self._place[:3, 3] = transforms.apply(transforms.invert(air.T_home_odom), p_home)
         self._aside_s = self._aside_s or now_s
 
     def _hold(self, now_s: float) -> None:

@@ -2,9 +2,18 @@
 """What a guardian wants done, and what it tells."""
 
 from dataclasses import dataclass
-from typing import Tuple, Union
+from typing import Sequence, Tuple, Union
 
 import numpy as np
+
+
+def in_words(action: str, reasons: Sequence[str]) -> str:
+    """What a guardian does and why, empty where it does nothing.
+
+    >>> in_words("aside", ["uav2 comes down"]), in_words("hold", []), in_words("", ["the tracking camera is late"])
+    ('aside: uav2 comes down', 'hold', '')
+    """
+    return ": ".join(filter(None, (action, "; ".join(reasons)))) if action else ""
 
 
 @dataclass(frozen=True)
@@ -35,7 +44,7 @@ class Verdict:
     @property
     def in_words(self) -> str:
         """What is done and why, empty where nothing is done."""
-        return ": ".join(filter(None, (self.action, "; ".join(self.reasons)))) if self.action else ""
+        return in_words(self.action, self.reasons)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ LINK_LOSS = ("land", NEVER)
 @dataclass(frozen=True)
 class GuardianRules:
     """Times in s, shares of the battery, angles in degrees. ``link_loss`` "never" must be written: then a vehicle
-    without
-    its control PC holds until the battery is low."""
+    without its control PC holds until the battery is low."""
 
     feed_warn_s: float = 0.5
     feed_land_s: float = 0.7  # before the flight link's own watchdog, which is the second line

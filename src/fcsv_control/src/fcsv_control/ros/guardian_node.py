@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The guardian on board as a node: topics and the flight link's service around its core.
 
-It hears its own vehicle on the vehicle's own master, and the others and the control PC over the radio while there is
-one.
+It hears its own vehicle on the vehicle's own master, and the others and the control PC over the radio while
+there is one.
 """
 
 import math

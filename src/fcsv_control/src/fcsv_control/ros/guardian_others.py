@@ -11,6 +11,7 @@ import rospy
 from nav_msgs.msg import Odometry
 
 from fcsv_control.guardian.air import Other
+from fcsv_geometry import transforms
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, home_messages
@@ -41,8 +42,7 @@ class OtherVehicles:
             found: Dict[str, Other] = {}
             for name, (p_odom, other) in self._heard.items():
                 if name in T_home_odom:
-                    T = T_home_odom[name]
-                    found[name] = replace(other, p_home_m=T[:3, :3] @ p_odom + T[:3, 3])
+                    found[name] = replace(other, p_home_m=transforms.apply(T_home_odom[name], p_odom))
             return T_home_odom.get(self._own), found
 
     def _compose(self, message, take) -> None:

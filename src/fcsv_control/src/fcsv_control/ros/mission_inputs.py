@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
+from fcsv_control.guardian.messages import in_words
 from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.snapshot import VehicleView
 from fcsv_geometry.errors import FcsvError
@@ -73,9 +74,8 @@ class VehicleInputs:
             self._heard.state(time.monotonic(), m.mode, m.armed, m.connected)
 
     def _on_guardian(self, m: GuardianState) -> None:
-        words = ": ".join([m.action, *(["; ".join(m.reasons)] if m.reasons else [])]) if m.action else ""
         with self._lock:
-            self._heard.guardian(time.monotonic(), words)
+            self._heard.guardian(time.monotonic(), in_words(m.action, m.reasons))
 
     def _on_battery(self, message: BatteryState) -> None:
         with self._lock:
