@@ -98,7 +98,7 @@ def caller(path: str, count: int) -> int:
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
 
-    from fcsv_msgs.msg import State
+    from mavros_msgs.msg import State
 
     rospy.init_node("caller")
     modes = []

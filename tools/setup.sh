@@ -75,9 +75,23 @@ virtual_environment() {
   echo "$want" >.venv/fcsv-requirements
 }
 
+mavros_messages() {  # src/mavros_msgs stands in for MAVROS's definitions, and steps back where the real package is
+  local mark=src/mavros_msgs/CATKIN_IGNORE real
+  [ "$DISTRO" = noetic ] && . /opt/ros/noetic/setup.sh
+  real=$(cmake -P src/mavros_msgs/cmake/real_mavros_msgs.cmake 2>&1)
+  if [ -n "$real" ] && [ ! -e "$mark" ]; then
+    say "the real mavros_msgs is in $real: src/mavros_msgs is left out"
+    echo "written by tools/setup.sh: the real mavros_msgs is in $real" >"$mark"
+    rm -rf build/mavros_msgs devel/{include,lib/python3/dist-packages,share,share/common-lisp/ros}/mavros_msgs
+  elif [ -z "$real" ] && grep -qs '^written by tools/setup.sh' "$mark"; then
+    say "no real mavros_msgs any more: src/mavros_msgs is built"
+    rm -f "$mark"
+  fi
+}
+
 workspace() {  # configure and build catkin; nothing to do when no message, node or package file changed
   local stamp=build/fcsv-built want
-  want=$( { find src -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -path '*/msg/*' -o -path '*/srv/*' -o -path '*/action/*' -o -name '*.c' -o -path '*/nodes/*' -type f
+  want=$( { find src -name CMakeLists.txt -o -name package.xml -o -name setup.py -o -path '*/msg/*' -o -path '*/srv/*' -o -path '*/action/*' -o -name '*.c' -o -name '*.cmake' -o -name CATKIN_IGNORE -o -path '*/nodes/*' -type f
             echo CMakeLists.txt; } | LC_ALL=C sort | while read -r f; do [ -f "$f" ] && case "$f" in */nodes/*) echo "$f" ;; *) sha256sum "$f" ;; esac; done; pwd )
   [ -f devel/setup.sh ] && [ "$(cat $stamp 2>/dev/null)" = "$want" ] && return
   say "building the catkin workspace"
@@ -104,6 +118,7 @@ mkdir -p build
 platform
 system_packages
 virtual_environment
+mavros_messages
 workspace
 kernels
 say "ready: . devel/setup.sh"

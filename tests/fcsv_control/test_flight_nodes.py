@@ -24,7 +24,8 @@ class ControlPc:
         import rospy
         from geometry_msgs.msg import PoseStamped
 
-        from fcsv_msgs.msg import Command, CommandAck, Heartbeat, State, StatusText
+        from fcsv_msgs.msg import Command, CommandAck, Heartbeat
+        from mavros_msgs.msg import State, StatusText
 
         self.state, self.T_odom_body, self.texts, self.acks, self.number = State(), None, [], {}, 0
         self.set_points, lives = [], []

@@ -26,7 +26,8 @@ class StandIn:
         from nav_msgs.msg import Odometry
         from sensor_msgs.msg import BatteryState
 
-        from fcsv_msgs.msg import Command, CommandAck, Epoch, RecorderStatus, State, TagDetections
+        from fcsv_msgs.msg import Command, CommandAck, Epoch, RecorderStatus, TagDetections
+        from mavros_msgs.msg import State
 
         random = np.random.default_rng(seed)
         self.geometry, self.name = geometry, geometry.name
@@ -53,7 +54,8 @@ class StandIn:
         from sensor_msgs.msg import BatteryState
 
         from fcsv_geometry.ros import conversions
-        from fcsv_msgs.msg import RecorderStatus, State, TagDetection, TagDetections
+        from fcsv_msgs.msg import RecorderStatus, TagDetection, TagDetections
+        from mavros_msgs.msg import State
 
         while not self.over.wait(0.05):
             now = conversions.header(rospy.get_time(), "")

@@ -31,7 +31,7 @@ def vehicle(ros_master):
     from tf2_msgs.msg import TFMessage
 
     from fcsv_msgs.msg import RecorderStatus
-    from fcsv_msgs.msg import State as VehicleState
+    from mavros_msgs.msg import State as VehicleState
 
     class Vehicle:
         def __init__(self, name):

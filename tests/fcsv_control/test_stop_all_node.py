@@ -21,8 +21,8 @@ class FlightLink:
         import rospy
         from geometry_msgs.msg import PoseStamped
 
-        from fcsv_msgs.msg import State
-        from fcsv_msgs.srv import SetMode
+        from mavros_msgs.msg import State
+        from mavros_msgs.srv import SetMode
 
         self.mode, self.asked, self.slow_s = mode, [], 0.0
         self.state = rospy.Publisher(f"/{name}/mavros/state", State, queue_size=5, latch=True)
@@ -35,7 +35,7 @@ class FlightLink:
 
     def talk(self):
         from fcsv_geometry.ros import conversions
-        from fcsv_msgs.msg import State
+        from mavros_msgs.msg import State
 
         while not self.over.wait(0.1):
             self.state.publish(State(connected=True, armed=True, mode=self.mode))
@@ -43,7 +43,7 @@ class FlightLink:
             self.pose.publish(conversions.pose_stamped(T, time.time(), self.frame))
 
     def on_set_mode(self, request):
-        from fcsv_msgs.srv import SetModeResponse
+        from mavros_msgs.srv import SetModeResponse
 
         self.asked.append(request.custom_mode)
         time.sleep(self.slow_s)

@@ -95,7 +95,7 @@ def net(machines):
 
 
 STATE = """
-    from fcsv_msgs.msg import State
+    from mavros_msgs.msg import State
     p = rospy.Publisher('/uav1/mavros/state', State, queue_size=1)
     from std_msgs.msg import String
     q = rospy.Publisher('/uav1/secret', String, queue_size=1)

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ROS_MODULES = {"rospy", "rosbag", "tf2_ros", "cv_bridge", "message_filters", "diagnostic_updater", "actionlib",
-               "fcsv_msgs"}  # fmt: skip
+               "fcsv_msgs", "mavros_msgs"}  # fmt: skip
 BELOW = {
     "fcsv_geometry": set(),
     "fcsv_tracking": {"fcsv_geometry"},

@@ -175,7 +175,8 @@ def listen(vehicle: str, sim_folder: str) -> None:
     from geometry_msgs.msg import PoseStamped
 
     from fcsv_geometry.errors import PoseUnavailable
-    from fcsv_msgs.msg import GuardianState, State
+    from fcsv_msgs.msg import GuardianState
+    from mavros_msgs.msg import State
 
     def tell(what: str, **more) -> None:
         sys.stdout.write(json.dumps({"t": time.monotonic(), "what": what, **more}) + "\n")

@@ -21,7 +21,8 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, Epoch, Epochs, GuardianState, Heartbeat, MissionState, State
+from fcsv_msgs.msg import Command, CommandAck, Epoch, Epochs, GuardianState, Heartbeat, MissionState
+from mavros_msgs.msg import State
 
 _STEP_HZ = 50.0
 _ALIVE_S = 0.2

@@ -23,8 +23,9 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Refusal, State, StatusText
-from fcsv_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
+from fcsv_msgs.msg import Refusal
+from mavros_msgs.msg import State, StatusText
+from mavros_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
 _WATCH_S = 0.05
 _STALL_S = 0.25  # a check that comes later than this was delayed itself

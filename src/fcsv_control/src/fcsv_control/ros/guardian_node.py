@@ -28,8 +28,9 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, State, StatusText
-from fcsv_msgs.srv import SetMode
+from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth
+from mavros_msgs.msg import State, StatusText
+from mavros_msgs.srv import SetMode
 
 _STEP_HZ = 25.0
 _STATE_S = 0.2

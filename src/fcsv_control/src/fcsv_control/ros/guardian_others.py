@@ -15,7 +15,8 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, home_messages
-from fcsv_msgs.msg import Calibration, GuardianState, Home, State
+from fcsv_msgs.msg import Calibration, GuardianState, Home
+from mavros_msgs.msg import State
 
 
 class OtherVehicles:

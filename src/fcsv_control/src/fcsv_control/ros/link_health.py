@@ -12,7 +12,8 @@ from fcsv_control.flight.link import FlightLink
 from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import LinkHealth, RcIn
+from fcsv_msgs.msg import LinkHealth
+from mavros_msgs.msg import RCIn
 
 _RATE_HZ = 5.0
 
@@ -25,7 +26,7 @@ class LinkHealthReport:
         self._gate, self._doubt = RateGate(_RATE_HZ), ""
         self._publisher = rospy.Publisher("flight_link/health", LinkHealth, queue_size=5)
         self._moved = rospy.Publisher("flight_link/estimate_moved", Vector3Stamped, queue_size=20)
-        self._rc = rospy.Publisher("mavros/rc/in", RcIn, queue_size=5)
+        self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5)
 
     def publish(self, now_s: float, link: FlightLink, doubt: str) -> None:
         """At 5 Hz, and at once where there is another ``doubt`` of the poses, however often it is called."""

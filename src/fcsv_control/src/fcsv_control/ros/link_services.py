@@ -8,8 +8,9 @@ import rospy
 
 from fcsv_control.agent.messages import Ask, Kind
 from fcsv_control.errors import ControlError
-from fcsv_msgs.msg import Refusal, StatusText
-from fcsv_msgs.srv import CommandBool, CommandTOL, SetMode
+from fcsv_msgs.msg import Refusal
+from mavros_msgs.msg import StatusText
+from mavros_msgs.srv import CommandBool, CommandTOL, SetMode
 
 _REASON_WAIT_S = 0.5  # the reason and the service's answer come by different ways
 

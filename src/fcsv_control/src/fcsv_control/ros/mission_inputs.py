@@ -18,7 +18,8 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicle import VehicleGeometry
-from fcsv_msgs.msg import Epoch, Epochs, GuardianState, RecorderStatus, State, TagDetections
+from fcsv_msgs.msg import Epoch, Epochs, GuardianState, RecorderStatus, TagDetections
+from mavros_msgs.msg import State
 
 
 class VehicleInputs:

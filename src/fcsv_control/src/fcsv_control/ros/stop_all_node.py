@@ -18,7 +18,8 @@ from std_srvs.srv import Trigger, TriggerResponse
 from fcsv_control.stopping import LAND, STOP, StopAll, StopOrder
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, MissionState, State, StopReport
+from fcsv_msgs.msg import Command, CommandAck, MissionState, StopReport
+from mavros_msgs.msg import State
 
 _STEP_HZ = 50.0
 _REPORT_S = 0.5

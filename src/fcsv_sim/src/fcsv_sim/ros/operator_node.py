@@ -12,11 +12,12 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.mission import load_mission
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import MissionState, State
+from fcsv_msgs.msg import MissionState
 from fcsv_msgs.srv import Proceed
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.people.rc import RcSender
 from fcsv_sim.truth import TruthReader
+from mavros_msgs.msg import State
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import Empty
 
 from fcsv_geometry.ros import conversions, node
-from fcsv_msgs.msg import State
 from fcsv_sim.vehicles.tello import SimulatedTello, TelloParameters
+from mavros_msgs.msg import State
 
 _STATE_HZ = 5.0
 

@@ -10,9 +10,10 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
-from fcsv_msgs.msg import Capture, MapState, MissionState, RecorderStatus, State, StatusText
+from fcsv_msgs.msg import Capture, MapState, MissionState, RecorderStatus
 from fcsv_sim.demo.movement import Movement
 from fcsv_sim.machines.machines import Machine
+from mavros_msgs.msg import State, StatusText
 
 
 def attach(control: Machine) -> None:

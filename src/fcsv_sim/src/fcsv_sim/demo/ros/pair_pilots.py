@@ -14,10 +14,10 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import node
 from fcsv_geometry.vehicle import VehicleGeometry
-from fcsv_msgs.msg import State
 from fcsv_sim.demo.ros.pair_cameras import PairCamera
 from fcsv_sim.people.tello_pilot import Hand, sticks_to
 from fcsv_sim.truth import TruthReader
+from mavros_msgs.msg import State
 
 _RATE_HZ = 15.0
 _REACTION_S = 0.3  # a pilot acts on what he saw a moment ago
