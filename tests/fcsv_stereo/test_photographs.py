@@ -94,3 +94,48 @@ def test_the_command_leaves_what_is_not_its_own(tmp_path):
     command = ["rosrun", "fcsv_stereo", "map", str(model(tmp_path / "model")), "-o", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2 and "thesis.docx" in done.stderr and (tmp_path / "out" / "thesis.docx").exists()
+
+
+def turned_photograph(path, orientation, shape=(48, 64)):
+    """A JPEG, bright above and dark below as stored, whose EXIF says that it is to be shown turned."""
+    image = np.zeros((*shape, 3), np.uint8)
+    image[: shape[0] // 2] = 255
+    jpeg = cv2.imencode(".jpg", image)[1].tobytes()
+    tiff = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0" + bytes([orientation, 0, 0, 0]) + b"\0\0\0\0"
+    exif = b"Exif\0\0" + tiff
+    path.write_bytes(jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + jpeg[2:])
+
+
+IMAGES = "1 1 0 0 0 0 0 0 1 a.jpg\n\n2 1 0 0 0 -1 0 0 1 b.png\n\n"
+
+
+def test_pixels_are_those_that_the_poses_are_of(tmp_path):
+    """COLMAP does not turn pictures; an orientation of 180 degrees turned the pixels and left the poses."""
+    folder = model(tmp_path, images=IMAGES)
+    (folder / "images" / "a.png").unlink()
+    turned_photograph(folder / "images" / "a.jpg", 3)
+    image = colmap.read_photographs(folder).configurations[0].references[0].image
+    assert image[:20].mean() > 240 and image[-20:].mean() < 15
+
+
+def test_a_picture_is_turned_where_the_camera_has_the_turned_size(tmp_path):
+    folder = model(tmp_path, images=IMAGES)
+    (folder / "images" / "a.png").unlink()
+    turned_photograph(folder / "images" / "a.jpg", 6, shape=(64, 48))  # stored upright, shown lying
+    image = colmap.read_photographs(folder).configurations[0].references[0].image
+    assert image.shape[:2] == (48, 64) and image[:, -20:].mean() > 240 and image[:, :20].mean() < 15
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_a_picture_that_ends_early_is_named(tmp_path, suffix):
+    folder = model(tmp_path, images=IMAGES.replace("a.jpg", f"a{suffix}"))
+    noise = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
+    path = folder / "images" / f"a{suffix}"
+    (folder / "images" / "a.png").unlink()
+    whole = cv2.imencode(suffix, noise)[1].tobytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(InputError, match=rf"a\{suffix}: ends in the middle"):
+        colmap.read_photographs(folder)
+    path.unlink()
+    with pytest.raises(InputError, match=rf"a\{suffix} is missing"):
+        colmap.read_photographs(folder)

@@ -24,6 +24,10 @@ _MODELS = {
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
 }
 
+_STORED = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))  # how JPEG and PNG files begin and end
+_TAIL = 1 << 18  # (octets) cameras write previews and notes behind the picture's end
+
 
 @dataclass(frozen=True)
 class PosedImage:
@@ -150,16 +154,36 @@ def _load(folder: Path, posed: List[PosedImage], cameras: Dict[int, PinholeCamer
 
 
 def _read(path: Path, camera: PinholeCamera, camera_id: int) -> np.ndarray:
-    """HxWx3 BGR, uint8 or uint16. Raises InputError."""
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    """HxWx3 BGR, uint8 or uint16: the pixels as they are stored, which is what COLMAP's poses are of. Raises InputError.
+
+    A file whose EXIF orientation turns it is turned only where cameras.txt has the size of the turned picture.
+    """
+    if not path.is_file():
+        raise InputError(f"{path} is missing; images.txt names it")
+    if _ends_early(path):
+        raise InputError(f"{path}: ends in the middle of the picture; copy it again")
+    image = cv2.imread(str(path), _STORED)
     if image is None:
         raise InputError(f"{path}: cannot be read as a picture")
     if image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: holds {image.dtype} values; save it with 8 or 16 bits per channel")
-    if image.shape[:2] != (camera.height, camera.width):
+    wanted = (camera.height, camera.width)
+    if image.shape[:2] == wanted[::-1] != wanted:
+        image = cv2.imread(str(path), _STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
+    if image.shape[:2] != wanted:
         size = f"{image.shape[1]}x{image.shape[0]}"
         raise InputError(f"{path}: is {size}, cameras.txt says {camera.width}x{camera.height} for camera {camera_id}")
     return image
+
+
+def _ends_early(path: Path) -> bool:
+    """Whether a JPEG or PNG file lacks its end; OpenCV makes grey of what is missing, and says nothing."""
+    with open(path, "rb") as file:
+        head = file.read(8)
+        size = file.seek(0, 2)
+        file.seek(max(0, size - _TAIL))
+        tail = file.read()
+    return any(head.startswith(begin) and end not in tail for begin, end in _ENDS)
 
 
 def _configuration(reference: Picture, other: Picture) -> Configuration:
