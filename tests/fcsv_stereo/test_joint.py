@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from support import scenes
+from support import boards, scenes
 from support.photographs import fountain, motorcycle
 
 from fcsv_geometry import transforms
@@ -17,7 +17,7 @@ from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly
 from fcsv_stereo.joint.pairs import nearest_useful_m
 from fcsv_stereo.joint.views import grey, inverse_depths, projection, views
-from fcsv_stereo.model import Picture
+from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pipeline import METHODS
 
 UNREFINED = JointOptions(refine_poses=False)
@@ -335,3 +335,24 @@ def test_nearest_useful_depth_of_scenes_of_any_depth(far_m):
     everywhere = np.ones(depth.shape, bool)
     assert nearest_useful_m(depth, everywhere, everywhere) == pytest.approx(10.0, rel=0.1)
     assert nearest_useful_m(depth, depth > 40.0, everywhere) >= (25.0 if far_m == 80.0 else 9.0)
+
+
+def test_a_refined_focal_length_is_the_references_too():
+    """Five per cent too long; measured 2026-11-25: median error 0.3 %, bias 0.01 %."""
+    town, random = boards.town(), np.random.default_rng(6)
+    reference = boards.shot("reference", boards.pose([0, 0, 0]), town, "uav1")
+    truth = boards.depth(reference.T_home_cam, town)
+    poses = (boards.pose([0.03, -b, 0.02], random.normal(0, 1, 3)) for b in (2, 5, 8))
+    shots = [boards.noisy(boards.shot(f"p{i}", T, town), reference, random) for i, T in enumerate(poses)]
+    camera = replace(reference.camera, fx=reference.camera.fx * 1.05, fy=reference.camera.fy * 1.05)
+    wrong, *others = (replace(p, camera=camera) for p in (reference, *shots))
+    configurations = [
+        ConfigurationInput(Configuration.between(wrong.T_home_cam, o.T_home_cam), [wrong], [o]) for o in others
+    ]
+    options = METHODS["joint"].quick
+    options = replace(options, scale=0.5, refinement=replace(options.refinement, refine_focal=True))
+    result = map_joint(MapInput(InputKind.PHOTOGRAPHS, configurations), options, quiet)
+    assert result.reference.camera.fx == pytest.approx(boards.CAMERA.fx / 2, rel=0.005)
+    height, width = result.depth.shape
+    error = result.depth / truth[: 2 * height : 2, : 2 * width : 2] - 1
+    assert abs(np.nanmedian(error)) < 0.003 and np.nanmedian(np.abs(error)) < 0.006

@@ -231,6 +231,20 @@ def test_focal_length(reference, truths):
     assert refine(wrong[0], wrong[1:]).focal_scale == 1.0
 
 
+@pytest.mark.parametrize("factor, words", [(1.05, "4.8% shorter"), (0.95, "5.3% longer"), (1.0, "")])
+def test_a_wrong_focal_length_is_said(reference, truths, factor, words):
+    """Five per cent; the change that is named is measured to 0.2 %."""
+    camera = replace(reference.camera, fx=reference.camera.fx * factor, fy=reference.camera.fy * factor)
+    random = np.random.default_rng(5)
+    wrong = [replace(p, camera=camera) for p in (reference, *(boards.noisy(t, reference, random) for t in truths))]
+    said = [w for w in refine(wrong[0], wrong[1:]).warnings if "focal length" in w]
+    assert len(said) == bool(words)
+    if words:
+        number = float(said[0].split("focal length ")[1].split("%")[0])
+        assert number == pytest.approx(float(words.split("%")[0]), abs=0.6) and words.split()[1] in said[0]
+        assert "--refine-focal" in said[0]
+
+
 def moving(town, offset_s):
     """Five pictures of a vehicle that goes sideways and up at 1 m/s; priors late by the offset."""
     shots = []

@@ -101,7 +101,7 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
 
     started = time.perf_counter()
     progress("poses", 0, 3)
-    refined = _refine(reference, others, options, warnings)
+    reference, refined = _refine(reference, others, options, warnings)
     timing_s = {"refine": time.perf_counter() - started}
 
     started = time.perf_counter()
@@ -142,17 +142,20 @@ def choose_pictures(configurations: List[ConfigurationInput]) -> Tuple[Picture, 
     return reference, [c.others[len(c.others) // 2] for c in configurations]
 
 
-def _refine(reference: Picture, others: List[Picture], options: JointOptions, warnings: List[str]):
+def _refine(
+    reference: Picture, others: List[Picture], options: JointOptions, warnings: List[str]
+) -> Tuple[Picture, List[RefinedPicture]]:
+    """The reference keeps its pose; its focal length follows the others' where that is refined."""
     if options.refine_poses:
         refinement = refine(reference, others, options.refinement)
         warnings += refinement.warnings
-        return refinement.others
+        return refinement.reference, refinement.others
     prior = options.refinement.prior
     unrefined = []
     for o in others:
         covariance, nan = prior_covariance(reference, o, prior), float("nan")
         unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, covariance))
-    return unrefined
+    return reference, unrefined
 
 
 def _fit_to_match(refined: List[RefinedPicture], warnings: List[str]) -> List[int]:

@@ -45,6 +45,7 @@ class Adjusted:
     focal_scale: float
     time_offsets_s: List[float]  # in the order of the problem's moving vehicles
     residual_px: np.ndarray
+    focal_sigma: float = 0.0  # standard deviation of ``focal_scale``, 0 where it was held
 
 
 def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> Adjusted:
@@ -73,8 +74,10 @@ def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> 
     structure.settle(poses, scale)
     residual = structure.linearise(poses, scale, poses_too=False).residual
     offsets = [float(result.atVector(T(i))[0]) for i in range(len(problem.moving))]
-    covariance = _with_shared(_covariance(graph, result, order), problem, order)
-    return Adjusted(poses, order, covariance, structure.rho, scale, offsets, residual)
+    covariance = _covariance(graph, result, [X(k) for k in order] + ([F(0)] if with_focal else []))
+    focal_sigma = float(np.sqrt(covariance[-1, -1])) if with_focal else 0.0
+    covariance = _with_shared(covariance[: 6 * len(order), : 6 * len(order)], problem, order)
+    return Adjusted(poses, order, covariance, structure.rho, scale, offsets, residual, focal_sigma)
 
 
 def _prior_factor(problem: Problem, k: int):
@@ -151,17 +154,17 @@ def _scale(values, with_focal) -> float:
     return float(values.atVector(F(0))[0]) if with_focal else 1.0
 
 
-def _covariance(graph, result, order) -> np.ndarray:
-    """Of the poses in order, by inverting GTSAM's normal matrix: its Marginals call these scales singular."""
+def _covariance(graph, result, keys: List[int]) -> np.ndarray:
+    """Of the variables in order, by inverting GTSAM's normal matrix: its Marginals call these scales singular."""
     linear = graph.linearize(result)
     ordering = gtsam.Ordering()
-    keys = [X(k) for k in order]
     for key in keys + [k for k in result.keys() if k not in keys]:
         ordering.push_back(key)
     information, _ = linear.hessian(ordering)
     scale = 1.0 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
-    return covariance[: 6 * len(order), : 6 * len(order)]
+    size = sum(1 if k == F(0) else 6 for k in keys)
+    return covariance[:size, :size]
 
 
 def _with_shared(covariance: np.ndarray, problem: Problem, order: List[int]) -> np.ndarray:

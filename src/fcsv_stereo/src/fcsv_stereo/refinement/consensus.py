@@ -28,12 +28,16 @@ _CORRELATION = 2.5
 
 @dataclass(frozen=True)
 class Consensus:
-    """``adjusted`` from ``observations`` (those that fit), None where nothing was left; why pictures were left out."""
+    """``adjusted`` from ``observations`` (those that fit), None where nothing was left; why pictures were left out.
+
+    ``problem`` is what was adjusted last.
+    """
 
     adjusted: Optional[Adjusted]
     observations: Optional[Observations]
     refused: Dict[int, str] = field(default_factory=dict)
     moving: List[Motion] = field(default_factory=list)
+    problem: Optional[Problem] = None
 
 
 def adjust_robustly(
@@ -74,7 +78,7 @@ def adjust_robustly(
             priors = {k: p for k, p in priors.items() if k not in few}
             continue
         problem = _problem(views, of, priors, noise_px, moving, options)
-        return Consensus(adjust(problem, first.poses, first.rho), of, refused, problem.moving)
+        return Consensus(adjust(problem, first.poses, first.rho), of, refused, problem.moving, problem)
     return Consensus(None, None, refused)
 
 

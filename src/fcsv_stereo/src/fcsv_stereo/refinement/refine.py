@@ -12,6 +12,7 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import Picture
 from fcsv_stereo.refinement.consensus import adjust_robustly
 from fcsv_stereo.refinement.features import View, prepare
+from fcsv_stereo.refinement.focal import focal_warning
 from fcsv_stereo.refinement.graph import link_all, start_poses
 from fcsv_stereo.refinement.judge import judge, scaled, surprise
 from fcsv_stereo.refinement.symptoms import symptom
@@ -47,7 +48,7 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
     consensus = adjust_robustly(views, found, trusted, starts, moving, options)
     refined = [_explained(judge(views, k, direct[k], consensus, options), views, k) for k in range(1, len(views))]
     clock.lap("adjust")
-    warnings = [*unmoving, *_warnings(refined, views, options)]
+    warnings = [*unmoving, *filter(None, [focal_warning(consensus)]), *_warnings(refined, views, options)]
     scale, offsets_s = 1.0, {}
     if consensus.adjusted is not None:
         scale = consensus.adjusted.focal_scale
