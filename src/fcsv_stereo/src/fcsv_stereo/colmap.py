@@ -154,7 +154,7 @@ def _load(folder: Path, posed: List[PosedImage], cameras: Dict[int, PinholeCamer
 
 
 def _read(path: Path, camera: PinholeCamera, camera_id: int) -> np.ndarray:
-    """HxWx3 BGR, uint8 or uint16: the pixels as they are stored, which is what COLMAP's poses are of. Raises InputError.
+    """HxWx3 BGR, uint8 or uint16: the pixels as they are stored, as COLMAP reads them. Raises InputError.
 
     A file whose EXIF orientation turns it is turned only where cameras.txt has the size of the turned picture.
     """
