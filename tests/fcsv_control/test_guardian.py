@@ -504,3 +504,91 @@ def test_rules_that_cannot_be_are_refused(wrong, said):
 def test_fences_that_cannot_be_are_refused(wrong, said):
     with pytest.raises(ValueError, match=said):
         Fence(**wrong)
+
+
+# ---- one that lost its position, or is in other hands -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "fields", [{"uncontrolled": True, "mode": "LAND"}, {"lost": True, "armed": False}, {"taken": True}]
+)
+def test_nobody_stays_above_one_that_lost_its_position_or_that_a_pilot_has(fields):
+    air = Aloft()
+    air.others = {"uav2": below()}
+    air.run(3.0)
+    assert not air.held
+    air.others["uav2"].update(fields)
+    air.run(1.5)
+    assert air.held and air.guardian.verdict.action == "aside"
+    air.run(8.0)
+    assert np.hypot(*(air.p[:2] - [0.0, 0.3])) > (2.5 if "taken" in fields else 6.0)
+    assert not air.asked, "it stays in the air"
+
+
+def test_a_pilot_beside_it_in_the_column_moves_nobody():
+    air = Aloft()
+    air.others = {"uav2": {"p_home_m": np.array([-3.5, 0.0, 7.0]), "mode": "LOITER", "taken": True}}
+    assert not air.run(10.0).held
+
+
+def test_where_one_is_that_lost_its_position_is_where_it_was_last():
+    """Its tracker tells places 100 m away; it lies on the ground beneath."""
+    air = Aloft()
+    air.others = {"uav2": {"p_home_m": np.array([0.5, 0.0, 3.0]), "taken": False}}
+    air.run(1.0)
+    air.others["uav2"] = {"p_home_m": np.array([90.0, 40.0, 3.0]), "uncontrolled": True, "mode": "LAND"}
+    air.run(0.2)
+    air.others["uav2"] = {"p_home_m": np.array([-50.0, 70.0, 0.0]), "lost": True, "armed": False}
+    air.battery = 0.05
+    air.run(12.0)
+    assert air.modes == ["LAND"] and np.hypot(*(air.p[:2] - [0.5, 0.0])) > 6.0
+
+
+def test_it_says_that_it_lost_its_position_until_its_next_take_off():
+    air = Aloft()
+    air.silent.add("feed")
+    air.run(1.0)
+    assert air.guardian.verdict.lost
+    air.silent.clear()
+    air.armed, air.p[2] = False, 0.0
+    air.run(5.0)
+    assert air.guardian.verdict.lost and not air.guardian.verdict.uncontrolled
+    air.mode, air.armed = "LOITER", True
+    assert not air.run(0.5).guardian.verdict.lost
+
+
+def test_it_says_whose_it_is():
+    air = Aloft()
+    assert not air.guardian.verdict.taken
+    air.mode = "BRAKE"  # the pilot's
+    assert air.run(0.5).guardian.verdict.taken
+
+
+def landing(height_m):
+    """On its way down, as the mission ordered it."""
+    air = Aloft()
+    air.guardian.mode_asked(air.now_s, "LAND")
+    air.mode, air.p[2] = "LAND", height_m
+    return air.run(0.5)
+
+
+def test_who_lands_goes_out_of_the_way_of_one_that_comes_down_without_control():
+    air = landing(6.0)
+    assert not air.asked
+    air.others = {"uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": "LAND", "uncontrolled": True}}
+    begun_s = air.now_s
+    air.run(8.0)
+    assert air.modes[0] == "GUIDED" and air.asked[0][0] - begun_s < 1.0
+    assert air.mode == "LAND" and np.hypot(*(air.p[:2] - [3.0, 0.0])) > 6.0, "then it lands there"
+
+
+def test_near_the_ground_it_is_sooner_down_than_away():
+    air = landing(1.5)
+    air.others = {"uav2": {"p_home_m": np.array([3.0, 0.0, 7.0]), "mode": "LAND", "uncontrolled": True}}
+    assert not air.run(3.0).asked
+
+
+def test_a_landing_beside_another_that_lands_goes_on():
+    air = landing(6.0)
+    air.others = {"uav2": {"p_home_m": np.array([2.0, 0.0, 7.0]), "mode": "LAND"}}
+    assert not air.run(3.0).asked

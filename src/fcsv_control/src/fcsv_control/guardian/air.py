@@ -31,7 +31,8 @@ class LinkReport:
 
 @dataclass(frozen=True)
 class Other:
-    """Another vehicle as heard last; position (m) in home. ``uncontrolled``: it comes down without a position."""
+    """Another vehicle as heard last; position (m) in home. ``uncontrolled``: it comes down without a position;
+    ``lost``: so it did, and where it is was last known then; ``taken``: a pilot has it, or its autopilot."""
 
     p_home_m: np.ndarray
     heard_s: float
@@ -40,6 +41,8 @@ class Other:
     mode: str = ""
     uncontrolled: bool = False
     sigma_m: float = 0.05  # of its place in home
+    lost: bool = False
+    taken: bool = False
 
 
 @dataclass

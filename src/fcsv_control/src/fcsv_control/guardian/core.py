@@ -5,12 +5,13 @@ It warns, holds, moves aside, brakes and lands, in this order of strength, and n
 the companion flies the vehicle; in a mode that the pilot chose it only speaks. No ROS, no thread, no clock.
 """
 
+from dataclasses import replace
 from typing import Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
 from fcsv_control.guardian.air import Air, LinkReport, Other
-from fcsv_control.guardian.findings import Finding, Watches, Wish
+from fcsv_control.guardian.findings import ABOVE, Finding, Watches, Wish
 from fcsv_control.guardian.hands import COMPANIONS_MODES, Hands
 from fcsv_control.guardian.messages import AskMode, HoldAt, Output, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
@@ -38,7 +39,7 @@ class Guardian:
         self._aside_s: Optional[float] = None  # when the way aside began
         self._held_s = self._stepped_s = now_s  # when something last asked for a hold, and the last step
         self._link_heard = self._link_restarted = False
-        self._landing = False
+        self._landing = self._lost = False
         self._braking_for = ""
         self._answered: Set[str] = set()  # findings for which it braked: a fence counts once per crossing
         self._asked: Tuple[str, float, float] = ("", now_s, now_s)  # mode, first and last asked
@@ -59,6 +60,8 @@ class Guardian:
         if not armed:
             self._landing = False
             self._answered.clear()
+        elif not self.air.armed:
+            self._lost = False
         self.air.mode, self.air.armed, self.air.state_s = mode, armed, now_s
 
     def feed(self, now_s: float, T_odom_body: np.ndarray) -> None:
@@ -108,7 +111,10 @@ class Guardian:
         self.air.T_home_odom = T_home_odom
 
     def other(self, name: str, other: Other) -> None:
-        """Another vehicle was heard."""
+        """Another vehicle was heard. What it says of a place that it has lost counts for nothing."""
+        before = self.air.others.get(name)
+        if before is not None and (other.lost or other.uncontrolled):
+            other = replace(other, p_home_m=before.p_home_m)
         self.air.others[name] = other
 
     # ---- time ------------------------------------------------------------------------------------------------
@@ -131,9 +137,11 @@ class Guardian:
         for f in found:
             self._say(now_s, f.what, f.text, acting and f.wish > Wish.SAY)
         blind = worst is Wish.LAND and air.flying
+        self._lost = self._lost or blind
         reasons = tuple(f.text for f in found if f.wish > Wish.SAY)
         action = self._action(now_s) if acting else ""
-        self._verdict = Verdict(action, self._place is not None, blind, reasons, forbids)
+        taken = air.armed and not self._hands.ours
+        self._verdict = Verdict(action, self._place is not None, blind, reasons, forbids, self._lost, taken)
 
     @property
     def verdict(self) -> Verdict:
@@ -151,8 +159,9 @@ class Guardian:
         self._answered &= {f.what for f in found}
         wishes = [f for f in found if f.wish > Wish.SAY and f.what not in self._answered]
         worst = max(wishes, key=lambda f: f.wish, default=None)
-        if self._landing or (worst is not None and worst.wish in (Wish.LAND, Wish.LAND_ASIDE)):
-            self._land(now_s, worst)
+        escape = next((f for f in wishes if f.wish is Wish.ESCAPE or (self._landing and f.what == ABOVE)), None)
+        if self._landing or escape or (worst is not None and worst.wish in (Wish.LAND, Wish.LAND_ASIDE)):
+            self._land(now_s, worst, escape)
         elif self.air.mode == "BRAKE" and worst is not None and worst.wish is Wish.ASIDE:
             self._move_aside(now_s, worst.away_from)
         elif self.air.mode != "GUIDED":
@@ -178,15 +187,17 @@ class Guardian:
             self._link_restarted = True
             self._out.append(RestartLink())
 
-    def _land(self, now_s: float, worst: Optional[Finding]) -> None:
-        if self.air.mode == "LAND":
+    def _land(self, now_s: float, worst: Optional[Finding], escape: Optional[Finding]) -> None:
+        """LAND, first out of the way of who is beneath, or comes down without control: then out of LAND, too."""
+        blind = worst is not None and worst.wish is Wish.LAND
+        away_from = escape.away_from if escape is not None and not blind else None
+        if self.air.mode == "LAND" and away_from is None:
             self._landing, self._place = False, None
             return
         self._landing = True
-        blind = worst is not None and worst.wish is Wish.LAND
-        flown = self.air.mode in ("GUIDED", "BRAKE")
-        beneath = self._watches.beneath(now_s, self.air) if flown and not blind else None
-        if beneath is not None and self._way_aside(now_s, beneath):
+        if away_from is None and not blind and self.air.mode in ("GUIDED", "BRAKE"):
+            away_from = self._watches.beneath(now_s, self.air)
+        if away_from is not None and self._way_aside(now_s, away_from):
             return
         self._place = None
         self._ask(now_s, "LAND")
@@ -201,7 +212,7 @@ class Guardian:
     def _move_aside(self, now_s: float, away_from: str) -> None:
         """Only with both places known, as every finding about another vehicle has them."""
         here, air = self.air.p_home_m, self.air
-        if air.mode == "BRAKE":  # where /stop_all, or this guardian, stopped it: it cannot move in BRAKE
+        if air.mode != "GUIDED":  # where /stop_all stopped it, or on its way down: so it cannot move
             self._ask(now_s, "GUIDED")
         self._held_s = now_s
         if self._aside_s is not None and self._place is not None:
@@ -209,10 +220,11 @@ class Guardian:
             if left_m > _THERE_M:
                 return
         other = air.others[away_from].p_home_m
+        clear_m = self._watches.clear_m(air.others[away_from])
         upper = here[2] > other[2]
         side = np.array([0.0, 1.0 if upper else -1.0])  # of two in one column the upper goes left, the lower right
         others = [o.p_home_m for o in air.others.values()]
-        p_home = separation.aside(here, others, self._rules.clear_m, other, side)
+        p_home = separation.aside(here, others, clear_m, other, side)
         self._place = transforms.level(air.estimate)
         self._place[:3, 3] = transforms.apply(transforms.invert(air.T_home_odom), p_home)
         self._aside_s = self._aside_s or now_s

@@ -13,11 +13,13 @@ from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry import separation
 
 STICK = "the throttle stick is not in the middle: who takes over would climb or fall"
+ABOVE = "above"  # a finding about one who comes down
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
 _USUAL_AGE_S = 0.25  # of a state that comes ten times a second over a radio
 _MOST_AGE_S = 1.0  # of a pose of another vehicle, in the separation: then it is its silence that counts
 _BELOW_M = 0.5
 _ABOVE_FLOOR_M = 0.5
+_ESCAPES_M = 2.0  # above the take-off place
 
 
 class Wish(IntEnum):
@@ -27,8 +29,9 @@ class Wish(IntEnum):
     HOLD = 2  # where it is
     ASIDE = 3  # out of another's way, then hold
     BRAKE = 4
-    LAND_ASIDE = 5  # LAND, first out of the way of who is beneath
-    LAND = 6  # at once: the position cannot be relied on
+    ESCAPE = 5  # out of LAND, out of the way of one that comes down without control, then LAND
+    LAND_ASIDE = 6  # LAND, first out of the way of who is beneath
+    LAND = 7  # at once: the position cannot be relied on
 
 
 @dataclass(frozen=True)
@@ -100,9 +103,13 @@ class Watches:
             return None
         for name, other in air.others.items():
             offset = here - other.p_home_m
-            if offset[2] > _BELOW_M and math.hypot(offset[0], offset[1]) < self._rules.clear_m:
+            if offset[2] > _BELOW_M and math.hypot(offset[0], offset[1]) < self.clear_m(other):
                 return name
         return None
+
+    def clear_m(self, other: Other) -> float:
+        """How far away horizontally another vehicle must be: one without a position drifts."""
+        return self._rules.uncontrolled_clear_m if other.uncontrolled or other.lost else self._rules.clear_m
 
     # ---- the position ----------------------------------------------------------------------------------------
 
@@ -207,9 +214,31 @@ class Watches:
             if margin_m < 0.0 and air.flying:
                 yield Finding("separation", Wish.ASIDE, f"too near to {name}", name)
         here = air.p_home_m
-        for name, other in air.others.items():
-            if here is not None and air.flying and self._comes_down(now_s, other, other.p_home_m - here):
-                yield Finding("above", Wish.ASIDE, f"{name} comes down", name)
+        for name, other in air.others.items() if here is not None and air.flying else ():
+            offset_m = other.p_home_m - here
+            if self._comes_down(now_s, other, offset_m):
+                lands = other.uncontrolled and air.mode == "LAND" and self._high(air)
+                yield Finding(ABOVE, Wish.ESCAPE if lands else Wish.ASIDE, f"{name} comes down", name)
+            elif self._lasts(now_s, f"near {name}", self._unruly(now_s, other, offset_m), self._rules.unruly_s):
+                why = "is in other hands" if other.taken and not other.lost else "lost its position"
+                yield Finding("unruly", Wish.ASIDE, f"{name}, which {why}, is {self._where(offset_m)}", name)
+
+    @staticmethod
+    def _where(offset_m: np.ndarray) -> str:
+        return "above" if offset_m[2] > 0.0 else "below"
+
+    @staticmethod
+    def _high(air: Air) -> bool:
+        """Whether there is time to go aside: nearer to the ground it is sooner down than away."""
+        place = air.from_take_off_m
+        return place is not None and bool(place[2] > _ESCAPES_M)
+
+    def _unruly(self, now_s: float, other: Other, offset_m: np.ndarray) -> bool:
+        """Whether another vehicle is below or above that a pilot has, who may climb or descend, or that is lost."""
+        lost = other.lost or other.uncontrolled
+        if now_s - other.heard_s > _OLD_S or not (lost or (other.taken and other.armed)):
+            return False
+        return abs(offset_m[2]) > _BELOW_M and math.hypot(offset_m[0], offset_m[1]) < self.clear_m(other)
 
     def _comes_down(self, now_s: float, other: Other, offset_m: np.ndarray) -> bool:
         """Whether another vehicle may come down on this one."""

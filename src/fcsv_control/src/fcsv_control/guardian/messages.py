@@ -33,13 +33,16 @@ class HoldAt:
 @dataclass(frozen=True)
 class Verdict:
     """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused; ``uncontrolled``: the
-    vehicle comes down without a position."""
+    vehicle comes down without a position; ``lost``: so it did, and nobody knows where it is since; ``taken``: it is not
+    in the companion's hands."""
 
     action: str = ""
     holds: bool = False
     uncontrolled: bool = False
     reasons: Tuple[str, ...] = ()
     forbids: Tuple[str, ...] = ()
+    lost: bool = False
+    taken: bool = False
 
     @property
     def in_words(self) -> str:

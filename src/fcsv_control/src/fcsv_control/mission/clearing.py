@@ -9,6 +9,8 @@ from fcsv_control.mission.places import level_camera
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry import separation, transforms
 
+_LOST_CLEAR_M = 6.0  # from where one was last known that came down without a position: it drifts
+
 
 def clearance_m(separation_m: float) -> float:
     """How far apart horizontally vehicles must be for one to come down beside the other."""
@@ -33,13 +35,19 @@ def aside(snapshot: Snapshot, name: str, away_from: str, clear_m: float) -> np.n
     """T_home_cam at the same height, clear of everybody: away from a vehicle, else right, left, back, front."""
     here = snapshot.p_home_cam(name)
     others = [snapshot.p_home_cam(n) for n in _known(snapshot, name)]
+    clear_m = _clear_of(snapshot, away_from, clear_m)
     best = separation.aside(here, others, clear_m, snapshot.p_home_cam(away_from))
     return transforms.transform(level_camera(snapshot.vehicles[name].T_home_cam)[:3, :3], best)
 
 
 def _stands_above(snapshot: Snapshot, upper: str, lower: str, clear_m: float) -> bool:
     offset_m = snapshot.p_home_cam(upper) - snapshot.p_home_cam(lower)
+    clear_m = max(_clear_of(snapshot, n, clear_m) for n in (upper, lower))
     return bool(offset_m[2] > 0 and np.linalg.norm(offset_m[:2]) < clear_m)
+
+
+def _clear_of(snapshot: Snapshot, name: str, clear_m: float) -> float:
+    return max(clear_m, _LOST_CLEAR_M) if snapshot.vehicles[name].lost else clear_m
 
 
 def _known(snapshot: Snapshot, name: str) -> List[str]:

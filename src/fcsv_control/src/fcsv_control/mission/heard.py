@@ -50,12 +50,14 @@ class VehicleHeard:
         self._z_m = self._ground_z_m = 0.0
         self._mode, self._armed, self._connected = "", False, False
         self._battery_share = math.nan
-        self._guarded, self._guarded_s = "", _NEVER_S
+        self._guarded, self._guarded_s, self._lost = "", _NEVER_S, False
         self._problem, self._pictures = "", 0
 
     def odometry(self, now_s: float, T_odom_body: np.ndarray, speed_mps: float) -> None:
-        """Its place in its own odometry frame."""
-        self._T_odom_body, self._speed_mps, self._odometry_s = T_odom_body, speed_mps, now_s
+        """Its place in its own odometry frame; where that is lost, the last one that was believed stays."""
+        if not self._lost:
+            self._T_odom_body = T_odom_body
+        self._speed_mps, self._odometry_s = speed_mps, now_s
 
     def position(self, z_m: float) -> None:
         """Height by the autopilot's estimate; the ground is where it was when it was not armed."""
@@ -67,9 +69,10 @@ class VehicleHeard:
         """What its autopilot shows."""
         self._mode, self._armed, self._connected, self._state_s = mode, armed, connected, now_s
 
-    def guardian(self, now_s: float, words: str) -> None:
-        """What its guardian does and why; empty where it leaves the vehicle alone."""
-        self._guarded, self._guarded_s = words, now_s
+    def guardian(self, now_s: float, words: str, lost: bool) -> None:
+        """What its guardian does and why; empty where it leaves the vehicle alone. ``lost``: its tracker failed in
+        flight, and where it is has not been known since."""
+        self._guarded, self._guarded_s, self._lost = words, now_s, lost
 
     def battery(self, share: float) -> None:
         """0..1, NaN where unknown."""
@@ -110,4 +113,5 @@ class VehicleHeard:
             pictures=None if self._recorder_s == _NEVER_S else self._pictures,
             guarded=self._guardian_words(now_s),
             frame_problem=self.epochs.problem,
+            lost=self._lost,
         )

@@ -27,6 +27,7 @@ class VehicleView:
     recorder_problem: str = ""
     pictures: Optional[int] = None  # recorded so far, None where unknown
     guarded: str = ""  # what its guardian does, and why
+    lost: bool = False  # its place is the last one before its tracker failed
     frame_problem: str = ""  # why its odometry frame is not the one that was calibrated
 
 

@@ -198,7 +198,10 @@ class GuardianNode:
         self._health.problem("not to be handed over", f"{self._name}: {'; '.join(wrong)}" if wrong else "")
         header = conversions.header(rospy.get_time(), "")
         self._states.publish(
-            GuardianState(header, self._name, v.action, v.holds, v.uncontrolled, list(v.reasons), list(v.forbids))
+            GuardianState(
+                header=header, vehicle=self._name, action=v.action, holds=v.holds, uncontrolled=v.uncontrolled,
+                lost=v.lost, taken=v.taken, reasons=list(v.reasons), forbids=list(v.forbids),
+            )  # fmt: skip
         )
 
 

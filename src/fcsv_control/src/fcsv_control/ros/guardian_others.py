@@ -27,7 +27,7 @@ class OtherVehicles:
         self._in_home = HomeFrames()
         self._heard: Dict[str, Tuple[np.ndarray, Other]] = {}  # position in its own odometry
         self._states: Dict[str, State] = {}
-        self._blind: Dict[str, bool] = {}
+        self._guardians: Dict[str, GuardianState] = {}
         rospy.Subscriber("/calibration", Calibration, self._compose, home_messages.take_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._compose, home_messages.take_home, queue_size=1)
         for name in vehicles:
@@ -60,7 +60,7 @@ class OtherVehicles:
 
     def _on_guardian(self, message: GuardianState, name: str) -> None:
         with self._lock:
-            self._blind[name] = message.uncontrolled
+            self._guardians[name] = message
             self._renew(name)
 
     def _on_odometry(self, message: Odometry, name: str) -> None:
@@ -82,5 +82,6 @@ class OtherVehicles:
             p_odom, other = self._heard[name]
             state = self._states.get(name)
             armed, mode = (True, "") if state is None else (state.armed, state.mode)
-            blind = self._blind.get(name, False)
-            self._heard[name] = (p_odom, replace(other, armed=armed, mode=mode, uncontrolled=blind))
+            told = self._guardians.get(name, GuardianState())
+            flags = {"uncontrolled": told.uncontrolled, "lost": told.lost, "taken": told.taken}
+            self._heard[name] = (p_odom, replace(other, armed=armed, mode=mode, **flags))

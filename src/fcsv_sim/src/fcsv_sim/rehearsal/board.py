@@ -40,6 +40,8 @@ class Told:
     armed: bool
     mode: str
     uncontrolled: bool
+    lost: bool
+    taken: bool
 
 
 class OnBoard:
@@ -95,16 +97,17 @@ class OnBoard:
         """What the other vehicles are told."""
         if self.odometry is None:
             return None
-        state, blind = self.link.state, self.guardian.verdict.uncontrolled
+        state, v = self.link.state, self.guardian.verdict
         speed = math.hypot(*self.odometry.linear_mps)
-        return Told(self.name, self.T_odom_body, speed, state.armed, state.mode, blind)
+        return Told(self.name, self.T_odom_body, speed, state.armed, state.mode, v.uncontrolled, v.lost, v.taken)
 
     def hear_other(self, now_s: float, told: Told) -> None:
         """Another vehicle told of itself."""
         T_home_odom = self.T_home_odom.get(told.name)
         if T_home_odom is not None:
             p = (T_home_odom @ told.T_odom_body)[:3, 3]
-            self.guardian.other(told.name, Other(p, now_s, told.speed_mps, told.armed, told.mode, told.uncontrolled))
+            flags = {"uncontrolled": told.uncontrolled, "lost": told.lost, "taken": told.taken}
+            self.guardian.other(told.name, Other(p, now_s, told.speed_mps, told.armed, told.mode, **flags))
 
     # ---- odometry, link, agent, guardian -----------------------------------------------------------------------
 

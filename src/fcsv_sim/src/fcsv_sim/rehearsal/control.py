@@ -62,7 +62,8 @@ class ControlPc:
                 fields = {"pose": vehicle.T_odom_body, "speed_mps": speed, "height_m": vehicle.height_m}
                 radio.send(now_s, _update(heard, "pose_s"), {**fields, "epoch": vehicle.epoch, "pose_s": now_s})
             state = vehicle.link.state
-            told = {"mode": state.mode, "armed": state.armed, "guarded": vehicle.guardian.verdict.in_words}
+            verdict = vehicle.guardian.verdict
+            told = {"mode": state.mode, "armed": state.armed, "guarded": verdict.in_words, "lost": verdict.lost}
             if now_s >= due[1] or any(getattr(heard, k) != v for k, v in told.items()):
                 due[1] = now_s + _STATE_EVERY_S
                 fields = {**told, "connected": vehicle.link.connected(now_s)}
@@ -122,7 +123,7 @@ class ControlPc:
         h, T_home_odom = self.heard[name], self.T_home_odom.get(name)
         known = h.pose is not None and T_home_odom is not None
         return VehicleView(
-            guarded=h.guarded,
+            guarded=h.guarded, lost=h.lost,
             pose_age_s=now_s - h.pose_s, speed_mps=h.speed_mps, height_m=h.height_m, state_age_s=now_s - h.state_s,
             connected=h.connected, armed=h.armed, mode=h.mode, sees_front_s=self._sees(now_s, name),
             T_home_cam=camera_in_home(T_home_odom, h.pose, self._cameras[name]) if known else None,
@@ -196,6 +197,7 @@ def _update(heard: Heard, newest: str):
     def take(fields: dict) -> None:
         if fields[newest] >= getattr(heard, newest):
             for name, value in fields.items():
-                setattr(heard, name, value)
+                if name != "pose" or not heard.lost:  # a place that is lost stays the last that was believed
+                    setattr(heard, name, value)
 
     return take

@@ -40,6 +40,7 @@ class Heard:
     mode: str = ""
     armed: bool = False
     guarded: str = ""
+    lost: bool = False
     connected: bool = False
     state_s: float = -math.inf
     height_m: float = 0.0
