@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.tello_loop import GIMBALS, MOCAP, AttitudePlant, VelocityPlant, fly
 
 from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import Gains, PidConfig, PositionPid, Sticks
 from fcsv_geometry import config, transforms
-from support.tello_loop import GIMBALS, MOCAP, AttitudePlant, VelocityPlant, fly
 
 _CONFIG = Path(__file__).resolve().parents[2] / "config" / "tello"
 _HELD_M, _HELD_DEG = 0.15, 5.0  # the system's bound on set-points
@@ -182,8 +182,7 @@ def test_attitude_sticks_hold_a_set_point(tmp_path, kind, seed):
 def test_without_prediction_attitude_sticks_do_worse(tmp_path):
     """The delay matters: taken as poses of now, late ones make the way to the target swing."""
     gains = config.load(_CONFIG / "attitude.yaml", PidConfig)
-    late, predicted = (
-        fly(AttitudePlant(tmp_path, 1, 0.5, 0.0), GIMBALS, gains, _TARGET, 25.0, 1, predict) for predict in (False, True)
-    )
+    plants = [AttitudePlant(tmp_path, 1, 0.5, 0.0) for _ in range(2)]
+    late, predicted = (fly(p, GIMBALS, gains, _TARGET, 25.0, 1, at) for p, at in zip(plants, (False, True)))
     settled = [f.off_m[(f.time_s > 3.0) & (f.time_s < _ARRIVED_S)].mean() for f in (late, predicted)]
     assert settled[1] < 0.8 * settled[0]

@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated Tello's dynamics under the PID, with poses as trackers on the ground give them: late, noisy, with gaps."""
+"""A simulated Tello's dynamics under the PID, with poses as trackers on the ground give them: late, noisy, gapped."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import List, Tuple
 
 import numpy as np
 
+from fcsv_control.tello.core import TelloCore
+from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, LogReport, Said, TakeOffNow
 from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import ATTITUDE, PidConfig, PositionPid, Sticks
-from fcsv_geometry import transforms
+from fcsv_control.tello.rules import TelloRules
+from fcsv_geometry import config, transforms
 from fcsv_geometry.rotations import wrap
 from fcsv_sim.autopilot.controller import Controller
 from fcsv_sim.vehicles.dynamics import STEP_S, Quadrotor
 from fcsv_sim.vehicles.tello import SimulatedTello, TelloParameters, tello_airframe
-from fcsv_sim.vehicles.vehicle import yaw_of
 
 STEP_OF_LINK_S = 0.04
+CONFIG = Path(__file__).resolve().parents[2] / "config" / "tello"
 
 
 @dataclass(frozen=True)
@@ -97,12 +101,94 @@ class AttitudePlant:
     def advance(self, now_s: float, asked: np.ndarray, turn_rps: float) -> None:
         while self.now_s < now_s - 1e-9:
             forward, left, up = asked
-            yaw_of(self._state)
             command = self._controller.to_lean(
                 -np.arctan2(left, 9.81), np.arctan2(forward, 9.81), turn_rps, up, float(self._state[5]), 0.01
             )
             self._state = self._body.advance(command, int(round(0.01 / STEP_S)))[-1]
             self.now_s += 0.01
+
+
+class LinkedTello:
+    """The link's core over a simulated Tello of fcsv_sim: flight data at 10 Hz, its log at 20 Hz, the tracker's poses,
+    and what can go wrong with each. The frame is the world's."""
+
+    def __init__(self, folder, seed: int, start_m=(0.0, 0.0), kind: Poses = MOCAP, name: str = "tello1"):
+        parameters = TelloParameters(name, str(folder), seed, (*start_m, 0.0, 0.3), 0.5, 0.02)
+        self.tello, self.now_s = SimulatedTello(parameters, 0.0), 0.0
+        self.pid = config.load(CONFIG / "velocity.yaml", PidConfig)
+        self.core = TelloCore(name, self.pid, TelloRules())
+        self._seen, self._ticks, self._stick_s = SeenPoses(kind, seed), 0, 0.0
+        self.battery_share, self.wifi, self.tracked, self.seen_off_m = 0.9, True, True, np.zeros(3)
+        self.said: List[str] = []
+        self.land_orders = 0
+
+    @property
+    def p_m(self) -> np.ndarray:
+        return self.tello.body.position_m
+
+    def off_m(self, target: np.ndarray) -> float:
+        """From a target, by the truth."""
+        return float(np.linalg.norm(self.p_m - target[:3, 3]))
+
+    def run(self, seconds: float, target=None) -> float:
+        """For some time, with a set-point repeated; the largest distance (m) from it."""
+        until_s, worst = self.now_s + seconds, 0.0
+        while self.now_s < until_s - 1e-9:
+            self.step(target)
+            worst = worst if target is None else max(worst, self.off_m(target))
+        return worst
+
+    def step(self, target=None) -> None:
+        self.now_s += STEP_OF_LINK_S
+        self._ticks += 1
+        self.tello.advance_to(self.now_s)
+        T = self.tello.body.T_world_body
+        if self.wifi:
+            self._downlink(T)
+        for stamp_s, seen in self._seen.take(self.now_s, T):
+            if self.tracked:
+                seen[:3, 3] += self.seen_off_m
+                self.core.pose(self.now_s, stamp_s, seen)
+        if target is not None:
+            self.core.set_point(target)
+        self.core.step(self.now_s)
+        for output in self.core.outgoing():
+            self._do(output)
+        if self.now_s - self._stick_s > 15.0 and self.tello.flying:
+            self.tello.land()  # as the real one does where it hears no sticks
+
+    def _downlink(self, T: np.ndarray) -> None:
+        if self._ticks % 2 == 0:
+            own = transforms.from_xyz_yaw(T[:3, 3] - [4.0, 2.0, 0.0], transforms.yaw(T))
+            v_body = T[:3, :3].T @ self.tello.body.velocity_mps
+            self.core.log(self.now_s, LogReport(own, v_body))
+        if self._ticks % 3 == 0:
+            self.core.flight(self.now_s, FlightReport(self.tello.flying, float(T[2, 3]), self.battery_share))
+
+    def _do(self, output) -> None:
+        if isinstance(output, Said):
+            self.said.append(output.text)
+        self.land_orders += isinstance(output, LandNow)
+        if not self.wifi:
+            return
+        if isinstance(output, GiveSticks):
+            self._stick_s = self.now_s
+            self.tello.stick(self.now_s, *self.pid_asked(output.sticks))
+        elif isinstance(output, TakeOffNow):
+            self.tello.take_off()
+        elif isinstance(output, LandNow):
+            self.tello.land()
+
+    def pid_asked(self, sticks: Sticks):
+        return PositionPid(self.pid).asked(sticks)
+
+    def guided(self, target: np.ndarray, altitude_m: float = 1.5) -> None:
+        """Off the ground, into GUIDED, at a target."""
+        self.run(1.0)
+        self.core.take_off(self.now_s, altitude_m)
+        self.run(8.0)
+        self.core.set_mode(self.now_s, "GUIDED")
+        self.run(10.0, target)
 
 
 @dataclass
@@ -116,11 +202,11 @@ class Flown:
 
 
 def fly(
-    plant, kind: Poses, config: PidConfig, target: np.ndarray, seconds: float, seed: int = 1, predict: bool = True
+    plant, kind: Poses, gains: PidConfig, target: np.ndarray, seconds: float, seed: int = 1, predict: bool = True
 ) -> Flown:
     """Towards one target for some time. Without ``predict`` the pose is taken as if it were of now."""
-    leans = config.command == ATTITUDE
-    observer, pid, seen = Observer(ObserverRules(), leans), PositionPid(config), SeenPoses(kind, seed)
+    leans = gains.command == ATTITUDE
+    observer, pid, seen = Observer(ObserverRules(), leans), PositionPid(gains), SeenPoses(kind, seed)
     begun_s, now_s, sticks, rows = plant.now_s, plant.now_s, Sticks(), []
     while now_s - begun_s < seconds:
         now_s += STEP_OF_LINK_S

@@ -2,9 +2,9 @@
 """Where a Tello is now, by poses that tell where it was: they are late (mocap 0.1 s, video of gimbals 0.1 to 0.3 s).
 
 A fading-memory filter (Zarchan and Musoff, "Fundamentals of Kalman Filtering", table 4.4) about the way on which the
-last commands lead. A pose is compared with what was estimated for its own moment, and all estimates since then are moved.
-What the commands do not explain (wind, a flow sensor that is off) is found as a velocity where sticks ask for velocities,
-as an acceleration where they are lean angles.
+last commands lead. A pose is compared with what was estimated for its own moment, and all estimates since then are
+moved. What the commands do not explain (wind, a flow sensor that is off) is found as a velocity where sticks ask for
+velocities, as an acceleration where they are lean angles.
 """
 
 import math

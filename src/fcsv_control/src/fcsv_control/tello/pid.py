@@ -96,9 +96,7 @@ class PositionPid:
         """Forget what the integrators learnt."""
         self._integral = np.zeros(4)
 
-    def sticks(
-        self, dt_s: float, T_odom_body: np.ndarray, v_odom_mps: np.ndarray, T_odom_target: np.ndarray
-    ) -> Sticks:
+    def sticks(self, dt_s: float, T_odom_body: np.ndarray, v_odom_mps: np.ndarray, T_odom_target: np.ndarray) -> Sticks:
         """Sticks from where it is towards where it should be."""
         c, heading = self.config, transforms.yaw(T_odom_body)
         error = T_odom_target[:3, 3] - T_odom_body[:3, 3]

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When the Tello link holds, lands and gives way."""
+
+from dataclasses import dataclass
+
+from fcsv_geometry.config import require_positive
+
+PILOT, GUIDED, BRAKE, LAND = "LOITER", "GUIDED", "BRAKE", "LAND"
+#: Modes in which the companion flies; in LOITER the pilot does, and zero sticks hold by the Tello's own flow sensor.
+MODES = (PILOT, GUIDED, BRAKE, LAND)
+
+
+@dataclass(frozen=True)
+class TelloRules:
+    """Times in s. ``feed_*``: age of the tracker's newest good pose.
+
+    A Tello that hears no sticks for 15 s lands by itself.
+    """
+
+    feed_old_s: float = 0.8  # no position is flown by an older pose: zero sticks, its own flow sensor holds
+    feed_land_s: float = 3.0  # lost for so long: LAND
+    feed_steady_s: float = 1.0  # for so long poses must have come before GUIDED is taken
+    doubt_s: float = 1.0  # poses that cannot be, for so long: said
+    silent_s: float = 1.5  # without any packet: the Wi-Fi counts as lost
+    silent_land_s: float = 10.0  # lost for so long: LAND, as soon as it hears
+    pilot_old_s: float = 0.5  # of the pilot's sticks; older ones are let go
+    pilot_moved: float = 0.2  # a stick moved so far takes the vehicle
+    warn_battery: float = 0.2
+    land_battery: float = 0.1  # as the Tello itself does at about 5 %
+    take_off_s: float = 8.0  # to leave the ground
+    climb_s: float = 15.0  # to the altitude asked for
+    highest_m: float = 9.0  # of a take-off; the Tello's own limit is 10 m
+    repeat_s: float = 1.0  # of a take-off or landing that does not show
+
+    def __post_init__(self):
+        require_positive(self)
+        for low, high in (("feed_old_s", "feed_land_s"), ("silent_s", "silent_land_s"),
+                          ("land_battery", "warn_battery")):  # fmt: skip
+            if getattr(self, low) > getattr(self, high):
+                raise ValueError(f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}")
