@@ -10,13 +10,12 @@ import numpy as np
 from fcsv_control.tello.core import TelloCore
 from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, LogReport, Said, TakeOffNow
 from fcsv_control.tello.observer import Observer, ObserverRules
-from fcsv_control.tello.pid import ATTITUDE, PidConfig, PositionPid, Sticks
+from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
 from fcsv_control.tello.rules import TelloRules
 from fcsv_geometry import config, transforms
 from fcsv_geometry.rotations import wrap
-from fcsv_sim.autopilot.controller import Controller
-from fcsv_sim.vehicles.dynamics import STEP_S, Quadrotor
-from fcsv_sim.vehicles.tello import SimulatedTello, TelloParameters, tello_airframe
+from fcsv_sim.tello.messages import Sticks as DroneSticks
+from fcsv_sim.tello.vehicle import TelloDrone, TelloDroneParameters
 
 STEP_OF_LINK_S = 0.04
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "tello"
@@ -61,51 +60,16 @@ class SeenPoses:
         return arrived
 
 
-class VelocityPlant:
-    """fcsv_sim's Tello: holds the velocity of its sticks by a flow sensor that is off."""
-
-    def __init__(self, folder, seed: int, wind_mps: float, flow_bias_mps: float):
-        self.tello = SimulatedTello(
-            TelloParameters("tello1", str(folder), seed, (0.0, 0.0, 0.0, 0.3), wind_mps, flow_bias_mps), 0.0
-        )
-        self.tello.take_off()
-        self.tello.advance_to(0.2)
-        now_s = 0.0
-        while self.tello.mode != "FLY":
-            now_s += 0.1
-            self.tello.advance_to(now_s)
-        self.now_s = now_s
-
-    @property
-    def T_world_body(self) -> np.ndarray:
-        return self.tello.body.T_world_body
-
-    def advance(self, now_s: float, asked: np.ndarray, turn_rps: float) -> None:
-        self.tello.stick(now_s, asked, turn_rps)
-        self.tello.advance_to(now_s)
-        self.now_s = now_s
+def drone(folder, seed: int, start_m=(0.0, 0.0), wind_mps: float = 0.5, bias_mps: float = 0.02, name: str = "tello1"):
+    """fcsv_sim's Tello but for its radio: sticks are lean angles, an axis that is let go brakes and is held by flow."""
+    return TelloDrone(TelloDroneParameters(
+        name, str(folder), seed, (*start_m, 0.0, 0.3), wind_mps=wind_mps, flow_bias_mps=bias_mps), 0.0)  # fmt: skip
 
 
-class AttitudePlant:
-    """The same airframe without flow: roll and pitch sticks are lean angles, and the wind takes it away."""
-
-    def __init__(self, _folder, seed: int, wind_mps: float, _bias: float):
-        self._body = Quadrotor(tello_airframe(), transforms.from_xyz_yaw([0.0, 0.0, 1.0], 0.3), seed, wind_mps)
-        self._controller, self.now_s = Controller(self._body.hover_thrust), 0.0
-        self._state = self._body.advance((0.0, 0.0, 0.0, self._body.hover_thrust), 1)[-1]
-
-    @property
-    def T_world_body(self) -> np.ndarray:
-        return self._body.T_world_body
-
-    def advance(self, now_s: float, asked: np.ndarray, turn_rps: float) -> None:
-        while self.now_s < now_s - 1e-9:
-            forward, left, up = asked
-            command = self._controller.to_lean(
-                -np.arctan2(left, 9.81), np.arctan2(forward, 9.81), turn_rps, up, float(self._state[5]), 0.01
-            )
-            self._state = self._body.advance(command, int(round(0.01 / STEP_S)))[-1]
-            self.now_s += 0.01
+def give(tello: TelloDrone, now_s: float, s: Sticks) -> None:
+    """As its link's sticks arrive."""
+    tello.flight.heard(now_s)
+    tello.flight.sticks(now_s, DroneSticks(roll=-s.left, pitch=s.forward, throttle=s.up, yaw=-s.turn))
 
 
 class LinkedTello:
@@ -113,11 +77,10 @@ class LinkedTello:
     and what can go wrong with each. The frame is the world's."""
 
     def __init__(self, folder, seed: int, start_m=(0.0, 0.0), kind: Poses = MOCAP, name: str = "tello1"):
-        parameters = TelloParameters(name, str(folder), seed, (*start_m, 0.0, 0.3), 0.5, 0.02)
-        self.tello, self.now_s = SimulatedTello(parameters, 0.0), 0.0
+        self.tello, self.now_s = drone(folder, seed, start_m, name=name), 0.0
         self.pid = config.load(CONFIG / "velocity.yaml", PidConfig)
         self.core = TelloCore(name, self.pid, TelloRules())
-        self._seen, self._ticks, self._stick_s = SeenPoses(kind, seed), 0, 0.0
+        self._seen, self._ticks = SeenPoses(kind, seed), 0
         self.battery_share, self.wifi, self.tracked, self.seen_off_m = 0.9, True, True, np.zeros(3)
         self.said: List[str] = []
         self.land_orders = 0
@@ -154,8 +117,6 @@ class LinkedTello:
         self.core.step(self.now_s)
         for output in self.core.outgoing():
             self._do(output)
-        if self.now_s - self._stick_s > 15.0 and self.tello.flying:
-            self.tello.land()  # as the real one does where it hears no sticks
 
     def _downlink(self, T: np.ndarray) -> None:
         if self._ticks % 2 == 0:
@@ -163,7 +124,7 @@ class LinkedTello:
             v_body = T[:3, :3].T @ self.tello.body.velocity_mps
             self.core.log(self.now_s, LogReport(own, v_body))
         if self._ticks % 3 == 0:
-            self.core.flight(self.now_s, FlightReport(self.tello.flying, float(T[2, 3]), self.battery_share))
+            self.core.flight(self.now_s, FlightReport(self.tello.flight.flying, float(T[2, 3]), self.battery_share))
 
     def _do(self, output) -> None:
         if isinstance(output, Said):
@@ -172,15 +133,11 @@ class LinkedTello:
         if not self.wifi:
             return
         if isinstance(output, GiveSticks):
-            self._stick_s = self.now_s
-            self.tello.stick(self.now_s, *self.pid_asked(output.sticks))
+            give(self.tello, self.now_s, output.sticks)
         elif isinstance(output, TakeOffNow):
-            self.tello.take_off()
+            self.tello.flight.take_off()
         elif isinstance(output, LandNow):
-            self.tello.land()
-
-    def pid_asked(self, sticks: Sticks):
-        return PositionPid(self.pid).asked(sticks)
+            self.tello.flight.land()
 
     def guided(self, target: np.ndarray, altitude_m: float = 1.5) -> None:
         """Off the ground, into GUIDED, at a target."""
@@ -202,23 +159,24 @@ class Flown:
 
 
 def fly(
-    plant, kind: Poses, gains: PidConfig, target: np.ndarray, seconds: float, seed: int = 1, predict: bool = True
-) -> Flown:
-    """Towards one target for some time. Without ``predict`` the pose is taken as if it were of now."""
-    leans = gains.command == ATTITUDE
-    observer, pid, seen = Observer(ObserverRules(), leans), PositionPid(gains), SeenPoses(kind, seed)
-    begun_s, now_s, sticks, rows = plant.now_s, plant.now_s, Sticks(), []
-    while now_s - begun_s < seconds:
+    tello: TelloDrone, kind: Poses, gains: PidConfig, target: np.ndarray, seconds: float, seed: int = 1,
+    predict: bool = True,
+) -> Flown:  # fmt: skip
+    """Off the ground and towards one target. Without ``predict`` the pose is taken as if it were of now."""
+    observer, pid = Observer(ObserverRules(), gains.sticks), PositionPid(gains)
+    seen, now_s, sticks, rows = SeenPoses(kind, seed), 0.0, Sticks(), []
+    tello.flight.take_off()
+    while now_s < seconds:
         now_s += STEP_OF_LINK_S
-        asked, turn_rps = pid.asked(sticks)
-        plant.advance(now_s, asked, turn_rps)
-        observer.step(now_s, asked, turn_rps)
-        for stamp_s, T in seen.take(now_s, plant.T_world_body):
-            observer.pose(now_s, stamp_s if predict else now_s, T)
-        if observer.known:
+        give(tello, now_s, sticks)
+        tello.advance_to(now_s)
+        T = tello.body.T_world_body
+        observer.step(now_s, sticks)
+        for stamp_s, seen_T in seen.take(now_s, T):
+            observer.pose(now_s, stamp_s if predict else now_s, seen_T)
+        if observer.known and now_s > 4.0:
             sticks = pid.sticks(STEP_OF_LINK_S, observer.T_odom_body, observer.v_mps, target)
-        T = plant.T_world_body
         off_deg = abs(np.degrees(wrap(transforms.yaw(T) - transforms.yaw(target))))
-        rows.append((now_s - begun_s, np.linalg.norm(T[:3, 3] - target[:3, 3]), off_deg, sticks))
+        rows.append((now_s, np.linalg.norm(T[:3, 3] - target[:3, 3]), off_deg, sticks))
     time_s, off_m, off_deg, given = zip(*rows)
     return Flown(np.array(time_s), np.array(off_m), np.array(off_deg), list(given))

@@ -27,7 +27,7 @@ from fcsv_control.tello.messages import (
     TelloState,
 )
 from fcsv_control.tello.observer import ObserverRules
-from fcsv_control.tello.pid import ATTITUDE, PidConfig, PositionPid, Sticks
+from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
 from fcsv_control.tello.rules import BRAKE, GUIDED, LAND, MODES, PILOT, TelloRules
 from fcsv_control.tello.tracking import Tracking
 from fcsv_geometry import transforms
@@ -43,7 +43,7 @@ class TelloCore:
     def __init__(self, name: str, pid: PidConfig, rules: TelloRules, observer: Optional[ObserverRules] = None):
         self._name, self._rules = name, rules
         self._pid = PositionPid(pid)
-        self.tracking = Tracking(observer or ObserverRules(), pid.command == ATTITUDE, rules.doubt_s)
+        self.tracking = Tracking(observer or ObserverRules(), pid.sticks, rules.doubt_s)
         self.mode = PILOT
         self._target: Optional[np.ndarray] = None
         self._climb: Optional[Climb] = None
@@ -153,7 +153,7 @@ class TelloCore:
         """Failsafes, then sticks."""
         dt_s = min(max(now_s - self._step_s, 1e-3), _LONGEST_STEP_S)
         self._step_s = now_s
-        self.tracking.observer.step(now_s, *self._pid.asked(self._sticks))
+        self.tracking.observer.step(now_s, self._sticks)
         if self.flying or self._climb is not None:
             self._watch_wifi(now_s)
             self._watch_battery(now_s)

@@ -3,36 +3,39 @@
 
 A fading-memory filter (Zarchan and Musoff, "Fundamentals of Kalman Filtering", table 4.4) about the way on which the
 last commands lead. A pose is compared with what was estimated for its own moment, and all estimates since then are
-moved. What the commands do not explain (wind, a flow sensor that is off) is found as a velocity where sticks ask for
-velocities, as an acceleration where they are lean angles.
+moved. What the commands do not explain is found: horizontally as an acceleration (wind), vertically as a velocity.
 """
 
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, List, Optional
+from typing import Deque, List, Optional, Tuple
 
 import numpy as np
 
+from fcsv_control.tello.pid import StickModel, Sticks
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.rotations import turn_about_z, wrap
 
 _DT_S = (0.005, 1.0)  # between two poses, for the filter's gains
+_CLIMB = np.array([0.0, 0.0, 1.0])  # the axis whose stick asks for a velocity
 
 
 @dataclass(frozen=True)
 class ObserverRules:
-    """``lag_s``: how a Tello takes up the speed that its sticks ask for. ``*_s``: time constants of the filter.
+    """``climb_lag_s``: how a Tello takes up the climb rate that its stick asks for; ``stick_delay_s``: until it leans.
+    ``pose_s``, ``log_s``: time constants of the filter.
 
     A pose that is older than ``oldest_s``, or further than ``gate_m`` + ``gate_mps`` times the time since the last good
     one from where the vehicle must be, is refused.
     """
 
-    lag_s: float = 0.35
+    climb_lag_s: float = 0.35
+    stick_delay_s: float = 0.1
     pose_s: float = 0.3
     log_s: float = 0.4  # time constant with which the vehicle's own velocity is believed
-    most_drift: float = 0.8  # m/s, or m/s2: of what the commands do not explain
+    most_drift: float = 1.0  # m/s2, vertically m/s: of what the commands do not explain
     oldest_s: float = 0.7
     gate_m: float = 0.4
     gate_mps: float = 0.6
@@ -55,11 +58,11 @@ class _Moment:
 class Observer:
     """``step`` with every command, ``pose`` and ``velocity`` as they come. Time is monotonic; frame: uavN/odom."""
 
-    def __init__(self, rules: ObserverRules, leans: bool = False):
-        self._rules, self._leans = rules, leans
+    def __init__(self, rules: ObserverRules, sticks: StickModel):
+        self._rules, self._model = rules, sticks
         self._moments: Deque[_Moment] = deque(maxlen=200)
-        self._drift = np.zeros(3)  # horizontally an acceleration where sticks are lean angles
-        self._drawn = np.array([0.0, 0.0, 1.0]) if leans else np.ones(3)
+        self._drift = np.zeros(3)  # m/s2, vertically m/s
+        self._given: Deque[Tuple[float, Sticks]] = deque(maxlen=20)
         self._stamp_s = -math.inf
         self.refused = 0
         self.why_refused = ""
@@ -83,26 +86,33 @@ class Observer:
     @property
     def v_mps(self) -> np.ndarray:
         """Velocity now (3,), m/s; nought where nothing is known."""
-        return self._moments[-1].v_mps + self._drift * self._drawn if self._moments else np.zeros(3)
+        return self._moments[-1].v_mps + self._drift * _CLIMB if self._moments else np.zeros(3)
 
     def forget(self) -> None:
         """Begin anew with the next pose."""
         self._moments.clear()
         self._drift, self._stamp_s = np.zeros(3), -math.inf
 
-    def step(self, now_s: float, asked: np.ndarray, yaw_rate_rps: float) -> None:
-        """Until now these were asked for: forward, left, up (m/s) and turn to the left. Where sticks are lean angles,
-        forward and left are m/s2."""
+    def step(self, now_s: float, sticks: Sticks) -> None:
+        """These sticks were given until now."""
+        self._given.append((now_s, sticks))
         if not self._moments or now_s <= self._moments[-1].now_s:
             return
         last = self._moments[-1]
         dt_s = now_s - last.now_s
-        wished = turn_about_z(last.yaw_rad) @ np.asarray(asked, float)
-        v = last.v_mps + (wished - last.v_mps) * (1.0 - math.exp(-dt_s / self._rules.lag_s))
-        if self._leans:
-            v[:2] = last.v_mps[:2] + (wished[:2] + self._drift[:2]) * dt_s
-        p = last.p_m + (0.5 * (last.v_mps + v) + self._drift * self._drawn) * dt_s
-        self._moments.append(_Moment(now_s, p, v, wrap(last.yaw_rad + yaw_rate_rps * dt_s)))
+        s = next((k for t_s, k in reversed(self._given) if t_s <= now_s - self._rules.stick_delay_s), Sticks())
+        m, R = self._model, turn_about_z(last.yaw_rad)
+        v_body = R.T @ last.v_mps
+        acc = np.zeros(3)
+        for axis, stick in enumerate((s.forward, s.left)):
+            brakes = abs(stick) <= m.dead_band
+            acc[axis] = m.most_mps2 * m.share(stick) - (m.brake_per_s if brakes else m.drag_per_s) * v_body[axis]
+        v = last.v_mps + R @ acc * dt_s + self._drift * (1.0 - _CLIMB) * dt_s
+        climb = m.climb_mps * m.share(s.up)
+        v[2] = last.v_mps[2] + (climb - last.v_mps[2]) * (1.0 - math.exp(-dt_s / self._rules.climb_lag_s))
+        p = last.p_m + (0.5 * (last.v_mps + v) + self._drift * _CLIMB) * dt_s
+        turn_rps = math.radians(m.turn_dps) * m.share(s.turn)
+        self._moments.append(_Moment(now_s, p, v, wrap(last.yaw_rad + turn_rps * dt_s)))
 
     def pose(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """A pose of the tracker, measured at ``stamp_s``. Whether it was taken."""
@@ -124,7 +134,7 @@ class Observer:
         if not self._moments or now_s - stamp_s > self._rules.oldest_s or not np.isfinite(v_body).all():
             return
         then = self._at(stamp_s)
-        error = turn_about_z(then.yaw_rad) @ v_body - then.v_mps - self._drift * self._drawn
+        error = turn_about_z(then.yaw_rad) @ v_body - then.v_mps - self._drift * _CLIMB
         share = 1.0 - math.exp(-min(max(dt_s, 0.0), _DT_S[1]) / self._rules.log_s)
         self._faster(stamp_s, share * error, np.zeros(3))
 
@@ -153,8 +163,8 @@ class Observer:
         theta = math.exp(-dt_s / self._rules.pose_s)
         off, turned = p - then.p_m, wrap(yaw - then.yaw_rad)
         second, third = (1.0 - theta) ** 2, 1.5 * (1.0 - theta) ** 2 * (1.0 + theta)
-        dv = off / dt_s * (third * (1.0 - self._drawn) + second * self._drawn)
-        nearer = off * ((1.0 - theta**3) * (1.0 - self._drawn) + (1.0 - theta**2) * self._drawn)
+        dv = off / dt_s * (third * (1.0 - _CLIMB) + second * _CLIMB)
+        nearer = off * ((1.0 - theta**3) * (1.0 - _CLIMB) + (1.0 - theta**2) * _CLIMB)
         for m in self._moments:
             if m.now_s >= stamp_s - _DT_S[1]:
                 m.p_m = m.p_m + nearer + dv * max(0.0, m.now_s - stamp_s)
@@ -163,14 +173,13 @@ class Observer:
 
     def _faster(self, stamp_s: float, dv: np.ndarray, acceleration: np.ndarray) -> None:
         """The velocity since a moment was other than it was taken to be: what draws the vehicle aside is another."""
-        self._drift = self._drift + dv * self._drawn + acceleration * (1.0 - self._drawn)
+        self._drift = self._drift + dv * _CLIMB + acceleration * (1.0 - _CLIMB)
         length = float(np.linalg.norm(self._drift))
         if length > self._rules.most_drift:
             self._drift *= self._rules.most_drift / length
-        if self._leans:
-            for m in self._moments:
-                if m.now_s >= stamp_s:
-                    m.v_mps = m.v_mps + dv * (1.0 - self._drawn)
+        for m in self._moments:
+            if m.now_s >= stamp_s:
+                m.v_mps = m.v_mps + dv * (1.0 - _CLIMB)
 
     def _at(self, stamp_s: float) -> _Moment:
         """The estimate of a moment in between."""

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """PID on position and yaw: to velocities (thesis 5.3) or to lean angles (thesis 4.3), both as sticks.
 
-Forward and left are controlled in the heading's axes, the derivative is on the measured velocity, so that a new
-set-point gives no kick. Output is saturated as a vector; an integrator stops while its axis is saturated and drives it
-further, and far from the set-point.
+Horizontal sticks of a Tello are lean angles. With "velocity" the PID's output is a velocity, and an inner loop leans
+towards it; with "attitude" it is the acceleration itself. The derivative is on the measured velocity, so that a new
+set-point gives no kick. Output is saturated as a vector; an integrator waits while its axis is saturated and would be
+driven further, and far from the set-point.
 """
 
 import math
 from dataclasses import dataclass, field
-from typing import Tuple
 
 import numpy as np
 
@@ -18,11 +18,12 @@ from fcsv_geometry.rotations import turn_about_z, wrap
 
 _G_MPS2 = 9.81
 VELOCITY, ATTITUDE = "velocity", "attitude"
+_NEARLY_NONE = 0.004  # of a stick: where so little is asked for, it is let go and the Tello holds by itself
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Of one axis. Output is m/s (rad/s for yaw) or, horizontally with ``attitude``, m/s2.
+    """Of one axis. Output is m/s, rad/s for yaw, m/s2 horizontally with "attitude".
 
     ``integral_most`` bounds the integrator's output; ``integral_within``: error (m, rad) beyond which it waits.
     """
@@ -43,31 +44,55 @@ class Gains:
 
 
 @dataclass(frozen=True)
-class FullSticks:
-    """What a stick at its end asks for, in the slow mode of the sticks; down as fast as up."""
+class StickModel:
+    """What sticks ask a Tello for, in their slow mode (as measured: fcsv_sim/tello/flight.py).
 
-    horizontal_mps: float = 1.5
-    vertical_mps: float = 1.0
-    turn_dps: float = 60.0
-    lean_deg: float = 9.0
+    ``brake_per_s``: how an axis that is let go is stopped by its flow sensor. ``dead_band``: share of a stick's way.
+    """
+
+    lean_deg: float = 13.0
+    climb_mps: float = 1.0
+    turn_dps: float = 100.0
+    drag_per_s: float = 0.56
+    brake_per_s: float = 1.8
+    dead_band: float = 0.02
 
     def __post_init__(self):
         require_positive(self)
 
+    @property
+    def most_mps2(self) -> float:
+        """Horizontal acceleration of a full stick."""
+        return _G_MPS2 * math.tan(math.radians(self.lean_deg))
+
+    def stick(self, share: float) -> float:
+        """The deflection for a share (-1..1) of what the stick can ask: beyond its dead band, or none."""
+        if not abs(share) > _NEARLY_NONE:  # also what is no number
+            return 0.0
+        return math.copysign(min(1.0, self.dead_band + (1.0 - self.dead_band) * abs(share)), share)
+
+    def share(self, stick: float) -> float:
+        """Of what the stick can ask."""
+        beyond = max(0.0, abs(stick) - self.dead_band) / (1.0 - self.dead_band)
+        return math.copysign(beyond, stick)
+
 
 @dataclass(frozen=True)
 class PidConfig:
-    """config/tello/NAME.yaml. ``command``: what the horizontal sticks mean, "velocity" or "attitude"."""
+    """config/tello/NAME.yaml. ``command``: what the horizontal PID gives, "velocity" or "attitude"."""
 
     command: str = VELOCITY
-    horizontal: Gains = field(default_factory=lambda: Gains(1.8, 0.5, 0.4, 0.6, 0.3, 0.6))
+    horizontal: Gains = field(default_factory=lambda: Gains(1.2, 0.2, 0.0, 0.6, 0.2, 0.4))
     vertical: Gains = field(default_factory=lambda: Gains(1.4, 0.3, 0.1, 0.4, 0.2, 0.6))
     yaw: Gains = field(default_factory=lambda: Gains(1.0, 0.1, 0.0, 0.5, 0.1, 0.3))
-    full_sticks: FullSticks = field(default_factory=FullSticks)
+    velocity_per_s: float = 2.5  # of the inner loop: velocity error to acceleration
+    sticks: StickModel = field(default_factory=StickModel)
 
     def __post_init__(self):
         if self.command not in (VELOCITY, ATTITUDE):
             raise ValueError(f"command: '{self.command}' is not one of {VELOCITY}, {ATTITUDE}")
+        if not self.velocity_per_s > 0.0:
+            raise ValueError(f"velocity_per_s: {self.velocity_per_s} must be positive")
 
 
 @dataclass(frozen=True)
@@ -105,25 +130,19 @@ class PositionPid:
         turn = self._axis(
             dt_s, slice(3, 4), np.array([wrap(transforms.yaw(T_odom_target) - heading)]), np.zeros(1), c.yaw
         )
-        forward, left = (turn_about_z(-heading)[:2, :2] @ flat).tolist()
-        full, at_end = c.full_sticks, self._at_end
+        acc = self._acceleration(flat, v_odom_mps[:2])
+        forward, left = (turn_about_z(-heading)[:2, :2] @ acc).tolist()
+        m = c.sticks
         return Sticks(
-            _stick(forward / at_end), _stick(left / at_end), _stick(float(up[0]) / full.vertical_mps),
-            _stick(float(turn[0]) / math.radians(full.turn_dps)),
+            m.stick(forward / m.most_mps2), m.stick(left / m.most_mps2), m.stick(float(up[0]) / m.climb_mps),
+            m.stick(float(turn[0]) / math.radians(m.turn_dps)),
         )  # fmt: skip
 
-    def asked(self, sticks: Sticks) -> Tuple[np.ndarray, float]:
-        """What sticks ask for: forward, left (m/s, or m/s2 with ``attitude``), up (m/s), and the turn (rad/s)."""
-        full = self.config.full_sticks
-        v = np.array([sticks.forward * self._at_end, sticks.left * self._at_end, sticks.up * full.vertical_mps])
-        return v, sticks.turn * math.radians(full.turn_dps)
-
-    @property
-    def _at_end(self) -> float:
-        """What a horizontal stick at its end asks for."""
-        c = self.config
-        lean_rad = math.radians(c.full_sticks.lean_deg)
-        return c.full_sticks.horizontal_mps if c.command == VELOCITY else _G_MPS2 * math.tan(lean_rad)
+    def _acceleration(self, flat: np.ndarray, v_mps: np.ndarray) -> np.ndarray:
+        """Horizontal acceleration (2,) of the PID's output."""
+        if self.config.command == ATTITUDE:
+            return flat
+        return self.config.velocity_per_s * (flat - v_mps) + self.config.sticks.drag_per_s * flat
 
     def _axis(self, dt_s: float, axes: slice, error: np.ndarray, v: np.ndarray, gains: Gains) -> np.ndarray:
         """Output of axes that share gains and one saturation."""

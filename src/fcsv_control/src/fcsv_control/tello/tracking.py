@@ -9,6 +9,7 @@ import numpy as np
 from fcsv_control.flight.fed import Fed
 from fcsv_control.tello.messages import EstimateMoved, FlightReport, LogReport
 from fcsv_control.tello.observer import Observer, ObserverRules
+from fcsv_control.tello.pid import StickModel
 from fcsv_geometry import transforms
 
 _LOG_DELAY_S = 0.07  # of its log packets (docs/mocap.md)
@@ -17,8 +18,8 @@ _LOG_DELAY_S = 0.07  # of its log packets (docs/mocap.md)
 class Tracking:
     """Ages in s, by monotonic time; ``T_odom_body`` is an estimate for now."""
 
-    def __init__(self, rules: ObserverRules, leans: bool, doubt_s: float):
-        self.observer = Observer(rules, leans)
+    def __init__(self, rules: ObserverRules, sticks: StickModel, doubt_s: float):
+        self.observer = Observer(rules, sticks)
         self._doubt_s = doubt_s
         self._own: Optional[np.ndarray] = None
         self._log_s = -math.inf
