@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated Tello that speaks the real binary protocol over UDP (docs/tello_sim.md)."""
+"""A simulated Tello that speaks the real binary protocol over UDP (docs/tello.md)."""

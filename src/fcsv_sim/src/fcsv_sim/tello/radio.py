@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Tello's Wi-Fi: packets are late, lost and cut off; how strong it is goes with the distance.
 
-Delay and loss as measured on a real one (docs/sensor_time.md of tellopy, 2026-09: round trips of 5 ms at least, 44 ms
+Delay and loss as measured on a real one (notes of tellopy on sensor times, 2026-09: round trips of 5 ms at least, 44 ms
 in the median, 124 ms at 95 %, 200 ms at 99 %, 2 % never answered): 2.5 ms and an exponential of 24 ms each way give
 that.
 """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the Tello writes into its flight log, and when: IMU and visual odometry with the errors of the real ones.
 
-Rates and delays as measured on a real one (docs/sensor_time.md of tellopy, 2026-09): a message each 50 ms with the
+Rates and delays as measured on a real one (notes of tellopy on sensor times, 2026-09): a message each 50 ms with the
 gyro's, the controller's and, every second time, the IMU's record; visual odometry 0.2 to 0.9 s behind the IMU.
 """
 
