@@ -262,12 +262,12 @@ def test_an_error_leaves_nothing_in_out(tmp_path, method, options):
 
 
 def test_a_picture_that_ends_early_is_named(tmp_path):
-    """Half a PNG, and a JPEG of no bytes."""
+    """A fortieth of a PNG, and a file of no bytes."""
     folder = model(tmp_path / "model")
     whole = cv2.imencode(".png", np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8))[1].tobytes()
-    for content in (whole[: len(whole) // 40], b""):
+    for content, words in ((whole[: len(whole) // 40], "ends in the middle"), (b"", "cannot be read as a picture")):
         (folder / "images" / "b.png").write_bytes(content)
-        with pytest.raises(InputError, match=r"b\.png: cannot be read as a picture"):
+        with pytest.raises(InputError, match=rf"b\.png: {words}"):
             pipeline.run(folder, tmp_path / "out", "joint", JointOptions(), None, quiet)
     (tmp_path / "out").write_text("a file")
     with pytest.raises(OutputError, match="is a file"):
