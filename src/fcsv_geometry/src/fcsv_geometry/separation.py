@@ -12,6 +12,7 @@ import numpy as np
 
 from fcsv_geometry.config import require_positive
 
+LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that came down without a position: it drifts
 _SIGMAS = 3.0
 _ANGLES = [0.0, *(sign * k * np.pi / 8.0 for k in range(1, 9) for sign in (1.0, -1.0))]  # the nearest first
 _AWAY_M = 0.3  # nearer than this horizontally, "away" has no direction

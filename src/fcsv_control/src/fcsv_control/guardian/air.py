@@ -3,7 +3,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Deque, Dict, Optional, Tuple
 
 import numpy as np
@@ -43,6 +43,15 @@ class Other:
     sigma_m: float = 0.05  # of its place in home
     lost: bool = False
     taken: bool = False
+
+    @property
+    def astray(self) -> bool:
+        """Whether what it says of its place counts for nothing."""
+        return self.uncontrolled or self.lost
+
+    def guarded(self, told) -> "Other":
+        """With what its guardian tells of it: ``told`` has ``uncontrolled``, ``lost`` and ``taken``."""
+        return replace(self, uncontrolled=told.uncontrolled, lost=told.lost, taken=told.taken)
 
 
 @dataclass

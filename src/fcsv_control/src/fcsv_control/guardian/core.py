@@ -113,7 +113,7 @@ class Guardian:
     def other(self, name: str, other: Other) -> None:
         """Another vehicle was heard. What it says of a place that it has lost counts for nothing."""
         before = self.air.others.get(name)
-        if before is not None and (other.lost or other.uncontrolled):
+        if before is not None and other.astray:
             other = replace(other, p_home_m=before.p_home_m)
         self.air.others[name] = other
 
@@ -219,12 +219,11 @@ class Guardian:
             left_m = float(np.linalg.norm((air.estimate - self._place)[:2, 3]))
             if left_m > _THERE_M:
                 return
-        other = air.others[away_from].p_home_m
-        clear_m = self._watches.clear_m(air.others[away_from])
-        upper = here[2] > other[2]
+        other = air.others[away_from]
+        upper = here[2] > other.p_home_m[2]
         side = np.array([0.0, 1.0 if upper else -1.0])  # of two in one column the upper goes left, the lower right
         others = [o.p_home_m for o in air.others.values()]
-        p_home = separation.aside(here, others, clear_m, other, side)
+        p_home = separation.aside(here, others, self._watches.clear_m(other), other.p_home_m, side)
         self._place = transforms.level(air.estimate)
         self._place[:3, 3] = transforms.apply(transforms.invert(air.T_home_odom), p_home)
         self._aside_s = self._aside_s or now_s

@@ -109,7 +109,7 @@ class Watches:
 
     def clear_m(self, other: Other) -> float:
         """How far away horizontally another vehicle must be: one without a position drifts."""
-        return self._rules.uncontrolled_clear_m if other.uncontrolled or other.lost else self._rules.clear_m
+        return self._rules.uncontrolled_clear_m if other.astray else self._rules.clear_m
 
     # ---- the position ----------------------------------------------------------------------------------------
 
@@ -235,8 +235,7 @@ class Watches:
 
     def _unruly(self, now_s: float, other: Other, offset_m: np.ndarray) -> bool:
         """Whether another vehicle is below or above that a pilot has, who may climb or descend, or that is lost."""
-        lost = other.lost or other.uncontrolled
-        if now_s - other.heard_s > _OLD_S or not (lost or (other.taken and other.armed)):
+        if now_s - other.heard_s > _OLD_S or not (other.astray or (other.taken and other.armed)):
             return False
         return abs(offset_m[2]) > _BELOW_M and math.hypot(offset_m[0], offset_m[1]) < self.clear_m(other)
 

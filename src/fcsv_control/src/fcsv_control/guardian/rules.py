@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.fence import Fence
-from fcsv_geometry.separation import SeparationRules
+from fcsv_geometry.separation import LOST_CLEAR_M, SeparationRules
 
 NEVER = "never"
 LINK_LOSS = ("land", NEVER)
@@ -44,7 +44,7 @@ class GuardianRules:
     fence_land_m: float = 5.0  # further out than this: LAND
     separation: SeparationRules = field(default_factory=SeparationRules)
     clear_m: float = 2.5  # horizontally, for one to come down beside another
-    uncontrolled_clear_m: float = 6.0  # likewise, of one that comes down without a position
+    uncontrolled_clear_m: float = LOST_CLEAR_M  # likewise, of one that comes down without a position
     unruly_s: float = 1.0  # so long one may be above or below a vehicle that is in other hands, or lost
     silent_above_s: float = 4.0  # who was above and is silent for so long may come down
     aside_s: float = 15.0  # longest way aside

@@ -9,8 +9,6 @@ from fcsv_control.mission.places import level_camera
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry import separation, transforms
 
-_LOST_CLEAR_M = 6.0  # from where one was last known that came down without a position: it drifts
-
 
 def clearance_m(separation_m: float) -> float:
     """How far apart horizontally vehicles must be for one to come down beside the other."""
@@ -47,7 +45,8 @@ def _stands_above(snapshot: Snapshot, upper: str, lower: str, clear_m: float) ->
 
 
 def _clear_of(snapshot: Snapshot, name: str, clear_m: float) -> float:
-    return max(clear_m, _LOST_CLEAR_M) if snapshot.vehicles[name].lost else clear_m
+    """How far away horizontally others must be: further where nobody knows where it is."""
+    return max(clear_m, separation.LOST_CLEAR_M) if snapshot.vehicles[name].lost else clear_m
 
 
 def _known(snapshot: Snapshot, name: str) -> List[str]:

@@ -83,5 +83,4 @@ class OtherVehicles:
             state = self._states.get(name)
             armed, mode = (True, "") if state is None else (state.armed, state.mode)
             told = self._guardians.get(name, GuardianState())
-            flags = {"uncontrolled": told.uncontrolled, "lost": told.lost, "taken": told.taken}
-            self._heard[name] = (p_odom, replace(other, armed=armed, mode=mode, **flags))
+            self._heard[name] = (p_odom, replace(other, armed=armed, mode=mode).guarded(told))

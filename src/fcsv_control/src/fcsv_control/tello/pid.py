@@ -154,7 +154,3 @@ class PositionPid:
         if within and not (saturated and float(error @ wished) > 0.0):
             self._integral[axes] = np.clip(before + gains.i * error * dt_s, -gains.integral_most, gains.integral_most)
         return wished * (gains.most / length) if saturated else wished
-
-
-def _stick(value: float) -> float:
-    return float(np.clip(value, -1.0, 1.0)) if math.isfinite(value) else 0.0

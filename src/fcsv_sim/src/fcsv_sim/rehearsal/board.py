@@ -106,8 +106,8 @@ class OnBoard:
         T_home_odom = self.T_home_odom.get(told.name)
         if T_home_odom is not None:
             p = (T_home_odom @ told.T_odom_body)[:3, 3]
-            flags = {"uncontrolled": told.uncontrolled, "lost": told.lost, "taken": told.taken}
-            self.guardian.other(told.name, Other(p, now_s, told.speed_mps, told.armed, told.mode, **flags))
+            other = Other(p, now_s, told.speed_mps, told.armed, told.mode).guarded(told)
+            self.guardian.other(told.name, other)
 
     # ---- odometry, link, agent, guardian -----------------------------------------------------------------------
 

@@ -74,9 +74,10 @@ def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> 
     structure.settle(poses, scale)
     residual = structure.linearise(poses, scale, poses_too=False).residual
     offsets = [float(result.atVector(T(i))[0]) for i in range(len(problem.moving))]
+    n = 6 * len(order)
     covariance = _covariance(graph, result, [X(k) for k in order] + ([F(0)] if with_focal else []))
-    focal_sigma = float(np.sqrt(covariance[-1, -1])) if with_focal else 0.0
-    covariance = _with_shared(covariance[: 6 * len(order), : 6 * len(order)], problem, order)
+    focal_sigma = float(np.sqrt(covariance[n, n])) if with_focal else 0.0
+    covariance = _with_shared(covariance[:n, :n], problem, order)
     return Adjusted(poses, order, covariance, structure.rho, scale, offsets, residual, focal_sigma)
 
 
@@ -155,16 +156,15 @@ def _scale(values, with_focal) -> float:
 
 
 def _covariance(graph, result, keys: List[int]) -> np.ndarray:
-    """Of the variables in order, by inverting GTSAM's normal matrix: its Marginals call these scales singular."""
+    """Of all variables, these first and in this order, by inverting GTSAM's normal matrix: its Marginals call these
+    scales singular."""
     linear = graph.linearize(result)
     ordering = gtsam.Ordering()
     for key in keys + [k for k in result.keys() if k not in keys]:
         ordering.push_back(key)
     information, _ = linear.hessian(ordering)
     scale = 1.0 / np.sqrt(np.diag(information))
-    covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
-    size = sum(1 if k == F(0) else 6 for k in keys)
-    return covariance[:size, :size]
+    return np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
 
 
 def _with_shared(covariance: np.ndarray, problem: Problem, order: List[int]) -> np.ndarray:

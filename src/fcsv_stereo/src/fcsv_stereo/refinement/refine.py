@@ -47,8 +47,9 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
     moving, unmoving = motions(reference, others, options)
     consensus = adjust_robustly(views, found, trusted, starts, moving, options)
     refined = [_explained(judge(views, k, direct[k], consensus, options), views, k) for k in range(1, len(views))]
+    focal = focal_warning(consensus)
     clock.lap("adjust")
-    warnings = [*unmoving, *filter(None, [focal_warning(consensus)]), *_warnings(refined, views, options)]
+    warnings = [*unmoving, *filter(None, [focal]), *_warnings(refined, views, options)]
     scale, offsets_s = 1.0, {}
     if consensus.adjusted is not None:
         scale = consensus.adjusted.focal_scale
