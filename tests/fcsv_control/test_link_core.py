@@ -103,6 +103,32 @@ def test_a_refused_stop_tells_the_autopilots_reason(line):
         brake.require_done()
 
 
+def test_a_mode_that_was_asked_for_before_a_pilot_chose_another_is_withdrawn(line):
+    guided = line.core.set_mode(line.now_s, "GUIDED")
+    line.beat(BRAKE, armed=True)
+    assert line.modes(line.run(1.0)) == [] and guided.outcome is Outcome.OVERTAKEN
+    with pytest.raises(CommandRefused, match="mode GUIDED was withdrawn: BRAKE showed"):
+        guided.require_done()
+    land = line.core.set_mode(line.now_s, "LAND")
+    line.beat(STABILIZE, armed=True)
+    assert line.modes(line.run(0.3)) and not land.over, "what stops a vehicle is asked for all the same"
+
+
+def test_a_link_that_stood_still_takes_no_mode_but_those_that_stop(line):
+    """SIGSTOP: the caller's GUIDED waited with it, and a pilot may have switched meanwhile."""
+    line.run(1.0)
+    line.now_s += 2.0
+    for _ in range(2):  # before and after its first step
+        with pytest.raises(CommandRefused, match="stood still until just now; ask again"):
+            line.core.set_mode(line.now_s, "GUIDED")
+        line.run(STEP_S)
+    line.core.set_mode(line.now_s, "BRAKE")
+    assert line.modes(line.run(STEP_S))
+    line.run(0.3)
+    line.core.set_mode(line.now_s, "GUIDED")
+    assert line.modes(line.run(STEP_S))
+
+
 def test_open_commands_speak_with_components_of_their_own_and_reuse_the_oldest(line):
     components = []
     for name in ("GUIDED", "LOITER", "GUIDED", "LOITER", "GUIDED"):

@@ -223,6 +223,23 @@ def test_a_pilot_who_takes_over_is_not_fought(flying, mode):
     assert set(orders_that_move(flying, "uav2")) == before, "given back, but not confirmed"
 
 
+@pytest.mark.parametrize("mode", ["BRAKE", "STABILIZE"])
+def test_a_pilot_who_takes_it_just_before_guided_is_asked_for_is_not_fought(flight, mode):
+    """The operator has confirmed, nothing is ordered yet (a link was silent), and the pilot switches."""
+    f = flight(mission())
+    f.up_to_home()
+    f.fleet["uav2"].mode = mode
+    f.press("execute")
+    f.wait(20.0)
+    assert f.machine.phase == "GUIDED" and kinds(f, "uav2", "SET_MODE") == {}
+    assert f"uav2: {mode} was not asked for" in f.machine.problems[0]
+    f.fleet["uav2"].mode = "LOITER"
+    f.wait(1.0)
+    assert kinds(f, "uav2", "SET_MODE") == {}, "given back, but not confirmed"
+    f.press("resume")
+    resumed(f)
+
+
 def test_a_vehicle_that_is_given_back_goes_on_once_it_is_confirmed(flying):
     flying.wait(1.0)
     flying.fleet["uav2"].mode = "LOITER"

@@ -37,6 +37,8 @@ _UNKNOWN_COVARIANCE = [float("nan")] + [0.0] * 20  # the filter's own noise is u
 STOPPING = frozenset({"LAND", "BRAKE"})
 STOP_REPEAT_S = 0.2
 _STOP_PATIENCE_S = 5.0
+_STOOD_STILL_S = 0.5  # between two steps, of which there are 50 a second
+_READ_UP_S = 0.3  # after which what came on the line meanwhile is read
 
 
 class LinkCore:
@@ -52,6 +54,7 @@ class LinkCore:
         self._watch = EstimateWatch()
         self._fed = Fed()
         self._begun_anew = False
+        self._stepped_s, self._woke_s = float("inf"), float("-inf")  # until the first step nothing stood still
         self._asked_mode, self._mode, self._mode_is_ours = "", "", False
         self._events: List[Event] = []
         self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
@@ -104,6 +107,8 @@ class LinkCore:
         self._heard.take(now_s, message)
         mode = self.state.mode
         if mode != self._mode:
+            if self._mode and mode != self._asked_mode:  # what was asked before he took it counts no more
+                self._requests.withdraw(_M.MAV_CMD_DO_SET_MODE, f"{mode} showed, which was not asked here")
             self._mode, self._mode_is_ours = mode, mode == self._asked_mode
             self._asked_mode = "" if self._mode_is_ours else self._asked_mode
         for event in self._heard.events():
@@ -115,6 +120,8 @@ class LinkCore:
 
     def step(self, now_s: float) -> None:
         """Time passes: whatever is due is sent."""
+        self._woke_s = now_s if now_s - self._stepped_s > _STOOD_STILL_S else self._woke_s
+        self._stepped_s = now_s
         self._heard.overdue(now_s)
         for wanted in self._heard.keeper.due(now_s):
             self._ask(wanted)
@@ -193,6 +200,7 @@ class LinkCore:
             raise CommandRefused(f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}")
         if name not in STOPPING:
             self._require_one_autopilot(f"mode {name}")
+            self._require_awake(now_s, f"mode {name}")
         self._asked_mode = name
         ask = (now_s, _M.MAV_CMD_DO_SET_MODE, (1, MODES[name]), f"mode {name}", lambda s: s.mode == name)
         if name in STOPPING:
@@ -204,6 +212,7 @@ class LinkCore:
         what = "arming" if value else "disarming"
         if value:
             self._require_one_autopilot(what)
+            self._require_awake(now_s, what)
         number = _M.MAV_CMD_COMPONENT_ARM_DISARM
         return self._requests.ask(now_s, number, (float(value),), what, lambda s: s.armed == value)
 
@@ -226,6 +235,12 @@ class LinkCore:
         if others and not self._parameters.target_system:
             ids = ", ".join(map(str, (self._heard.target, *others)))
             raise CommandRefused(f"{what} refused: autopilots {ids} are on one line; set target_system")
+
+    def _require_awake(self, now_s: float, what: str) -> None:
+        """Raises CommandRefused where this process stood still until just now: who asked may have waited meanwhile,
+        and what came on the line is not all read."""
+        if now_s - self._stepped_s > _STOOD_STILL_S or now_s - self._woke_s < _READ_UP_S:
+            raise CommandRefused(f"{what} refused: the flight link stood still until just now; ask again")
 
     # ---- what goes out ---------------------------------------------------------------------------------------
 

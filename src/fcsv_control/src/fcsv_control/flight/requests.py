@@ -56,6 +56,11 @@ class Request:
     def over(self) -> bool:
         return self.outcome is not None
 
+    @property
+    def insists(self) -> bool:
+        """Whether it is repeated until its effect shows."""
+        return self._until_shown
+
     def require_done(self) -> None:
         """Raises CommandRefused with the autopilot's reason, LinkError where it gave no answer. Only when over."""
         if self.outcome is Outcome.NO_ANSWER:
@@ -139,6 +144,13 @@ class Requests:
             if request.over:
                 del self._open[component]
         return sending
+
+    def withdraw(self, number: int, reason: str) -> None:
+        """Requests of this MAV_CMD end unsent, but for those that insist (they stop the vehicle)."""
+        for component, request in list(self._open.items()):
+            if request.number == number and not request.insists:
+                request.end(Outcome.OVERTAKEN, f"{request.what} was withdrawn: {reason}")
+                del self._open[component]
 
     def acknowledged(self, now_s: float, number: int, result: int, component: int) -> None:
         """A COMMAND_ACK came; ``component`` 0: it does not say to whom (firmware before 4.1)."""

@@ -22,7 +22,8 @@ class Handover:
         """Whether all show GUIDED; who does not is asked."""
         waiting = [n for n in vehicles if snapshot.vehicles[n].mode != "GUIDED"]
         for name in waiting:
-            self._switch(snapshot, name)
+            if self._hands.may_be_asked(name, snapshot.vehicles[name].mode):
+                self._switch(snapshot, name)
         return not waiting
 
     def _switch(self, snapshot: Snapshot, name: str) -> None:

@@ -60,6 +60,13 @@ class Hands:
         """Vehicles that show a mode which the mission asked for."""
         return set(self._ours)
 
+    def may_be_asked(self, name: str, mode: str) -> bool:
+        """Whether a vehicle that shows ``mode`` may be asked for another one. If not, somebody else has it: a pilot may
+        have taken it before the mission had asked for anything."""
+        if mode not in GIVEN_BACK and name not in self._ours and name not in self._asked:
+            self.taken[name] = mode
+        return name not in self.taken
+
     def see(self, snapshot: Snapshot) -> None:
         """What modes tell."""
         for name, view in snapshot.vehicles.items():
