@@ -19,9 +19,9 @@ MAKEFILE = (ROOT / "Makefile").read_text()
 # what `make TARGET ARGS=...` hands its arguments to
 SCRIPTS = {"bench": "tools/bench", "bench-tracking": "tools/bench_tracking.py", "bench-gimbal": "tools/bench_gimbal.py",
            "bench-link": "tools/bench_link/bench.py", "study": "tools/study"}  # fmt: skip
-NOT_OURS = {"git", "cd", "scp", "."}
+NOT_OURS = {"git", "cd", "scp", ".", "export"}
 # short and without a master: run as printed, in an empty folder
-RUN = re.compile(r"rosrun fcsv_stereo plan |rosrun fcsv_multimaster keys |rosrun \w+ \w+ --help")
+RUN = re.compile(r"rosrun fcsv_stereo plan |rosrun fcsv_multimaster keys (?!revoke)|rosrun \w+ \w+ --help")
 
 
 def named(command):

@@ -13,8 +13,7 @@ from fcsv_geometry.flow import RateGate
 from fcsv_multimaster import fkie, order, wire
 from fcsv_multimaster.addresses import AddressWatch, local_addresses
 from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
-from fcsv_multimaster.errors import EndpointError, KeyringError, PictureError, WireError
-from fcsv_multimaster.keyring import make_fleet, open_keyring
+from fcsv_multimaster.errors import EndpointError, PictureError, WireError
 from fcsv_multimaster.links import Rule, TrafficClass, load_links
 from fcsv_multimaster.measure import Heard, PeerMeasure
 from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
@@ -235,24 +234,6 @@ def test_a_malformed_jpeg_is_an_error(data):
 
 
 # ---- keys --------------------------------------------------------------------------------------------------
-
-
-def test_keys_of_a_fleet_open_and_others_do_not(tmp_path):
-    make_fleet(tmp_path / "a", ["control", "uav1"])
-    make_fleet(tmp_path / "b", ["uav1"])
-    ring = open_keyring(tmp_path / "a/uav1", "uav1")
-    assert ring.key.stat().st_mode & 0o077 == 0
-    before = ring.certificate.read_bytes()
-    make_fleet(tmp_path / "a", ["uav1", "uav2"])  # a vehicle more: the others keep their keys
-    assert ring.certificate.read_bytes() == before and open_keyring(tmp_path / "a/uav2", "uav2")
-    with pytest.raises(KeyringError, match="belongs to 'uav1'"):
-        open_keyring(tmp_path / "a/uav1", "control")
-    (tmp_path / "a/uav1/fleet.pem").write_bytes((tmp_path / "b/fleet.pem").read_bytes())
-    with pytest.raises(KeyringError, match="not of the fleet"):
-        open_keyring(tmp_path / "a/uav1", "uav1")
-    (tmp_path / "b/uav1/machine.key").unlink()
-    with pytest.raises(KeyringError, match="machine.key: is missing"):
-        open_keyring(tmp_path / "b/uav1", "uav1")
 
 
 def test_without_keys_nothing_leaves_the_machine():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Iterator, List, Tuple
 
-HEADS = ("make", "rosrun", "roslaunch", "rosservice", "git", "cd", "scp", ".", "python")
+HEADS = ("make", "rosrun", "roslaunch", "rosservice", "git", "cd", "scp", ".", "python", "export")
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
 _INLINE = re.compile(r"`([^`\n]+)`")
 _VARIABLE = re.compile(r"[A-Z][A-Z_]*=")

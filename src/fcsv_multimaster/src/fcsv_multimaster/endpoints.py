@@ -31,10 +31,15 @@ class Endpoint:
     @property
     def stays_on_this_machine(self) -> bool:
         """Whether it is a loopback address."""
-        try:
-            return ipaddress.ip_address(self.host.strip("[]")).is_loopback
-        except ValueError:
-            return self.host == "localhost"
+        return is_loopback(self.host)
+
+
+def is_loopback(host: str) -> bool:
+    """Of an address or a host name."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def parse_endpoint(text: str) -> Endpoint:

@@ -12,8 +12,12 @@ class EndpointError(RelayError):
     """An address or a peer that cannot be understood or opened."""
 
 
+class ExposedError(RelayError):
+    """ROS that is open to the network, past keys."""
+
+
 class KeyringError(RelayError):
-    """Keys that are missing, expired, or another machine's."""
+    """Keys that are missing, expired, revoked, open to others, or another machine's."""
 
 
 class PictureError(RelayError):

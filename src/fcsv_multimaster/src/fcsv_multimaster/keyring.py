@@ -2,40 +2,63 @@
 """Keys of a fleet: one authority, and per machine a key and a certificate that carries the machine's name."""
 
 import datetime
-import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Sequence
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.backends import default_backend
-from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from fcsv_multimaster.certificates import (
+    authority_certificate,
+    common_name_of,
+    machine_certificate,
+    new_key,
+    public_octets,
+    read_certificate,
+    read_key,
+    write_certificate,
+    write_key,
+)
 from fcsv_multimaster.errors import KeyringError
+from fcsv_multimaster.revocation import FILE as _REVOKED
+from fcsv_multimaster.revocation import Revoked, machine_of, read_revoked, write_revoked
 
 AUTHORITY = "fleet"
+WARN_BEFORE = datetime.timedelta(days=30)
 _AUTHORITY_KEY, _AUTHORITY_CERTIFICATE = "fleet.key", "fleet.pem"
-_BACKEND = default_backend()  # the cryptography of Ubuntu 20.04 wants it named
-_CLOCK_SLACK = datetime.timedelta(days=2)  # the clock of a vehicle without a clock battery may be far behind
+_CERTIFICATE, _KEY = "machine.pem", "machine.key"
 
 
 @dataclass(frozen=True)
 class Keyring:
-    """What one machine needs: the authority's certificate, its own certificate and key (paths)."""
+    """What one machine needs: the authority's certificate, its own certificate and key (paths).
+
+    ``runs_out``: when the first of the two certificates does (UTC); ``fleet_too``: the authority's soon after, too.
+    """
 
     authority: Path
     certificate: Path
     key: Path
+    runs_out: datetime.datetime = datetime.datetime.max
+    fleet_too: bool = False
+    revoked: Revoked = field(default_factory=Revoked)
+
+    def warning(self, now: datetime.datetime) -> str:
+        """What is to be said before they run out; empty while there is time."""
+        if self.runs_out - now > WARN_BEFORE:
+            return ""
+        days = max(0, (self.runs_out - now).days)
+        remedy = "all machines need keys from a new folder" if self.fleet_too else "make new ones and copy them here"
+        return f"the keys run out on {self.runs_out:%Y-%m-%d}, in {days} days; {remedy}"
 
 
 def make_fleet(folder, names: Sequence[str], days: int = 3650) -> Sequence[Path]:
     """Write fleet.key, fleet.pem (kept where they exist) and a folder per machine; the folders.
 
-    Copy NAME/ to the machine NAME; fleet.key stays at home. A name that has its keys already keeps them.
-    Raises KeyringError.
+    Copy NAME/ to the machine NAME; fleet.key stays at home. A name that has its keys already keeps them, unless they
+    are revoked or run out within 30 days. Raises KeyringError.
     """
     folder = Path(folder)
     for name in names:
@@ -44,112 +67,100 @@ def make_fleet(folder, names: Sequence[str], days: int = 3650) -> Sequence[Path]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         authority_key, authority = _authority(folder, days)
-        return [_machine(folder / name, name, authority_key, authority, days) for name in names]
+        revoked = read_revoked(folder / _REVOKED, authority)
+        made = [_machine(folder / name, name, authority_key, authority, revoked, days) for name in names]
+        _spread(folder, revoked, authority_key)
+        return made
     except OSError as error:
         raise KeyringError(f"{error.filename}: cannot be written ({error.strerror})") from error
 
 
+def revoke(folder, names: Sequence[str]) -> Sequence[Path]:
+    """Put the present keys of machines on the list of revoked ones; the lists that are to be copied.
+
+    Raises KeyringError.
+    """
+    folder = Path(folder)
+    if not (folder / _AUTHORITY_KEY).exists():
+        raise KeyringError(f"{folder}: has no {_AUTHORITY_KEY}; give the folder in which the keys were made")
+    authority_key, authority = _authority(folder, 1)
+    last = dict(read_revoked(folder / _REVOKED, authority).last)
+    for name in names:
+        certificate = folder / name / _CERTIFICATE
+        if not certificate.is_file():
+            raise KeyringError(f"{certificate}: is missing; '{name}' has no keys of this fleet")
+        number = machine_of(common_name_of(read_certificate(certificate)))[1]
+        if number <= last.get(name, 0):
+            raise KeyringError(f"{certificate}: is revoked already")
+        last[name] = number
+    return _spread(folder, Revoked(last), authority_key)
+
+
 def open_keyring(folder, name: str) -> Keyring:
-    """The keys of the machine ``name``, checked: there, its own, signed by the fleet, not out of date.
+    """The keys of the machine ``name``, checked: there, its own and nobody else's, good, and not revoked.
 
     Raises KeyringError naming the file.
     """
     folder = Path(folder)
-    ring = Keyring(folder / _AUTHORITY_CERTIFICATE, folder / "machine.pem", folder / "machine.key")
-    for path in (ring.authority, ring.certificate, ring.key):
+    paths = [folder / _AUTHORITY_CERTIFICATE, folder / _CERTIFICATE, folder / _KEY]
+    for path in paths:
         if not path.is_file():
             raise KeyringError(
                 f"{path}: is missing; make keys with `rosrun fcsv_multimaster keys FOLDER {name} ...`"
                 f" and copy FOLDER/{name} here"
             )
-    authority, certificate = _read_certificate(ring.authority), _read_certificate(ring.certificate)
-    if _common_name(certificate) != name:
-        raise KeyringError(f"{ring.certificate}: belongs to '{_common_name(certificate)}', this machine is '{name}'")
+    authority, certificate = read_certificate(paths[0]), read_certificate(paths[1])
+    common_name = common_name_of(certificate)
+    if machine_of(common_name)[0] != name:
+        raise KeyringError(f"{paths[1]}: belongs to '{common_name}', this machine is '{name}'")
     try:
         authority.public_key().verify(
             certificate.signature, certificate.tbs_certificate_bytes, ec.ECDSA(certificate.signature_hash_algorithm)
         )
     except InvalidSignature as error:
-        raise KeyringError(f"{ring.certificate}: is not of the fleet of {ring.authority}") from error
-    if certificate.not_valid_after < datetime.datetime.utcnow():
-        raise KeyringError(f"{ring.certificate}: ran out on {certificate.not_valid_after:%Y-%m-%d}; make new keys")
-    if _public(_read_key(ring.key)) != _public(certificate):
-        raise KeyringError(f"{ring.key}: is not the key of {ring.certificate.name}")
-    return ring
+        raise KeyringError(f"{paths[1]}: is not of the fleet of {paths[0]}") from error
+    runs_out = min(authority.not_valid_after, certificate.not_valid_after)
+    if runs_out < datetime.datetime.utcnow():
+        raise KeyringError(f"{paths[1]}: ran out on {runs_out:%Y-%m-%d}; make new keys")
+    if public_octets(read_key(paths[2])) != public_octets(certificate):
+        raise KeyringError(f"{paths[2]}: is not the key of {paths[1].name}")
+    revoked = read_revoked(folder / _REVOKED, authority)
+    if revoked.revokes(common_name):
+        raise KeyringError(f"{paths[1]}: is revoked; make new keys for {name} and copy them here")
+    return Keyring(*paths, runs_out, authority.not_valid_after < runs_out + WARN_BEFORE, revoked)
 
 
 def _authority(folder: Path, days: int):
     key_path, certificate_path = folder / _AUTHORITY_KEY, folder / _AUTHORITY_CERTIFICATE
     if key_path.exists():
-        return _read_key(key_path), _read_certificate(certificate_path)
-    key = ec.generate_private_key(ec.SECP256R1(), _BACKEND)
-    builder = _builder(AUTHORITY, AUTHORITY, key.public_key(), days)
-    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-    certificate = builder.sign(key, hashes.SHA256(), _BACKEND)
-    _write_key(key_path, key)
-    _write_certificate(certificate_path, certificate)
+        return read_key(key_path), read_certificate(certificate_path)
+    key = new_key()
+    certificate = authority_certificate(AUTHORITY, key, days)
+    write_key(key_path, key)
+    write_certificate(certificate_path, certificate)
     return key, certificate
 
 
-def _machine(folder: Path, name: str, authority_key, authority, days: int) -> Path:
-    if (folder / "machine.key").exists():
+def _machine(folder: Path, name: str, authority_key, authority, revoked: Revoked, days: int) -> Path:
+    if (folder / _KEY).exists() and _lasts(read_certificate(folder / _CERTIFICATE), revoked):
         return folder
     folder.mkdir(mode=0o700, exist_ok=True)
-    key = ec.generate_private_key(ec.SECP256R1(), _BACKEND)
-    usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
-    builder = _builder(name, AUTHORITY, key.public_key(), days)
-    builder = builder.add_extension(x509.SubjectAlternativeName([x509.DNSName(name)]), critical=False)
-    builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-    certificate = builder.add_extension(usages, critical=False).sign(authority_key, hashes.SHA256(), _BACKEND)
-    _write_certificate(folder / _AUTHORITY_CERTIFICATE, authority)
-    _write_certificate(folder / "machine.pem", certificate)
-    _write_key(folder / "machine.key", key)
+    key = new_key()
+    certificate = machine_certificate(revoked.good_name(name), name, key, authority, authority_key, days)
+    write_certificate(folder / _AUTHORITY_CERTIFICATE, authority)
+    write_certificate(folder / _CERTIFICATE, certificate)
+    write_key(folder / _KEY, key)
     return folder
 
 
-def _builder(subject: str, issuer: str, public_key, days: int) -> x509.CertificateBuilder:
-    now = datetime.datetime.utcnow()
-    return (
-        x509.CertificateBuilder()
-        .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, subject)]))
-        .issuer_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, issuer)]))
-        .public_key(public_key)
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - _CLOCK_SLACK)
-        .not_valid_after(now + datetime.timedelta(days=days))
-    )
+def _lasts(certificate: x509.Certificate, revoked: Revoked) -> bool:
+    soon = datetime.datetime.utcnow() + WARN_BEFORE
+    return certificate.not_valid_after > soon and not revoked.revokes(common_name_of(certificate))
 
 
-def _write_key(path: Path, key) -> None:
-    data = key.private_bytes(
-        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-    )
-    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(data)
-
-
-def _write_certificate(path: Path, certificate: x509.Certificate) -> None:
-    path.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
-
-
-def _read_key(path: Path):
-    try:
-        return serialization.load_pem_private_key(path.read_bytes(), None, _BACKEND)
-    except (OSError, ValueError, TypeError) as error:
-        raise KeyringError(f"{path}: is not a readable key ({error})") from error
-
-
-def _read_certificate(path: Path) -> x509.Certificate:
-    try:
-        return x509.load_pem_x509_certificate(path.read_bytes(), _BACKEND)
-    except (OSError, ValueError) as error:
-        raise KeyringError(f"{path}: is not a readable certificate ({error})") from error
-
-
-def _common_name(certificate: x509.Certificate) -> str:
-    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    return names[0].value if names else ""
-
-
-def _public(holder) -> bytes:
-    return holder.public_key().public_bytes(serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo)
+def _spread(folder: Path, revoked: Revoked, authority_key) -> Sequence[Path]:
+    """The list, signed, in the fleet's folder and in every machine's; the latter."""
+    machines = sorted(path.parent for path in folder.glob(f"*/{_CERTIFICATE}"))
+    for place in (folder, *machines):
+        write_revoked(place / _REVOKED, revoked, authority_key)
+    return [place / _REVOKED for place in machines]

@@ -255,7 +255,9 @@ def _close(session) -> None:
 
 def _access(name: str, peers: Iterable[str], keys: Optional[Keyring]) -> Dict[str, object]:
     """Access list: who may send what to whom. Without keys (on loopback) there is none."""
-    return {"transport/link/tls": _tls(keys), "access_control": _access_list(name, peers)} if keys is not None else {}
+    if keys is None:
+        return {}
+    return {"transport/link/tls": _tls(keys), "access_control": _access_list(name, peers, keys)}
 
 
 def _tls(keys: Keyring) -> Dict[str, object]:
@@ -268,8 +270,8 @@ def _tls(keys: Keyring) -> Dict[str, object]:
     }  # fmt: skip
 
 
-def _access_list(name: str, peers: Iterable[str]) -> Dict[str, object]:
-    """Allows this machine and the holder of a peer's certificate the topics between the two, and no others."""
+def _access_list(name: str, peers: Iterable[str], keys: Keyring) -> Dict[str, object]:
+    """Allows this machine and the holder of a peer's unrevoked certificate the topics between the two, no others."""
     rules = [
         {"id": f"with-{p}", "messages": list(_MESSAGES), "flows": ["ingress", "egress"], "permission": "allow",
          "key_exprs": [f"fcsv/{p}/{name}/**", f"fcsv/{name}/{p}/**"]}
@@ -279,6 +281,6 @@ def _access_list(name: str, peers: Iterable[str]) -> Dict[str, object]:
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        "subjects": [{"id": p, "cert_common_names": [p]} for p in peers],
+        "subjects": [{"id": p, "cert_common_names": [keys.revoked.good_name(p)]} for p in peers],
         "policies": [{"rules": [f"with-{p}"], "subjects": [p]} for p in peers],
     }

@@ -20,14 +20,18 @@ class _Transport(xmlrpc.client.Transport):
         return connection
 
 
+def local_master() -> xmlrpc.client.ServerProxy:
+    """Calls to it fail after two seconds without an answer."""
+    return xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport())
+
+
 def master_knows_us() -> Optional[bool]:
     """None where the master does not answer, be it down or hung.
 
     Asked by a service that every rospy node has: by its mere name a new master may know a node that reads a parameter.
     """
     try:
-        master = xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport())
-        return master.lookupService(rospy.get_name(), f"{rospy.get_name()}/get_loggers")[0] == 1
+        return local_master().lookupService(rospy.get_name(), f"{rospy.get_name()}/get_loggers")[0] == 1
     except (OSError, socket.timeout, http.client.HTTPException, xmlrpc.client.Error):
         return None
 

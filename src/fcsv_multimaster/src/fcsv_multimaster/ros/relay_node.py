@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The relay of one machine: listed local topics out, listed topics of peers in, as raw messages."""
 
+import datetime
 import sys
 import time
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from fcsv_multimaster.exchange import Exchange
 from fcsv_multimaster.keyring import open_keyring
 from fcsv_multimaster.links import TF_TOPICS, load_links
 from fcsv_multimaster.parcel import Parcel
-from fcsv_multimaster.ros import link_report
+from fcsv_multimaster.ros import key_watch, link_report
 from fcsv_multimaster.ros.inbox import Inbox
 from fcsv_multimaster.ros.master_watch import master_knows_us, register_again
 from fcsv_multimaster.ros.pictures import PicturePacker
@@ -26,6 +27,7 @@ from fcsv_multimaster.ros.tf_merge import TfOut
 
 _SWITCH_S = 0.0005  # what is urgent must not wait five milliseconds for a thread that handles pictures
 _TF_HZ = 10.0
+_EXPOSURE_TICKS = 8  # of half a second
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,12 @@ class RelayNode:
         sys.setswitchinterval(_SWITCH_S)
         self._name = parameters.machine
         links, peers = load_links(parameters.links), parse_peers(parameters.peers, parameters.discovery)
-        self._discovery, self._encrypted = parameters.discovery, bool(parameters.keys)
-        keys = open_keyring(parameters.keys, self._name) if self._encrypted else None
+        self._discovery = parameters.discovery
+        keys = self._keys = open_keyring(parameters.keys, self._name) if parameters.keys else None
+        if keys is not None:
+            key_watch.refuse_while_exposed()
+            if keys.warning(datetime.datetime.utcnow()):
+                rospy.logwarn("%s: %s", self._name, keys.warning(datetime.datetime.utcnow()))
         self._health = Health(self._name)
         self._drop = self._health.drop
         self._packer = PicturePacker()
@@ -146,6 +152,10 @@ class RelayNode:
             ticks += 1
             if ticks % 2 == 0:
                 self._report()
+            if self._keys is not None and ticks % _EXPOSURE_TICKS == 0:
+                # in flight the link is worth more than what a node that was started later opens: said, not cut
+                found = key_watch.exposures()
+                self._health.problem("exposed", f"ROS is open to the network: {'; '.join(found)}" if found else "")
 
     def _look_from_new_address(self) -> bool:
         """Whether it could; else it is to be tried again."""
@@ -162,11 +172,13 @@ class RelayNode:
         for peer in self._exchange.peers.values():
             report = peer.report(now_s)
             steps = {n: s for n, s in self._packer.steps().items() if n.endswith(f" to {peer.name}")}
-            statuses.append(link_report.status_of(self._name, peer.name, report, self._encrypted, steps))
+            statuses.append(link_report.status_of(self._name, peer.name, report, self._keys is not None, steps))
             self._health.value(f"peer {peer.name}", statuses[-1].message)
         message = link_report.array(rospy.Time.now(), statuses)
         self._reports.publish(message)
-        self._diagnostics.publish(message)
+        if self._keys is not None:
+            statuses.append(key_watch.status_of(self._name, self._keys, datetime.datetime.utcnow()))
+        self._diagnostics.publish(link_report.array(message.header.stamp, statuses))
 
 
 def main() -> int:
