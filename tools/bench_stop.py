@@ -74,7 +74,9 @@ def begin(net, folder: Path) -> None:
     vehicle, control = net.machines["uav1"], net.machines["control"]
     run = lambda machine, package, node, *more: machine.run(["rosrun", package, node, *more], node)  # noqa: E731
     vehicle.run([sys.executable, __file__, "autopilot", str(folder / "heard.jsonl"), "14550"], "autopilot")
-    run(vehicle, "fcsv_control", "flight_link", "__ns:=uav1", "_vehicle:=uav1", "_fcu_url:=udpin:127.0.0.1:14550")
+    profile = Path(__file__).resolve().parents[1] / "config/autopilot/arducopter-4.3-t265.param"
+    run(vehicle, "fcsv_control", "flight_link", "__ns:=uav1", "_vehicle:=uav1", "_fcu_url:=udpin:127.0.0.1:14550",
+        f"_autopilot_profile:={profile}")  # fmt: skip
     run(vehicle, "fcsv_control", "agent", "__ns:=uav1", "_vehicle:=uav1", "_guardian:=false")
     run(control, "fcsv_control", "stop_all", "_vehicles:=[uav1]")
 

@@ -5,12 +5,13 @@ import math
 
 import numpy as np
 import pytest
+from support.autopilots import MUST, PROFILE
 
 from fcsv_control.flight import conversion, keeper
 from fcsv_control.flight.commands import ACCEPTED, FAILED, IN_PROGRESS, PendingCommand
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.keeper import ConnectionKeeper
-from fcsv_control.flight.parameters import NEEDED, ParameterCheck
+from fcsv_control.flight.parameters import ParameterCheck
 from fcsv_control.flight.texts import Reasons, TextJoiner
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_geometry import transforms
@@ -232,27 +233,29 @@ def test_a_reboot_without_silence_is_noticed():
 
 
 def test_parameters_are_read_one_by_one_and_what_is_wrong_is_named():
-    check = ParameterCheck()
-    answers = dict({name: allowed[0] for name, allowed in NEEDED.items()}, VISO_TYPE=0.0, EK3_SRC1_POSXY=3.0)
-    answers.update(BATT_FS_LOW_ACT=0.0, BATT_FS_CRT_ACT=1.0, FS_THR_ENABLE=0.0, FS_EKF_ACTION=2.0, FENCE_ACTION=0.0)
-    del answers["VISO_ORIENT"]  # this firmware does not know it: no answer
+    check = ParameterCheck(PROFILE)
+    answers = dict(PROFILE.values, VISO_TYPE=0.0, EK3_SRC1_POSXY=3.0, BATT_FS_LOW_ACT=0.0)
+    answers.update(FS_THR_ENABLE=1.0, RC_OPTIONS=32, BATT_LOW_VOLT=0.0, BATT_CRT_VOLT=13.2)
+    del answers["VISO_ORIENT"], answers["FENCE_RADIUS"]  # this firmware does not know them: no answer
     asked = []
     while (name := check.next()) is not None:
         asked.append(name)
         if name in answers:
             check.answer(name, answers[name])
     assert asked.count("VISO_ORIENT") == 5 and asked.count("VISO_TYPE") == 1
+    assert all(PROFILE.rule(name).must for name in asked[: len(MUST)])  # what blocks is known first
     lines = check.problems()
-    assert any("VISO_TYPE is 0" in line and "2 or 3" in line for line in lines)
-    assert any("EK3_SRC1_POSXY is 3" in line and "6" in line for line in lines)
+    assert any("VISO_TYPE is 0, not 2 or 3" in line for line in lines)
+    assert any("EK3_SRC1_POSXY is 3, not 6" in line for line in lines)
     assert any("VISO_ORIENT" in line and "not answered" in line for line in lines)
-    assert len(lines) == 3
+    assert len(lines) == 3 and check.complete and not check.known
+    assert check.unknown() == ["VISO_ORIENT", "FENCE_RADIUS"]
     check.answer("VISO_TYPE", 2.0)  # corrected meanwhile
     assert not any("VISO_TYPE" in line for line in check.problems())
-    assert [line.split()[0] for line in check.warnings()] == [
-        "BATT_FS_LOW_ACT", "FS_THR_ENABLE", "FS_EKF_ACTION", "FENCE_ACTION",
+    assert [line.split(":")[0] for line in check.warnings()] == [
+        "FS_THR_ENABLE is 1, not 3 or 7", "BATT_FS_LOW_ACT is 0, not 1 or 7", "BATT_LOW_VOLT is 0, not 1..",
+        "RC_OPTIONS is 32, not without bit 5",
     ]  # fmt: skip
-    assert "FS_THR_ENABLE is 0: a lost transmitter does nothing" in check.warnings()[1]
 
 
 # ---- feed ------------------------------------------------------------------------------------------------------

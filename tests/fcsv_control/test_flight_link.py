@@ -16,10 +16,10 @@ import tty
 import numpy as np
 import pytest
 from pymavlink import mavutil
+from support.autopilots import PROFILE
 
 from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.link import FlightLink, LinkParameters
-from fcsv_control.flight.parameters import ADVISED, NEEDED
 from fcsv_geometry import transforms
 from fcsv_sim.machines.machines import free_port
 
@@ -34,7 +34,7 @@ class Peer:
     def __init__(self, port, system=1):
         self.link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=system, source_component=1)
         self.mav = self.link.mav
-        self.parameters = {name: float(allowed[0]) for name, allowed in NEEDED.items()}
+        self.parameters = dict(PROFILE.values)
         self.mode, self.armed, self.follows, self.home_mm = STABILIZE, False, True, 0
         self.mute_acks = 0  # answers to swallow
         self.in_progress = False
@@ -169,6 +169,7 @@ class Both:
         self.link = FlightLink(
             f"udpin:127.0.0.1:{self.port}",
             LinkParameters(**{**FAST, **parameters}),
+            PROFILE,
             on_pose=lambda T, _v: self.poses.append(T),
             on_text=lambda severity, text: self.texts.append((severity, text)),
             on_state=lambda: self.states.append((self.link.connected, self.link.state)),
@@ -227,8 +228,7 @@ def test_connecting(pair):
     assert {(b.get_srcSystem(), b.get_srcComponent(), b.autopilot) for b in beats} == {(1, 191, 8)}
     assert pair.link.state.prearm_ok and pair.link.state.battery_share == 0.77
     assert pair.link.state.voltage_v == 15.8 and pair.link.state.current_a == 12.0
-    assert until(lambda: len({m.param_id for m in pair.peer.of("PARAM_REQUEST_READ")}) == len(NEEDED) + len(ADVISED))
-    assert pair.link.parameter_problems == []
+    assert until(lambda: pair.link.parameters.known, 15.0) and pair.link.parameters.problems() == []
     state = pair.link.state
     assert state.ekf_variance == pytest.approx(0.4) and state.throttle == pytest.approx(-0.5)
     assert time.monotonic() - state.throttle_heard_s < 2.0 and state.rc_rssi == 99
@@ -332,16 +332,21 @@ def test_take_off_is_counted_from_where_home_is(pair):
 def test_wrong_parameters_are_named_and_left_alone(both):
     pair = both()
     pair.peer.parameters.update(VISO_TYPE=0.0)
-    assert until(lambda: len(pair.link.parameter_problems) == 1)
-    assert "VISO_TYPE is 0, external navigation needs 2 or 3" in pair.link.parameter_problems[0]
-    assert not pair.peer.of("PARAM_SET")
+    assert until(lambda: len(pair.link.parameters.problems()) == 1)
+    with pytest.raises(CommandRefused, match="mode GUIDED refused: parameter VISO_TYPE is 0, not 2 or 3: without it"):
+        pair.link.set_mode("GUIDED")
+    assert not pair.peer.of("PARAM_SET") and not pair.peer.commands(M.MAV_CMD_DO_SET_MODE)
+    pair.peer.parameters.update(VISO_TYPE=2.0)
+    pair.peer.mav.param_value_send(b"VISO_TYPE", 2.0, 2, 1305, 0)  # a ground station has set it
+    assert until(lambda: not pair.link.parameters.problems())
+    pair.link.set_mode("GUIDED")
 
 
 def test_wrong_parameters_are_set_when_asked_to(both):
     pair = both(set_parameters=True)
     pair.peer.parameters.update(VISO_TYPE=0.0, EK3_SRC1_YAW=1.0)
     assert until(lambda: len(pair.peer.of("PARAM_SET")) == 2)
-    assert until(lambda: not pair.link.parameter_problems)
+    assert until(lambda: not pair.link.parameters.problems())
     assert pair.peer.parameters["VISO_TYPE"] == 2.0 and pair.peer.parameters["EK3_SRC1_YAW"] == 6.0
 
 

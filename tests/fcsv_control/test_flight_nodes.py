@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 import yaml
+from support.autopilots import PROFILE, PROFILE_FILE
 from support.waiting import within
 
 from fcsv_geometry import transforms
@@ -77,6 +78,17 @@ class ControlPc:
     def at(self, xyz):
         return self.T_odom_body is not None and np.linalg.norm(self.T_odom_body[:3, 3] - xyz) < 0.3
 
+    def parameters(self):
+        import rospy
+
+        from fcsv_msgs.msg import ParameterReport
+
+        reports = []
+        heard = rospy.Subscriber(f"/{NAME}/flight_link/parameters", ParameterReport, reports.append)
+        until(lambda: reports and reports[-1].complete, 40.0, "all parameters")
+        heard.unregister()
+        return reports[-1]
+
     def close(self):
         for each in self.heard:
             each.unregister()
@@ -95,7 +107,8 @@ def vehicle(root, start_node, tmp_path):
     start_node("fcsv_sim", "vehicle", ns=NAME, params={**simulated, "mavlink_port": port, "rc_port": 0})
     tracker = start_node("fcsv_sim", "t265", ns=NAME, params=simulated)
     start_node("fcsv_tracking", "odometry", ns=NAME, params=both)
-    start_node("fcsv_control", "flight_link", ns=NAME, params={**both, "fcu_url": f"udpin:127.0.0.1:{port}"})
+    line = {"fcu_url": f"udpin:127.0.0.1:{port}", "autopilot_profile": str(PROFILE_FILE)}
+    start_node("fcsv_control", "flight_link", ns=NAME, params={**both, **line})
     start_node("fcsv_control", "guardian", ns=NAME, params={"vehicle": NAME, "vehicles": [NAME]})
     start_node("fcsv_control", "agent", ns=NAME, params={"vehicle": NAME})
     pc = ControlPc()
@@ -131,6 +144,8 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle)
     """One vehicle, started once: it is landed by command, takes off again, and loses its tracker."""
     pc = vehicle
     until(lambda: pc.state.connected, 40.0, "autopilot")
+    report = pc.parameters()
+    assert report.profile == PROFILE.name and not report.blocks and not report.advises
     assert pc.command("GOTO", target=target(0, 0, 3, 0.0))[0] == 1  # not in GUIDED: refused, not queued
     assert "GUIDED" in pc.acks[pc.number][-1].reason
     arm_in_guided(pc)
@@ -183,7 +198,7 @@ def landing_overtakes_what_waits(pc):
 
 
 def test_a_line_that_cannot_be_opened_ends_the_node_with_one_line(root, start_node):
-    params = {"vehicle": "uav1", "fcu_url": "/dev/no_such_device:57600"}
+    params = {"vehicle": "uav1", "fcu_url": "/dev/no_such_device:57600", "autopilot_profile": str(PROFILE_FILE)}
     node = start_node("fcsv_control", "flight_link", ns="f_two", params=params)
     until(lambda: node.returncode is not None, what="its end")
     assert node.returncode == 2
@@ -199,7 +214,7 @@ def test_a_line_that_cannot_be_opened_ends_the_node_with_one_line(root, start_no
         (
             "fcsv_control",
             "flight_link",
-            {"vehicle": "uav1", "fcu_url": "udpin:127.0.0.1:0", "link": {"rate": 3}},
+            {"vehicle": "uav1", "fcu_url": "udpin:127.0.0.1:0", "autopilot_profile": "", "link": {"rate": 3}},
             "rate",
         ),
     ],

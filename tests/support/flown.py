@@ -23,6 +23,7 @@ from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.vehicles.dynamics import Airframe, Quadrotor
 from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
+from support.autopilots import PROFILE
 
 M = mavutil.mavlink
 _METRES_PER_DEG = 111319.49
@@ -40,7 +41,7 @@ class Loop:
     moves along with the estimate."""
 
     def __init__(self, **parameters):
-        self.core = LinkCore(LinkParameters(**parameters))
+        self.core = LinkCore(LinkParameters(**parameters), PROFILE)
         self.t, self.offset_m, self.feed_hz, self.target = 0.0, np.zeros(3), 30.0, None
         self.moved, self.texts, self.estimate = [], [], None
         self.check, self.tracker = None, lambda T, _s: T  # a FeedCheck between the tracker's poses and the core

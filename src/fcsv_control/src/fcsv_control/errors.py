@@ -18,3 +18,7 @@ class CommandRefused(ControlError):
 
 class SessionError(ControlError):
     """A session folder is not what session.yaml says, or cannot be recorded into."""
+
+
+class ProfileError(ControlError):
+    """A file of an autopilot's parameters is not what it should be; the message names file and line."""

@@ -21,7 +21,7 @@ from fcsv_control.flight.estimate import EstimateWatch
 from fcsv_control.flight.fed import Fed
 from fcsv_control.flight.link_parameters import LinkParameters
 from fcsv_control.flight.listener import EstimateMoved, Event, Listener, PoseHeard
-from fcsv_control.flight.parameters import NEEDED
+from fcsv_control.flight.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.requests import COMPANION, Request, Requests
 from fcsv_control.flight.state import MODES, FlightState
 from fcsv_control.flight.take_off import TakeOff
@@ -44,10 +44,11 @@ _READ_UP_S = 0.3  # after which what came on the line meanwhile is read
 class LinkCore:
     """One flight controller. ``take`` what came, ``step`` often, send what ``outgoing`` gives, mind ``events``.
 
-    Outgoing messages carry their source system and component in their header.
+    Outgoing messages carry their source system and component in their header. ``profile`` says what the autopilot's
+    parameters must be; without one nothing is relied on.
     """
 
-    def __init__(self, parameters: LinkParameters):
+    def __init__(self, parameters: LinkParameters, profile: Profile = NOTHING):
         self._parameters = parameters
         self._reset_counter = 0
         self._set_before: Set[str] = set()
@@ -58,7 +59,7 @@ class LinkCore:
         self._asked_mode, self._mode, self._mode_is_ours = "", "", False
         self._events: List[Event] = []
         self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
-        self._heard = Listener(parameters.target_system, self._requests)
+        self._heard = Listener(parameters.target_system, self._requests, profile)
         self._encoder = _M.MAVLink(None)
         self._out: List[object] = []
         self._take_off: List[TakeOff] = []
@@ -145,33 +146,15 @@ class LinkCore:
 
     # ---- what a caller may ask -------------------------------------------------------------------------------
 
-    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray, now_s: Optional[float] = None) -> bool:
+    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray, now_s: Optional[float] = None) -> None:
         """External navigation: body pose in the odometry frame (ENU/FLU). ``stamp_s`` on any clock that only rises;
-        ``now_s`` where that is not the core's own. Whether it is sent: not while the feed is stopped."""
-        if self._fed.stopped:
-            return False
+        ``now_s`` where that is not the core's own."""
         now_s = stamp_s if now_s is None else now_s
         self._watch.feed(now_s, stamp_s, T_odom_body[:3, 3], self._begun_anew)
         self._begun_anew = False
         ned, rpy = conversion.ned_from_pose(T_odom_body)
         usec = self._fed.sent(now_s, stamp_s)
         self._send("vision_position_estimate", usec, *ned, *rpy, _UNKNOWN_COVARIANCE, self._reset_counter)
-        return True
-
-    def stop_feed(self, reason: str) -> None:
-        """No pose goes to the autopilot until ``resume_feed``: what it would be told is known to be wrong."""
-        if not self._fed.stopped:
-            _LOG.error("no pose goes to the autopilot any more: %s", reason)
-        self._fed.stopped = reason or "asked for"
-
-    def resume_feed(self) -> None:
-        """Poses go to the autopilot again."""
-        self._fed.stopped = ""
-
-    @property
-    def feed_stopped(self) -> str:
-        """Why no pose goes to the autopilot; empty where they do."""
-        return self._fed.stopped
 
     def note_reset(self) -> None:
         """The odometry frame was begun anew: the next pose is adopted at once instead of being followed or gated.
@@ -200,6 +183,8 @@ class LinkCore:
             raise CommandRefused(f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}")
         if name not in STOPPING:
             self._require_one_autopilot(f"mode {name}")
+        if name == "GUIDED":
+            self._require_parameters()
             self._require_awake(now_s, f"mode {name}")
         self._asked_mode = name
         ask = (now_s, _M.MAV_CMD_DO_SET_MODE, (1, MODES[name]), f"mode {name}", lambda s: s.mode == name)
@@ -242,6 +227,12 @@ class LinkCore:
         if now_s - self._stepped_s > _STOOD_STILL_S or now_s - self._woke_s < _READ_UP_S:
             raise CommandRefused(f"{what} refused: the flight link stood still until just now; ask again")
 
+    def _require_parameters(self) -> None:
+        """Raises CommandRefused where a parameter is known not to be what it must."""
+        wrong = self._heard.parameters.wrong()
+        if wrong:
+            raise CommandRefused(f"mode GUIDED refused: parameter {'; '.join(wrong)}")
+
     # ---- what goes out ---------------------------------------------------------------------------------------
 
     def _ask(self, wanted: str) -> None:
@@ -276,10 +267,10 @@ class LinkCore:
         ):
             self._long(_M.MAV_CMD_SET_MESSAGE_INTERVAL, [message, 1e6 / hz])
 
-    def _correct(self, name: str, value: float, kind: int) -> None:
+    def _correct(self, rule: Rule, value: float, kind: int) -> None:
+        name, needed = rule.name, rule.value
         if self._parameters.set_parameters and not self.state.armed and name not in self._set_before:
             self._set_before.add(name)  # once: an autopilot that keeps its value would be asked for ever
-            needed = NEEDED[name][0]
             _LOG.warning("setting %s from %g to %g, as asked; VISO_TYPE needs a restart", name, value, needed)
             self._send("param_set", self._heard.target, _AUTOPILOT, name.encode(), needed, kind)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What went to the autopilot as external navigation: how often, when last, with which stamps, and whether it may."""
+"""What went to the autopilot as external navigation: how often, when last, and with which stamps."""
 
 import math
 from collections import deque
@@ -9,10 +9,9 @@ _SPAN_S = 2.0
 
 
 class Fed:
-    """``stopped`` says why no pose goes on; empty where they do."""
+    """Told of each pose that is sent."""
 
     def __init__(self):
-        self.stopped = ""
         self._sent_s: Deque[float] = deque()
         self._last_s = -math.inf
         self._usec = -1

@@ -7,7 +7,7 @@ One thread reads, lets time pass and calls back; any thread may send and ask.
 import logging
 import threading
 import time
-from typing import Callable, List, Tuple, Union
+from typing import Callable, Tuple, Union
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from fcsv_control.flight.listener import (
     StateHeard,
     TextHeard,
 )
+from fcsv_control.flight.parameters import ParameterCheck
+from fcsv_control.flight.profile import NOTHING, Profile
 from fcsv_control.flight.requests import Request
 from fcsv_control.flight.state import FlightState
 from fcsv_control.flight.take_off import TakeOff
@@ -40,9 +42,9 @@ class FlightLink:
     ``fcu_url`` as Transport has it. Raises LinkError where it cannot be opened.
     """
 
-    def __init__(self, fcu_url: str, parameters: LinkParameters, **callbacks: Callable):
+    def __init__(self, fcu_url: str, parameters: LinkParameters, profile: Profile = NOTHING, **callbacks: Callable):
         self._callbacks = callbacks
-        self._core = LinkCore(parameters)
+        self._core = LinkCore(parameters, profile)
         self._changed = threading.Condition()  # guards the core
         self._transport = Transport(fcu_url)
         self._running = True
@@ -80,19 +82,9 @@ class FlightLink:
         return self._core.heard.origin_at_zero
 
     @property
-    def parameters_ok(self) -> bool:
-        """Whether all needed parameters were read and fit."""
-        return self._core.heard.parameters.known and not self._core.heard.parameters.wrong()
-
-    @property
-    def parameter_problems(self) -> List[str]:
-        """A line for each of the autopilot's parameters that does not fit."""
-        return self._core.heard.parameters.problems()
-
-    @property
-    def parameter_warnings(self) -> List[str]:
-        """A line for each of the autopilot's own failsafes that would not act."""
-        return self._core.heard.parameters.warnings()
+    def parameters(self) -> ParameterCheck:
+        """The autopilot's parameters against the profile, as far as they were read."""
+        return self._core.heard.parameters
 
     @property
     def strangers(self) -> Tuple[int, ...]:
@@ -105,25 +97,9 @@ class FlightLink:
             now_s = time.monotonic()
             return self._core.feed_rate_hz(now_s), self._core.feed_age_s(now_s), self._core.estimate_apart_m(now_s)
 
-    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray) -> bool:
-        """External navigation: body pose in the odometry frame (ENU/FLU); ``stamp_s`` monotonic. Whether it is sent."""
-        with self._changed:
-            sent = self._core.send_pose(stamp_s, T_odom_body, time.monotonic())
-            self._flush()
-        return sent
-
-    def stop_feed(self, reason: str) -> None:
-        """No pose goes to the autopilot until ``resume_feed``."""
-        self._do(lambda: self._core.stop_feed(reason))
-
-    def resume_feed(self) -> None:
-        """Poses go to the autopilot again."""
-        self._do(self._core.resume_feed)
-
-    @property
-    def feed_stopped(self) -> str:
-        """Why no pose goes to the autopilot; empty where they do."""
-        return self._core.feed_stopped
+    def send_pose(self, stamp_s: float, T_odom_body: np.ndarray) -> None:
+        """External navigation: body pose in the odometry frame (ENU/FLU); ``stamp_s`` monotonic."""
+        self._do(lambda: self._core.send_pose(stamp_s, T_odom_body, time.monotonic()))
 
     def note_reset(self) -> None:
         """The odometry frame was begun anew: see LinkCore.note_reset."""

@@ -12,6 +12,7 @@ from pymavlink import mavutil
 from fcsv_control.flight import conversion
 from fcsv_control.flight.keeper import ConnectionKeeper
 from fcsv_control.flight.parameters import ParameterCheck
+from fcsv_control.flight.profile import Profile, Rule
 from fcsv_control.flight.requests import Requests
 from fcsv_control.flight.state import FlightState
 from fcsv_control.flight.texts import TextJoiner
@@ -67,17 +68,17 @@ Event = Union[StateHeard, BatteryHeard, PoseHeard, TextHeard, RcHeard, EstimateM
 class Listener:
     """Hears one autopilot: ``target`` 0 is the first one heard."""
 
-    def __init__(self, target_system: int, requests: Requests):
+    def __init__(self, target_system: int, requests: Requests, profile: Profile):
         self.target = target_system
         self.state = FlightState()
         self.keeper = ConnectionKeeper(STREAMS)
-        self.parameters = ParameterCheck()
+        self.parameters = ParameterCheck(profile)
         self.strangers: Tuple[int, ...] = ()  # system ids of autopilots that are not ours
         self.altitudes_mm: Dict[str, int] = {}  # of "home" and "origin", above sea level
         self.origin_at_zero = False  # its altitude is 0: the height estimate runs away until it is armed
         self._requests = requests
         self._events: List[Event] = []
-        self._wrong: List[Tuple[str, float, int]] = []
+        self._wrong: List[Tuple[Rule, float, int]] = []
         self._texts = TextJoiner()
         self._rpy_ned: Optional[Tuple[float, float, float]] = None
 
@@ -86,8 +87,8 @@ class Listener:
         events, self._events = self._events, []
         return events
 
-    def wrong_parameters(self) -> List[Tuple[str, float, int]]:
-        """Name, value and MAV_PARAM_TYPE of parameters that were heard not to fit since the last call."""
+    def wrong_parameters(self) -> List[Tuple[Rule, float, int]]:
+        """Rule, value and MAV_PARAM_TYPE of parameters that must be otherwise and were heard since the last call."""
         wrong, self._wrong = self._wrong, []
         return wrong
 
@@ -174,6 +175,7 @@ class Listener:
         self.altitudes_mm["home"] = m.altitude
 
     def _on_param_value(self, _now_s: float, m) -> None:
-        if self.parameters.answer(m.param_id, m.param_value):
-            _LOG.warning("parameter %s is %g, which external navigation does not fly on", m.param_id, m.param_value)
-            self._wrong.append((m.param_id, m.param_value, m.param_type))
+        rule = self.parameters.answer(m.param_id, m.param_value)
+        if rule is not None:
+            _LOG.warning("parameter %s", rule.complaint(m.param_value))
+            self._wrong.append((rule, m.param_value, m.param_type))

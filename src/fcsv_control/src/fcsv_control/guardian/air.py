@@ -26,6 +26,7 @@ class LinkReport:
     failsafe: bool = False
     origin_set: bool = True
     parameters_ok: bool = True
+    parameter: str = ""  # the first that does not fit
     in_the_air: Optional[bool] = None  # as the autopilot says; None: it has not
 
 

@@ -66,7 +66,8 @@ class Watches:
         if not air.link.origin_set:
             reasons.append("the autopilot has no origin yet")
         if not air.link.parameters_ok:
-            reasons.append("parameters of the autopilot do not fit, or were not read: see /diagnostics")
+            wrong = air.link.parameter or "one that must fit was not read"
+            reasons.append(f"autopilot's parameters: {wrong}")
         if air.link.ekf_variance > r.ekf_variance:
             reasons.append("the autopilot's filter does not agree with its sensors")
         if now_s - air.feed_s > r.feed_warn_s:

@@ -17,6 +17,7 @@ from fcsv_control.flight.commands import ACCEPTED, FAILED
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
+from fcsv_control.flight.profile import load_profile
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_control.ros.link_health import LinkHealthReport
 from fcsv_geometry import frames
@@ -34,10 +35,12 @@ _STATE_PERIOD_S = 1.0
 
 @dataclass(frozen=True)
 class FlightLinkNodeParameters:
-    """Parameters of the node. With ``vehicles_dir`` the system id in the vehicle's file is the one listened to."""
+    """Parameters of the node. With ``vehicles_dir`` the system id in the vehicle's file is the one listened to.
+    ``autopilot_profile``: config/autopilot/NAME.param, what the autopilot's parameters must be."""
 
     vehicle: str
     fcu_url: str
+    autopilot_profile: str
     vehicles_dir: str = ""
     link: LinkParameters = field(default_factory=LinkParameters)
     feed: FeedParameters = field(default_factory=FeedParameters)
@@ -70,6 +73,7 @@ class FlightLinkNode:
         self._link = FlightLink(
             self._parameters.fcu_url,
             self._link_parameters(),
+            load_profile(self._parameters.autopilot_profile),
             on_state=self._on_state,
             on_pose=self._on_pose,
             on_battery=self._on_battery,
@@ -106,7 +110,8 @@ class FlightLinkNode:
         T_odom_body = self._converted(message, "pose feed")
         if T_odom_body is not None:
             now_s, stamp_s = time.monotonic(), self._feed.stamp_s
-            if self._believed(now_s, stamp_s, T_odom_body) and self._link.send_pose(stamp_s, T_odom_body):
+            if self._believed(now_s, stamp_s, T_odom_body):
+                self._link.send_pose(stamp_s, T_odom_body)
                 self._watchdog.feed(now_s)
                 self._health.tick("pose feed")
 

@@ -12,20 +12,22 @@ from fcsv_control.flight.link import FlightLink
 from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import LinkHealth
+from fcsv_msgs.msg import LinkHealth, ParameterReport
 from mavros_msgs.msg import RCIn
 
 _RATE_HZ = 5.0
 
 
 class LinkHealthReport:
-    """Publishes flight_link/health, flight_link/estimate_moved and mavros/rc/in of one vehicle."""
+    """Publishes flight_link/health, /parameters, /estimate_moved and mavros/rc/in of one vehicle."""
 
     def __init__(self, name: str, odom: str, health: Health):
         self._name, self._odom, self._health = name, odom, health
         self._gate, self._doubt = RateGate(_RATE_HZ), ""
         self._publisher = rospy.Publisher("flight_link/health", LinkHealth, queue_size=5)
         self._moved = rospy.Publisher("flight_link/estimate_moved", Vector3Stamped, queue_size=20)
+        self._parameters = rospy.Publisher("flight_link/parameters", ParameterReport, queue_size=2, latch=True)
+        self._reported = ParameterReport()
         self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5)
 
     def publish(self, now_s: float, link: FlightLink, doubt: str) -> None:
@@ -35,13 +37,28 @@ class LinkHealthReport:
         self._doubt = doubt
         connected, s = link.snapshot()
         rate_hz, age_s, apart_m = link.feed_figures()
+        wrong = link.parameters.wrong()
         self._publisher.publish(
             header=conversions.header(rospy.get_time(), ""), connected=connected, ekf_flags=s.ekf_flags,
             ekf_variance=s.ekf_variance, throttle=s.throttle, throttle_age_s=now_s - s.throttle_heard_s,
-            system_status=s.system_status, origin_set=link.origin_set, parameters_ok=link.parameters_ok,
-            feed_rate_hz=rate_hz, feed_age_s=age_s, estimate_apart_m=apart_m, feed_stopped=link.feed_stopped,
-            doubt=doubt, pid=os.getpid(), in_the_air=-1 if s.in_the_air is None else int(s.in_the_air),
+            system_status=s.system_status, origin_set=link.origin_set,
+            parameters_ok=link.parameters.known and not wrong, parameter=wrong[0] if wrong else "",
+            feed_rate_hz=rate_hz, feed_age_s=age_s, estimate_apart_m=apart_m, doubt=doubt, pid=os.getpid(),
+            in_the_air=-1 if s.in_the_air is None else int(s.in_the_air),
         )  # fmt: skip
+
+    def parameters(self, link: FlightLink) -> None:
+        """What the autopilot's parameters are against the profile, where that is news."""
+        check = link.parameters
+        report = ParameterReport(
+            profile=check.profile.name, complete=check.complete, blocks=check.problems(), advises=check.warnings(),
+            unknown=check.unknown(),
+        )  # fmt: skip
+        if report != self._reported:
+            self._reported = report
+            stamped = ParameterReport(*(getattr(report, field) for field in report.__slots__))
+            stamped.header = conversions.header(rospy.get_time(), "")
+            self._parameters.publish(stamped)
 
     def rc(self, link: FlightLink) -> None:
         """The transmitter was reported."""
@@ -58,16 +75,15 @@ class LinkHealthReport:
     def diagnose(self, link: FlightLink) -> None:
         """Diagnostics that change slowly."""
         s, name, health = link.state, self._name, self._health
-        wrong, weak = "; ".join(link.parameter_problems), "; ".join(link.parameter_warnings)
+        self.parameters(link)
+        wrong, weak = "; ".join(link.parameters.problems()), "; ".join(link.parameters.warnings())
         others, zero = link.strangers, link.origin_at_zero
         health.problem("link", "" if link.connected else f"{name}: no heartbeat of the autopilot")
         health.problem("parameters", f"{name}: autopilot's parameters: {wrong}" if wrong else "")
-        health.problem("failsafes", f"{name}: autopilot's own failsafes: {weak}" if weak else "")
+        health.problem("advised", f"{name}: advised parameters: {weak}" if weak else "")
         health.problem("autopilots", f"{name}: a second autopilot, {others}, is on the line" if others else "")
         restart = f"{name}: origin's altitude is 0, height runs away: restart the autopilot"
         health.problem("origin", restart if zero and not s.armed else "")
-        stopped = link.feed_stopped
-        health.problem("feed stopped", f"{name}: no pose goes to the autopilot: {stopped}" if stopped else "")
         for key, value in (
             ("mode", s.mode), ("armed", s.armed), ("ready to arm", s.prearm_ok), ("origin", link.origin_set),
             ("EKF flags", hex(s.ekf_flags)), ("EKF variance", f"{s.ekf_variance:.2f}"),

@@ -1,18 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters that matter to a companion, with ArduCopter's defaults as set up for external navigation."""
+"""Parameters that matter to a companion, as config/autopilot/arducopter-4.3-t265.param sets them."""
 
 from typing import Dict, Tuple
 
 REAL32, INT8, INT16, INT32 = 9, 2, 4, 6  # MAV_PARAM_TYPE
+_STREAM_GROUPS = ("RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3")
 #: name: (value, type)
 DEFAULTS: Dict[str, Tuple[float, int]] = {
     "SYSID_THISMAV": (1, INT16),
     "SYSID_MYGCS": (255, INT16),
-    "SYSID_ENFORCE": (0, INT8),
+    "SYSID_ENFORCE": (1, INT8),
     "FS_GCS_ENABLE": (0, INT8),
     "FS_EKF_ACTION": (1, INT8),
     "FS_EKF_THRESH": (0.8, REAL32),
-    "FS_THR_ENABLE": (0, INT8),
+    "FS_THR_ENABLE": (3, INT8),
+    "FS_OPTIONS": (16, INT32),
+    "FS_DR_ENABLE": (1, INT8),
+    "FS_CRASH_CHECK": (1, INT8),
+    "BATT_MONITOR": (4, INT8),
+    "BATT_LOW_VOLT": (14.0, REAL32),
+    "BATT_CRT_VOLT": (13.2, REAL32),
+    "BATT_FS_LOW_ACT": (1, INT8),
+    "BATT_FS_CRT_ACT": (1, INT8),
+    "FENCE_ENABLE": (1, INT8),
+    "FENCE_TYPE": (3, INT8),
+    "FENCE_ACTION": (2, INT8),
+    "FENCE_ALT_MAX": (55, REAL32),
+    "FENCE_RADIUS": (120, REAL32),
     "AHRS_EKF_TYPE": (3, INT8),
     "EK3_ENABLE": (1, INT8),
     "EK3_SRC1_POSXY": (6, INT8),
@@ -25,15 +39,23 @@ DEFAULTS: Dict[str, Tuple[float, int]] = {
     "VISO_POS_X": (0, REAL32),
     "VISO_POS_Y": (0, REAL32),
     "VISO_POS_Z": (0, REAL32),
+    "VISO_SCALE": (1, REAL32),
+    "VISO_DELAY_MS": (10, INT16),
     "VISO_POS_M_NSE": (0.2, REAL32),
     "VISO_YAW_M_NSE": (0.2, REAL32),
     "COMPASS_USE": (0, INT8),
     "GPS_TYPE": (0, INT8),
     "ARMING_CHECK": (1, INT32),
+    "RC_OPTIONS": (0, INT32),
     "DISARM_DELAY": (10, INT8),
     "GUID_TIMEOUT": (3, REAL32),
     "GUID_OPTIONS": (0, INT32),
     "LAND_SPEED": (50, INT16),
-    "WPNAV_SPEED": (500, REAL32),
+    "WPNAV_SPEED": (200, REAL32),
+    "WPNAV_SPEED_UP": (150, REAL32),
+    "WPNAV_SPEED_DN": (150, REAL32),
+    "WPNAV_ACCEL": (150, REAL32),
+    "WPNAV_ACCEL_Z": (100, REAL32),
     "FLTMODE_CH": (5, INT8),
+    **{f"SR0_{group}": (0, INT16) for group in _STREAM_GROUPS},
 }
