@@ -183,9 +183,9 @@ class LinkCore:
             raise CommandRefused(f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}")
         if name not in STOPPING:
             self._require_one_autopilot(f"mode {name}")
+            self._require_awake(now_s, f"mode {name}")
         if name == "GUIDED":
             self._require_parameters()
-            self._require_awake(now_s, f"mode {name}")
         self._asked_mode = name
         ask = (now_s, _M.MAV_CMD_DO_SET_MODE, (1, MODES[name]), f"mode {name}", lambda s: s.mode == name)
         if name in STOPPING:
