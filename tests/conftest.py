@@ -131,3 +131,18 @@ def bench_link(root):
     if not radio.can_emulate():
         pytest.skip("needs root, /dev/net/tun and network namespaces")
     return machines, radio
+
+
+@pytest.fixture
+def tello_air(tmp_path):
+    """Simulated Tellos and unmodified tellopy that flies them; skipped where network namespaces are not permitted."""
+    from support.tello_air import Air
+
+    from fcsv_sim.machines import namespaces
+
+    why = namespaces.permitted()
+    if why:
+        pytest.skip(why)
+    air = Air(tmp_path)
+    yield air
+    air.close()

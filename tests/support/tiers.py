@@ -13,7 +13,7 @@ import pytest
 
 PLAIN, ROS = "plain", "ros"
 # fixtures that start a master, nodes or network namespaces: each test that uses one is marked ros
-STARTS_ROS = {"ros_master", "start_node", "bench_link"}
+STARTS_ROS = {"ros_master", "start_node", "bench_link", "tello_air"}
 SYSTEMS = "tests/system/"  # each test in it is marked system
 # the marks of a test that must have the machine for itself
 ALONE = ("ros", "system", "slow_motion")

@@ -5,7 +5,6 @@ It loses, delays, duplicates, reorders, limits and cuts in user space, so it nee
 /dev/net/tun. Loss is independent per packet: harder than real Wi-Fi, which repeats unicast and loses in bursts.
 """
 
-import ctypes
 import fcntl
 import heapq
 import os
@@ -19,10 +18,11 @@ import time
 from dataclasses import dataclass, replace
 from typing import Callable, Dict, List, Optional, Set, Tuple
 
+from fcsv_geometry import netns
+
 _TUNSETIFF = 0x400454CA
 _IFF_TUN, _IFF_NO_PI = 0x0001, 0x1000
 _MTU = 1500
-_CLONE_NEWNET = 0x40000000
 
 
 @dataclass(frozen=True)
@@ -190,30 +190,9 @@ class Radio:
 
 
 def in_namespace(namespace: str, work):
-    """What ``work()`` returns in a network namespace; in a thread of its own, as setns changes a thread."""
-    result: list = []
-
-    def run() -> None:
-        try:
-            with open(f"/var/run/netns/{namespace}") as file:
-                _setns(file.fileno())
-            result.append((True, work()))
-        except BaseException as error:
-            result.append((False, error))
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    done, value = result[0]
-    if not done:
-        raise value
-    return value
-
-
-def _setns(fd: int) -> None:
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.setns(fd, _CLONE_NEWNET) != 0:
-        raise OSError(ctypes.get_errno(), "setns")
+    """What ``work()`` returns in a network namespace."""
+    with netns.inside(namespace):
+        return work()
 
 
 def _open_tun() -> int:

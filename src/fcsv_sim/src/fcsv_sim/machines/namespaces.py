@@ -2,29 +2,20 @@
 """Network namespaces for devices that all have the same address, as Tellos have: one for the device, one for its pilot.
 
 Each pair is joined by a virtual cable (veth). A process may stay where it is, with its ROS master, and open single
-sockets inside: a socket belongs to the namespace in which it was opened (network_namespaces(7)). Root is needed, or
-CAP_SYS_ADMIN and CAP_NET_ADMIN.
+sockets inside (fcsv_geometry.netns). Root is needed, or CAP_SYS_ADMIN and CAP_NET_ADMIN.
 """
 
 import contextlib
-import ctypes
 import os
 import subprocess
 import threading
 from dataclasses import dataclass
 from typing import Iterator, List, Sequence
 
-from fcsv_sim.errors import SimulationError
+from fcsv_geometry.netns import FOLDER, NamespaceError, exists, inside
 
-_CLONE_NEWNET = 0x40000000
-_FOLDER = "/run/netns"
-_LIBC = ctypes.CDLL(None, use_errno=True)
 _numbers = iter(range(1, 1 << 20))
 _LOCK = threading.Lock()
-
-
-class NamespaceError(SimulationError):
-    """A namespace cannot be made or entered; the message says why and what to do instead."""
 
 
 @dataclass(frozen=True)
@@ -58,40 +49,29 @@ def permitted() -> str:
 
 
 @contextlib.contextmanager
-def inside(name: str) -> Iterator[None]:
-    """This thread is in the namespace; what it opens, and threads that it starts, stay there. Raises NamespaceError."""
-    try:
-        back = os.open("/proc/thread-self/ns/net", os.O_RDONLY)
-        there = os.open(f"{_FOLDER}/{name}", os.O_RDONLY)
-    except OSError as error:
-        raise NamespaceError(f"network namespace {name}: {error.strerror}; make it first, as root") from error
-    try:
-        _enter(there, name)
-        try:
-            yield
-        finally:
-            _enter(back, "the one before")
-    finally:
-        os.close(there)
-        os.close(back)
-
-
-def _enter(descriptor: int, name: str) -> None:
-    if _LIBC.setns(descriptor, _CLONE_NEWNET):
-        raise NamespaceError(f"network namespace {name}: {os.strerror(ctypes.get_errno())}; root is needed")
-
-
-@contextlib.contextmanager
 def pair(name: str, device_address: str, pilot_address: str) -> Iterator[Pair]:
     """Two namespaces joined by a cable, each with its address (/24), removed again at the end of the block.
 
     They are removed as well when this process dies, whatever kills it: a small process that outlives it does that.
     Raises NamespaceError.
     """
-    sweep()
     with _LOCK:
         stem = f"fcsv-{os.getpid()}-{next(_numbers)}-{name}"
+    with named(stem, device_address, pilot_address) as made:
+        yield made
+
+
+@contextlib.contextmanager
+def named(stem: str, device_address: str, pilot_address: str) -> Iterator[Pair]:
+    """The same with names that others can know before: STEM-device and STEM-pilot.
+
+    Where they are there already they are used, and stay. Raises NamespaceError.
+    """
+    sweep()
     made = Pair(f"{stem}-device", f"{stem}-pilot", device_address, pilot_address)
+    if exists(made.device) and exists(made.pilot):
+        yield made
+        return
     guard = _guard(made)
     try:
         _join(made)
@@ -120,7 +100,7 @@ def _guard(made: Pair) -> subprocess.Popen:
 
 
 def _remove(space: str) -> None:
-    if os.path.exists(f"{_FOLDER}/{space}"):
+    if exists(space):
         with contextlib.suppress(NamespaceError):
             _ip("netns", "del", space)
 
@@ -137,6 +117,6 @@ def left_behind(names: Sequence[str]) -> List[str]:
 
 def sweep() -> None:
     """Remove what killed processes left behind."""
-    names = os.listdir(_FOLDER) if os.path.isdir(_FOLDER) else []
+    names = os.listdir(FOLDER) if os.path.isdir(FOLDER) else []
     for name in left_behind(names):
         _remove(name)

@@ -2,54 +2,61 @@
 """A simulated Tello as a program of its own, without ROS: its voice is its protocol."""
 
 import argparse
-import contextlib
 import signal
 import sys
 import threading
-import time
 
 from fcsv_geometry.errors import FcsvError
-from fcsv_sim.machines import namespaces
 from fcsv_sim.tello.battery import BatteryRules
+from fcsv_sim.tello.drone import DroneParameters
+from fcsv_sim.tello.program import ProgramParameters, switched_on, words
 from fcsv_sim.tello.radio import RadioParameters
-from fcsv_sim.tello.udp import ADDRESS, PORT, Shell, open_socket, run
-from fcsv_sim.tello.vehicle import TelloDrone, TelloDroneParameters
+from fcsv_sim.tello.udp import ADDRESS, PORT, run
 
 
 def _arguments(argv) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="tello_drone", description=__doc__)
+    parser = argparse.ArgumentParser(prog="tello_alone", description=__doc__)
     parser.add_argument("--name", default="tello1", help="of its truth file")
     parser.add_argument("--sim-dir", default="/tmp/fcsv_sim", help="folder in which simulated things meet")
+    parser.add_argument("--network", default="", metavar="NAME", help=(
+        "it is in network namespace NAME-device, who flies it in NAME-pilot; both are made where they are not there "
+        "(root); empty: the address is one of this machine"))  # fmt: skip
     parser.add_argument("--address", default=ADDRESS, help="where it listens (%(default)s)")
     parser.add_argument("--port", type=int, default=PORT)
-    parser.add_argument("--namespace", default="", help="network namespace of its sockets; empty: where it is started")
+    parser.add_argument("--video-port", type=int, default=0, help="of pictures; 0: the one that the client names")
     parser.add_argument("--start", default="0,0,0,0", help="x, y, z (m), yaw (rad)")
     parser.add_argument("--battery", type=float, default=95.0, help="percent at the start")
     parser.add_argument("--loss", type=float, default=RadioParameters.loss, help="share of lost packets, each way")
+    parser.add_argument("--other-firmware", action="store_true", help="its messages (docs/tello_sim.md)")
     parser.add_argument("--seed", type=int, default=1)
     return parser.parse_args(argv)
 
 
+def _parameters(args: argparse.Namespace) -> ProgramParameters:
+    """Raises ValueError."""
+    start = tuple(float(word) for word in args.start.split(","))
+    if len(start) != 4:
+        raise ValueError(f"--start: '{args.start}' must be x,y,z,yaw")
+    return ProgramParameters(
+        args.name, args.sim_dir, args.seed, start, battery=BatteryRules(args.battery),
+        radio=RadioParameters(loss=args.loss), drone=DroneParameters(other_firmware=args.other_firmware),
+        network=args.network, address=args.address, port=args.port, video_port=args.video_port,
+    )  # fmt: skip
+
+
 def main(argv=None) -> int:
     """Until SIGINT or SIGTERM. Exit status 2 where it cannot run."""
-    args = _arguments(argv)
     over = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: over.set())
     try:
-        start = tuple(float(word) for word in args.start.split(","))
-        battery, radio = BatteryRules(args.battery), RadioParameters(loss=args.loss)
-        parameters = TelloDroneParameters(args.name, args.sim_dir, args.seed, start, battery=battery, radio=radio)
-        where = namespaces.inside(args.namespace) if args.namespace else contextlib.nullcontext()
-        with where:
-            control, video = open_socket(args.address, args.port), open_socket(args.address, 0)
+        parameters = _parameters(_arguments(argv))
+        with switched_on(parameters) as shell:
+            print(words(parameters), flush=True)
+            run(shell, over.is_set)
     except (FcsvError, ValueError) as error:
-        print(f"tello_drone: {error}", file=sys.stderr)
+        print(f"tello_alone: {error}", file=sys.stderr)
         return 2
-    shell = Shell(TelloDrone(parameters, time.time()), control, video)
-    print(f"{args.name}: listens on {args.address}:{args.port}", flush=True)
-    run(shell, over.is_set)
-    shell.close()
     return 0
 
 

@@ -16,17 +16,19 @@ from fcsv_sim.tello.radio import Radio
 from fcsv_sim.tello.telemetry import Telemetry
 
 _FIRMWARE = "01.04.92.01"
+_SHORT = 18  # bytes of flight data; tellopy reads nothing from less than 22
 _WINDY_RAD = np.radians(8.0)
 
 
 @dataclass(frozen=True)
 class DroneParameters:
-    """What it is called, and what its firmware says. ``short_flight_data``: an older firmware's, of 22 bytes."""
+    """What it is called, and what its firmware says. ``other_firmware``: one that this protocol was not read from:
+    flight data of 18 bytes, a message and a log record that nobody knows."""
 
     ssid: str = "TELLO-FC5000"
     password: str = ""
     firmware: str = _FIRMWARE
-    short_flight_data: bool = False
+    other_firmware: bool = False
     light: int = 1
 
 
@@ -57,7 +59,7 @@ class Drone:
         if message is Message.LIGHT:
             return bytes([self.parameters.light])
         data = messages.encode_flight(self._flight_data(now_s))
-        return data[:22] if self.parameters.short_flight_data else data
+        return data[:_SHORT] if self.parameters.other_firmware else data
 
     def _flight_data(self, _now_s: float) -> FlightData:
         flight, battery, flying = self.flight, self.battery, self.flight.flying
@@ -80,7 +82,7 @@ class Drone:
             Message.PALM_LAND: lambda _s, _p: STATUS_OK if flight.flying else STATUS_REFUSED,  # no hand: it hovers
             Message.FLIP: lambda _s, _p: STATUS_REFUSED,
             Message.THROW_AND_GO: lambda _s, _p: STATUS_REFUSED,
-            Message.SET_HEIGHT_LIMIT: lambda _s, p: self._set("height_limit_m", float(p.payload[0])),
+            Message.SET_HEIGHT_LIMIT: lambda _s, p: self._set("height_limit_m", struct.unpack("<B", p.payload[:1])[0]),
             Message.SET_TILT_LIMIT: lambda _s, p: self._set("lean_limit_deg", struct.unpack("<f", p.payload[:4])[0]),
             Message.SET_LOW_BATTERY: self._on_low_battery,
             Message.GET_HEIGHT_LIMIT: lambda _s, _p: number("<H", int(flight.height_limit_m)),

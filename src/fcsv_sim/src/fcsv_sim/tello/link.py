@@ -9,15 +9,16 @@ import struct
 from typing import Callable, Dict, List, Optional, Tuple
 
 from fcsv_geometry.flow import DropCounter, RateGate
-from fcsv_sim.tello import messages
+from fcsv_sim.tello import log, messages
 from fcsv_sim.tello.drone import Drone
 from fcsv_sim.tello.messages import STATUS_REFUSED, Message
 from fcsv_sim.tello.packets import FROM_DRONE, TO_DRONE, Packet, PacketError, decode, encode
 
 Address = Tuple[str, int]
 _TOLD = FROM_DRONE | 1 << 3  # type "information"
-_SILENT_S = 5.0  # a client that is not heard for so long makes room for another
+_SILENT_S = 5.0  # ? a client that is not heard for so long gets nothing more, and makes room for another
 _LOG_NUMBER = 0x0123
+_UNKNOWN_MESSAGE, _UNKNOWN_RECORD = 0x0FF1, 4242  # of another firmware
 _TELLS = ((Message.FLIGHT, 10.0), (Message.WIFI, 2.0), (Message.LIGHT, 1.0))
 #: Not acknowledged: these come all the time, or are answers themselves.
 _UNANSWERED = frozenset({Message.STICKS, Message.LOG_HEADER, Message.TIME})
@@ -30,8 +31,8 @@ class Link:
         self._drone = drone
         self.counts = DropCounter()
         self.client: Optional[Address] = None
-        self.video_port = 0
-        self._heard_s = float("-inf")
+        self.video_port = self.video_port_instead = 0
+        self._heard_s, self._silent = float("-inf"), False
         self._sequence = 0
         self._out: List[bytes] = []
         self._gates: Dict[Message, RateGate] = {}
@@ -41,8 +42,9 @@ class Link:
 
     @property
     def video_to(self) -> Optional[Address]:
-        """Where pictures go: the client's address, at the port that it named."""
-        return (self.client[0], self.video_port) if self.client and self._drone.video_wanted else None
+        """Where pictures go: the client's address, at the port that it named, or ``video_port_instead``."""
+        port = self.video_port_instead or self.video_port
+        return (self.client[0], port) if self.client and self._drone.video_wanted and not self._silent else None
 
     def outgoing(self) -> List[bytes]:
         """What goes to the client since the last time."""
@@ -99,21 +101,25 @@ class Link:
 
     def step(self, now_s: float, logged: List[bytes]) -> None:
         """Everything that is due; ``logged``: payloads of the flight log, sent once its header is acknowledged."""
-        if self.client is None:
+        self._silent = now_s - self._heard_s > _SILENT_S
+        if self.client is None or self._silent:
             return
+        other = self._drone.parameters.other_firmware
         if self._repeat.passes(now_s):
             if not self._log_asked:
                 self._tell(Message.LOG_HEADER, _log_header())
             if not self._clock_known:
                 self._tell(Message.TIME, b"")
+            if other:
+                self._tell(_UNKNOWN_MESSAGE, bytes(9))
         for message, gate in self._gates.items():
             if gate.passes(now_s):
                 self._tell(message, self._drone.told(message, now_s))
         if self._log_asked:
             for payload in logged:
-                self._tell(Message.LOG_DATA, payload)
+                self._tell(Message.LOG_DATA, payload + log.record(_UNKNOWN_RECORD, 0, bytes(16)) * other)
 
-    def _tell(self, message: Message, payload: bytes) -> None:
+    def _tell(self, message: int, payload: bytes) -> None:
         self._sequence = (self._sequence + 1) & 0xFFFF
         self._out.append(encode(Packet(message, self._sequence, payload, _TOLD)))
 

@@ -34,7 +34,7 @@ def open_socket(address: str, port: int) -> socket.socket:
 
 
 class Shell:
-    """Carries datagrams between sockets and a TelloDrone. The drone's sockets are closed with close()."""
+    """Carries datagrams between two sockets, which stay its maker's, and a TelloDrone."""
 
     def __init__(self, drone: TelloDrone, control: socket.socket, video: socket.socket):
         self.drone = drone
@@ -56,11 +56,6 @@ class Shell:
                 (self._video if is_video else self._control).sendto(data, to)
             except OSError:
                 continue  # lost, as in the air
-
-
-    def close(self) -> None:
-        self._control.close()
-        self._video.close()
 
 
 def run(shell: Shell, over: Callable[[], bool], each_pass: Optional[Callable[[float], None]] = None) -> None:
