@@ -132,7 +132,7 @@ def test_a_socket_that_listens_is_found():
 
 @pytest.fixture
 def link(tmp_path):
-    """link(machine, keys, heard) joins control and uav1 on loopback, with certificates; closed at the end."""
+    """link(machine, keys, heard, problems) joins control and uav1 on loopback, with certificates; closed at the end."""
     path = tmp_path / "links.yaml"
     path.write_text("""
 classes: {stream: {link: urgent, priority: data_high, reliable: true, max_age_s: 5.0}}
@@ -142,11 +142,12 @@ to_vehicle: [{topic: "/{vehicle}/down", class: stream}]
     ends = {}
     with ExitStack() as stack:
 
-        def join(name, keys, heard):
+        def join(name, keys, heard, problems=None):
             here = ends[name] = parse_endpoint(f"127.0.0.1:{free_port()}/{free_port()}")
             peers = {n: ends.get(n, here) for n in ("control", "uav1") if n != name}  # one knows where the other is
             made = Exchange(name, load_links(path), here, peers, open_keyring(keys, name),
-                            lambda parcel: heard.append(parcel.data), print, lambda *_: None)  # fmt: skip
+                            lambda parcel: heard.append(parcel.data), print,
+                            lambda *problem: (problems if problems is not None else {}).update([problem]))  # fmt: skip
             stack.enter_context(closing(made))
             return made
 
@@ -177,3 +178,31 @@ def test_who_has_revoked_keys_is_not_heard_and_hears_nothing(link, tmp_path):
         speak(uav1, b"good")
         time.sleep(0.05)
     assert set(at_control) == {b"good"} and set(at_uav1) == {b"order"}
+
+
+def test_of_two_vehicles_with_one_name_the_second_is_refused_named_and_told(link, tmp_path):
+    make_fleet(tmp_path, ["control", "uav1"])
+    heard, problems = {n: [] for n in "c12"}, {n: {} for n in "c12"}
+    control = link("control", tmp_path / "control", heard["c"], problems["c"])
+    vehicles = {"1": link("uav1", tmp_path / "uav1", heard["1"], problems["1"])}
+    numbers = iter(range(100000))
+
+    def speak_until(condition, what, timeout_s=30.0):
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end_s, what
+            control.send("/uav1/down", "std_msgs/String", "0" * 32, "", b"%d" % next(numbers))
+            for word, uav1 in vehicles.items():
+                uav1.send("/uav1/up", "std_msgs/String", "0" * 32, "", word.encode())
+            time.sleep(0.05)
+
+    speak_until(lambda: heard["c"] and heard["1"], "control and the first hear each other")
+    vehicles["2"] = link("uav1", tmp_path / "uav1", heard["2"], problems["2"])
+    speak_until(lambda: "two machines call themselves uav1" in problems["c"].get("twin uav1", ""), "control names it")
+    assert f"refused: host {socket.gethostname()} at" in problems["c"]["twin uav1"]
+    speak_until(lambda: "control refuses this machine" in problems["2"].get("displaced control", ""), "it is told")
+    vehicles.pop("1").close()  # as a cut would have it
+    end_s = time.monotonic() + 3.0
+    speak_until(lambda: time.monotonic() > end_s, "time passes")
+    assert set(heard["c"]) == {b"1"} and heard["1"] and heard["2"] == []
+    assert problems["1"].get("displaced control", "") == ""

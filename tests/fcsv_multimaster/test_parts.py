@@ -35,9 +35,9 @@ def message(number, traffic=BULK, topic="/t", born_s=0.0, size=60000):
 
 
 def test_a_parcel_and_every_note_come_out_as_they_went_in():
-    head = wire.Head(wire.JPEG, 7, 8, 6, 9, 1.5, "0123456789abcdef" * 2)
+    head = wire.Head(wire.JPEG, 7, 5, 8, 6, 9, 1.5, "0123456789abcdef" * 2)
     assert wire.unpack(wire.pack(head, b"data")) == (head, b"data")
-    for note in (wire.Ping(1, 2.0, 3.0), wire.Pong(1, 2.0, 3.0, 4.0), wire.Ack(1, 2, True)):
+    for note in (wire.Ping(1, 2, 2.0, 3.0, "host a at 10.0.0.1"), wire.Pong(1, 2.0, 3.0, 4.0), wire.Ack(1, 2, True)):
         assert wire.unpack_note(wire.pack_note(note)) == note
 
 
@@ -51,11 +51,11 @@ def test_any_bytes_are_understood_or_refused_by_one_error(payload):
 
 
 def test_another_version_of_the_language_is_named():
-    head = wire.Head(wire.RAW, 1, 1, 1, 0, 0.0, "0" * 32)
-    with pytest.raises(WireError, match="version 4"):
-        wire.unpack(b"\x04" + wire.pack(head, b"")[1:])
+    head = wire.Head(wire.RAW, 1, 0, 1, 1, 0, 0.0, "0" * 32)
+    with pytest.raises(WireError, match="version 5"):
+        wire.unpack(b"\x05" + wire.pack(head, b"")[1:])
     with pytest.raises(WireError, match="md5"):
-        wire.pack(wire.Head(wire.RAW, 1, 1, 1, 0, 0.0, "*"), b"")
+        wire.pack(wire.Head(wire.RAW, 1, 0, 1, 1, 0, 0.0, "*"), b"")
 
 
 # ---- what is measured --------------------------------------------------------------------------------------
@@ -76,6 +76,31 @@ def test_a_second_machine_of_the_same_name_is_told_from_a_restart():
         Heard.NEW, Heard.SAME, Heard.DOUBLE, Heard.SAME,
     ]  # fmt: skip
     assert peer.heard(2, 5.0) is Heard.NEW and not peer.alive(6.5)
+
+
+def test_of_two_machines_with_one_name_the_second_does_not_take_the_place_of_the_first_in_a_cut():
+    peer = PeerMeasure()
+    for at_s in np.arange(0.0, 3.0, 0.25):
+        assert peer.heard(1, at_s) is not Heard.DOUBLE
+        assert peer.heard(2, at_s + 0.1, "host b") is Heard.DOUBLE
+    assert peer.twin(3.0) == "host b"
+    assert {peer.heard(2, s, "host b") for s in np.arange(3.0, 60.0, 0.5)} == {Heard.DOUBLE} and not peer.alive(60.0)
+    assert peer.heard(3, 61.0) is Heard.NEW  # the first was started again
+    assert peer.heard(2, 61.1) is Heard.DOUBLE and peer.heard(3, 100.0) is Heard.SAME
+    assert peer.heard(2, 159.0) is Heard.DOUBLE and peer.heard(2, 160.1) is Heard.NEW and peer.twin(160.1) is None
+
+
+def test_who_is_not_meant_by_a_peer_knows_it_but_not_right_after_his_restart():
+    peer = PeerMeasure()
+    for at_s in np.arange(0.0, 10.0, 0.25):
+        peer.heard(1, at_s)
+        peer.addressed(7 if at_s < 1.5 else 5, 5, at_s)
+        assert not peer.displaced(at_s)
+    for at_s in np.arange(10.0, 15.0, 0.25):
+        peer.heard(1, at_s)
+        peer.addressed(7, 5, at_s)
+        assert peer.displaced(at_s) == (at_s > 13.0)
+    assert not peer.displaced(20.0)  # it is gone itself
 
 
 def test_loss_counts_gaps_and_forgives_what_comes_late():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The addresses of this machine, and whether they have changed: discovery must then start again from the new one."""
 
+import socket
 from pathlib import Path
 from typing import Callable, FrozenSet
 
@@ -12,6 +13,15 @@ def local_addresses() -> FrozenSet[str]:
     lines = _ROUTES.read_text().splitlines()
     found = {before.split()[-1] for before, line in zip(lines, lines[1:]) if "host LOCAL" in line}
     return frozenset(a for a in found if not a.startswith("127."))
+
+
+def whereabouts() -> str:
+    """This machine in words, for others who wonder which one it is."""
+    try:
+        addresses = ", ".join(sorted(local_addresses()))
+    except OSError:
+        addresses = ""
+    return f"host {socket.gethostname()} at {addresses or 'loopback'}"
 
 
 class AddressWatch:

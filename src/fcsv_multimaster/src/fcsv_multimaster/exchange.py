@@ -11,6 +11,7 @@ import time
 from typing import Callable, Dict, Optional
 
 from fcsv_multimaster import wire
+from fcsv_multimaster.addresses import whereabouts
 from fcsv_multimaster.endpoints import Endpoint
 from fcsv_multimaster.errors import RelayError, WireError
 from fcsv_multimaster.inbound import Inbound
@@ -127,7 +128,8 @@ class Exchange:
         if link == "datagram" and traffic.reliable and len(data) > _DATAGRAM_OCTETS:
             link = "urgent"
         first = peer.first(message)
-        head = wire.Head(packing, self._boot, message.sequence, first, message.number, message.born_s, message.md5)
+        boots = (self._boot, peer.measure.boot or 0)
+        head = wire.Head(packing, *boots, message.sequence, first, message.number, message.born_s, message.md5)
         try:
             payload = wire.pack(head, data)
         except WireError as error:
@@ -182,19 +184,26 @@ class Exchange:
             self._put(peer, message, link="urgent")
 
     def _ping(self, now_s: float) -> None:
+        where = whereabouts()
         for peer in self.peers.values():
-            self._transport.note(peer.name, wire.pack_note(wire.Ping(self._boot, now_s, time.time())), "datagram")
+            ping = wire.Ping(self._boot, peer.measure.boot or 0, now_s, time.time(), where)
+            self._transport.note(peer.name, wire.pack_note(ping), "datagram")
             if peer.to_be_called(now_s):
                 self._transport.listen_again(peer.name)
             with peer.lock:
                 peer.measure.pinged()
                 gone = peer.noticed_gone(now_s)
                 offset_s = peer.measure.clocks.wall_offset_s
+                twin, displaced = peer.measure.twin(now_s), peer.measure.displaced(now_s)
             if gone:
                 _LOG.warning("%s: the relay of %s is gone", self._name, peer.name)
             apart = offset_s is not None and abs(offset_s) > CLOCKS_APART_S
             text = f"the clock of {peer.name} is {offset_s:+.1f} s off this one's; synchronise them" if apart else ""
             self._problem(f"clock {peer.name}", text)
+            text = f"two machines call themselves {peer.name}; refused: {twin or 'the second'}; give it its own name"
+            self._problem(f"twin {peer.name}", "" if twin is None else text)
+            text = f"{peer.name} refuses this machine: another one is {self._name} there; give one a name of its own"
+            self._problem(f"displaced {peer.name}", text if displaced else "")
 
     def _work_bulk(self) -> None:
         while not self._closed:

@@ -37,6 +37,10 @@ class Inbound:
             return
         if not self._known(peer, head.boot, now_s):
             return
+        if head.to != self._boot:
+            if head.to:  # else its sender has not heard us yet, and repeats what must arrive
+                self._drop("message for another relay of this name", f"{topic} of {source}")
+            return
         if len(data) > rule.traffic.max_bytes:
             self._drop("oversized message", f"{topic} of {source}: {len(data)} bytes")
             return
@@ -102,7 +106,9 @@ class Inbound:
             self._drop("malformed message", f"{source}: {error}")
             return
         if isinstance(note, wire.Ping):
-            if self._known(peer, note.boot, now_s):
+            if self._known(peer, note.boot, now_s, note.where):
+                with peer.lock:
+                    peer.measure.addressed(note.to, self._boot, now_s)
                 pong = wire.Pong(self._boot, note.sent_s, time.monotonic(), time.time())
                 self._note(source, wire.pack_note(pong), "datagram")
         elif isinstance(note, wire.Pong):
@@ -120,10 +126,10 @@ class Inbound:
                     peer.keyframe |= note.keyframe
             self._wake(False)
 
-    def _known(self, peer: Peer, boot: int, now_s: float) -> bool:
+    def _known(self, peer: Peer, boot: int, now_s: float, where: str = "") -> bool:
         """Whether it is the relay that bears the peer's name; a second one of the same name is reported and ignored."""
         with peer.lock:
-            heard = peer.heard(boot, now_s)
+            heard = peer.heard(boot, now_s, where)
         if heard is Heard.DOUBLE:
             self._drop(
                 "a second machine of the same name", f"another relay calls itself {peer.name}; give it its own name"

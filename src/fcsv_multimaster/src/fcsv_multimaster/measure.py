@@ -7,8 +7,11 @@ from enum import Enum, auto
 from typing import Deque, Dict, Optional, Tuple
 
 SILENT_S = 1.0  # four pings unanswered: the peer is taken for gone
+TWIN_S = 60.0  # after the last word of the first of two machines with one name, the second may take its place
+_DISPLACED_S = 3.0  # a peer that speaks to another one of our name for so long does not mean our former self
 CLOCKS_APART_S = 0.1  # of two machines' time of day, beyond which it is said
 _KEPT_PINGS = 40
+_MOST_RIVALS = 16
 _POOR_OF, _POOR_SHARE = 12, 0.75  # of the last three seconds' pings
 
 
@@ -79,19 +82,57 @@ class PeerMeasure:
         self._since_s: Optional[float] = None
         self._answered: Deque[bool] = deque(maxlen=_POOR_OF)
         self._pong_since_ping = False
+        self._rivals: Dict[int, float] = {}  # boot of others of this name to when they were first heard
+        self._twins: Dict[int, float] = {}  # of these, those that are no restart of the first, and when last heard
+        self._twin_where = ""
+        self._displaced_since_s: Optional[float] = None
 
-    def heard(self, boot: int, now_s: float) -> Heard:
-        """A sign of life of a relay that bears the peer's name; every start of a relay has a ``boot`` of its own."""
+    def heard(self, boot: int, now_s: float, where: str = "") -> Heard:
+        """A sign of life of a relay that bears the peer's name; every start of a relay has a ``boot`` of its own.
+
+        Two that speak at the same time are two machines: the second is refused while the first was heard in the last
+        minute, so that a cut of the first does not put the second in its place.
+        """
         if self.boot == boot:
             self._heard_s = now_s
+            self._twins.update((b, now_s) for b, first_s in self._rivals.items() if now_s - first_s > SILENT_S)
+            self._rivals = {b: s for b, s in self._rivals.items() if b not in self._twins}
             return Heard.SAME
-        if self.boot is not None and now_s - self._heard_s < SILENT_S:
+        patience_s = TWIN_S if boot in self._twins else SILENT_S
+        if self.boot is not None and now_s - self._heard_s < patience_s:
+            self._heard_double(boot, now_s, where)
             return Heard.DOUBLE
         self.boot, self._heard_s = boot, now_s
+        self._rivals.clear()
+        self._twins.pop(boot, None)
         self.clocks.forget()
         for count in self.topics.values():
             count.newest_sequence = 0
         return Heard.NEW
+
+    def _heard_double(self, boot: int, now_s: float, where: str) -> None:
+        self._twin_where = where or self._twin_where
+        if boot in self._twins:
+            self._twins[boot] = now_s
+        elif len(self._rivals) < _MOST_RIVALS:
+            self._rivals.setdefault(boot, now_s)
+
+    def twin(self, now_s: float) -> Optional[str]:
+        """Where the second machine of this name is, in its own words; None where there is none."""
+        self._twins = {b: s for b, s in self._twins.items() if now_s - s < TWIN_S}
+        return self._twin_where if self._twins else None
+
+    def addressed(self, to: int, own: int, now_s: float) -> None:
+        """Whom of our name a ping of the peer is meant for."""
+        if to in (0, own):
+            self._displaced_since_s = None
+        elif self._displaced_since_s is None:
+            self._displaced_since_s = now_s
+
+    def displaced(self, now_s: float) -> bool:
+        """Whether the peer holds another machine for the one of our name."""
+        since_s = self._displaced_since_s
+        return since_s is not None and self.alive(now_s) and now_s - since_s > _DISPLACED_S
 
     def alive(self, now_s: float) -> bool:
         return self._heard_s is not None and now_s - self._heard_s < SILENT_S

@@ -36,10 +36,10 @@ class Peer:
         self._called_s = 0.0
         self._contact_s = float("-inf")
 
-    def heard(self, boot: int, now_s: float) -> Heard:
+    def heard(self, boot: int, now_s: float, where: str = "") -> Heard:
         """A sign of life of a relay that bears this name."""
         was_there = self.measure.alive(now_s)
-        heard = self.measure.heard(boot, now_s)
+        heard = self.measure.heard(boot, now_s, where)
         if not was_there:
             self._contact_s = now_s
         if heard is Heard.NEW:

@@ -7,13 +7,14 @@ from typing import List, Tuple
 
 from fcsv_multimaster.errors import WireError
 
-VERSION = 3
+VERSION = 4
 RAW, JPEG, H264 = 0, 1, 2
 PACKINGS = (RAW, JPEG, H264)
-_HEAD = struct.Struct("<BBIIIId16s")
-_PING = struct.Struct("<BBIdd")
+_HEAD = struct.Struct("<BBIIIIId16s")
+_PING = struct.Struct("<BBIIdd")
 _PONG = struct.Struct("<BBIddd")
 _ACK = struct.Struct("<BBIIB")
+_WHERE_OCTETS = 120
 _PING_KIND, _PONG_KIND, _ACK_KIND = 1, 2, 3
 
 
@@ -21,13 +22,15 @@ _PING_KIND, _PONG_KIND, _ACK_KIND = 1, 2, 3
 class Head:
     """In front of every message of a topic.
 
-    ``boot`` changes when a relay restarts; ``sequence`` counts the topic's messages to this target; ``first`` is the
+    ``boot`` changes when a relay restarts; ``to`` is the boot of whom it is meant for, as two may bear his name, or 0
+    where the sender has not heard him yet; ``sequence`` counts the topic's messages to this target; ``first`` is the
     oldest of them that must be delivered before this one, or its own sequence; ``number`` is not 0 where an
     acknowledgement is wanted; ``sent_s`` is the sender's monotonic clock; ``md5`` the type's sum.
     """
 
     packing: int
     boot: int
+    to: int
     sequence: int
     first: int
     number: int
@@ -37,11 +40,13 @@ class Head:
 
 @dataclass(frozen=True)
 class Ping:
-    """``sent_s``: monotonic, ``wall_s``: the time of day, both the sender's."""
+    """``sent_s``: monotonic, ``wall_s``: the time of day, both the sender's; ``to``: as in Head; ``where`` it is."""
 
     boot: int
+    to: int
     sent_s: float
     wall_s: float
+    where: str = ""
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,7 @@ def pack(head: Head, data: bytes) -> bytes:
         md5 = b""
     if len(md5) != 16:
         raise WireError(f"'{head.md5}' is not the md5 sum of a message type")
-    numbers = (head.boot, head.sequence, head.first, head.number)
+    numbers = (head.boot, head.to, head.sequence, head.first, head.number)
     return _HEAD.pack(VERSION, head.packing, *numbers, head.sent_s, md5) + data
 
 
@@ -79,17 +84,18 @@ def unpack(payload: bytes) -> Tuple[Head, bytes]:
     """Head and message. Raises WireError."""
     if len(payload) < _HEAD.size:
         raise WireError(f"a message of {len(payload)} bytes is shorter than its head")
-    version, packing, boot, sequence, first, number, sent_s, md5 = _HEAD.unpack_from(payload)
+    version, packing, boot, to, sequence, first, number, sent_s, md5 = _HEAD.unpack_from(payload)
     _check_version(version)
     if packing not in PACKINGS or first > sequence or not 0.0 <= sent_s < 1e12:
         raise WireError("a message with a malformed head")
-    return Head(packing, boot, sequence, first, number, sent_s, md5.hex()), payload[_HEAD.size :]
+    return Head(packing, boot, to, sequence, first, number, sent_s, md5.hex()), payload[_HEAD.size :]
 
 
 def pack_note(note) -> bytes:
     """A ping, pong or acknowledgement."""
     if isinstance(note, Ping):
-        return _PING.pack(VERSION, _PING_KIND, note.boot, note.sent_s, note.wall_s)
+        ping = _PING.pack(VERSION, _PING_KIND, note.boot, note.to, note.sent_s, note.wall_s)
+        return ping + note.where.encode()[:_WHERE_OCTETS]
     if isinstance(note, Pong):
         return _PONG.pack(VERSION, _PONG_KIND, note.boot, note.sent_s, note.here_s, note.wall_s)
     return _ACK.pack(VERSION, _ACK_KIND, note.boot, note.number, note.keyframe)
@@ -102,7 +108,9 @@ def unpack_note(payload: bytes):
     _check_version(payload[0])
     try:
         if payload[1] == _PING_KIND:
-            return Ping(*_PING.unpack(payload)[2:])
+            said = payload[_PING.size : _PING.size + _WHERE_OCTETS].decode(errors="replace")
+            where = "".join(c if c.isprintable() else "?" for c in said)  # it goes into logs and tables
+            return Ping(*_PING.unpack_from(payload)[2:], where)
         if payload[1] == _PONG_KIND:
             return Pong(*_PONG.unpack(payload)[2:])
         if payload[1] == _ACK_KIND:
