@@ -130,7 +130,8 @@ class MavlinkServer:
         self._pilot.set_point(self._now_s, position, velocity, yaw)
 
     def _on_param_request_read(self, m) -> None:
-        name = m.param_id if m.param_index < 0 else list(self._parameters)[m.param_index]
+        names = list(self._parameters)
+        name = m.param_id if m.param_index < 0 else names[m.param_index] if m.param_index < len(names) else ""
         if name in self._parameters:  # an unknown name gets no answer
             self._send_parameter(name)
 

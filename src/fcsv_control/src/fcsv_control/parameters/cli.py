@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``rosrun fcsv_control parameters``: an autopilot's parameters compared with a profile, written, saved."""
+
+import argparse
+import contextlib
+import sys
+from pathlib import Path
+from typing import Dict, Iterator, List, Optional, Tuple
+
+from tqdm import tqdm
+
+from fcsv_control.errors import ControlError, ProfileError
+from fcsv_control.flight import parameter_files
+from fcsv_control.flight.profile import Profile, load_profile
+from fcsv_control.parameters.vehicle import Vehicle
+
+_PROFILE = "config/autopilot/arducopter-4.3-t265.param"
+_EXAMPLES = """SOURCE is a line to a vehicle, as the flight link's fcu_url (udpin:0.0.0.0:14550, tcp:HOST:5760,
+/dev/ttyACM0:115200; end the flight link first), or a file as Mission Planner (.param) or
+QGroundControl (.params) saves it.
+
+examples:
+  parameters compare /dev/ttyACM0:115200
+  parameters compare uav1_before_flight.param
+  parameters save tcp:127.0.0.1:5760 -o uav1.param
+  parameters write /dev/ttyACM0:115200 --dry-run             # what of the profile would be written
+  parameters write /dev/ttyACM0:115200 --values uav1.param   # as it was saved
+
+exit status: 0 all that must be so is so; 1 something is not; 2 a wrong argument, file or line.
+"""
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    args = _parser().parse_args(argv)
+    try:
+        return {"compare": _compare, "write": _write, "save": _save}[args.action](args)
+    except ControlError as error:
+        print(f"parameters: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("parameters: interrupted", file=sys.stderr)
+        return 130
+
+
+def _compare(args) -> int:
+    profile = load_profile(args.profile)
+    values, unknown = _values(args, profile)
+    return _table(profile, values, unknown)
+
+
+def _table(profile: Profile, values: Dict[str, float], unknown: List[str]) -> int:
+    """Print what does not fit; the exit status."""
+    wrong = [rule for rule in profile if rule.name in values and rule.complaint(values[rule.name])]
+    for rule in sorted(wrong, key=lambda rule: not rule.must):
+        print(f"{_level(rule.must)}  {rule.complaint(values[rule.name])}")
+    for name in unknown:
+        print(f"{_level(profile.rule(name).must)}  {name} is not known there: has this firmware another name for it?")
+    blocks = sum(rule.must for rule in wrong) + sum(profile.rule(name).must for name in unknown)
+    advised = len(wrong) + len(unknown) - blocks
+    print(f"{profile.name}: {len(profile.rules)} parameters, {blocks} that must be otherwise, {advised} that should be")
+    return 1 if blocks else 0
+
+
+def _level(must: bool) -> str:
+    return "MUST   " if must else "advised"
+
+
+def _values(args, profile: Profile) -> Tuple[Dict[str, float], List[str]]:
+    """Values of the profile's names, and names that are not there."""
+    names = [rule.name for rule in profile]
+    if Path(args.source).is_file():
+        saved = parameter_files.read(args.source)
+        return {n: saved[n] for n in names if n in saved}, [n for n in names if n not in saved]
+    with _vehicle(args) as vehicle:
+        read, unknown = vehicle.read(names)
+        return {name: value for name, (value, _) in read.items()}, unknown
+
+
+def _write(args) -> int:
+    profile = load_profile(args.profile)
+    wanted = parameter_files.read(args.values) if args.values else profile.values
+    if args.must and not args.values:
+        wanted = {n: v for n, v in wanted.items() if profile.rule(n).must}
+    with _vehicle(args) as vehicle:
+        read, unknown = vehicle.read(wanted)
+        due = {n: v for n, v in wanted.items() if n in read and not _same(profile, bool(args.values), n, v, read[n][0])}
+        for name, value in due.items():
+            print(f"{name} {read[name][0]:g} -> {value:g}")
+        for name in unknown:
+            print(f"{name} is not known there: left out")
+        if args.dry_run:
+            print(f"{len(due)} would be written")
+            return 0
+        failed = vehicle.write(due)
+        for line in failed:
+            print(f"not written: {line}")
+        print(f"wrote {len(due) - len(failed)} of {len(due)} to the {vehicle.firmware} with system id {vehicle.system}")
+        if due:
+            print("restart the autopilot, then compare: some count from its start, and some appear with others")
+        return 1 if failed else 0
+
+
+def _same(profile: Profile, exactly: bool, name: str, wanted: float, value: float) -> bool:
+    """Whether a value may stay: it is the wanted one, or one that the profile takes as well."""
+    if abs(wanted - value) <= 1e-6 * max(1.0, abs(wanted)):
+        return True
+    return not exactly and not profile.rule(name).complaint(value)
+
+
+def _save(args) -> int:
+    target = Path(args.output)
+    if not target.parent.is_dir():
+        raise ProfileError(f"{target}: there is no folder {target.parent}")
+    with _vehicle(args) as vehicle:
+        with tqdm(unit="parameter", disable=None) as bar:
+
+            def progress(count: int, total: int) -> None:
+                bar.total = total or None
+                bar.update(count - bar.n)
+
+            values = vehicle.read_all(progress)
+        text = parameter_files.mission_planner(values)
+        if target.suffix == ".params":
+            text = parameter_files.qgroundcontrol(values, vehicle.system)
+    try:
+        target.write_text(text)
+    except OSError as error:
+        raise ProfileError(f"{target}: cannot be written ({error.strerror})") from error
+    print(f"wrote {len(values)} parameters to {target}")
+    return 0
+
+
+@contextlib.contextmanager
+def _vehicle(args) -> Iterator[Vehicle]:
+    if "/" not in args.source and ":" not in args.source:
+        raise ProfileError(f"'{args.source}' is neither a file nor a line (tcp:HOST:PORT, udpin:HOST:PORT, /dev/...)")
+    vehicle = Vehicle(args.source, args.system)
+    try:
+        yield vehicle
+    finally:
+        vehicle.close()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="parameters", description="An autopilot's parameters: compare with a profile, write it, save all.",
+        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    actions = parser.add_subparsers(dest="action", required=True, metavar="compare|write|save")
+    for name, words in (
+        ("compare", "name what is not as the profile says"),
+        ("write", "set what is not as the profile says"),
+        ("save", "all parameters into a file"),
+    ):
+        action = actions.add_parser(name, help=words)
+        action.add_argument("source", metavar="SOURCE" if name == "compare" else "LINE")
+        action.add_argument("--system", type=int, default=0, help="system id (default: the first that is heard)")
+        if name != "save":
+            action.add_argument("--profile", default=_PROFILE, help="(default %(default)s)")
+        if name == "write":
+            action.add_argument("--must", action="store_true", help="only what must be so")
+            action.add_argument("--values", metavar="FILE", help="set what this file holds instead, exactly")
+            action.add_argument("--dry-run", action="store_true", help="print only")
+        if name == "save":
+            action.add_argument("-o", "--output", required=True, help=".param, or .params for QGroundControl")
+    return parser

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An autopilot on a line, for its parameters alone: it is asked nothing else, and gets no origin and no poses."""
+
+import os
+
+os.environ.setdefault("MAVLINK20", "1")
+
+import time
+from typing import Callable, Dict, Iterable, List, Mapping, Tuple
+
+from pymavlink import mavutil
+
+from fcsv_control.errors import LinkError
+from fcsv_control.flight import firmware
+from fcsv_control.flight.transport import Transport
+from fcsv_control.parameters.transfer import NamedRead, Value, WholeRead, Write
+
+_M = mavutil.mavlink
+_AUTOPILOT, _COMPANION = _M.MAV_COMP_ID_AUTOPILOT1, _M.MAV_COMP_ID_ONBOARD_COMPUTER4
+_POLL_S = 0.02
+_ANY = _M.MAV_PARAM_TYPE_REAL32  # ArduPilot goes by its own
+
+Progress = Callable[[int, int], None]  # so many are there, of so many
+
+
+class Vehicle:
+    """Connects to the ArduCopter at ``url`` (as the flight link's ``fcu_url``), ``system`` 0: the first one heard.
+    Raises LinkError where nobody speaks, or another firmware does."""
+
+    def __init__(self, url: str, system: int = 0, patience_s: float = 10.0):
+        self.system, self.armed, self.firmware = system, False, ""
+        self._line = Transport(url)
+        self._encoder = _M.MAVLink(None)
+        self._values: List[object] = []
+        until_s = time.monotonic() + patience_s
+        while not self.firmware and time.monotonic() < until_s:
+            self._hear()
+        if self.firmware != firmware.COPTER:
+            self.close()
+            who = f" with system id {system}" if system else ""
+            said = f"{self.firmware} speaks; only {firmware.COPTER} is flown" if self.firmware else f"no autopilot{who}"
+            raise LinkError(f"at '{url}': {said}")
+
+    def read(self, names: Iterable[str]) -> Tuple[Dict[str, Value], List[str]]:
+        """Values by name, and names that it does not answer."""
+        reading = NamedRead(names)
+        while not reading.over(time.monotonic()):
+            for name in reading.due(time.monotonic()):
+                self._send("param_request_read", self.system, _AUTOPILOT, name.encode(), -1)
+            for m in self._heard():
+                reading.take(m.param_id, m.param_value, m.param_type)
+        return reading.values, reading.unknown
+
+    def read_all(self, progress: Progress) -> Dict[str, Value]:
+        """All parameters. Raises LinkError where some do not come."""
+        reading = WholeRead()
+        while not reading.over(time.monotonic()):
+            whole, indices = reading.due(time.monotonic())
+            if whole:
+                self._send("param_request_list", self.system, _AUTOPILOT)
+            for index in indices:
+                self._send("param_request_read", self.system, _AUTOPILOT, b"", index)
+            for m in self._heard():
+                reading.take(time.monotonic(), m.param_id, m.param_value, m.param_type, m.param_count, m.param_index)
+            progress(len(reading.values), reading.count)
+        if not reading.complete:
+            raise LinkError(f"only {len(reading.values)} of {reading.count} parameters came: try again")
+        return reading.values
+
+    def write(self, values: Mapping[str, float]) -> List[str]:
+        """Set values; a line for each that it did not take. Raises LinkError while it is armed."""
+        writing = Write(values)
+        while not writing.over(time.monotonic()):
+            if self.armed:
+                raise LinkError("it is armed: parameters are written on the ground, with motors off")
+            for name, value in writing.due(time.monotonic()):
+                self._send("param_set", self.system, _AUTOPILOT, name.encode(), value, _ANY)
+            for m in self._heard():
+                writing.take(m.param_id, m.param_value)
+        return writing.failed
+
+    def close(self) -> None:
+        self._line.close()
+
+    def _heard(self) -> List[object]:
+        self._hear()
+        values, self._values = self._values, []
+        return values
+
+    def _hear(self) -> None:
+        """What comes within a moment."""
+        m = self._line.receive(_POLL_S)
+        while m is not None:
+            if m.get_type() != "BAD_DATA" and m.get_srcComponent() == _AUTOPILOT:
+                self._take(m)
+            m = self._line.receive(0.0)
+
+    def _take(self, m) -> None:
+        beats = m.get_type() == "HEARTBEAT" and m.autopilot != _M.MAV_AUTOPILOT_INVALID
+        if beats and self.system in (0, m.get_srcSystem()):
+            self.system, self.firmware = m.get_srcSystem(), firmware.name_of(m)
+            self.armed = bool(m.base_mode & _M.MAV_MODE_FLAG_SAFETY_ARMED)
+        elif m.get_type() == "PARAM_VALUE" and m.get_srcSystem() == self.system:
+            self._values.append(m)
+
+    def _send(self, kind: str, *fields) -> None:
+        message = getattr(self._encoder, kind + "_encode")(*fields)
+        message.get_header().srcSystem, message.get_header().srcComponent = self.system, _COMPANION
+        self._line.send(message)
