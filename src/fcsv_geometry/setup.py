@@ -3,4 +3,6 @@ from distutils.core import setup
 
 from catkin_pkg.python_setup import generate_distutils_setup
 
-setup(**generate_distutils_setup(packages=["fcsv_geometry", "fcsv_geometry.ros"], package_dir={"": "src"}))
+PACKAGES = ["fcsv_geometry", "fcsv_geometry.bags", "fcsv_geometry.ros"]
+
+setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))

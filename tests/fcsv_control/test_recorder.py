@@ -238,7 +238,7 @@ def test_a_session_that_is_not_whole_is_one_line(root, tmp_path):
     with pytest.raises(SessionError, match=r"uav2\.bag: missing; copy the bag of uav2"):
         load_session(tmp_path)
     (tmp_path / "uav2.bag.active").write_bytes(b"")
-    with pytest.raises(SessionError, match=r"uav2\.bag\.active: was not closed properly"):
+    with pytest.raises(SessionError, match=r"uav2\.bag\.active: was not closed; run: rosrun fcsv_control repair_bag"):
         load_session(tmp_path)
 
 

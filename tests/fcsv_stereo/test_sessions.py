@@ -93,22 +93,73 @@ def test_bad_sessions_are_named_in_one_line(tmp_path, changes, words):
     assert [p.name for p in tmp_path.iterdir()] == ["session"]
 
 
-def test_a_truncated_bag(tmp_path):
+def cut(path, share):
+    """The file without its end."""
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+
+
+def test_a_cut_bag_is_repaired_and_maps_with_what_it_holds(tmp_path):
     session = write_session(tmp_path / "session")
+    whole = read_session(session)
     path = session / "uav2.bag"
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(InputError, match=r"uav2\.bag: is truncated .*rosbag reindex"):
-        read_session(session)
+    cut(path, 0.8)
+    original = path.read_bytes()
+    given = read_session(session)
+    assert any("uav2.bag was not closed or is damaged: repaired, " in w for w in given.warnings), given.warnings
+    assert 1 <= len(given.configurations[0].others) < len(whole.configurations[0].others) == 4
+    assert len(given.configurations[0].references) == 4
+    assert (session / "uav2.bag.broken").read_bytes() == original
+    again = read_session(session)
+    assert again.warnings == whole.warnings
+    assert len(again.configurations[0].others) == len(given.configurations[0].others)
 
 
-def test_a_missing_and_an_unclosed_bag(tmp_path):
+def test_an_unclosed_bag_is_a_bag(tmp_path):
     session = write_session(tmp_path / "session")
     (session / "uav2.bag").rename(session / "uav2.bag.active")
-    with pytest.raises(InputError, match="never closed"):
+    assert len(read_session(session).configurations[0].others) == 4 and (session / "uav2.bag").exists()
+
+
+def test_what_is_missing_is_named(tmp_path):
+    session = write_session(tmp_path / "session")
+    (session / "uav2.bag").unlink()
+    with pytest.raises(InputError, match=r"/uav2/odometry/body is missing.*uav2\.bag is missing: copy it"):
         read_session(session)
-    (session / "uav2.bag.active").unlink()
-    with pytest.raises(InputError, match=r"uav2\.bag is missing"):
+    (session / "control.bag").unlink()
+    with pytest.raises(InputError, match=r"/mission/capture is missing.*control\.bag is missing: copy it"):
         read_session(session)
+
+
+def split(session, name, at_s, number):
+    """What the bag holds from ``at_s`` on goes into a part of its own."""
+    with rosbag.Bag(str(session / f"{name}.bag")) as bag:
+        messages = list(bag.read_messages())
+    for path, first in ((session / f"{name}.bag", True), (session / f"{name}.{number}.bag", False)):
+        with rosbag.Bag(str(path), "w") as bag:
+            for topic, message, t in messages:
+                if (t.to_sec() < at_s) == first:
+                    bag.write(topic, message, t)
+
+
+def test_parts_are_one_recording_and_a_missing_or_foreign_one_is_named(tmp_path):
+    session = write_session(tmp_path / "session")
+    whole = read_session(session)
+    split(session, "uav2", T0 + 0.5, 1)
+    assert len(read_session(session).configurations[0].others) == 4, "parts beside the first need no line in the file"
+    description = session / "session.yaml"
+    description.write_text(description.read_text() + "parts: {uav2: [uav2.1.bag]}\n")
+    given = read_session(session)
+    assert len(given.configurations[0].others) == 4 and given.warnings == whole.warnings
+    part = session / "uav2.1.bag"
+    part.write_bytes(b"#ROSBAG V1.2\n" + b"x" * 500)
+    given = read_session(session)
+    assert len(given.configurations[0].others) == 2
+    (warning,) = [w for w in given.warnings if "uav2.1.bag" in w]
+    assert "is a bag of version 1.2, only 2.0 is read" in warning and "left out" in warning
+    part.unlink()
+    given = read_session(session)
+    assert len(given.configurations[0].others) == 2
+    assert [w for w in given.warnings if "uav2.1.bag is missing: copy it" in w]
 
 
 def test_pictures_without_odometry_are_left_out_and_said(tmp_path):

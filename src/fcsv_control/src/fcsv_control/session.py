@@ -82,7 +82,7 @@ def load_session(folder) -> Session:
     session = config.load(folder / FILE, Session)
     for name, bag in session.bags.items():
         if (folder / f"{bag}.active").exists():
-            raise SessionError(f"{folder / bag}.active: was not closed properly; run 'rosbag reindex' and rename it")
+            raise SessionError(f"{folder / bag}.active: was not closed; run: rosrun fcsv_control repair_bag {folder}")
         if not (folder / bag).is_file():
             raise SessionError(f"{folder / bag}: missing; copy the bag of {name} into the session's folder")
     return session

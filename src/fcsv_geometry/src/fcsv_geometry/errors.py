@@ -28,3 +28,7 @@ class GeometryError(FcsvError):
 
 class PoseUnavailable(FcsvError):
     """No pose can be given for the asked stamp: nothing near enough in time. Drop the data, count it."""
+
+
+class BagError(FcsvError):
+    """A bag that cannot be read or repaired; it is left as it was."""

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import Any, Dict, Optional, Sequence
 
-from fcsv_stereo import colmap, output
+from fcsv_stereo import colmap, output, session_files
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import Joint
@@ -28,7 +28,7 @@ def load(path: Path, reference: Optional[str] = None) -> MapInput:
 
     if not path.exists():
         raise InputError(f"{path}: does not exist")
-    if session_bags.is_session(path):
+    if session_files.is_session(path):
         if reference is not None:
             raise InputError("--reference chooses among photographs; a session has its reference vehicle")
         return session_bags.read_session(path)

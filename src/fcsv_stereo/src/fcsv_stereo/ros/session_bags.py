@@ -8,8 +8,8 @@ from typing import Dict, List, Optional
 
 import numpy as np
 import rosbag
-import yaml
-from rosbag.bag import ROSBagException, ROSBagUnindexedException
+from genpy import MessageException
+from rosbag.bag import ROSBagException
 
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
@@ -22,6 +22,9 @@ from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Pi
 from fcsv_stereo.pose_covariance import KnownCovariances, turned, unknown_warning
 from fcsv_stereo.ros.session_messages import camera_covariance, window_of
 from fcsv_stereo.ros.session_pictures import read_pictures
+from fcsv_stereo.session_files import bags_of
+
+_UNREADABLE = (ROSBagException, MessageException, EOFError, OSError, ValueError, AssertionError)
 
 
 @dataclass
@@ -38,60 +41,29 @@ class _Recorded:
     covariances: Dict[str, KnownCovariances] = field(default_factory=lambda: defaultdict(KnownCovariances))
 
 
-def is_session(path: Path) -> bool:
-    """Whether a path looks like a session folder or a bag."""
-    return path.suffix in (".bag", ".active") or (path / "session.yaml").exists() or any(path.glob("*.bag"))
-
-
 def read_session(path: Path) -> MapInput:
     """Pictures of every recording window with their poses in home. Raises InputError naming file, topic and remedy."""
-    recorded = _Recorded(_bags(path))
-    for bag in recorded.bags:
-        _read_bag(bag, recorded)
-    _require(path, recorded)
-    T_home_odom = _odoms_in_home(path, recorded)
     warnings: List[str] = []
+    recorded = _Recorded(bags_of(path, warnings))
+    for bag in recorded.bags:
+        _read_bag(bag, recorded, warnings)
+    _require(path, recorded, warnings)
+    T_home_odom = _odoms_in_home(path, recorded)
     configurations = _pictures(path, recorded, T_home_odom, warnings)
     warnings += unknown_warning(configurations, FLOWN, (k.refused for k in recorded.covariances.values()))
     truth = path / "truth" if path.is_dir() and (path / "truth" / "scene.ply").exists() else None
     return MapInput(InputKind.SESSION, configurations, truth, warnings, FLOWN)
 
 
-def _bags(path: Path) -> List[Path]:
-    if path.is_file():
-        return [path]
-    description = path / "session.yaml"
-    if not description.exists():
-        return sorted(path.glob("*.bag"))
-    try:
-        document = yaml.safe_load(description.read_text())
-        names = list(document["bags"].values())
-    except (yaml.YAMLError, TypeError, KeyError, AttributeError) as error:
-        raise InputError(
-            f"{description}: not a session description ('bags' is missing or unreadable): {error}"
-        ) from error
-    for name in names:
-        if (path / name).exists():
-            continue
-        if (path / f"{name}.active").exists():
-            raise InputError(
-                f"{path / name}.active was never closed: run 'rosbag reindex' on it and rename it to {name}"
-            )
-        raise InputError(f"{path / name} is missing: copy the bag of that machine into the session")
-    return [path / name for name in names]
-
-
-def _read_bag(path: Path, recorded: _Recorded) -> None:
-    """Everything but pictures, in one pass."""
+def _read_bag(path: Path, recorded: _Recorded, warnings: List[str]) -> None:
+    """Everything but pictures, in one pass; of a bag that cannot be read on, what came before."""
     try:
         with rosbag.Bag(str(path)) as bag:
             topics = [t for t in bag.get_type_and_topic_info().topics if not t.endswith("image_raw")]
             for topic, message, _ in bag.read_messages(topics=topics):
                 _take(path, topic, message, recorded)
-    except ROSBagUnindexedException as error:
-        raise InputError(f"{path}: is truncated or was not closed: run 'rosbag reindex {path.name}'") from error
-    except (ROSBagException, EOFError, OSError, ValueError, AssertionError) as error:
-        raise InputError(f"{path}: cannot be read as a bag ({error})") from error
+    except _UNREADABLE as error:
+        warnings.append(f"{path}: cannot be read as a bag ({error}); what follows there is left out")
 
 
 def _take(path: Path, topic: str, message, recorded: _Recorded) -> None:
@@ -133,8 +105,9 @@ def _take_extrinsics(message, recorded: _Recorded) -> None:
             recorded.T_body_cam[vehicle] = conversions.transform_from_msg(t.transform)
 
 
-def _require(path: Path, recorded: _Recorded) -> None:
-    """Name what is missing, and where it should have come from."""
+def _require(path: Path, recorded: _Recorded, warnings: List[str]) -> None:
+    """Name what is missing, and where it should have come from; a recording without its vehicles is left out."""
+    because = "".join(f"; {w}" for w in warnings)
     needed = {
         "/mission/capture": (recorded.captures, "no configuration was recorded"),
         "/calibration": (recorded.calibration, "the vehicles were never calibrated"),
@@ -142,18 +115,27 @@ def _require(path: Path, recorded: _Recorded) -> None:
     }
     for topic, (value, meaning) in needed.items():
         if not value:
-            raise InputError(f"{path}: topic {topic} is missing: {meaning}, or control.bag is not in the session")
-    recorded.captures.sort(key=lambda c: c.index)
-    for vehicle in {v for c in recorded.captures for v in (c.reference, c.vehicle)}:
-        for topic, found in (
-            (f"/{vehicle}/odometry/body", recorded.tracks),
-            (f"/{vehicle}/camera/color/camera_info", recorded.cameras),
-            (f"/tf_static ({frames.base_link(vehicle)} to {frames.camera_optical(vehicle)})", recorded.T_body_cam),
-        ):
-            if vehicle not in found:
-                raise InputError(
-                    f"{path}: topic {topic} is missing: is the bag of {vehicle} in the session, and whole?"
-                )
+            meaning = f"{meaning}, or control.bag is not in the session"
+            raise InputError(f"{path}: topic {topic} is missing: {meaning}{because}")
+    vehicles = {v for c in recorded.captures for v in (c.reference, c.vehicle)}
+    lacking = {v: text for v in sorted(vehicles) for text in [_lacks(v, recorded)] if text}
+    kept = [c for c in recorded.captures if not {c.reference, c.vehicle} & set(lacking)]
+    if not kept:
+        raise InputError(f"{path}: {next(iter(lacking.values()))}{because}")
+    warnings += [f"{text}: configurations with {v} are left out" for v, text in lacking.items()]
+    recorded.captures = sorted(kept, key=lambda c: c.index)
+
+
+def _lacks(vehicle: str, recorded: _Recorded) -> str:
+    """What of a vehicle no picture can do without and the bags do not hold; empty: nothing."""
+    for topic, found in (
+        (f"/{vehicle}/odometry/body", recorded.tracks),
+        (f"/{vehicle}/camera/color/camera_info", recorded.cameras),
+        (f"/tf_static ({frames.base_link(vehicle)} to {frames.camera_optical(vehicle)})", recorded.T_body_cam),
+    ):
+        if vehicle not in found:
+            return f"topic {topic} is missing: is the bag of {vehicle} in the session, and whole?"
+    return ""
 
 
 def _odoms_in_home(path: Path, recorded: _Recorded) -> Dict[str, np.ndarray]:
@@ -197,7 +179,8 @@ def _vehicle_pictures(vehicle: str, recorded: _Recorded, T_home_odom, warnings: 
     windows = [window_of(c) for c in recorded.captures]
     camera, pictures, lost = recorded.cameras[vehicle], [], 0
     topic = f"/{vehicle}/camera/color/image_raw"
-    for stamp_s, image in read_pictures(recorded.bags, topic, camera, lambda t: any(w.holds(t) for w in windows)):
+    wanted = lambda t: any(w.holds(t) for w in windows)  # noqa: E731
+    for stamp_s, image in read_pictures(recorded.bags, topic, camera, wanted, warnings):
         try:
             T_odom_body = recorded.tracks[vehicle].at(stamp_s)
         except PoseUnavailable:

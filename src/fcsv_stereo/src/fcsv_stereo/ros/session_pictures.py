@@ -6,6 +6,7 @@ from typing import Callable, Iterator, List, Tuple
 
 import numpy as np
 import rosbag
+from genpy import MessageException
 from rosbag.bag import ROSBagException
 
 from fcsv_geometry.camera import PinholeCamera
@@ -23,20 +24,21 @@ ENCODINGS = {
 
 
 def read_pictures(
-    bags: List[Path], topic: str, camera: PinholeCamera, wanted: Callable[[float], bool]
+    bags: List[Path], topic: str, camera: PinholeCamera, wanted: Callable[[float], bool], warnings: List[str]
 ) -> Iterator[Tuple[float, np.ndarray]]:
     """Stamp (s) and HxWx3 uint8 RGB of each picture whose stamp is wanted; those of 16 bits scaled in common.
 
-    Raises InputError naming bag, topic and what is wrong with the picture.
+    A bag that cannot be read on gives those before, and a warning. Raises InputError naming bag, topic and what is
+    wrong with the picture.
     """
-    found = [p for bag in bags for p in _of_bag(bag, topic, camera, wanted)]
+    found = [p for bag in bags for p in _of_bag(bag, topic, camera, wanted, warnings)]
     exposure = Exposure.common(image for _, image in found if image.dtype == np.uint16)
     while found:  # let go one by one: the 16-bit ones are twice as large
         stamp_s, image = found.pop(0)
         yield stamp_s, exposure.to_8_bit(image)
 
 
-def _of_bag(path: Path, topic: str, camera: PinholeCamera, wanted) -> Iterator[Tuple[float, np.ndarray]]:
+def _of_bag(path: Path, topic: str, camera: PinholeCamera, wanted, warnings) -> Iterator[Tuple[float, np.ndarray]]:
     try:
         with rosbag.Bag(str(path)) as bag:
             for _, message, _ in bag.read_messages(topics=[topic]):
@@ -45,8 +47,8 @@ def _of_bag(path: Path, topic: str, camera: PinholeCamera, wanted) -> Iterator[T
                     yield stamp_s, _image(path, topic, message, camera)
     except FcsvError:
         raise
-    except (ROSBagException, EOFError, OSError) as error:
-        raise InputError(f"{path}: a chunk cannot be read ({error}): run 'rosbag reindex'") from error
+    except (ROSBagException, MessageException, EOFError, OSError) as error:
+        warnings.append(f"{path}, topic {topic}: cannot be read on ({error}); the pictures that follow are left out")
 
 
 def _image(path: Path, topic: str, message, camera: PinholeCamera) -> np.ndarray:

@@ -23,7 +23,7 @@ def messages(paths: Sequence[Path], topics: Iterable[str]) -> Iterator[Tuple[str
                 for topic, message, _ in bag.read_messages(topics=list(topics)):
                     yield topic, message
         except ROSBagUnindexedException as error:
-            raise TrackingError(f"{path}: is truncated or was not closed: run 'rosbag reindex {path.name}'") from error
+            raise TrackingError(f"{path}: is cut or was not closed: run 'rosrun fcsv_control repair_bag'") from error
         except (ROSBagException, EOFError, OSError, AssertionError) as error:
             raise TrackingError(f"{path}: cannot be read as a bag ({error})") from error
 
@@ -36,7 +36,8 @@ def topics_of(paths: Sequence[Path], kind: str) -> List[str]:
             with rosbag.Bag(str(path)) as bag:
                 found |= {t for t, info in bag.get_type_and_topic_info().topics.items() if info.msg_type == kind}
         except (ROSBagException, EOFError, OSError, AssertionError) as error:
-            raise TrackingError(f"{path}: cannot be read as a bag ({error}): 'rosbag reindex' may help") from error
+            remedy = "'rosrun fcsv_control repair_bag' may help"
+            raise TrackingError(f"{path}: cannot be read as a bag ({error}); {remedy}") from error
     return sorted(found)
 
 

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bags of a session: all parts of every machine, repaired where they were not closed; what is missing is said."""
+
+from pathlib import Path
+from typing import List
+
+import yaml
+
+from fcsv_geometry.bags.parts import part_number, parts_in
+from fcsv_geometry.bags.repair import ACTIVE, KEPT, recording_of, repaired
+from fcsv_geometry.errors import BagError
+from fcsv_stereo.errors import InputError
+
+
+def is_session(path: Path) -> bool:
+    """Whether a path looks like a session folder or a bag."""
+    return path.suffix in (".bag", ACTIVE) or (path / "session.yaml").exists() or any(_bags_in(path))
+
+
+def bags_of(path: Path, warnings: List[str]) -> List[Path]:
+    """Bags to open, in order. A part that is missing or cannot be repaired is left out with a warning.
+
+    Raises InputError where none is left, or where session.yaml is none.
+    """
+    said: List[str] = []
+    bags = [bag for name in _listed(path) for bag in _opened(name, said)]
+    if not bags:
+        raise InputError("; ".join(said) or f"{path}: there is no bag in it")
+    warnings += said
+    return bags
+
+
+def _bags_in(folder: Path) -> List[Path]:
+    return sorted({recording_of(p) for pattern in ("*.bag", f"*.bag{ACTIVE}") for p in folder.glob(pattern)})
+
+
+def _listed(path: Path) -> List[Path]:
+    """Those of session.yaml and further parts that lie beside them, or all where there is no session.yaml."""
+    if not path.is_dir():
+        return [path]
+    description = path / "session.yaml"
+    if not description.exists():
+        return _bags_in(path)
+    names: List[str] = []
+    try:
+        document = yaml.safe_load(description.read_text())
+        for machine, first in document["bags"].items():
+            parts = {first, *(document.get("parts") or {}).get(machine, ()), *(p.name for p in parts_in(path, first))}
+            names += sorted(parts, key=lambda name: part_number(name, first))
+    except (yaml.YAMLError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"{description}: not a session description ('bags' is missing or unreadable): {error}"
+        ) from error
+    return [path / name for name in names]
+
+
+def _opened(bag: Path, said: List[str]) -> List[Path]:
+    """The bag, or nothing."""
+    active = bag.with_name(bag.name + ACTIVE)
+    source = bag if bag.exists() or not active.exists() else active
+    if not source.exists():
+        said.append(f"{bag} is missing: copy it from its machine into the session")
+        return []
+    try:
+        target, salvaged = repaired(source)
+    except BagError as error:
+        said.append(f"{error}; its pictures and poses are left out")
+        return []
+    if salvaged is not None:
+        said.append(f"{source} was not closed or is damaged: repaired, {salvaged}; the original is {target.name}{KEPT}")
+    return [target]
