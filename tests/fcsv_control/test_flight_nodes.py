@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One whole vehicle on a real master: tracker, odometry, flight link and agent fly the simulated autopilot."""
 
+import signal
 import socket
 import time
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from support.autopilots import PROFILE, PROFILE_FILE
+from support.mavros_package import path_to_mavros
 from support.waiting import within
 
 from fcsv_geometry import transforms
@@ -95,8 +97,8 @@ class ControlPc:
         self.commands.unregister()
 
 
-@pytest.fixture
-def vehicle(root, start_node, tmp_path):
+@pytest.fixture(params=["mavlink", "mavros"])
+def vehicle(request, root, start_node, ros_master, tmp_path):
     """The nodes of uav.launch that fly, and a ControlPc; ``vehicle.tracker`` may be stopped."""
     document = yaml.safe_load((root / "config/vehicles/uav1.yaml").read_text())
     (tmp_path / f"{NAME}.yaml").write_text(yaml.safe_dump({**document, "name": NAME}))
@@ -107,14 +109,29 @@ def vehicle(root, start_node, tmp_path):
     start_node("fcsv_sim", "vehicle", ns=NAME, params={**simulated, "mavlink_port": port, "rc_port": 0})
     tracker = start_node("fcsv_sim", "t265", ns=NAME, params=simulated)
     start_node("fcsv_tracking", "odometry", ns=NAME, params=both)
-    line = {"fcu_url": f"udpin:127.0.0.1:{port}", "autopilot_profile": str(PROFILE_FILE)}
-    start_node("fcsv_control", "flight_link", ns=NAME, params={**both, **line})
+    line, link = {"fcu_url": f"udpin:127.0.0.1:{port}", "autopilot_profile": str(PROFILE_FILE)}, None
+    if request.param == "mavlink":
+        start_node("fcsv_control", "flight_link", ns=NAME, params={**both, **line})
+    else:
+        path = path_to_mavros(root, tmp_path)
+        link = ros_master.run(
+            ["env", f"ROS_PACKAGE_PATH={path}", f"ROS_NAMESPACE=/{NAME}", "roslaunch", "fcsv_bringup",
+             "flight_link_mavros.launch", f"uav:={NAME}", f"vehicles_dir:={tmp_path}",
+             *(f"{key}:={value}" for key, value in line.items())],
+            "flight_link_mavros",
+        )  # fmt: skip
     start_node("fcsv_control", "guardian", ns=NAME, params={"vehicle": NAME, "vehicles": [NAME]})
     start_node("fcsv_control", "agent", ns=NAME, params={"vehicle": NAME})
-    pc = ControlPc()
-    pc.tracker = tracker
-    yield pc
-    pc.close()
+    try:
+        pc = ControlPc()
+        pc.tracker = tracker
+        yield pc
+        pc.close()
+    finally:
+        if link is not None:
+            link.signal(signal.SIGINT)
+            link.stop()
+            print(link.tail(40))
 
 
 def target(x, y, z, yaw, frame=f"{NAME}/odom"):

@@ -22,6 +22,12 @@ MESSAGES = {
          "uint8 system_status"],
     ),
     "StatusText": ("6cfd33cd09e4abf5841d7be3c770a969", [HEADER, "uint8 severity", "string text"]),
+    "Mavlink": (
+        "41093e1fd0f3eea1da2aa33a177e5ba6",
+        [HEADER, "uint8 framing_status", "uint8 magic", "uint8 len", "uint8 incompat_flags", "uint8 compat_flags",
+         "uint8 seq", "uint8 sysid", "uint8 compid", "uint32 msgid", "uint16 checksum", "uint64[] payload64",
+         "uint8[] signature"],
+    ),
     "RCIn": ("1c3eafdb5efbcda3c334e1788bbcfe39", [HEADER, "uint8 rssi", "uint16[] channels"]),
 }  # fmt: skip
 SERVICES = {

@@ -7,7 +7,7 @@ One thread reads, lets time pass and calls back; any thread may send and ask.
 import logging
 import threading
 import time
-from typing import Callable, Tuple, Union
+from typing import Callable, Optional, Tuple, Union
 
 import numpy as np
 
@@ -17,8 +17,10 @@ from fcsv_control.flight.listener import (
     BatteryHeard,
     EstimateMoved,
     Event,
+    HomeHeard,
     PoseHeard,
     RcHeard,
+    Refused,
     StateHeard,
     TextHeard,
 )
@@ -37,16 +39,20 @@ _POLL_S = 0.05
 
 class FlightLink:
     """Callbacks, from the reading thread: on_state(), on_pose(T_odom_body, v_odom_mps), on_battery(), on_rc(),
-    on_text(severity, text), on_estimate_moved(step_m).
+    on_text(severity, text), on_estimate_moved(step_m), on_refused(reason), on_home(above_origin_m).
 
-    ``fcu_url`` as Transport has it. Raises LinkError where it cannot be opened.
+    ``line`` is an address as Transport has it, or what has Transport's ``receive``, ``send`` and ``close``. ``core``
+    is made of ``parameters`` and ``profile`` where there is none. Raises LinkError where the address cannot be opened.
     """
 
-    def __init__(self, fcu_url: str, parameters: LinkParameters, profile: Profile = NOTHING, **callbacks: Callable):
+    def __init__(
+        self, line: Union[str, Transport], parameters: LinkParameters, profile: Profile = NOTHING,
+        core: Optional[LinkCore] = None, **callbacks: Callable,
+    ):  # fmt: skip
         self._callbacks = callbacks
-        self._core = LinkCore(parameters, profile)
+        self._core = core or LinkCore(parameters, profile)
         self._changed = threading.Condition()  # guards the core
-        self._transport = Transport(fcu_url)
+        self._transport = Transport(line) if isinstance(line, str) else line
         self._running = True
         self._thread = threading.Thread(target=self._read, name="mavlink", daemon=True)
         self._thread.start()
@@ -181,6 +187,10 @@ class FlightLink:
             self._call("on_text", event.severity, event.text)
         elif isinstance(event, EstimateMoved):
             self._call("on_estimate_moved", event.step_m)
+        elif isinstance(event, Refused):
+            self._call("on_refused", event.reason)
+        elif isinstance(event, HomeHeard):
+            self._call("on_home", event.above_origin_m)
         else:
             self._call({StateHeard: "on_state", BatteryHeard: "on_battery", RcHeard: "on_rc"}[type(event)])
 

@@ -62,7 +62,21 @@ class EstimateMoved:
     step_m: np.ndarray
 
 
-Event = Union[StateHeard, BatteryHeard, PoseHeard, TextHeard, RcHeard, EstimateMoved]
+@dataclass(frozen=True)
+class Refused:
+    """The autopilot refused what another component of this computer (MAVROS) asked for."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class HomeHeard:
+    """How far the autopilot's home is above its origin."""
+
+    above_origin_m: float
+
+
+Event = Union[StateHeard, BatteryHeard, PoseHeard, TextHeard, RcHeard, EstimateMoved, Refused, HomeHeard]
 
 
 class Listener:

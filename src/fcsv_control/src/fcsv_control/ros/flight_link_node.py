@@ -4,7 +4,6 @@
 import threading
 import time
 from dataclasses import dataclass, field, replace
-from typing import Optional
 
 import numpy as np
 import rospy
@@ -14,22 +13,20 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from fcsv_control.errors import CommandRefused, ControlError
 from fcsv_control.flight.commands import ACCEPTED, FAILED
-from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
-from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
+from fcsv_control.flight.feed import FeedParameters
+from fcsv_control.flight.feed_check import FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.profile import load_profile
-from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.flight.watchdog import WatchdogParameters
 from fcsv_control.ros.link_health import LinkHealthReport
+from fcsv_control.ros.pose_feed import WATCH_S, PoseFeed
 from fcsv_geometry import frames
-from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Refusal
 from mavros_msgs.msg import State, StatusText
 from mavros_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
-_WATCH_S = 0.05
-_STALL_S = 0.25  # a check that comes later than this was delayed itself
 _STATE_PERIOD_S = 1.0
 
 
@@ -55,15 +52,11 @@ class FlightLinkNode:
         self._parameters = node.parameters(FlightLinkNodeParameters)
         self._name = self._parameters.vehicle
         self._odom = frames.odom(self._name)
-        self._feed = VisionFeed(self._parameters.feed)
-        self._watchdog = FeedWatchdog(self._parameters.watchdog, time.monotonic())
-        self._check = FeedCheck(self._parameters.feed_check)
-        self._watched_s = time.monotonic()
-        self._warned = False
-        self._landing: Optional[threading.Thread] = None
         self._published, self._published_s = None, float("-inf")
         self._state_lock = threading.Lock()
         self._health = Health(self._name, {"pose feed": 10.0, "autopilot": 5.0})
+        p = self._parameters
+        self._feed = PoseFeed(self._name, p.feed, p.watchdog, p.feed_check, self._health, self._on_text)
         self._told = LinkHealthReport(self._name, self._odom, self._health)
         self._state = rospy.Publisher("mavros/state", State, queue_size=5, latch=True)
         self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
@@ -87,8 +80,8 @@ class FlightLinkNode:
         rospy.Service("mavros/cmd/takeoff", CommandTOL, self._take_off)
         rospy.Service("mavros/cmd/land", CommandTOL, self._land)
         rospy.Service("~odometry_reset", Trigger, self._odometry_reset)
-        self._timer = node.every(_WATCH_S, self._watch)
-        rospy.Subscriber("mavros/vision_pose/pose", PoseStamped, self._on_vision, queue_size=1, tcp_nodelay=True)
+        self._feed.begin(self._link)
+        self._timer = node.every(WATCH_S, self._watch)
         rospy.Subscriber(
             "mavros/setpoint_position/local", PoseStamped, self._on_set_point, queue_size=1, tcp_nodelay=True
         )
@@ -101,78 +94,18 @@ class FlightLinkNode:
 
     # ---- towards the autopilot -----------------------------------------------------------------------------
 
-    def _on_vision(self, message: PoseStamped) -> None:
-        verdict, why = self._feed.judge(time.monotonic(), message.header.stamp.to_sec())
-        if verdict is FeedVerdict.DROP:
-            self._health.drop("late pose", why)
-        if verdict is not FeedVerdict.SEND:
-            return
-        T_odom_body = self._converted(message, "pose feed")
-        if T_odom_body is not None:
-            now_s, stamp_s = time.monotonic(), self._feed.stamp_s
-            if self._believed(now_s, stamp_s, T_odom_body):
-                self._link.send_pose(stamp_s, T_odom_body)
-                self._watchdog.feed(now_s)
-                self._health.tick("pose feed")
-
-    def _believed(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
-        """Whether a pose agrees with what the autopilot feels. On the ground there is nothing to feel."""
-        state = self._link.state
-        if state.armed and state.in_the_air:
-            believed = self._check.judge(now_s, stamp_s, T_odom_body)
-        else:
-            self._check.begin_again()
-            believed = True
-        self._health.problem("tracker", f"{self._name}: {self._check.doubt}" if self._check.doubt else "")
-        return believed
-
     def _on_set_point(self, message: PoseStamped) -> None:
-        T_odom_body = self._converted(message, "set-point")
+        T_odom_body = self._feed.converted(message, "set-point")
         if T_odom_body is not None:
             self._link.send_set_point(T_odom_body)
 
-    def _converted(self, message: PoseStamped, what: str) -> Optional[np.ndarray]:
-        if message.header.frame_id != self._odom:
-            self._health.drop(f"{what} in a wrong frame", f"'{message.header.frame_id}' is not '{self._odom}'")
-            return None
-        try:
-            return conversions.pose_to_transform(message.pose)
-        except FcsvError as error:
-            self._health.drop(f"{what} that is no pose", str(error))
-            return None
-
     def _watch(self, _event) -> None:
-        now_s, s = time.monotonic(), self._link.state
-        pause_s, self._watched_s = now_s - self._watched_s, now_s
-        if pause_s > _STALL_S:
-            rospy.logwarn("%s: this computer did not let the flight link run for %.2f s", self._name, pause_s)
-            self._watchdog.slept(now_s, pause_s - _WATCH_S)
-        self._told.publish(now_s, self._link, self._check.doubt)
-        self._mind_feed(now_s, s)
+        now_s = time.monotonic()
+        self._told.publish(now_s, self._link, self._feed.doubt)
+        self._feed.watch(now_s)
         if now_s - self._published_s >= _STATE_PERIOD_S or not self._link.connected:
             self._told.diagnose(self._link)
             self._on_state()
-
-    def _mind_feed(self, now_s: float, s) -> None:
-        """What the age of the feed asks for."""
-        alarm = self._watchdog.check(now_s, s.armed, s.mode, self._link.mode_is_ours)
-        late = alarm is not Alarm.NONE
-        age = f"pose feed is {self._watchdog.age_s(now_s):.1f} s old"
-        self._health.problem("feed", f"{self._name}: {age} while flying in {s.mode}" if late else "")
-        if late and not self._warned:
-            by_hand = "" if s.mode == "GUIDED" or self._link.mode_is_ours else f" in {s.mode}: fly in ALT_HOLD, or land"
-            self._on_text(StatusText.CRITICAL, f"{self._name}: {age}{by_hand}")
-        self._warned = late
-        if alarm is Alarm.LAND and (self._landing is None or not self._landing.is_alive()):
-            self._on_text(StatusText.ALERT, f"{self._name}: {age}, landing")
-            self._landing = threading.Thread(target=self._land_now, name="failsafe", daemon=True)
-            self._landing.start()
-
-    def _land_now(self) -> None:
-        try:
-            self._link.set_mode("LAND")
-        except ControlError as error:
-            rospy.logerr("landing after the loss of the pose feed: %s", error)
 
     # ---- from the autopilot --------------------------------------------------------------------------------
 
@@ -188,7 +121,7 @@ class FlightLinkNode:
 
     def _on_pose(self, T_odom_body: np.ndarray, v_odom_mps: np.ndarray) -> None:
         self._health.tick("autopilot")
-        self._check.estimate(time.monotonic(), T_odom_body, v_odom_mps)
+        self._feed.estimate(T_odom_body, v_odom_mps)
         self._pose.publish(conversions.pose_stamped(T_odom_body, rospy.get_time(), self._odom))
 
     def _on_battery(self) -> None:
@@ -222,8 +155,7 @@ class FlightLinkNode:
         return CommandTOLResponse(result == ACCEPTED, result)
 
     def _odometry_reset(self, _request) -> TriggerResponse:
-        self._link.note_reset()
-        self._check.begin_again()
+        self._feed.begin_again()
         return TriggerResponse(True, "the next pose is adopted at once; the set-point has to be issued again")
 
     def _attempt(self, action) -> int:

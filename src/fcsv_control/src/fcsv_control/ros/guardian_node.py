@@ -28,7 +28,7 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth
+from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, ModeAsked
 from mavros_msgs.msg import State, StatusText
 from mavros_msgs.srv import SetMode
 
@@ -66,6 +66,7 @@ class GuardianNode:
         self._set_points = rospy.Publisher(
             "mavros/setpoint_position/local", PoseStamped, queue_size=1, tcp_nodelay=True
         )
+        self._asks = rospy.Publisher("flight_link/mode_asked", ModeAsked, queue_size=10, tcp_nodelay=True)
         self._set_mode = rospy.ServiceProxy("mavros/set_mode", SetMode)
         self._subscribe()
         self._timer = node.every(1.0 / _STEP_HZ, self._step)
@@ -111,7 +112,7 @@ class GuardianNode:
 
     def _on_battery(self, message: BatteryState) -> None:
         with self._lock:
-            self._core.battery(message.percentage)
+            self._core.battery(conversions.battery_share(message))
 
     def _on_link(self, m: LinkHealth) -> None:
         throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan  # no transmitter is heard
@@ -162,6 +163,7 @@ class GuardianNode:
             self._publish(now_s, verdict)
 
     def _ask(self, mode: str) -> None:
+        self._asks.publish(ModeAsked(conversions.header(rospy.get_time(), ""), mode))
         running = self._asking.get(mode)
         if running is None or not running.is_alive():
             thread = threading.Thread(target=self._ask_now, args=(mode,), name=f"guardian {mode}", daemon=True)

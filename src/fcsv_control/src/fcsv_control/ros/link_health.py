@@ -19,16 +19,17 @@ _RATE_HZ = 5.0
 
 
 class LinkHealthReport:
-    """Publishes flight_link/health, /parameters, /estimate_moved and mavros/rc/in of one vehicle."""
+    """Publishes flight_link/health, /parameters, /estimate_moved and, where it is to tell of the ``transmitter``,
+    mavros/rc/in of one vehicle."""
 
-    def __init__(self, name: str, odom: str, health: Health):
+    def __init__(self, name: str, odom: str, health: Health, transmitter: bool = True):
         self._name, self._odom, self._health = name, odom, health
         self._gate, self._doubt = RateGate(_RATE_HZ), ""
         self._publisher = rospy.Publisher("flight_link/health", LinkHealth, queue_size=5)
         self._moved = rospy.Publisher("flight_link/estimate_moved", Vector3Stamped, queue_size=20)
         self._parameters = rospy.Publisher("flight_link/parameters", ParameterReport, queue_size=2, latch=True)
         self._reported = ParameterReport()
-        self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5)
+        self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5) if transmitter else None
 
     def publish(self, now_s: float, link: FlightLink, doubt: str) -> None:
         """At 5 Hz, and at once where there is another ``doubt`` of the poses, however often it is called."""

@@ -80,7 +80,7 @@ class VehicleInputs:
 
     def _on_battery(self, message: BatteryState) -> None:
         with self._lock:
-            self._heard.battery(message.percentage)
+            self._heard.battery(conversions.battery_share(message))
 
     def _on_recorder(self, m: RecorderStatus) -> None:
         with self._lock:

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages to arrays and back: the only place where it is done."""
 
+import math
+
 import numpy as np
 import rospy
 from cv_bridge import CvBridge, CvBridgeError
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Transform, TransformStamped, Vector3
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import BatteryState, CameraInfo, Image
 from std_msgs.msg import Header
 
 from fcsv_geometry import transforms
@@ -61,6 +63,11 @@ def info_from_camera(camera: PinholeCamera, stamp_s: float, frame_id: str) -> Ca
     info.R = np.eye(3).ravel().tolist()
     info.P = np.hstack([camera.K, np.zeros((3, 1))]).ravel().tolist()
     return info
+
+
+def battery_share(message: BatteryState) -> float:
+    """Share of the charge that is left, 0..1; NaN: not known, which MAVROS says with a negative number."""
+    return message.percentage if message.percentage >= 0.0 else math.nan
 
 
 def image_to_array(message: Image, encoding: str = "passthrough") -> np.ndarray:
