@@ -23,10 +23,10 @@ class Command:
 
     @property
     def words(self) -> List[str]:
-        """As a shell splits it, without variables before it; brackets around what is optional fall away."""
+        """As a shell splits it, without variables and sudo before it; brackets around what is optional fall away."""
         text = re.sub(r"(?<=\s)\[(-[^\]]*)\]", r"\1", self.text)
         words = shlex.split(text.rstrip(";"))
-        while words and _VARIABLE.match(words[0]):
+        while words and (_VARIABLE.match(words[0]) or words[0] == "sudo"):
             words = words[1:]
         if words and Path(words[0]).name == "python" and len(words) > 1:
             words = words[1:]
