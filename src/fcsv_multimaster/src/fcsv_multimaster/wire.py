@@ -14,6 +14,7 @@ _HEAD = struct.Struct("<BBIIIIId16s")
 _PING = struct.Struct("<BBIIdd")
 _PONG = struct.Struct("<BBIddd")
 _ACK = struct.Struct("<BBIIB")
+_LONGEST_S = 1e12  # of any clock
 _WHERE_OCTETS = 120
 _PING_KIND, _PONG_KIND, _ACK_KIND = 1, 2, 3
 
@@ -86,7 +87,7 @@ def unpack(payload: bytes) -> Tuple[Head, bytes]:
         raise WireError(f"a message of {len(payload)} bytes is shorter than its head")
     version, packing, boot, to, sequence, first, number, sent_s, md5 = _HEAD.unpack_from(payload)
     _check_version(version)
-    if packing not in PACKINGS or first > sequence or not 0.0 <= sent_s < 1e12:
+    if packing not in PACKINGS or first > sequence or not 0.0 <= sent_s < _LONGEST_S:
         raise WireError("a message with a malformed head")
     return Head(packing, boot, to, sequence, first, number, sent_s, md5.hex()), payload[_HEAD.size :]
 
@@ -110,15 +111,23 @@ def unpack_note(payload: bytes):
         if payload[1] == _PING_KIND:
             said = payload[_PING.size : _PING.size + _WHERE_OCTETS].decode(errors="replace")
             where = "".join(c if c.isprintable() else "?" for c in said)  # it goes into logs and tables
-            return Ping(*_PING.unpack_from(payload)[2:], where)
+            return _timed(Ping(*_PING.unpack_from(payload)[2:], where))
         if payload[1] == _PONG_KIND:
-            return Pong(*_PONG.unpack(payload)[2:])
+            return _timed(Pong(*_PONG.unpack(payload)[2:]))
         if payload[1] == _ACK_KIND:
             boot, number, keyframe = _ACK.unpack(payload)[2:]
             return Ack(boot, number, bool(keyframe))
     except struct.error as error:
         raise WireError(f"a malformed note of {len(payload)} bytes") from error
     raise WireError(f"a note of unknown kind {payload[1]}")
+
+
+def _timed(note):
+    """A note whose times are times. Raises WireError: NaN would stay in every later figure."""
+    times = (note.sent_s, note.wall_s, getattr(note, "here_s", 0.0))
+    if not all(0.0 <= t < _LONGEST_S for t in times):
+        raise WireError("a note with malformed times")
+    return note
 
 
 def topic_key(source: str, target: str, type_name: str, topic: str) -> str:

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bytes that no relay would send, in what comes in from a peer: nothing dies, and what is right afterwards is heard."""
+
+import random
+import struct
+
+import pytest
+
+from fcsv_multimaster import wire
+from fcsv_multimaster.errors import WireError
+from fcsv_multimaster.inbound import Inbound
+from fcsv_multimaster.links import Rule, TrafficClass
+from fcsv_multimaster.peer import Peer
+
+ROUNDS = 10_000
+HERE, THERE = 7, 9  # boots
+RULES = {"/t": Rule("/t", TrafficClass("datagram", "real_time", True, max_age_s=5.0)),
+         "/s": Rule("/s", TrafficClass("datagram", "interactive_high", False, max_age_s=1.0))}  # fmt: skip
+EDGES = (b"\x00" * 4, b"\xff" * 4, struct.pack("<d", float("nan")), struct.pack("<d", float("inf")),
+         struct.pack("<d", -1e308))  # fmt: skip
+
+
+class Bench:
+    """What comes in at control from uav1, with everything around it written down."""
+
+    def __init__(self):
+        self.peer, self.heard, self.drops, self.notes = Peer("uav1", {}, RULES), [], [], []
+        self.inbound = Inbound("control", HERE, {"uav1": self.peer}, lambda p: self.heard.append(p.data),
+                               lambda why, _: self.drops.append(why), lambda *n: self.notes.append(n),
+                               lambda _: None)  # fmt: skip
+
+    def parcel(self, topic, payload):
+        self.inbound.on_parcel("datagram", "uav1", "std_msgs/String", topic, payload)
+
+
+@pytest.mark.parametrize("time_s", [float("nan"), float("inf"), -1.0])
+def test_a_note_without_a_time_is_refused(time_s):
+    for note in (wire.Ping(1, 2, time_s, 1.0), wire.Ping(1, 2, 1.0, time_s), wire.Pong(1, 1.0, time_s, 1.0)):
+        with pytest.raises(WireError, match="malformed times"):
+            wire.unpack_note(wire.pack_note(note))
+
+
+def noise(rng, most):
+    return bytes(rng.getrandbits(8) for _ in range(rng.randrange(most)))
+
+
+def mangled(payload, rng):
+    """A payload that was cut, lengthened, or overwritten in places, or that is nothing but noise."""
+    payload, kind = bytearray(payload), rng.randrange(5)
+    if kind == 0:
+        return bytes(payload[: rng.randrange(len(payload) + 1)])
+    if kind == 1:
+        return bytes(payload) + noise(rng, 200)
+    if kind == 2:
+        return noise(rng, 100)
+    for _ in range(rng.randrange(1, 5)):
+        piece = rng.choice(EDGES) if kind == 3 else bytes([rng.getrandbits(8)])
+        at = rng.randrange(2, len(payload))
+        payload[at : at + len(piece)] = piece
+    return bytes(payload)
+
+
+def right(sequence, sent_s, boot=THERE, number=0):
+    return wire.pack(wire.Head(wire.RAW, boot, HERE, sequence, sequence, number, sent_s, "0" * 32), b"good")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_ten_thousand_mangled_messages_and_notes_end_nothing(seed, monkeypatch):
+    rng, now = random.Random(seed), [1000.0]
+    monkeypatch.setattr("fcsv_multimaster.inbound.time.monotonic", lambda: now[0])
+    bench = Bench()
+    notes = [wire.Ping(THERE, HERE, 1.0, 2.0, "host a"), wire.Pong(THERE, 999.9, 5.0, 6.0), wire.Ack(HERE, 3)]
+    for i in range(ROUNDS):
+        now[0] += 1e-3
+        if i % 2:
+            bench.inbound.on_note("uav1", mangled(wire.pack_note(rng.choice(notes)), rng))
+        else:
+            bench.parcel(rng.choice(["/t", "/s", "/absent"]), mangled(right(i + 1, now[0], number=i), rng))
+        if i % 100 == 0:
+            bench.inbound.deliver_overdue()
+    assert "malformed message" in bench.drops and "message that no rule lets in" in bench.drops
+    now[0] += 100.0  # whoever was believed to be another relay is silent
+    bench.heard.clear()
+    boot = 12345
+    for k in range(3):
+        bench.inbound.on_note("uav1", wire.pack_note(wire.Ping(boot, HERE, now[0], 2.0)))
+        bench.inbound.on_note("uav1", wire.pack_note(wire.Pong(boot, now[0] - 0.01, now[0] - 0.005, 6.0)))
+        bench.parcel("/t", right(k + 1, now[0], boot, number=k + 1))
+        bench.parcel("/s", right(k + 1, now[0], boot))
+        now[0] += 0.1
+    bench.inbound.deliver_overdue()
+    assert bench.heard == [b"good"] * 6
+    assert bench.peer.report(now[0])["link"]["round_trip_s"] == pytest.approx(0.01)
