@@ -10,12 +10,16 @@ from types import SimpleNamespace
 import pytest
 
 from fcsv_control.flight_check import table
+from fcsv_control.flight_check.acceptance import Acceptances
+from fcsv_control.flight_check.fleet import CONTROL_CHECKS, FLEET_CHECKS, FleetCheckRules, FleetTable
+from fcsv_control.flight_check.keys import Keys
 from fcsv_control.flight_check.lines import Judged, Line, State, worst
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
 from fcsv_control.guardian.findings import STICK
 from fcsv_control.guardian.rules import GuardianRules
+from fcsv_tracking.clocks import ClockOffset
 
 NAN, INF = float("nan"), float("inf")
 G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
@@ -51,7 +55,7 @@ class Vehicle:
             f.pictures.tick(self.now_s - k)
         self.tell(link=link(), parameters=parameters(), armed=False, battery_share=0.9, tracker_variance_m2=1e-3,
                   recorder=SimpleNamespace(problem="", dropped=0), disk=Disk(50000.0), guardian=guardian(),
-                  agent=SimpleNamespace(problem=""))  # fmt: skip
+                  agent=SimpleNamespace(problem=""), keys=Keys(False))  # fmt: skip
 
     def tell(self, **facts):
         for name, value in facts.items():
@@ -122,6 +126,9 @@ def test_what_was_heard_long_ago_is_never_green():
     ({"guardian": guardian(action="hold", reasons=["the agent is silent"])}, {"guardian": R}, "hold: the agent"),
     ({"guardian": guardian(lost=True)}, {"guardian": R}, "lost"),
     ({"agent": SimpleNamespace(problem="a twin lives")}, {"agent": R}, "twin"),
+    ({"keys": Keys(True)}, {}, ""),
+    ({"keys": Keys(True, "they run out on 2026-12-01")}, {"keys": A}, "run out"),
+    ({"keys": Keys(True, "", "ROS is open to the network: 10.0.0.1:11311")}, {"keys": R}, "open"),
 ])  # fmt: skip
 def test_one_fault_changes_its_own_lines_only(told, found, words):
     v = Vehicle()
@@ -201,6 +208,15 @@ def test_colours_change_no_word():
     assert len(plain.splitlines()) == len(lines) + 2 and "RED" in plain and "-> check it" in plain
 
 
+def test_a_report_of_a_vehicle_that_is_well_comes_every_second():
+    """161 bytes of content and 80 around it (measured 2026-11-25), in 2 kbit/s."""
+    from fcsv_control.ros.flight_check_messages import size_bytes
+    from fcsv_msgs.msg import FlightCheck
+
+    green = " ".join(check.name for check in VEHICLE_CHECKS)
+    assert Pace().period_s(size_bytes(FlightCheck(vehicle="uav1", green=green)) + 80) == 1.0
+
+
 def test_reports_take_no_more_of_the_radio_than_they_may():
     """As much as a wholly red report in which something changes at every step for a minute."""
     pace, sent = Pace(bytes_per_s=250.0, burst_bytes=4000.0), 0
@@ -209,7 +225,7 @@ def test_reports_take_no_more_of_the_radio_than_they_may():
     assert 60 * 250 - 2000 <= sent <= 60 * 250 + 4000
 
 
-@pytest.mark.parametrize("name", ["lines", "heard", "pace", "table", "vehicle"])
+@pytest.mark.parametrize("name", ["lines", "heard", "pace", "table", "vehicle", "sightings", "acceptance"])
 def test_examples(name):
     assert doctest.testmod(importlib.import_module(f"fcsv_control.flight_check.{name}")).failed == 0
 
@@ -218,18 +234,153 @@ def test_example_of_the_tracker():
     assert doctest.testmod(importlib.import_module("fcsv_control.tracker_confidence")).failed == 0
 
 
+# ---- the fleet ------------------------------------------------------------------------------------------------
+
+
+class Fleet:
+    """Three vehicles that are well, with a control PC that is, at 100 s."""
+
+    now_s = 100.0
+    names = ("uav1", "uav2", "uav3")
+
+    def __init__(self):
+        self.table = FleetTable(self.names, {n: i for i, n in enumerate(self.names)}, FleetCheckRules(), "relay")
+        c = self.table.control
+        c.mission.tell(self.now_s, "WAIT_VEHICLES")
+        c.stop_all.tell(self.now_s, True)
+        c.recorder.tell(self.now_s, SimpleNamespace(problem="", dropped=0))
+        c.disk.tell(self.now_s, Disk(9000.0))
+        c.keys.tell(self.now_s, Keys(False))
+        for v in self.table.vehicles.values():
+            v.report.tell(self.now_s, [Line(v.name, "feed", G, "30 poses a second", since_s=7.0)])
+            v.patience_s = 4.0
+            v.clock.tell(self.now_s, ClockOffset(self.now_s, 0.001, 0.002))
+            for k in range(90):
+                v.poses.tick(self.now_s - k / 30.0)
+        self.see(self.now_s - 1.0)
+        self.see(self.now_s)
+
+    def see(self, at_s):
+        self.table.sightings.saw(at_s, "uav2", [0])
+        self.table.sightings.saw(at_s, "uav3", [1, 99])
+
+    def lines(self, later_s=0.0):
+        return {(li.vehicle, li.name): li for li in self.table.lines(self.now_s + later_s)}
+
+    def not_green(self, later_s=0.0):
+        return {key: line.state for key, line in self.lines(later_s).items() if line.state is not G}
+
+
+def test_a_fleet_that_is_well_is_green():
+    fleet = Fleet()
+    assert fleet.not_green() == {}
+    assert len(fleet.lines()) == len(CONTROL_CHECKS) + 3 * (len(FLEET_CHECKS) + 1)
+    assert fleet.lines(3.0)["uav1", "feed"].since_s == pytest.approx(10.0)
+
+
+def test_nothing_heard_of_a_fleet_is_never_green_but_that_one_flies_in_front():
+    table = FleetTable(["uav1", "uav2"], {"uav1": 0, "uav2": 1}, FleetCheckRules(), "relay")
+    green = [(line.vehicle, line.name) for line in table.lines(9.0) if line.state is G]
+    assert green == [("uav1", "tags")]
+    assert table.lines(9.0)[-1].what == "does not see uav1, and never did; seen by nobody"
+
+
+def test_a_vehicle_that_is_not_heard_any_more_shows_none_of_its_own_lines():
+    lines = Fleet().lines(later_s=4.5)
+    assert ("uav2", "feed") not in lines and lines["uav2", "check"].what == "its own flight check is not heard any more"
+    assert lines["uav2", "radio"].state is R
+
+
+def test_who_does_not_see_its_tag_and_since_when():
+    fleet = Fleet()
+    assert fleet.lines()["uav2", "tags"].what == "sees uav1, for 1 s; seen by uav3"
+    line = fleet.lines(12.0)["uav2", "tags"]
+    assert line.state is A and line.what == "does not see uav1, for 12 s; seen by nobody"
+    v = fleet.table.vehicles["uav2"]
+    v.epoch, v.calibrated = 7, 7
+    assert fleet.lines(12.0)["uav2", "tags"].state is G
+    v.epoch = 8  # its odometry began anew: it must be seen again, and calibrated
+    assert fleet.lines(12.0)["uav2", "tags"].state is A
+
+
+@pytest.mark.parametrize("offset_s, uncertainty_s, state", [
+    (0.019, 0.0, G), (-0.021, 0.0, A), (0.03, 0.02, G), (0.6, 0.01, R),
+])  # fmt: skip
+def test_clocks_count_as_apart_where_they_are_so_for_sure(offset_s, uncertainty_s, state):
+    fleet = Fleet()
+    fleet.table.vehicles["uav3"].clock.tell(fleet.now_s, ClockOffset(fleet.now_s, offset_s, uncertainty_s))
+    assert fleet.not_green() == ({} if state is G else {("uav3", "clock"): state})
+
+
+def test_the_control_pcs_own_programs():
+    fleet = Fleet()
+    c = fleet.table.control
+    c.recorder.tell(fleet.now_s, SimpleNamespace(problem="disk full", dropped=0))
+    c.disk.tell(fleet.now_s, Disk(1500.0))
+    c.link = "fkie"
+    assert fleet.not_green() == {
+        ("control", "recorder"): R, ("control", "disk"): A, ("control", "keys"): A
+    }  # fmt: skip
+    gone = {n for (v, n), s in fleet.not_green(later_s=20.0).items() if v == "control" and s in (R, U)}
+    assert gone == {"mission", "stop-all", "recorder", "disk"}
+
+
+# ---- what the operator accepts --------------------------------------------------------------------------------
+
+
+def test_an_acceptance_ends_where_its_line_becomes_red_or_was_green_for_a_minute():
+    def battery(state):
+        return [Line("uav1", "battery", state, "31%")]
+
+    def accepted(at_s, state):
+        return acceptances.apply(at_s, battery(state))[0].accepted
+
+    for between, seconds, lasts in ((R, 0.5, False), (U, 0.5, False), (G, 30.0, True), (G, 90.0, False)):
+        acceptances = Acceptances()
+        assert acceptances.accept(battery(A), "uav1", "battery") == "" and accepted(0.0, A)
+        assert not accepted(1.0, between) and not accepted(1.0 + seconds, between)
+        assert accepted(2.0 + seconds, A) is lasts
+    assert acceptances.apply(99.0, []) == []
+
+
+def test_only_what_is_amber_is_accepted_and_by_its_name():
+    acceptances, lines = Acceptances(), [Line("uav1", "feed", R, ""), Line("control", "disk", A, "")]
+    assert "feed is RED: only amber" in acceptances.accept(lines, "uav1", "feed")
+    assert "'uav9' is not one of uav1, control" in acceptances.accept(lines, "uav9", "feed")
+    assert "it has feed" in acceptances.accept(lines, "uav1", "disk")
+    assert acceptances.accept(lines, "control", "disk") == ""
+    assert [line.passes for line in acceptances.apply(0.0, lines)] == [False, True]
+
+
 # ---- its page -------------------------------------------------------------------------------------------------
 
 
-def rows(root):
-    """Name -> (must, remedy) of every row of the page that is a line's."""
-    text = (root / "docs/flight_check.md").read_text()
+def rows(root, heading):
+    """Name -> (must, remedy) of every row under a heading of the page that is a line's."""
+    text = (root / "docs/flight_check.md").read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
     cells = [[c.strip() for c in row.strip("|").split("|")] for row in text.splitlines() if row.startswith("| `")]
     return {c[0].strip("`"): (c[1], c[-1]) for c in cells}
 
 
-def test_the_page_has_every_line_as_the_code_has_it(root):
-    assert rows(root) == {c.name: (c.must, c.remedy) for c in VEHICLE_CHECKS}
+@pytest.mark.parametrize("heading, checks", [
+    ("Lines of a vehicle", VEHICLE_CHECKS), ("Lines about a vehicle", FLEET_CHECKS),
+    ("Lines of the control PC", CONTROL_CHECKS),
+])  # fmt: skip
+def test_the_page_has_every_line_as_the_code_has_it(root, heading, checks):
+    assert rows(root, heading) == {c.name: (c.must, c.remedy) for c in checks}
+
+
+def test_the_page_has_the_bounds_of_the_fleets_lines(root):
+    text, r = (root / "docs/flight_check.md").read_text(), FleetCheckRules()
+    said = {
+        "silent_s": f"not heard for {r.silent_s:g} s", "slow_silent_s": f"({r.slow_silent_s:g} s where",
+        "clock_silent_s": f"no answer for {r.clock_silent_s:g} s",
+        "amber_radio_hz": f"fewer than {r.amber_radio_hz:g} a second", "red_radio_hz": f"fewer than {r.red_radio_hz:g}",
+        "amber_clock_s": f"over {r.amber_clock_s:g} s apart", "red_clock_s": f"over {r.red_clock_s:g} s apart",
+        "amber_disk_mib": f"under {r.amber_disk_mib:g} MiB", "red_disk_mib": f"under {r.red_disk_mib:g} MiB",
+    }  # fmt: skip
+    assert set(said) == {f.name for f in fields(FleetCheckRules)}
+    assert not [words for words in said.values() if words not in text]
 
 
 def test_the_page_has_the_bounds_of_the_code(root):

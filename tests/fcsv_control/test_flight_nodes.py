@@ -211,14 +211,14 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
 
 
 def the_check_shows_what_this_vehicle_lacks(pc, ros_master):
-    """It hovers; nobody started a camera and a recorder, and no transmitter is on."""
-    lacks = {"camera", "recorder", "disk", "transmitter"}
+    """It hovers; nobody started a camera, a recorder and a relay, and no transmitter is on."""
+    lacks = {"camera", "recorder", "disk", "transmitter", "keys"}
     well = {check.name for check in VEHICLE_CHECKS} - lacks
     until(lambda: set(pc.check.green.split()) == well, what="a flight check that is green but for what is not there")
     assert pc.found("transmitter") == ("RED", "no transmitter is heard") and pc.found("camera")[0] == "RED"
     command = ros_master.run(["rosrun", "fcsv_control", "flight_check"], "flight_check")
     until(lambda: command.returncode is not None, what="the table")
-    assert command.returncode == 2 and "flight check: RED, 4 of 16 lines not green" in command.tail(60)
+    assert command.returncode == 2 and "flight check: RED, 5 of 17 lines not green" in command.tail(60)
 
 
 def landing_overtakes_what_waits(pc):

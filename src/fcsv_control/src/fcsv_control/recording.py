@@ -28,6 +28,7 @@ _CONTROL: Tuple[str, ...] = (
     "/mission/state",
     "/mission/capture",
     "/map/state",
+    "/flight_check",
     "/tf",
     "/tf_static",
 )

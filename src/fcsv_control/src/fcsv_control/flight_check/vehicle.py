@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, List, Optional, Sequence, Tuple
 
 from fcsv_control import tracker_confidence
+from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check.heard import Heard, PreArmTexts, Rate
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
@@ -47,6 +48,8 @@ class VehicleFacts:
     agent: Heard[Any] = field(default_factory=Heard)
     positions: Rate = field(default_factory=lambda: Rate(_WINDOW_S))
     pictures: Rate = field(default_factory=lambda: Rate(_PICTURES_S))
+    relay: str = relay_keys.RELAY  # which program stands between the machines
+    keys: Heard[relay_keys.Keys] = field(default_factory=Heard)
     texts: PreArmTexts = field(default_factory=PreArmTexts)
 
 
@@ -221,6 +224,10 @@ def _agent(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     return (_R, f.agent.value.problem) if f.agent.value.problem else (_G, "it obeys")
 
 
+def _keys(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    return relay_keys.judge(now_s, f.keys, f.relay, r.slow_silent_s)
+
+
 def _least(value: float, red: float, amber: float) -> State:
     """Of a value that should be large."""
     return _R if not value >= red else _A if value < amber else _G
@@ -253,5 +260,6 @@ VEHICLE_CHECKS: Tuple[Check, ...] = (
     Check("disk", "there is room for the flight's pictures", "remove sessions that were gathered", _disk),
     Check("guardian", "the guardian lives and forbids nothing", "do away with what it names; see its log", _guardian),
     Check("agent", "the agent lives and obeys", "end the other agent, or start uav.launch again", _agent),
+    relay_keys.check(_keys),
 )  # fmt: skip
 NAMES: List[str] = [check.name for check in VEHICLE_CHECKS]

@@ -13,8 +13,9 @@ from fcsv_control.flight_check import table
 from fcsv_control.flight_check.lines import Line
 from fcsv_control.ros import flight_check_messages as messages
 from fcsv_msgs.msg import FlightCheck
+from fcsv_msgs.srv import AcceptLine
 
-FLEET = "/flight_check"
+FLEET, ACCEPT = "/flight_check", "/flight_check/accept"
 _WAIT_S = 4.0
 _NOTHING = 2
 
@@ -23,6 +24,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status: 0 green, or amber and accepted; 1 amber; 2 red, unknown, or nothing is heard."""
     parser = argparse.ArgumentParser(prog="flight_check", description=__doc__)
     parser.add_argument("--watch", action="store_true", help="again every second, until Ctrl-C")
+    parser.add_argument("--accept", nargs=2, metavar=("VEHICLE", "LINE"), help="accept an amber line")
     arguments = parser.parse_args(argv if argv is not None else rospy.myargv()[1:])
     try:
         kinds = rosgraph.Master("/flight_check").getTopicTypes()
@@ -35,7 +37,21 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         print("flight_check: neither vehicle_check nor fleet_check runs on this machine's master", file=sys.stderr)
         return _NOTHING
     rospy.init_node("flight_check_command", anonymous=True)
+    if arguments.accept and not _accept(*arguments.accept):
+        return _NOTHING
     return _show(topics, arguments.watch)
+
+
+def _accept(vehicle: str, line: str) -> bool:
+    try:
+        rospy.wait_for_service(ACCEPT, _WAIT_S)
+        answer = rospy.ServiceProxy(ACCEPT, AcceptLine)(vehicle, line)
+    except (rospy.ServiceException, rospy.ROSException) as error:
+        print(f"flight_check: lines are accepted on the control PC, where fleet_check runs: {error}", file=sys.stderr)
+        return False
+    if not answer.success:
+        print(f"flight_check: not accepted: {answer.message}", file=sys.stderr)
+    return answer.success
 
 
 class Reports:

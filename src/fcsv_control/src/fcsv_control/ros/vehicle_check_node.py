@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What must be true before take-off, of this vehicle, by what is heard on board: `flight_check`, once a second."""
 
+import math
 import shutil
 import threading
 import time
@@ -12,12 +13,14 @@ import rospy
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
+from fcsv_control.flight_check import keys
 from fcsv_control.flight_check.lines import Judged, Line, State, worst
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
 from fcsv_control.ros import flight_check_messages as messages
-from fcsv_geometry.ros import node
+from fcsv_control.ros.relay_keys import RelayKeys
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import FlightCheck, GuardianState, Heartbeat, LinkHealth, ParameterReport, RecorderStatus
 from mavros_msgs.msg import State as FlightState
@@ -32,6 +35,7 @@ class VehicleCheckParameters:
     """Parameters of the node."""
 
     vehicle: str
+    link: str = keys.RELAY  # as in uav.launch
     rules: VehicleCheckRules = field(default_factory=VehicleCheckRules)
 
 
@@ -41,7 +45,7 @@ class VehicleCheckNode:
     def __init__(self):
         p = node.parameters(VehicleCheckParameters)
         self._name, self._rules, self._lock = p.vehicle, p.rules, threading.Lock()
-        self._facts, self._judged, self._pace = VehicleFacts(), Judged(p.vehicle, VEHICLE_CHECKS), Pace()
+        self._facts, self._judged, self._pace = VehicleFacts(relay=p.link), Judged(p.vehicle, VEHICLE_CHECKS), Pace()
         self._odometry: Optional[rospy.AnyMsg] = None
         self._states = None
         self._health = Health(p.vehicle)
@@ -61,11 +65,12 @@ class VehicleCheckNode:
         hear("flight_link/health", LinkHealth, lambda m: self._tell(f.link.tell, m))
         hear("flight_link/parameters", ParameterReport, lambda m: self._tell(f.parameters.tell, m))
         hear("mavros/state", FlightState, lambda m: self._tell(f.armed.tell, m.armed))
-        hear("mavros/battery", BatteryState, lambda m: self._tell(f.battery_share.tell, m.percentage))
+        hear("mavros/battery", BatteryState, lambda m: self._tell(f.battery_share.tell, conversions.battery_share(m)))
         hear("mavros/statustext/recv", StatusText, lambda m: self._tell(f.texts.add, m.text))
         hear("guardian/state", GuardianState, lambda m: self._tell(f.guardian.tell, m))
         hear("agent/alive", Heartbeat, lambda m: self._tell(f.agent.tell, m))
         hear("recorder/status", RecorderStatus, self._on_recorder)
+        self._keys = RelayKeys(self._name, "relay", lambda told: self._tell(f.keys.tell, told))
 
     def _tell(self, hear, *what) -> None:
         with self._lock:
@@ -76,12 +81,9 @@ class VehicleCheckNode:
 
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._tell(self._facts.recorder.tell, message)
-        try:
-            free_mib = shutil.disk_usage(Path(message.path).parent).free / 2**20
-        except OSError as error:
-            self._health.drop("disk", f"{message.path}: {error.strerror}")
-            return
-        self._tell(self._facts.disk.tell, Disk(free_mib, getattr(message, "minutes_left", float("nan"))))
+        disk = disk_of(message, self._health)
+        if disk is not None:
+            self._tell(self._facts.disk.tell, disk)
 
     def _step(self, _event) -> None:
         raw, self._odometry = self._odometry, None
@@ -110,6 +112,16 @@ class VehicleCheckNode:
                 continue
             log = rospy.loginfo if line.state is State.GREEN else rospy.logwarn
             log("flight check of %s: %s", self._name, in_words(line))
+
+
+def disk_of(message: RecorderStatus, health: Health) -> Optional[Disk]:
+    """The disk of a recorder on this machine; None where it cannot be looked at."""
+    try:
+        free_mib = shutil.disk_usage(Path(message.path).parent).free / 2**20
+    except OSError as error:
+        health.drop("disk", f"{message.path}: {error.strerror}")
+        return None
+    return Disk(free_mib, getattr(message, "minutes_left", math.nan))
 
 
 def in_words(line: Line) -> str:
