@@ -246,7 +246,7 @@ VEHICLE_CHECKS: Tuple[Check, ...] = (
     Check("origin", "the autopilot goes on reporting an origin", "wait for its filter; else restart the autopilot",
           _origin),
     Check("parameters", "the autopilot's parameters are as its profile says",
-          "set them (topic flight_link/parameters has all), restart the autopilot", _parameters),
+          "rosrun fcsv_control parameters compare, then write; restart the autopilot", _parameters),
     Check("ekf", "the autopilot's filter has attitude, velocity and position, and agrees with its sensors",
           "keep still until it has settled; else restart the autopilot", _ekf),
     Check("estimate", "the autopilot believes the tracker's pose", "keep still; else restart the autopilot", _estimate),
