@@ -12,6 +12,7 @@ from support.autopilots import PROFILE, PROFILE_FILE
 from support.mavros_package import path_to_mavros
 from support.waiting import within
 
+from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS
 from fcsv_geometry import transforms
 from fcsv_sim.machines.machines import free_port
 
@@ -27,9 +28,10 @@ class ControlPc:
         import rospy
         from geometry_msgs.msg import PoseStamped
 
-        from fcsv_msgs.msg import Command, CommandAck, Heartbeat
+        from fcsv_msgs.msg import Command, CommandAck, FlightCheck, Heartbeat
         from mavros_msgs.msg import State, StatusText
 
+        self.check = FlightCheck()
         self.state, self.T_odom_body, self.texts, self.acks, self.number = State(), None, [], {}, 0
         self.set_points, lives = [], []
         self.sender = f"test-{time.time():.0f}"
@@ -42,6 +44,7 @@ class ControlPc:
             on("command_ack", CommandAck, lambda m: self.acks.setdefault(m.number, []).append(m)),
             on("mavros/setpoint_position/local", PoseStamped, self.set_points.append),
             on("agent/alive", Heartbeat, lives.append),
+            on("flight_check", FlightCheck, lambda m: setattr(self, "check", m)),
         ]
         self.commands = rospy.Publisher(f"/{NAME}/command", Command, queue_size=20)
         until(lambda: self.commands.get_num_connections(), what="agent")
@@ -91,6 +94,12 @@ class ControlPc:
         heard.unregister()
         return reports[-1]
 
+    def found(self, name):
+        """(state, what) of a line of the flight check, as it crosses the radio."""
+        from fcsv_control.ros.flight_check_messages import lines_of
+
+        return {line.name: (line.state.word, line.what) for line in lines_of(self.check)}.get(name)
+
     def close(self):
         for each in self.heard:
             each.unregister()
@@ -122,6 +131,7 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
         )  # fmt: skip
     start_node("fcsv_control", "guardian", ns=NAME, params={"vehicle": NAME, "vehicles": [NAME]})
     start_node("fcsv_control", "agent", ns=NAME, params={"vehicle": NAME})
+    start_node("fcsv_control", "vehicle_check", ns=NAME, params={"vehicle": NAME})
     try:
         pc = ControlPc()
         pc.tracker = tracker
@@ -157,7 +167,7 @@ def arm_in_guided(pc):
 
 @pytest.mark.slow_motion
 @pytest.mark.timeout(600)
-def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle):
+def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle, ros_master):
     """One vehicle, started once: it is landed by command, takes off again, and loses its tracker."""
     pc = vehicle
     until(lambda: pc.state.connected, 40.0, "autopilot")
@@ -187,15 +197,28 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle)
     stamps_s = [p.header.stamp.to_sec() for p in pc.set_points[:11]]
     assert (stamps_s[-1] - stamps_s[0]) / 10 == pytest.approx(0.1, abs=0.02)  # 10 Hz
     assert np.allclose(pc.set_points[-1].pose.position.x, above[0] + 2.0)
+    the_check_shows_what_this_vehicle_lacks(pc, ros_master)
     landing_overtakes_what_waits(pc)
 
     arm_in_guided(pc)
     assert pc.command("TAKEOFF", altitude_m=2.0) == (0, "")
     until(lambda: pc.T_odom_body[2, 3] > 1.8, 30.0, "2 m")
     pc.tracker.stop()
+    until(lambda: pc.found("feed")[0] == pc.found("tracker")[0] == "RED", 5.0, "what the flight check says of it")
     until(lambda: pc.state.mode == "LAND", 5.0, "the landing of guardian or watchdog")
     assert any("the tracking camera is silent" in t for t in pc.texts)
     until(lambda: not pc.state.armed, 60.0, "the ground")
+
+
+def the_check_shows_what_this_vehicle_lacks(pc, ros_master):
+    """It hovers; nobody started a camera, a recorder and a relay, and no transmitter is on."""
+    lacks = {"camera", "recorder", "disk", "transmitter", "keys"}
+    well = {check.name for check in VEHICLE_CHECKS} - lacks
+    until(lambda: set(pc.check.green.split()) == well, what="a flight check that is green but for what is not there")
+    assert pc.found("transmitter") == ("RED", "no transmitter is heard") and pc.found("camera")[0] == "RED"
+    command = ros_master.run(["rosrun", "fcsv_control", "flight_check"], "flight_check")
+    until(lambda: command.returncode is not None, what="the table")
+    assert command.returncode == 2 and "flight check: RED, 5 of 17 lines not green" in command.tail(60)
 
 
 def landing_overtakes_what_waits(pc):

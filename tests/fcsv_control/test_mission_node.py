@@ -34,7 +34,7 @@ class StandIn:
         self.T_home_odom = transforms.from_xyz_yaw(random.uniform(-9, 9, 3), random.uniform(-3, 3))
         self.T_home_body = transforms.from_xyz_yaw(place_m, 0.0)
         self.mode, self.armed, self.height_m, self.recording, self.sees = "STABILIZE", False, 0.0, False, None
-        self.commands, self.answers, self.pictures = [], {}, 0
+        self.commands, self.answers, self.pictures, self.check = [], {}, 0, None
         topic = lambda t, kind: rospy.Publisher(f"/{self.name}/{t}", kind, queue_size=20)  # noqa: E731
         self.odometry, self.state = topic("odometry/state", Odometry), topic("mavros/state", State)
         self.position = topic("mavros/local_position/pose", PoseStamped)
@@ -95,6 +95,8 @@ class StandIn:
         self.acks.publish(CommandAck(vehicle=self.name, sender=c.sender, number=c.number, result=CommandAck.DONE))
 
     def close(self):
+        if self.check is not None:
+            self.check.close()
         self.over.set()
         self.thread.join()
         for one in (self.odometry, self.state, self.position, self.recorder, self.battery, self.tags, self.acks,
@@ -215,6 +217,7 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
     params = {"mission": str(folder / "mission.yaml"), "vehicles": list(NAMES), "vehicles_dir": str(folder)}
     try:
         start_node("fcsv_control", "mission", params=params)
+        check = the_check_locks_take_off(pc)
         pc.wait_for("TAKE_OFF")
         assert not pc.proceed("calibrate").success
         for v in fleet:
@@ -233,6 +236,7 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         pc.wait_for("MOVE_HOME", "set_home")
         pc.confirm("set_home")
         pc.wait_for("SET_HOME", "execute")
+        the_check_locks_guided(pc, check)
         pc.confirm("execute")
         until(lambda: pc.captures)
         c = pc.captures[0]
@@ -254,6 +258,53 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         pc.close()
         for v in fleet:
             v.close()
+
+
+class Check:
+    """Stands in for fleet_check: one line, told ten times a second."""
+
+    def __init__(self):
+        import rospy
+
+        from fcsv_control.flight_check.lines import Line, State
+        from fcsv_control.ros.flight_check_messages import whole
+        from fcsv_geometry.ros import node
+        from fcsv_msgs.msg import FlightCheck
+
+        self.state, self.accepted = "RED", False
+        self.topic = rospy.Publisher("/flight_check", FlightCheck, queue_size=2)
+        line = lambda: Line(NAMES[1], "battery", State[self.state], "31%", accepted=self.accepted)  # noqa: E731
+        self.timer = node.every(0.1, lambda _event: self.topic.publish(whole([line()], 0.3)))
+
+    def close(self):
+        self.timer.shutdown()
+        self.timer.join()
+        self.topic.unregister()
+
+
+def the_check_locks_take_off(pc):
+    until(lambda: any("flight check is not heard" in p for p in pc.mission.problems), what="a mission that waits")
+    check = Check()
+    pc.fleet[0].check = check  # closed with it
+    named = f"flight check: {NAMES[1]} battery is RED"
+    until(lambda: named in pc.mission.problems, what="the line that locks")
+    assert pc.mission.phase_name == "WAIT_VEHICLES"
+    check.state = "AMBER"
+    return check
+
+
+def the_check_locks_guided(pc, check):
+    said = []
+
+    def locked():
+        """As people do: again where the step before was confirmed a moment ago."""
+        said.append(pc.proceed("execute"))
+        return "GUIDED is locked" in said[-1].message
+
+    until(locked, what="a refusal of the flight check")
+    assert not any(answer.success for answer in said) and f"{NAMES[1]} battery is amber (31%)" in said[-1].message
+    assert "--accept VEHICLE LINE" in said[-1].message and pc.mission.phase_name == "SET_HOME"
+    check.accepted = True
 
 
 def began_anew_and_stopped(pc, vehicle):
@@ -285,7 +336,8 @@ def pair(ros_master, folder):
 
 
 def started(start_node, folder, **more):
-    params = {"mission": str(folder / "mission.yaml"), "vehicles": list(NAMES), "vehicles_dir": str(folder), **more}
+    params = {"mission": str(folder / "mission.yaml"), "vehicles": list(NAMES), "vehicles_dir": str(folder),
+              "flight_check": "off", **more}  # fmt: skip
     return start_node("fcsv_control", "mission", params=params)
 
 

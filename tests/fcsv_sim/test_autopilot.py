@@ -474,3 +474,11 @@ def test_velocity_times_out(flight):
     assert flight.pilot.estimator.v_ext_mps[0] > 0.7
     flight.run(4.0)
     assert abs(flight.pilot.estimator.v_ext_mps[0]) < 0.3
+
+
+def test_it_says_why_it_does_not_arm_every_half_minute(flight):
+    """Without a feed; with one that is good it is silent. The first time after 15 s."""
+    flight.feed_hz = 0.0
+    flight.run(80.0)
+    said = [m.text for m in flight.received if m.get_type() == "STATUSTEXT" and m.text.startswith("PreArm: VisOdom")]
+    assert said == ["PreArm: VisOdom: not healthy"] * 3

@@ -10,7 +10,7 @@ PICTURES: Tuple[str, ...] = ("camera/color/image_raw", "camera/color/camera_info
 _VEHICLE: Tuple[str, ...] = (
     "odometry/body", "odometry/epoch", "tags/detections", "mavros/state", "mavros/statustext/recv", "agent/alive",
     "command", "command_ack", "guardian/state", "guardian/said", "flight_link/health", "flight_link/estimate_moved",
-    "flight_link/parameters",
+    "flight_link/parameters", "flight_check",
 )  # fmt: skip
 _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",
@@ -28,6 +28,7 @@ _CONTROL: Tuple[str, ...] = (
     "/mission/state",
     "/mission/capture",
     "/map/state",
+    "/flight_check",
     "/tf",
     "/tf_static",
 )

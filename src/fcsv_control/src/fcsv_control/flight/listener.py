@@ -149,8 +149,8 @@ class Listener:
         self.state = self.state.with_sys_status(m)
         self._events.append(BatteryHeard())
 
-    def _on_ekf_status_report(self, _now_s: float, m) -> None:
-        self.state = self.state.with_ekf(m)
+    def _on_ekf_status_report(self, now_s: float, m) -> None:
+        self.state = self.state.with_ekf(now_s, m)
 
     def _on_rc_channels(self, now_s: float, m) -> None:
         self.state = self.state.with_rc(now_s, m)

@@ -37,6 +37,7 @@ class FlightState:
     pos_horiz_variance: float = float("nan")
     pos_vert_variance: float = float("nan")
     compass_variance: float = float("nan")
+    ekf_heard_s: float = float("-inf")  # when, on the receiver's monotonic clock
     throttle: float = float("nan")  # the pilot's stick, -1 (down) to 1; NaN where no transmitter is heard
     throttle_heard_s: float = float("-inf")  # when, on the receiver's monotonic clock
     rc_channels: Tuple[int, ...] = ()  # pulse widths (us)
@@ -53,11 +54,11 @@ class FlightState:
         """Whether the filter has begun: an origin that was set before that is lost."""
         return bool(self.ekf_flags & _FILTER_RUNS) and not self.ekf_flags & _FILTER_NOT_BEGUN
 
-    def with_ekf(self, m) -> "FlightState":
+    def with_ekf(self, now_s: float, m) -> "FlightState":
         """After an EKF_STATUS_REPORT."""
         return replace(
             self, ekf_flags=m.flags, velocity_variance=m.velocity_variance, pos_horiz_variance=m.pos_horiz_variance,
-            pos_vert_variance=m.pos_vert_variance, compass_variance=m.compass_variance,
+            pos_vert_variance=m.pos_vert_variance, compass_variance=m.compass_variance, ekf_heard_s=now_s,
         )  # fmt: skip
 
     def with_rc(self, now_s: float, m) -> "FlightState":

@@ -4,6 +4,7 @@
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
 
 from fcsv_control.mission import restart, watch
+from fcsv_control.mission.check_gate import OpenGate
 from fcsv_control.mission.flight_list import FlightList
 from fcsv_control.mission.handover import Handover
 from fcsv_control.mission.hands import Hands
@@ -32,11 +33,14 @@ _AIRBORNE_M = 1.5
 class MissionMachine(Operated):
     """``step`` advances; ``calibrate`` and ``set_home`` are asked for through ``wants`` and answered by ``answer``.
 
-    ``radius_m`` by vehicle. Raises MissionError where the mission names vehicles that are not in the fleet, or where a
-    leg of it cannot be flown.
+    ``radius_m`` by vehicle; ``gate``: what the flight check says. Raises MissionError where the mission names vehicles
+    that are not in the fleet, or where a leg of it cannot be flown.
     """
 
-    def __init__(self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None):
+    def __init__(
+        self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]] = None,
+        gate: Optional[OpenGate] = None,
+    ):  # fmt: skip
         mission.check_vehicles(vehicles)
         self.mission, self._digest = mission, digest(mission)
         self.vehicles = list(vehicles)
@@ -47,6 +51,7 @@ class MissionMachine(Operated):
         self.wants = ""  # "calibrate" or "set_home": a service to call now
         self.problems: List[str] = []
         self.captures: List[CaptureWindow] = []
+        self.gate = gate or OpenGate()
         self._plan = PlanGate(mission, vehicles, radius_m)
         self._flight_list: Optional[FlightList] = None
         self._hands = Hands()
@@ -185,6 +190,7 @@ class MissionMachine(Operated):
             for n in restart.in_guided(snapshot)
         ]
         self.problems = self.problems or self._plan.before_take_off(snapshot)
+        self.problems = self.problems or self.gate.before_take_off(snapshot.now_s)
         if not self.problems:
             self._enter("TAKE_OFF", "operators: take off in ALT_HOLD, then LOITER")
 

@@ -3,6 +3,7 @@
 
 from typing import List, Optional, Sequence
 
+from fcsv_control.mission.check_gate import OpenGate
 from fcsv_control.mission.flight_list import FlightList
 from fcsv_control.mission.hands import Hands
 from fcsv_control.mission.patience import Patience
@@ -24,6 +25,7 @@ class Operated:
     wants: str
     over: bool
     _aborted: bool
+    gate: OpenGate
     _hands: Hands
     _plan: PlanGate
     _patience: Patience
@@ -46,6 +48,9 @@ class Operated:
             return f"nothing is waited for in {self.phase}"
         if step != self.waits_for:
             return f"'{self.waits_for}' is waited for, not '{step}'"
+        locked = self._locked(now_s, step)
+        if locked:
+            return locked
         wrong = self._plan.from_here(self._snapshot, self._indices) if step == "execute" else ""
         if wrong:
             self._enter("MOVE_HOME", f"the list cannot be flown from here: {wrong}", "set_home")
@@ -61,6 +66,12 @@ class Operated:
             self.wants = step
         return ""
 
+    def _locked(self, now_s: float, step: str) -> str:
+        """Why the flight check hands over nobody; "" where it does, and in steps that hand over nobody."""
+        if step == "execute":
+            return self.gate.before_list(now_s)
+        return self.gate.before_resuming(now_s) if step == "resume" and self.phase != "LAND" else ""
+
     def execute(self, indices: Sequence[int]) -> str:
         """As ``proceed("execute")``, for these configurations in this order (none: all)."""
         most = len(self.mission.configurations) - 1
@@ -69,8 +80,11 @@ class Operated:
             return f"configurations are numbered 0..{most}, each once; got {list(indices)}"
         if self.waits_for != "execute":
             return f"'execute' is not waited for in {self.phase}"
-        self._indices = list(indices) or None
-        return self.proceed("execute")
+        before, self._indices = self._indices, list(indices) or None
+        refusal = self.proceed("execute")
+        if refusal:
+            self._indices = before  # what was refused is not flown by a later ``proceed``
+        return refusal
 
     def control(self, operation: str) -> str:
         """One of OPERATIONS; "" when done, else why not."""

@@ -24,6 +24,7 @@ from fcsv_control.guardian.findings import STICK
 from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros.guardian_others import OtherVehicles
+from fcsv_control.tracker_confidence import confidence
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
@@ -34,7 +35,6 @@ from mavros_msgs.srv import SetMode
 
 _STEP_HZ = 25.0
 _STATE_S = 0.2
-_BEST_CONFIDENCE, _BEST_VARIANCE_M2 = 3.0, 0.01  # realsense2_camera: variance = 0.01 * 10^(3 - confidence)
 _THROTTLE_OLD_S = 2.0
 _MOVES = (Command.GOTO, Command.HOLD)
 
@@ -101,10 +101,8 @@ class GuardianNode:
         self._hear(hear, T_odom_body)
 
     def _on_odometry(self, message: Odometry) -> None:
-        variance = message.pose.covariance[0]
-        level = _BEST_CONFIDENCE - math.log10(variance / _BEST_VARIANCE_M2) if variance > 0.0 else math.nan
         with self._lock:
-            self._core.confidence(min(level, _BEST_CONFIDENCE))
+            self._core.confidence(confidence(message.pose.covariance[0]))
 
     def _on_state(self, message: State) -> None:
         if message.mode:

@@ -16,6 +16,7 @@ from fcsv_msgs.msg import LinkHealth, ParameterReport
 from mavros_msgs.msg import RCIn
 
 _RATE_HZ = 5.0
+_PREARM = {None: LinkHealth.PREARM_UNKNOWN, True: LinkHealth.PREARM_READY, False: LinkHealth.PREARM_NOT_READY}
 
 
 class LinkHealthReport:
@@ -41,11 +42,11 @@ class LinkHealthReport:
         wrong = link.parameters.wrong()
         self._publisher.publish(
             header=conversions.header(rospy.get_time(), ""), connected=connected, ekf_flags=s.ekf_flags,
-            ekf_variance=s.ekf_variance, throttle=s.throttle, throttle_age_s=now_s - s.throttle_heard_s,
-            system_status=s.system_status, origin_set=link.origin_set,
+            ekf_variance=s.ekf_variance, ekf_age_s=now_s - s.ekf_heard_s, throttle=s.throttle,
+            throttle_age_s=now_s - s.throttle_heard_s, system_status=s.system_status, origin_set=link.origin_set,
             parameters_ok=link.parameters.known and not wrong, parameter=wrong[0] if wrong else "",
             feed_rate_hz=rate_hz, feed_age_s=age_s, estimate_apart_m=apart_m, doubt=doubt, pid=os.getpid(),
-            in_the_air=-1 if s.in_the_air is None else int(s.in_the_air),
+            in_the_air=-1 if s.in_the_air is None else int(s.in_the_air), prearm=_PREARM[s.prearm_ok],
         )  # fmt: skip
 
     def parameters(self, link: FlightLink) -> None:

@@ -11,10 +11,12 @@ import rospy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
+from fcsv_control.mission import check_gate
 from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
+from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.ros.mission_desk import MissionDesk
 from fcsv_control.ros.mission_inputs import VehicleInputs
 from fcsv_control.ros.mission_memory import MissionMemory, Restored
@@ -23,7 +25,17 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.mission import Mission, load_mission
 from fcsv_geometry.ros import conversions, home_messages, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Calibration, Capture, Command, CommandAck, Configuration, Heartbeat, Home, MissionState
+from fcsv_msgs.msg import (
+    Calibration,
+    Capture,
+    Command,
+    CommandAck,
+    Configuration,
+    FlightCheck,
+    Heartbeat,
+    Home,
+    MissionState,
+)  # fmt: skip
 from fcsv_msgs.srv import Calibrate, Proceed, ProceedResponse, SetHome
 
 _ALIVE_S = 0.2
@@ -41,8 +53,11 @@ class MissionParameters:
     vehicles_dir: str
     rate_hz: float = 10.0
     memory_dir: str = ""
+    flight_check: str = check_gate.REQUIRED  # or off: for a bench without fleet_check
 
     def __post_init__(self):
+        if self.flight_check not in check_gate.CHOICES:
+            raise ValueError(f"flight_check: '{self.flight_check}' is not one of {', '.join(check_gate.CHOICES)}")
         if not 1.0 <= self.rate_hz <= 100.0:
             raise ValueError(f"rate_hz: {self.rate_hz} is not in 1..100")
 
@@ -56,7 +71,8 @@ class MissionNode:
         self._vehicles = node.vehicles(self._parameters.vehicles_dir, names)
         self._mission = load_mission(self._parameters.mission)
         rospy.loginfo("%s", self._mission)
-        self._machine = MissionMachine(self._mission, names, {n: v.radius_m for n, v in self._vehicles.items()})
+        gate = check_gate.CheckGate() if self._parameters.flight_check == check_gate.REQUIRED else check_gate.OpenGate()
+        self._machine = MissionMachine(self._mission, names, {n: v.radius_m for n, v in self._vehicles.items()}, gate)
         self._sender = f"mission-{os.getpid()}-{int(time.time())}"
         self._lock = threading.RLock()
         self._in_home = HomeFrames()
@@ -80,6 +96,7 @@ class MissionNode:
         self._inputs = {n: VehicleInputs(self._vehicles[n], tag, self._health) for n, tag in zip(names, fronts)}
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
+        rospy.Subscriber("/flight_check", FlightCheck, self._on_flight_check, queue_size=2)
         rospy.Subscriber("/stop_all", String, self._on_stop_all, queue_size=5, tcp_nodelay=True)
         rospy.Subscriber("/land_all", String, self._on_land_all, queue_size=5, tcp_nodelay=True)
         for name in names:
@@ -136,6 +153,11 @@ class MissionNode:
         elif now_s - self._begun_s >= _OTHERS_TELL_S:
             self._restored.publish()
             self._judged = True
+
+    def _on_flight_check(self, message: FlightCheck) -> None:
+        lines, patience_s = check_messages.lines_of(message), check_messages.patience_s(message)
+        with self._lock:
+            self._machine.gate.tell(time.monotonic(), lines, patience_s)
 
     def _on_stop_all(self, message: String) -> None:
         with self._lock:

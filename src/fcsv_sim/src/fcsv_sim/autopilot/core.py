@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.controller import Controller
 from fcsv_sim.autopilot.estimator import READY_S, Estimator
-from fcsv_sim.autopilot.ground import LandDetector, StickArming
+from fcsv_sim.autopilot.ground import LandDetector, PreArmTalk, StickArming
 from fcsv_sim.autopilot.laws import FlightLaws
 from fcsv_sim.autopilot.origin import Origin
 from fcsv_sim.people import rc
@@ -38,6 +38,7 @@ class Autopilot(FlightLaws):
         self._rc_mode: Optional[str] = None
         self._stick_arming = StickArming()
         self._land_detector = LandDetector()
+        self._pre_arm_talk = PreArmTalk()
         self._armed_s = 0.0
         self._failsafe = False
 
@@ -135,6 +136,7 @@ class Autopilot(FlightLaws):
         self.controller.reset()
         self._origin = Origin()
         self.boots += 1
+        self._pre_arm_talk = PreArmTalk()
         self.texts.clear()
         self._take_over()
 
@@ -180,6 +182,9 @@ class Autopilot(FlightLaws):
         if self._origin.step(now_s, self.armed, self.estimator.started(now_s)):
             self.estimator.reset_height_datum()
             self.say(INFO, "Field Elevation Set: 0m")
+        if self._pre_arm_talk.due(now_s, self.armed):
+            for reason in self.prearm_failures(now_s):
+                self.say(CRITICAL, f"PreArm: {reason}")
         self._ground(now_s, on_ground)
         self.battery_share = max(0.0, self.battery_share - (dt_s / 900.0 if self._flying else dt_s / 36000.0))
         self.battery_v = 14.0 + 2.8 * self.battery_share - (0.4 if self._flying else 0.0)

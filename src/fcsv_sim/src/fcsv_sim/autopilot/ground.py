@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the autopilot decides on the ground: arming with the sticks, and when a landing has ended."""
+"""What the autopilot decides on the ground: arming with the sticks, when a landing has ended, when it complains."""
 
 from typing import Optional, Sequence
 
 _GESTURE_S = 2.0
 _LANDED_S = 1.0
+_COMPLAINS_S = 30.0  # the first time after half of it
 _SPOOL_DOWN_S = 1.9  # LAND lowers the throttle slowly on the ground: 9.0 s from 3 m to disarmed were measured
 
 
@@ -43,3 +44,19 @@ class LandDetector:
             self._since_s = None
             return True
         return False
+
+
+class PreArmTalk:
+    """Says every half minute why it does not arm, until it would."""
+
+    def __init__(self):
+        self._next_s: Optional[float] = None
+
+    def due(self, now_s: float, armed: bool) -> bool:
+        """Whether the reasons are to be said now."""
+        if self._next_s is None:
+            self._next_s = now_s + 0.5 * _COMPLAINS_S
+        if armed or now_s < self._next_s:
+            return False
+        self._next_s = now_s + _COMPLAINS_S
+        return True

@@ -4,7 +4,7 @@
 import threading
 import time
 from dataclasses import dataclass
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 import rospy
 
@@ -12,8 +12,8 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.mission import load_mission
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import MissionState
-from fcsv_msgs.srv import Proceed
+from fcsv_msgs.msg import FlightCheck, FlightCheckLine, MissionState
+from fcsv_msgs.srv import AcceptLine, Proceed
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.people.rc import RcSender
 from fcsv_sim.truth import TruthReader
@@ -31,6 +31,9 @@ class OperatorParameters:
     vehicles_dir: str = ""  # not looked at: people see the vehicles
     seed: int = 1
     rate_hz: float = 50.0
+    # lines of the flight check that this operator accepts where they are amber, and says so: what a small or busy
+    # computer lacks, a simulated vehicle flies without
+    accepts: Tuple[str, ...] = ("disk", "recorder", "camera")
 
     def __post_init__(self):
         if len(self.rc_ports) != len(self.vehicles) or not self.vehicles:
@@ -54,12 +57,23 @@ class OperatorNode:
         self._mission = MissionState(phase_name="WAIT_VEHICLES")
         self._health = Health("operator", {"sticks": p.rate_hz / 3.0})
         self._proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
+        self._accept = rospy.ServiceProxy("/flight_check/accept", AcceptLine)
+        rospy.Subscriber("/flight_check", FlightCheck, self._on_check, queue_size=1)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         for name in p.vehicles:
             rospy.Subscriber(f"/{name}/mavros/state", State, self._on_state, name, queue_size=2)
 
     def _on_mission(self, message: MissionState) -> None:
         self._mission = message
+
+    def _on_check(self, message: FlightCheck) -> None:
+        for line in message.lines:
+            if line.state == FlightCheckLine.AMBER and not line.accepted and line.name in self._parameters.accepts:
+                try:
+                    answer = self._accept(line.vehicle, line.name)
+                    rospy.loginfo("operator: %s (%s)", answer.message, line.what)
+                except rospy.ServiceException as error:
+                    rospy.logwarn("operator: accepting %s %s: %s", line.vehicle, line.name, error)
 
     def _on_state(self, message: State, name: str) -> None:
         self._states[name] = message

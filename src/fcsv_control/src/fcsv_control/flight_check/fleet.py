@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the control PC adds to the vehicles' own lines: the radio, clocks, who sees whose tag, and its own programs."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from fcsv_control.flight_check import keys as relay_keys
+from fcsv_control.flight_check.heard import Heard, Rate
+from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
+from fcsv_control.flight_check.sightings import Sightings
+from fcsv_control.flight_check.vehicle import Disk
+from fcsv_geometry.config import require_positive
+
+CONTROL = "control"
+_G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+_WINDOW_S = 3.0
+
+
+@dataclass(frozen=True)
+class FleetCheckRules:
+    """``red_*`` and ``amber_*`` are bounds; what is worse than the red one is red."""
+
+    silent_s: float = 3.0  # of what comes at least twice a second
+    slow_silent_s: float = 5.0  # of what comes once a second
+    clock_silent_s: float = 10.0
+    red_radio_hz: float = 3.0  # poses that arrive, of 30 that are sent
+    amber_radio_hz: float = 10.0
+    red_clock_s: float = 0.5  # offset between a vehicle's clock and ours
+    amber_clock_s: float = 0.02  # at 1 m/s of sway 2 cm of calibration
+    red_disk_mib: float = 1000.0
+    amber_disk_mib: float = 2000.0  # the control PC records no pictures
+
+    def __post_init__(self):
+        require_positive(self)
+        for low, high in (("red_radio_hz", "amber_radio_hz"), ("amber_clock_s", "red_clock_s"),
+                          ("red_disk_mib", "amber_disk_mib")):  # fmt: skip
+            if getattr(self, low) > getattr(self, high):
+                raise ValueError(f"{low}: {getattr(self, low)} is over {high} {getattr(self, high)}")
+
+
+@dataclass
+class FromAfar:
+    """One vehicle as the control PC hears it; ``front`` is whose tag it should see, None for the first."""
+
+    name: str
+    front: Optional[str] = None
+    report: Heard[Sequence[Line]] = field(default_factory=Heard)
+    patience_s: float = 0.0  # of its report
+    poses: Rate = field(default_factory=lambda: Rate(_WINDOW_S))
+    clock: Heard[Any] = field(default_factory=Heard)  # fcsv_tracking's ClockOffset
+    epoch: Optional[int] = None
+    calibrated: Optional[int] = None  # the epoch for which the calibration holds
+    sightings: Sightings = field(default_factory=lambda: Sightings({}))
+
+    def heard_lines(self, now_s: float) -> Sequence[Line]:
+        """Its own lines, older by as long as its report has been here; none where it is not heard any more."""
+        if not self.report.fresh(now_s, self.patience_s):
+            return ()
+        return [replace(li, since_s=li.since_s + now_s - self.report.at_s) for li in self.report.value]
+
+
+@dataclass
+class ControlFacts:
+    """The control PC's own programs. ``recorder`` holds a message of fcsv_msgs, ``mission`` the mission's phase."""
+
+    link: str = relay_keys.RELAY
+    mission: Heard[str] = field(default_factory=Heard)
+    stop_all: Heard[bool] = field(default_factory=Heard)
+    recorder: Heard[Any] = field(default_factory=Heard)
+    disk: Heard[Disk] = field(default_factory=Heard)
+    keys: Heard[relay_keys.Keys] = field(default_factory=Heard)
+
+
+# ---- of every vehicle -----------------------------------------------------------------------------------------
+
+
+def _report(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
+    if v.report.value is None:
+        return _R, "its own flight check was never heard"
+    return (_G, "heard") if v.report.fresh(now_s, v.patience_s) else (_R, "its own flight check is not heard any more")
+
+
+def _radio(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
+    hz = v.poses.hz(now_s)
+    state = _R if hz < r.red_radio_hz else _A if hz < r.amber_radio_hz else _G
+    return state, f"{hz:.0f} poses a second arrive" if hz else "no pose arrives"
+
+
+def _clock(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
+    if not v.clock.fresh(now_s, r.clock_silent_s):
+        return _U, "it does not answer about its clock"
+    offset = v.clock.value
+    state = _R if offset.beyond(r.red_clock_s) else _A if offset.beyond(r.amber_clock_s) else _G
+    direction = "ahead of" if offset.offset_s > 0 else "behind"
+    return state, f"{abs(offset.offset_s):.3f} s {direction} the control PC's"
+
+
+def _tags(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
+    by = v.sightings.seen_by(now_s, v.name)
+    seen = f"seen by {' and '.join(by)}" if by else "seen by nobody"
+    if v.front is None:
+        return _G, f"flies in front; {seen}"
+    sees, for_s = v.sightings.sees(now_s, v.name, v.front)
+    if sees:
+        return _G, f"sees {v.front}, for {for_s:.0f} s; {seen}"
+    lacks = f"does not see {v.front}" + (", and never did" if for_s is None else f", for {for_s:.0f} s")
+    if v.calibrated is not None and v.calibrated == v.epoch:
+        return _G, f"calibrated; {lacks}; {seen}"
+    return _A, f"{lacks}; {seen}"
+
+
+FLEET_CHECKS: Tuple[Check, ...] = (
+    Check("check", "its own flight check is heard", "start uav.launch; rosrun fcsv_multimaster link_status", _report),
+    Check("radio", "its poses arrive", "go nearer, turn the antenna; rosrun fcsv_multimaster link_status", _radio),
+    Check("clock", "its clock and the control PC's agree", "start chrony on it", _clock),
+    Check("tags", "it sees the tag of the vehicle in front, or is calibrated",
+          "line it up behind the other; light on the tag; its camera", _tags),
+)  # fmt: skip
+
+
+# ---- of the control PC ----------------------------------------------------------------------------------------
+
+
+def _mission(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
+    return (_G, f.mission.value) if f.mission.fresh(now_s, r.silent_s) else (_R, "not heard")
+
+
+def _stop_all(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
+    return (_G, "it stands by") if f.stop_all.fresh(now_s, r.silent_s) else (_R, "not heard")
+
+
+def _recorder(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
+    if not f.recorder.fresh(now_s, r.slow_silent_s):
+        return _R, "not heard"
+    if f.recorder.value.problem:
+        return _R, f.recorder.value.problem
+    dropped = f.recorder.value.dropped
+    return (_A, f"{dropped} messages were dropped") if dropped else (_G, "it records")
+
+
+def _disk(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
+    if not f.disk.fresh(now_s, r.slow_silent_s):
+        return _U, "the recorder's disk is not known"
+    free_mib = f.disk.value.free_mib
+    state = _R if free_mib < r.red_disk_mib else _A if free_mib < r.amber_disk_mib else _G
+    return state, f"{free_mib / 1024:.1f} GiB free"
+
+
+def _keys(now_s: float, f: ControlFacts, r: FleetCheckRules) -> Found:
+    return relay_keys.judge(now_s, f.keys, f.link, r.slow_silent_s)
+
+
+CONTROL_CHECKS: Tuple[Check, ...] = (
+    Check("mission", "the mission node lives: its file can be flown", "mend the mission file; see its log", _mission),
+    Check("stop-all", "the node that stops everybody lives", "start control.launch again", _stop_all),
+    Check("recorder", "the recorder writes", "start it again; see its log", _recorder),
+    Check("disk", "there is room for the session", "remove sessions that were gathered", _disk),
+    relay_keys.check(_keys),
+)  # fmt: skip
+
+
+class FleetTable:
+    """The whole table: the control PC's lines, then each vehicle's: what is heard of it, then what it says itself."""
+
+    def __init__(self, vehicles: Sequence[str], tags: Mapping[str, int], rules: FleetCheckRules, link: str):
+        self.sightings, self.control, self._rules = Sightings(tags), ControlFacts(link), rules
+        fronts = [None, *vehicles[:-1]]
+        self.vehicles: Dict[str, FromAfar] = {
+            n: FromAfar(n, front, sightings=self.sightings) for n, front in zip(vehicles, fronts)
+        }
+        self._judged = {n: Judged(n, FLEET_CHECKS) for n in vehicles}
+        self._judged_control = Judged(CONTROL, CONTROL_CHECKS)
+
+    def lines(self, now_s: float) -> List[Line]:
+        """At monotonic time ``now_s``."""
+        lines = self._judged_control.lines(now_s, self.control, self._rules)
+        for name, vehicle in self.vehicles.items():
+            lines += self._judged[name].lines(now_s, vehicle, self._rules)
+            lines += vehicle.heard_lines(now_s)
+        return lines

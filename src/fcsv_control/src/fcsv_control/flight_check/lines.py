@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A line of the flight check, what it may say, and which of several is the worst."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Callable, Dict, Iterable, List, Sequence, Tuple
+
+
+class State(IntEnum):
+    """As in fcsv_msgs/FlightCheckLine. What is not known is never green."""
+
+    UNKNOWN = 0
+    GREEN = 1
+    AMBER = 2
+    RED = 3
+
+    @property
+    def word(self) -> str:
+        """For people, who may not tell colours apart."""
+        return {self.UNKNOWN: "unknown", self.GREEN: "green", self.AMBER: "amber", self.RED: "RED"}[self]
+
+
+_FROM_THE_WORST = (State.RED, State.UNKNOWN, State.AMBER, State.GREEN)
+Found = Tuple[State, str]  # and what was found, for a person
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the table: ``must`` says what must be true, ``remedy`` what to do where it is not; ``judge`` is
+    given the monotonic time (s), what was heard, and the rules."""
+
+    name: str
+    must: str
+    remedy: str
+    judge: Callable[..., Found]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line as it is now; ``vehicle`` is "control" for the control PC; ``since_s``: for how long it has been so."""
+
+    vehicle: str
+    name: str
+    state: State
+    what: str
+    remedy: str = ""
+    since_s: float = 0.0
+    accepted: bool = False
+
+    @property
+    def passes(self) -> bool:
+        """Whether it keeps nobody from flying."""
+        return self.state is State.GREEN or (self.state is State.AMBER and self.accepted)
+
+
+def worst(lines: Iterable[Line]) -> State:
+    """Of a table; without a line it is not known.
+
+    >>> worst([Line("uav1", "link", State.GREEN, ""), Line("uav1", "feed", State.UNKNOWN, "")]).word, worst([]).word
+    ('unknown', 'unknown')
+    """
+    states = {line.state for line in lines}
+    return next((s for s in _FROM_THE_WORST if s in states), State.UNKNOWN)
+
+
+class Judged:
+    """Judges a table of checks again and again, and knows since when each line has been in its state."""
+
+    def __init__(self, vehicle: str, checks: Sequence[Check]):
+        self._vehicle, self._checks = vehicle, checks
+        self._since: Dict[str, Tuple[State, float]] = {}
+
+    def lines(self, now_s: float, facts, rules) -> List[Line]:
+        """The table at monotonic time ``now_s``."""
+        return [self._line(now_s, check, *check.judge(now_s, facts, rules)) for check in self._checks]
+
+    def _line(self, now_s: float, check: Check, state: State, what: str) -> Line:
+        before, since_s = self._since.get(check.name, (None, now_s))
+        if before is not state:
+            since_s = now_s
+            self._since[check.name] = (state, now_s)
+        remedy = "" if state is State.GREEN else check.remedy
+        return Line(self._vehicle, check.name, state, what, remedy, now_s - since_s)

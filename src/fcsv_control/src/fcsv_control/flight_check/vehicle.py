@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a vehicle itself knows must be true: one function a line. None of it needs the radio.
+
+A line that cannot be judged because what it is judged by is not heard is unknown; what is silent is red itself.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, List, Optional, Sequence, Tuple
+
+from fcsv_control import tracker_confidence
+from fcsv_control.flight_check import keys as relay_keys
+from fcsv_control.flight_check.heard import Heard, PreArmTexts, Rate
+from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.flight_check.rules import VehicleCheckRules
+from fcsv_control.guardian.findings import STICK
+
+_G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
+PREARM_READY, PREARM_NOT_READY = 1, 2  # fcsv_msgs/LinkHealth
+_WINDOW_S = 3.0
+_PICTURES_S = 6.0
+# EKF_STATUS_FLAGS: attitude, both velocities, horizontal and vertical position; without a position it stands still
+_EKF_NEEDED = ((0x01, "attitude"), (0x02, "horizontal velocity"), (0x04, "vertical velocity"),
+               (0x10, "horizontal position"), (0x20, "height"))  # fmt: skip
+_EKF_CONSTANT_POSITION = 0x80
+
+
+@dataclass
+class Disk:
+    """Where the recorder writes: free space, and for how long it lasts where the recorder tells it."""
+
+    free_mib: float
+    minutes_left: float = math.nan
+
+
+@dataclass
+class VehicleFacts:
+    """What was heard on board. Messages of fcsv_msgs are held as they came."""
+
+    link: Heard[Any] = field(default_factory=Heard)
+    parameters: Heard[Any] = field(default_factory=Heard)  # told once, and where they change
+    armed: Heard[bool] = field(default_factory=Heard)
+    battery_share: Heard[float] = field(default_factory=Heard)  # with the autopilot's system status
+    tracker_variance_m2: Heard[float] = field(default_factory=Heard)
+    recorder: Heard[Any] = field(default_factory=Heard)
+    disk: Heard[Disk] = field(default_factory=Heard)
+    guardian: Heard[Any] = field(default_factory=Heard)
+    agent: Heard[Any] = field(default_factory=Heard)
+    positions: Rate = field(default_factory=lambda: Rate(_WINDOW_S))
+    pictures: Rate = field(default_factory=lambda: Rate(_PICTURES_S))
+    relay: str = relay_keys.RELAY  # which program stands between the machines
+    keys: Heard[relay_keys.Keys] = field(default_factory=Heard)
+    texts: PreArmTexts = field(default_factory=PreArmTexts)
+
+
+def _link_now(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Optional[Any]:
+    """The flight link's health where it is heard and its autopilot too."""
+    fresh = f.link.fresh(now_s, r.silent_s)
+    return f.link.value if fresh and f.link.value.connected else None
+
+
+def _link(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.link.fresh(now_s, r.silent_s):
+        return _R, "the flight link is not heard"
+    if not f.link.value.connected:
+        return _R, "no heartbeat of the autopilot"
+    return _G, "the autopilot is connected"
+
+
+def _streams(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if _link_now(now_s, f, r) is None:
+        return _U, "no autopilot"
+    if not f.battery_share.fresh(now_s, r.slow_silent_s):
+        return _R, "no system status of the autopilot"
+    if not f.link.value.ekf_age_s <= r.slow_silent_s:
+        return _R, "no report of the autopilot's filter"
+    hz = f.positions.hz(now_s)
+    return _least(hz, r.red_position_hz, r.amber_position_hz), f"{hz:.0f} positions a second"
+
+
+def _pre_arm(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.armed.fresh(now_s, r.slow_silent_s) or _link_now(now_s, f, r) is None:
+        return _U, "no autopilot"
+    if f.armed.value:
+        return _G, "armed"
+    told = f.link.value.prearm if f.battery_share.fresh(now_s, r.slow_silent_s) else 0
+    if told == PREARM_NOT_READY:
+        return _R, "; ".join(f.texts.now(now_s)) or "not ready to arm; it says why every 30 s"
+    return (_G, "ready to arm") if told == PREARM_READY else (_U, "it has not said whether it is ready to arm")
+
+
+def _origin(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    link = _link_now(now_s, f, r)
+    if link is None:
+        return _U, "no autopilot"
+    return (_G, "set") if link.origin_set else (_R, "the autopilot has no origin")
+
+
+def _parameters(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    link = _link_now(now_s, f, r)
+    if link is None:
+        return _U, "no autopilot"
+    report = f.parameters.value
+    if report is None:
+        return _U, "they were not read yet"
+    if report.blocks:
+        return _R, _some(report.blocks)
+    if not report.complete:
+        return _U, "they are being read"
+    return (_A, _some(report.advises)) if report.advises else (_G, f"they fit {report.profile}")
+
+
+def _some(texts: Sequence[str]) -> str:
+    """The first of them, and how many more there are.
+
+    >>> _some(["A is 1", "B is 2", "C is 3"])
+    'A is 1, and 2 more'
+    """
+    return texts[0] + (f", and {len(texts) - 1} more" if len(texts) > 1 else "")
+
+
+def _ekf(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    link = _link_now(now_s, f, r)
+    if link is None or not link.ekf_age_s <= r.slow_silent_s:
+        return _U, "no report of the filter"
+    missing = [words for bit, words in _EKF_NEEDED if not link.ekf_flags & bit]
+    if link.ekf_flags & _EKF_CONSTANT_POSITION:
+        missing.append("any movement: it assumes a constant position")
+    if missing:
+        return _R, f"it has no {', no '.join(missing)}"
+    if math.isnan(link.ekf_variance):
+        return _U, "its variances are not known"
+    return _most(link.ekf_variance, r.amber_ekf_variance, r.red_ekf_variance), f"variance {link.ekf_variance:.1f}"
+
+
+def _estimate(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    link = _link_now(now_s, f, r)
+    if link is None or math.isnan(link.estimate_apart_m):
+        return _U, "estimate or feed is not known"
+    red_m = r.red_apart_in_flight_m if link.in_the_air == 1 else r.red_apart_m
+    amber_m = r.red_apart_m if link.in_the_air == 1 else r.amber_apart_m
+    return _most(link.estimate_apart_m, amber_m, red_m), f"{link.estimate_apart_m:.1f} m from the tracker's pose"
+
+
+def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.link.fresh(now_s, r.silent_s):
+        return _U, "the flight link is not heard"
+    link = f.link.value
+    if link.doubt:
+        return _R, link.doubt
+    if not link.feed_age_s <= 0.5:
+        return _R, "no pose goes to the autopilot"
+    return _least(link.feed_rate_hz, r.red_feed_hz, r.amber_feed_hz), f"{link.feed_rate_hz:.0f} poses a second"
+
+
+def _tracker(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.tracker_variance_m2.fresh(now_s, r.silent_s):
+        return _R, "no pose comes from it"
+    level = tracker_confidence.confidence(f.tracker_variance_m2.value)
+    if math.isnan(level):
+        return _A, "it tells no confidence"
+    if level <= tracker_confidence.LOW:
+        return _R, "low confidence"
+    return _G, "high confidence" if level > tracker_confidence.MEDIUM + 0.5 else "medium confidence"
+
+
+def _transmitter(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    link = _link_now(now_s, f, r)
+    if link is None:
+        return _U, "no autopilot"
+    if math.isnan(link.throttle) or not link.throttle_age_s <= r.silent_s:
+        return _R, "no transmitter is heard"
+    return _G, "heard"
+
+
+def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.battery_share.fresh(now_s, r.slow_silent_s):
+        return _U, "not heard"
+    share = f.battery_share.value
+    if math.isnan(share):
+        return _R, "the autopilot does not know it"
+    return _least(share, r.red_battery, r.amber_battery), f"{share:.0%}"
+
+
+def _camera(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    hz = f.pictures.hz(now_s)
+    if hz == 0.0:
+        return _R, "no picture comes from it"
+    return _least(hz, 0.0, r.amber_picture_hz), f"{hz:.1f} pictures a second"
+
+
+def _recorder(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.recorder.fresh(now_s, r.slow_silent_s):
+        return _R, "not heard"
+    recorder = f.recorder.value
+    if recorder.problem:
+        return _R, recorder.problem
+    return (_A, f"{recorder.dropped} messages were dropped") if recorder.dropped else (_G, "it records")
+
+
+def _disk(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.disk.fresh(now_s, r.slow_silent_s):
+        return _U, "the recorder's disk is not known"
+    disk = f.disk.value
+    lasts = "" if math.isnan(disk.minutes_left) else f", {disk.minutes_left:.0f} minutes"
+    return _least(disk.free_mib, r.red_disk_mib, r.amber_disk_mib), f"{disk.free_mib / 1024:.1f} GiB free{lasts}"
+
+
+def _guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.guardian.fresh(now_s, r.silent_s):
+        return _R, "not heard"
+    g = f.guardian.value
+    if g.lost:
+        return _R, "it lost the vehicle's position in flight"
+    if g.action:
+        return _R, f"{g.action}: {'; '.join(g.reasons)}"
+    forbids = [text for text in g.forbids if text != STICK]  # on the ground the stick is down; it is judged in flight
+    return (_R, f"forbids GUIDED: {'; '.join(forbids)}") if forbids else (_G, "nothing against flying")
+
+
+def _agent(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.agent.fresh(now_s, r.silent_s):
+        return _R, "not heard"
+    return (_R, f.agent.value.problem) if f.agent.value.problem else (_G, "it obeys")
+
+
+def _keys(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    return relay_keys.judge(now_s, f.keys, f.relay, r.slow_silent_s)
+
+
+def _least(value: float, red: float, amber: float) -> State:
+    """Of a value that should be large."""
+    return _R if not value >= red else _A if value < amber else _G
+
+
+def _most(value: float, amber: float, red: float) -> State:
+    """Of a value that should be small."""
+    return _R if not value <= red else _A if value > amber else _G
+
+
+VEHICLE_CHECKS: Tuple[Check, ...] = (
+    Check("link", "the flight link hears its autopilot", "check cable and fcu_url; is the autopilot on?", _link),
+    Check("streams", "the autopilot sends position, system status and filter report at their rates",
+          "free the serial line: its baud rate, other programs on it", _streams),
+    Check("pre-arm", "the autopilot is ready to arm, or armed", "do what the autopilot says", _pre_arm),
+    Check("origin", "the autopilot goes on reporting an origin", "wait for its filter; else restart the autopilot",
+          _origin),
+    Check("parameters", "the autopilot's parameters are as its profile says",
+          "rosrun fcsv_control parameters compare, then write; restart the autopilot", _parameters),
+    Check("ekf", "the autopilot's filter has attitude, velocity and position, and agrees with its sensors",
+          "keep still until it has settled; else restart the autopilot", _ekf),
+    Check("estimate", "the autopilot believes the tracker's pose", "keep still; else restart the autopilot", _estimate),
+    Check("feed", "poses go to the autopilot at 30 Hz", "check the tracking camera and its USB port", _feed),
+    Check("tracker", "the tracking camera trusts its poses", "better light, more texture; move it a little by hand",
+          _tracker),
+    Check("transmitter", "the pilot's transmitter is heard", "switch it on; check the receiver", _transmitter),
+    Check("battery", "the battery is known and full enough", "change it; unknown: set BATT_MONITOR", _battery),
+    Check("camera", "pictures come", "check the camera, its USB port and the node tags", _camera),
+    Check("recorder", "the recorder writes", "start it again; see its log", _recorder),
+    Check("disk", "there is room for the flight's pictures", "remove sessions that were gathered", _disk),
+    Check("guardian", "the guardian lives and forbids nothing", "do away with what it names; see its log", _guardian),
+    Check("agent", "the agent lives and obeys", "end the other agent, or start uav.launch again", _agent),
+    relay_keys.check(_keys),
+)  # fmt: skip
+NAMES: List[str] = [check.name for check in VEHICLE_CHECKS]
