@@ -241,10 +241,8 @@ class MissionMachine(Operated):
         if flown.going_back and any(v.armed and v.mode == "LAND" for v in snapshot.vehicles.values()):
             self._end_of_list(flown)  # one comes down already: who is beneath goes aside, nobody crosses below it
             return
-        capture = flown.step(snapshot, taken)
+        self.captures += flown.step(snapshot, taken)
         self.detail = f"{flown.detail} ({flown.going_back})" if flown.going_back else flown.detail
-        if capture is not None:
-            self.captures.append(capture)
         if flown.finished:
             self._end_of_list(flown)
 
