@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from fcsv_control.mission import plan_check, traffic
+from fcsv_control.mission.dropouts import Dropouts
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory
 from fcsv_control.mission.routes import Keep
+from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.task_list import TaskList, tasks
 from fcsv_control.mission.timed_way import EARLY_S, LATE_S, STEP_S, timed_way
 from fcsv_geometry import config
@@ -246,3 +248,104 @@ def test_a_recording_that_is_disturbed_is_taken_again_for_both(flight):
     f.fleet["uav3"].push_m = np.zeros(3)
     f.phase("DONE", 300.0)
     assert f.captured == [0, 1, 2, 3] and f.machine.captures[0].position_error_m < 0.15
+
+
+# ---- one that drops out ------------------------------------------------------------------------------------------
+
+
+def come_down(f, name):
+    """Its guardian lands it: a mode that nobody here asked for, then motors off."""
+    f.fleet[name].mode = "LAND"
+    f.until(lambda: not f.fleet[name].armed, 60.0)
+
+
+@pytest.mark.parametrize("name, left", [("uav3", [2]), ("uav2", [3])])
+def test_one_that_drops_out_leaves_a_working_pair(flight, name, left):
+    f = flight(mission(), NAMES)
+    f.up_to_configurations()
+    f.until(lambda: f.captured == [0, 1])
+    f.wait(1.0)
+    come_down(f, name)
+    f.wait(1.0)
+    assert any(f"{name} down, the others can go on: confirm 'resume'" in p for p in f.machine.problems)
+    f.wait(5.0)
+    assert not moving(f) and f.machine.phase == "CONFIGURATIONS"
+    ordered = len(f.orders)
+    f.press("resume")
+    f.phase("DONE", 300.0)
+    assert f.captured == [0, 1, *left] and "left out, " + name + " is down" in f.machine.detail
+    assert name not in {o.vehicle for _, o in f.orders[ordered:]} and f.closest_m > 1.45
+
+
+def test_who_drops_out_while_both_are_recorded_leaves_the_other_to_be_recorded_again(flight):
+    f = flight(mission(), NAMES)
+    f.up_to_configurations()
+    f.until(lambda: f.fleet["uav3"].recording)
+    come_down(f, "uav3")
+    f.press("resume")
+    f.phase("DONE", 300.0)
+    assert f.captured == [0, 2]
+
+
+def test_nobody_flies_again_what_needs_one_that_dropped_out(flight):
+    f = flight(mission(), NAMES)
+    f.up_to_configurations()
+    f.until(lambda: f.captured == [0, 1])
+    come_down(f, "uav3")
+    f.press("resume")
+    f.phase("CONFIGURATIONS")
+    assert f.machine.control("previous") == ""
+    f.phase("DONE", 300.0)
+    assert f.captured == [0, 1, 0, 2]
+
+
+def test_one_that_dropped_out_and_flies_again_stops_the_others_until_it_is_down(flight):
+    f = flight(mission(), NAMES)
+    f.up_to_configurations()
+    f.wait(1.0)
+    come_down(f, "uav3")
+    f.press("resume")
+    f.phase("CONFIGURATIONS")
+    f.wait(1.0)
+    f.fleet["uav3"].armed, f.fleet["uav3"].mode = True, "LOITER"
+    f.wait(1.0)
+    assert "uav3: dropped out and flies again: land it" in f.machine.problems and not moving(f)
+    f.fleet["uav3"].armed = False
+    f.phase("DONE", 300.0)
+    assert f.captured == [0, 2]
+
+
+def test_one_that_lost_its_position_and_is_down_ends_the_flight():
+    view = VehicleView(state_age_s=0.1, armed=False)
+    for lost, out in ((False, {"uav3"}), (True, set())):
+        drops = Dropouts("uav1", NAMES)
+        others = dict.fromkeys(("uav1", "uav2"), dataclasses.replace(view, armed=True))
+        drops.see(Snapshot(0.0, {**others, "uav3": dataclasses.replace(view, lost=lost)}), ["uav2", "uav3"])
+        assert drops.out == out
+
+
+@pytest.mark.parametrize("down", [("uav1",), ("uav2", "uav3")])
+def test_without_the_reference_or_any_mover_all_land(flight, down):
+    f = flight(mission(), NAMES)
+    f.up_to_configurations()
+    f.until(lambda: f.captured == [0, 1])
+    for name in down:
+        f.fleet[name].armed = False
+    f.phase("ABORTED", 60.0)
+    assert "motors are off: landing everybody" in f.machine.detail
+
+
+def test_a_mission_restarted_without_the_one_that_dropped_out_goes_on_with_the_pair(flight):
+    f = flight(mission(), NAMES)
+    f.up_to_configurations()
+    f.until(lambda: f.captured == [0, 1])
+    come_down(f, "uav3")
+    f.press("resume")
+    f.phase("CONFIGURATIONS")
+    f.wait(0.5)
+    saved = json.loads(json.dumps(dataclasses.asdict(f.machine.memory())))
+    f.machine = MissionMachine(f.machine.mission, NAMES)
+    f.machine.restore(config.from_mapping(saved, Memory, FILE))
+    f.press("resume")
+    f.phase("DONE", 300.0)
+    assert f.captured == [0, 1, 2]

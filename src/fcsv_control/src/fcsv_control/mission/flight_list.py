@@ -118,6 +118,19 @@ class FlightList:
                 self.notes.append(f"{titles} left out by the operator")
         return refusal
 
+    @property
+    def working(self) -> List[str]:
+        """Vehicles that have a configuration left to fly."""
+        return self._list.working
+
+    def leave(self, snapshot: Snapshot, name: str) -> None:
+        """A vehicle is down and takes no part any more; the others begin their running task again."""
+        self._begin(snapshot)
+        lost = self._list.leave(name)
+        self._vehicles = [n for n in self._vehicles if n != name]
+        self._attempts, self._task_since_s = {}, None
+        self.notes += [f"{self._mission.configurations[i].title} left out, {name} is down" for i in lost]
+
     # ---- its steps -----------------------------------------------------------------------------------------
 
     def step(self, snapshot: Snapshot, taken: Collection[str] = ()) -> List[CaptureWindow]:

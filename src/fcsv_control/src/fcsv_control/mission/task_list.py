@@ -2,7 +2,7 @@
 """What is flown in which order, and how the operator changes it."""
 
 from dataclasses import dataclass
-from typing import Collection, List, Optional, Sequence
+from typing import Collection, List, Optional, Sequence, Set
 
 from fcsv_geometry.mission import Mission
 
@@ -47,6 +47,7 @@ class TaskList:
         self.left = list(left)
         self.flown = list(flown)  # configurations that are behind, recorded or left out
         self.away = list(away)
+        self._gone: Set[str] = set()  # take no part any more
         self._last = next((t.index for t in self.left if t.index is not None), 0)
 
     @property
@@ -92,8 +93,14 @@ class TaskList:
         """Nothing more is flown but the way back."""
         self.left = _at_once([Task(n) for n in self._out()])
 
+    @property
+    def working(self) -> List[str]:
+        """Vehicles that have a configuration left."""
+        return [t.vehicle for t in self.left if t.index is not None]
+
     def leave(self, vehicle: str) -> List[int]:
         """A vehicle takes no part any more; which configurations are left out with it."""
+        self._gone.add(vehicle)
         away = [n for n in self._out() if n != vehicle]
         lost = [t.index for t in self.left if t.index is not None and t.vehicle == vehicle]
         self.flown += lost
@@ -123,9 +130,10 @@ class TaskList:
 
     def before(self) -> str:
         """Fly the configurations before again, then the running ones."""
-        if not self.flown:
+        possible = [i for i in self.flown if self._mission.mover(i, self._vehicles) not in self._gone]
+        if not possible:
             return "no configuration was flown before"
-        again = [i for i in self._mission.moment_of(self.flown[-1]) if i in self.flown]
+        again = [i for i in self._mission.moment_of(possible[-1]) if i in possible]
         self.flown = [i for i in self.flown if i not in again]
         self._order([*again, *self._indices()])
         return ""
