@@ -7,7 +7,9 @@ WORLD ?= street
 RVIZ ?=
 LIVE ?=
 SPEED ?= auto
-export SYSTEM MISSION SEED WORLD RVIZ LIVE SPEED
+OUT ?= out/demo
+OVERWRITE ?=
+export SYSTEM MISSION SEED WORLD RVIZ LIVE SPEED OUT OVERWRITE
 
 .PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study
 setup build:

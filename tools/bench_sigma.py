@@ -13,7 +13,6 @@ have been on other days, and --maps of them are mapped.
 import argparse
 import os
 import platform
-import shutil
 import subprocess
 import sys
 import time
@@ -132,9 +131,8 @@ def fly(out: Path) -> List[Path]:
             if (folders[-1] / "session").is_dir():
                 continue
             what = {"WORLD": world, "SEED": str(seed), "MISSION": "short", "LIVE": "0", "RVIZ": "0"}
+            what["OUT"] = str(folders[-1].resolve())
             subprocess.run([str(ROOT / "tools" / "run"), "demo"], env={**os.environ, **what}, cwd=ROOT, check=True)
-            out.mkdir(parents=True, exist_ok=True)
-            shutil.move(str(ROOT / "out" / "demo"), str(folders[-1]))
     return folders
 
 

@@ -353,7 +353,7 @@ def test_a_control_pc_that_is_gone_and_comes_back_goes_on(pair, start_node, fold
     process = started(start_node, folder, memory_dir=str(folder / "memory"))
     pair.up_to_home()
     pair.confirm("execute")
-    until(lambda: back.recording and pair.mission.configuration == 1)
+    until(lambda: back.recording and pair.mission.configuration == 1 and back.T_home_body[2, 3] > 4.0)  # not the first
     until(lambda: '"index": 0' in (folder / "memory" / "mission_memory.json").read_text())
     place = back.T_home_body.copy()
     process.kill()

@@ -9,6 +9,7 @@ from support.autopilots import MUST, PROFILE, PROFILE_FILE
 from fcsv_control.errors import ProfileError
 from fcsv_control.flight import parameter_files, profile
 from fcsv_control.flight.profile import Choice, load_profile, parse_profile
+from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_sim.autopilot.parameters import DEFAULTS
 
 ENOUGH = "#: must 2 or 3: poses come by MAVLink\nVISO_TYPE,2\n"
@@ -27,6 +28,12 @@ def test_the_profile_says_what_the_filter_flies_on_and_what_the_failsafes_do():
         assert "RTL" in PROFILE.rule(name).why or "fly home" in PROFILE.rule(name).why
         assert PROFILE.rule(name).complaint(homing), f"{name} {homing} flies home, through the others"
     assert PROFILE.rule("BATT_LOW_VOLT").value is None and "BATT_LOW_VOLT" not in PROFILE.values
+
+
+def test_autopilots_fly_as_fast_as_ways_of_missions_are_timed():
+    wanted = FlightBounds().autopilot_parameters
+    assert {name: PROFILE.values[name] for name in wanted} == wanted
+    assert "WPNAV_SPEED is 500" in PROFILE.rule("WPNAV_SPEED").complaint(500.0)  # ArduCopter's default
 
 
 def test_a_ground_station_loads_the_profile_as_it_is():

@@ -273,6 +273,36 @@ def test_take_off_hold_and_overshoot(flight):
     assert abs(transforms.yaw(flight.T_ext_world @ flight.vehicle.body.T_world_body) - YAW_EXT) < np.radians(3)
 
 
+@pytest.mark.parametrize(
+    "step, most_mps",
+    [((20.0, 0.0, 0.0), 2.0), ((0.0, 0.0, 12.0), 1.5), ((8.0, 0.0, 12.0), 1.5 * np.hypot(8.0, 12.0) / 12.0)],
+)
+def test_it_flies_straight_to_a_set_point_as_fast_as_its_parameters_say(flight, step, most_mps):
+    """As GUIDED of ArduCopter 4.3: speeds of WPNAV_SPEED and WPNAV_SPEED_UP share one clock on a slanting way."""
+    flight.airborne()
+    start, step = flight.p_ext.copy(), np.array(step)
+    flight.target(start + step, YAW_EXT)
+    fastest, aside = 0.0, 0.0
+    for _ in range(150):
+        before = flight.p_ext.copy()
+        flight.run(0.1)
+        fastest = max(fastest, float(np.linalg.norm(flight.p_ext - before)) / 0.1)
+        off = flight.p_ext - start
+        aside = max(aside, float(np.linalg.norm(off - step * (off @ step) / (step @ step))))
+    assert fastest == pytest.approx(most_mps, abs=0.3)  # wind, and what the velocity loop overshoots
+    assert aside < 0.6
+    assert np.linalg.norm(flight.p_ext - start - step) < 0.3
+
+
+def test_a_parameter_that_is_set_is_flown_by(flight):
+    flight.airborne()
+    start = flight.p_ext.copy()
+    flight.companion.mav.param_set_send(1, 1, b"WPNAV_SPEED", 100.0, M.MAV_PARAM_TYPE_REAL32)
+    flight.target(start + [10.0, 0.0, 0.0], YAW_EXT)
+    flight.run(6.0)
+    assert 4.0 < flight.p_ext[0] - start[0] < 6.3
+
+
 def test_a_set_point_never_lifts_off(flight):
     flight.ready()
     flight.command(M.MAV_CMD_DO_SET_MODE, 1, modes.GUIDED)

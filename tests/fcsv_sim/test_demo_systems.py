@@ -25,6 +25,13 @@ def test_every_system_can_fly_its_own_mission(system, root):
     SYSTEMS[system].require(own)
 
 
+def test_the_fleet_is_as_large_as_the_mission_wants(root):
+    def fleet(name):
+        return SYSTEMS["tags"].fleet(load_mission(root / "config" / "missions" / f"{name}.yaml"))
+
+    assert fleet("short") == ("uav1", "uav2") and fleet("at_once") == ("uav1", "uav2", "uav3")
+
+
 @pytest.mark.parametrize("system, axis, baseline_m, height_m, words", [
     ("gimbal", "horizontal", 7.0, 1.7, ["configurations[0].baseline_m", "tello2", "from its gimbal"]),
     ("gimbal", "vertical", 3.0, 1.7, ["configurations[0].baseline_m", "tello2", "from its gimbal"]),
@@ -47,12 +54,34 @@ def test_the_view_that_is_checked_is_that_of_the_simulated_mocap():
     (["--system", "stars"], ["no system 'stars'", "tags, gimbal, mocap"]),
     (["--system", "gimbal", "--mission", "short"], ["reference 'uav1'", "tello1, tello2"]),
     (["--mission", "mocap"], ["reference 'tello1'", "uav1, uav2"]),
+    (["--mission", "five"], ["configurations[2].vehicle is 'uav4'", "uav1, uav2, uav3"]),
     (["--system", "mocap", "--mission", "nowhere"], ["no mission 'nowhere'", "mocap"]),
 ])  # fmt: skip
 def test_a_wrong_choice_is_one_line_and_starts_nothing(arguments, words, tmp_path, capsys):
     assert demo.main([*arguments, "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and all(w in said for w in words) and not (tmp_path / "out").exists()
+
+
+def test_a_recorded_flight_is_not_removed_unasked(tmp_path, capsys, monkeypatch):
+    out = tmp_path / "out"
+    (out / "session").mkdir(parents=True)
+    (out / "session" / "uav1.bag").write_text("flown")
+    assert demo.main(["--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "holds a recorded flight: OVERWRITE=1 replaces it" in said
+    assert (out / "session" / "uav1.bag").read_text() == "flown"
+    plans = []
+    monkeypatch.setattr(demo, "run", lambda system, plan, say, **_: plans.append(plan) or 0)
+    assert demo.main(["--out", str(out), "--overwrite", "1", "--speed", "1"]) == 0 and plans[0].folder == out
+
+
+@pytest.mark.parametrize("below", ["", "deeper/still"])
+def test_a_file_where_the_folder_should_be_is_named(below, tmp_path, capsys):
+    (tmp_path / "out").write_text("a file")
+    assert demo.main(["--out", str(tmp_path / "out" / below)]) == 2
+    assert "a file stands there, not a folder" in capsys.readouterr().err
+    assert (tmp_path / "out").read_text() == "a file"
 
 
 @pytest.mark.parametrize("text, words", [

@@ -2,6 +2,7 @@
 """Bounds of a mission (fields of the mission file): how long it waits, how fast and how long it flies."""
 
 from dataclasses import dataclass
+from typing import Dict, Tuple
 
 import numpy as np
 
@@ -26,22 +27,50 @@ class PauseLimits:
 
 @dataclass(frozen=True)
 class FlightBounds:
-    """How vehicles fly in GUIDED, as far as a plan's time depends on it."""
+    """How vehicles fly in GUIDED: a plan's times, and what the autopilots' parameters must say."""
 
     speed_mps: float = 2.0
-    acceleration_mps2: float = 1.0
+    climb_mps: float = 1.5
+    sink_mps: float = 1.5
+    acceleration_mps2: float = 1.5
+    climb_mps2: float = 1.0  # vertical acceleration
     endurance_s: float = 900.0  # in the air with a full battery
 
     def __post_init__(self):
         config.require_positive(self)
 
-    def leg_s(self, length_m: float) -> float:
+    @property
+    def autopilot_parameters(self) -> Dict[str, float]:
+        """ArduCopter's parameters with which it flies so, in cm/s and cm/s^2.
+
+        >>> FlightBounds().autopilot_parameters["WPNAV_SPEED"]
+        200.0
+        """
+        return {
+            "WPNAV_SPEED": 100.0 * self.speed_mps,
+            "WPNAV_SPEED_UP": 100.0 * self.climb_mps,
+            "WPNAV_SPEED_DN": 100.0 * self.sink_mps,
+            "WPNAV_ACCEL": 100.0 * self.acceleration_mps2,
+            "WPNAV_ACCEL_Z": 100.0 * self.climb_mps2,
+        }
+
+    def along(self, level_m: float, up_m: float) -> Tuple[float, float]:
+        """(m/s, m/s^2) on the straight way to a place so far away horizontally and upwards."""
+        away_m = max(float(np.hypot(level_m, up_m)), 1e-9)
+        level, up = max(level_m / away_m, 1e-6), max(abs(up_m) / away_m, 1e-6)
+        upright_mps = self.climb_mps if up_m > 0.0 else self.sink_mps
+        return min(self.speed_mps / level, upright_mps / up), min(self.acceleration_mps2 / level, self.climb_mps2 / up)
+
+    def leg_s(self, level_m: float, up_m: float = 0.0) -> float:
         """Time (s) of a leg from standing to standing.
 
-        >>> FlightBounds(2.0, 1.0).leg_s(8.0), FlightBounds(2.0, 1.0).leg_s(1.0)
-        (6.0, 2.0)
+        >>> bounds = FlightBounds(speed_mps=2.0, climb_mps=1.0, acceleration_mps2=1.0)
+        >>> bounds.leg_s(8.0), bounds.leg_s(1.0), bounds.leg_s(0.0, 3.0)
+        (6.0, 2.0, 4.0)
         """
-        ramps_m = self.speed_mps**2 / self.acceleration_mps2
+        speed_mps, acceleration_mps2 = self.along(level_m, up_m)
+        length_m = float(np.hypot(level_m, up_m))
+        ramps_m = speed_mps**2 / acceleration_mps2
         if length_m < ramps_m:
-            return float(2.0 * np.sqrt(length_m / self.acceleration_mps2))
-        return float(length_m / self.speed_mps + self.speed_mps / self.acceleration_mps2)
+            return float(2.0 * np.sqrt(length_m / acceleration_mps2))
+        return float(length_m / speed_mps + speed_mps / acceleration_mps2)

@@ -35,6 +35,7 @@ class StereoConfiguration:
     least_pictures: int = 6  # of each vehicle; a slow camera is waited for, up to four times ``record_s``
     name: Optional[str] = None
     vehicle: Optional[str] = None  # who moves; default: the first that is not the reference
+    at_once: bool = False  # flown and recorded at the same time as the one before, by another vehicle
 
     def __post_init__(self):
         if self.axis not in AXES:
@@ -108,6 +109,7 @@ class Mission:
             raise ValueError(f"min_separation_m: {self.min_separation_m} must be positive")
         for i, c in enumerate(self.configurations):
             self._check_configuration(f"configurations[{i}]", c)
+        self._check_moments()
         low, high = _COLUMN_SPACING_M
         if not low <= self.column_spacing_m <= high:
             raise ValueError(
@@ -120,9 +122,7 @@ class Mission:
             )
         least_m = _LEAST_HOME_M + self.min_separation_m
         if self.home_height_m < least_m:
-            raise ValueError(
-                f"home_height_m: {self.home_height_m} is too near the ground; give at least {least_m:g}"
-            )
+            raise ValueError(f"home_height_m: {self.home_height_m} is too near the ground; give at least {least_m:g}")
         if not 0.0 <= self.empty_battery_share <= self.low_battery_share < 1.0:
             raise ValueError(
                 f"low_battery_share: {self.low_battery_share} must be in 0..1 and not under "
@@ -137,6 +137,37 @@ class Mission:
             )
         if c.vehicle == self.reference:
             raise ValueError(f"{where}.vehicle: {c.vehicle} is the reference and holds at home; name another")
+
+    def _check_moments(self) -> None:
+        if self.configurations[0].at_once:
+            raise ValueError("configurations[0].at_once: there is none before it")
+        for moment in self.moments():
+            of = [self.configurations[i] for i in moment]
+            if len(moment) > 1 and (any(c.vehicle is None for c in of) or len({c.vehicle for c in of}) < len(of)):
+                raise ValueError(
+                    f"configurations[{moment[0]}..{moment[-1]}].vehicle: those at once each need a vehicle of their own"
+                )
+            if len({c.record_s for c in of}) > 1:
+                raise ValueError(f"configurations[{moment[-1]}].record_s: must be that of configurations[{moment[0]}]")
+
+    def moment_of(self, index: int) -> List[int]:
+        """Indices of the configurations that are flown at the same time as ``index``, with it."""
+        first, last = index, index + 1
+        while self.configurations[first].at_once:
+            first -= 1
+        while last < len(self.configurations) and self.configurations[last].at_once:
+            last += 1
+        return list(range(first, last))
+
+    def moments(self, indices: Optional[Sequence[int]] = None) -> List[List[int]]:
+        """Chosen configurations (None: all) in their order, those together that are flown at the same time."""
+        found: List[List[int]] = []
+        for i in range(len(self.configurations)) if indices is None else indices:
+            if found and i in self.moment_of(found[-1][0]):
+                found[-1].append(i)
+            else:
+                found.append([i])
+        return found
 
     def mover(self, index: int, vehicles: Sequence[str]) -> str:
         """Who takes configuration ``index``'s place."""

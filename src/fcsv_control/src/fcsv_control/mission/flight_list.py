@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The list of configurations, one after the other: go there, settle, record, go on; at the end back to the column."""
+"""The list of configurations, one after the other or at once: go there, settle, record, go on; at the end back to the
+column."""
 
 from typing import Collection, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_control.mission.convoy import Convoy
 from fcsv_control.mission.holding import Holding
 from fcsv_control.mission.journey import Journey
 from fcsv_control.mission.memory import RememberedList
@@ -33,9 +35,9 @@ class FlightList:
         self._parked = parked
         self._list = task_list
         self._attempts: Dict[int, int] = {}
-        self._home = self._journey(mission.reference, T_HOME_CAM_AT_HOME)
+        self._home = self._way_home()
         self._reference_is_home = False
-        self._journey_now: Optional[Journey] = None
+        self._convoy: Optional[Convoy] = None
         self._standing: Optional[Standing] = None
         self._holding: Optional[Holding] = None
         self._taken_over = False
@@ -54,7 +56,7 @@ class FlightList:
     def remembered(cls, mission: Mission, vehicles: Sequence[str], outbox: Outbox, memory: RememberedList):
         """Where a mission that was restarted stood; the first ``step`` waits until everybody holds."""
         parked = {n: np.array(memory.parked[n]).reshape(4, 4) for n in vehicles}
-        again = cls(mission, outbox, parked, TaskList(mission, vehicles, memory.left, memory.flown))
+        again = cls(mission, outbox, parked, TaskList(mission, vehicles, memory.left, memory.flown, memory.away))
         again.notes, again.going_back, again._taken_over = list(memory.notes), memory.going_back, True
         return again
 
@@ -63,7 +65,8 @@ class FlightList:
         """What a restart needs to go on."""
         parked = {n: T.ravel().tolist() for n, T in self._parked.items()}
         return RememberedList(
-            list(self._list.left), list(self._list.flown), parked, list(self.notes), self.going_back
+            list(self._list.left), list(self._list.flown), parked, list(self.notes), self.going_back,
+            list(self._list.away),
         )  # fmt: skip
 
     @property
@@ -72,7 +75,7 @@ class FlightList:
 
     @property
     def index(self) -> int:
-        """Of the running configuration; the last one's on the way back."""
+        """Of the (first) running configuration; the last one's on the way back."""
         return self._list.index
 
     @property
@@ -104,7 +107,7 @@ class FlightList:
 
     def change(self, snapshot: Snapshot, operation: str) -> str:
         """The operator's "skip", "repeat", "next" or "previous"; "" when done, else why not."""
-        index = self._list.running
+        titles = " and ".join(self._mission.configurations[i].title for i in self._list.coming)
         change = {"skip": self._list.skip, "repeat": self._list.again, "next": self._list.put_off,
                   "previous": self._list.before}[operation]  # fmt: skip
         refusal = change()
@@ -112,43 +115,63 @@ class FlightList:
             self._begin(snapshot)
             self._attempts, self._task_since_s = {}, None
             if operation == "skip":
-                self.notes.append(f"{self._mission.configurations[index].title} left out by the operator")
+                self.notes.append(f"{titles} left out by the operator")
         return refusal
+
+    @property
+    def working(self) -> List[str]:
+        """Vehicles that have a configuration left to fly."""
+        return self._list.working
+
+    def leave(self, snapshot: Snapshot, name: str) -> None:
+        """A vehicle is down and takes no part any more; the others begin their running task again."""
+        self._begin(snapshot)
+        lost = self._list.leave(name)
+        self._vehicles = [n for n in self._vehicles if n != name]
+        self._attempts, self._task_since_s = {}, None
+        self.notes += [f"{self._mission.configurations[i].title} left out, {name} is down" for i in lost]
 
     # ---- its steps -----------------------------------------------------------------------------------------
 
-    def step(self, snapshot: Snapshot, taken: Collection[str] = ()) -> Optional[CaptureWindow]:
-        """Advance the running task; a recording that counts comes back once."""
+    def step(self, snapshot: Snapshot, taken: Collection[str] = ()) -> List[CaptureWindow]:
+        """Advance the running tasks; recordings that count come back once."""
         if self._taken_over and self._still_holds(snapshot, taken):
-            return None
+            return []
         self._holding = None
+        if self.going_back:
+            self._leave_to_pilots(taken)
         if self.finished:
-            return None
-        task = self._list.left[0]
-        self._watch_time(snapshot, task)
-        if self.going_back and task.vehicle in taken:
-            self._next()  # its pilot lands it
-            return None
+            return []
+        moment = self._list.moment
+        self._watch_time(snapshot, moment)
         if not self.going_back and not self._bring_reference_home(snapshot):
-            return None
+            return []
         if self._standing is not None:
-            return self._stand(snapshot, task)
-        if self._travel(snapshot, task):
-            if task.index is None:
+            return self._stand(snapshot, moment)
+        if self._travel(snapshot, moment):
+            if moment[0].index is None:
                 self._next()
             else:
-                self._standing = self._stand_at(task)
-        return None
+                self._standing = self._stand_at(moment)
+        return []
 
-    def _watch_time(self, snapshot: Snapshot, task: Task) -> None:
+    def _leave_to_pilots(self, taken: Collection[str]) -> None:
+        """Whom pilots have they land."""
+        for name in {t.vehicle for t in self._list.left} & set(taken):
+            self._list.leave(name)
+            self._convoy, self._task_since_s = None, None
+
+    def _watch_time(self, snapshot: Snapshot, moment: Sequence[Task]) -> None:
         """Raises MissionError where a task does not end: short pauses again and again pass every other limit."""
         self._task_since_s = snapshot.now_s if self._task_since_s is None else self._task_since_s
         most_s = self._mission.limits.task_s
-        if task.index is not None:
-            record_s = self._mission.configurations[task.index].record_s
+        if moment[0].index is not None:
+            record_s = self._mission.configurations[moment[0].index].record_s
             most_s += _LONGEST * self._mission.settle.attempts * record_s
         if snapshot.now_s - self._task_since_s > most_s:
-            raise MissionError(f"{task.vehicle} is not done with {self._place(task)[1]} after {most_s:g} s: landing")
+            who, where = self._in_words(moment)
+            verb = "are" if len(moment) > 1 else "is"
+            raise MissionError(f"{who} {verb} not done with {where} after {most_s:g} s: landing")
 
     def _still_holds(self, snapshot: Snapshot, taken: Collection[str]) -> bool:
         """After a restart nobody moves before everybody has acknowledged to hold."""
@@ -158,38 +181,42 @@ class FlightList:
         return self._taken_over
 
     def _begin(self, snapshot: Snapshot) -> None:
-        """The running task from its start, and the reference home again."""
+        """The running tasks from their start, and the reference home again."""
         if self._standing is not None:
             self._standing.stop(snapshot)
-        self._journey_now, self._standing = None, None
-        self._home = self._journey(self._mission.reference, T_HOME_CAM_AT_HOME)
+        self._convoy, self._standing = None, None
+        self._home = self._way_home()
         self._reference_is_home = False
 
     def _next(self) -> None:
         self._list.done()
-        self._journey_now, self._standing, self._task_since_s = None, None, None
+        self._convoy, self._standing, self._task_since_s = None, None, None
 
-    def _journey(self, name: str, T_home_cam: np.ndarray) -> Journey:
+    def _way_home(self) -> Journey:
         m = self._mission
-        return Journey(self._outbox, name, T_home_cam, Keep(m.min_separation_m, m.air), m.settle.timeout_s)
+        keep = Keep(m.min_separation_m, m.air)
+        return Journey(self._outbox, m.reference, T_HOME_CAM_AT_HOME, keep, m.settle.timeout_s)
 
-    def _others(self, name: str) -> List[str]:
-        return [n for n in self._vehicles if n != name]
+    def _others(self, names: Collection[str]) -> List[str]:
+        return [n for n in self._vehicles if n not in names]
 
     def _bring_reference_home(self, snapshot: Snapshot) -> bool:
         """It goes there once and stays; nobody else moves before."""
         if not self._reference_is_home:
             name = self._mission.reference
             self.detail = f"{name} goes home"
-            self._reference_is_home = self._home.step(snapshot, self._others(name))
+            self._reference_is_home = self._home.step(snapshot, self._others([name]))
         return self._reference_is_home
 
-    def _travel(self, snapshot: Snapshot, task: Task) -> bool:
-        if self._journey_now is None:
-            place, words = self._place(task)
-            self._journey_now = self._journey(task.vehicle, place)
-            self.detail = f"{task.vehicle} on its way to {words}"
-        return self._journey_now.step(snapshot, self._others(task.vehicle))
+    def _travel(self, snapshot: Snapshot, moment: Sequence[Task]) -> bool:
+        places = {t.vehicle: self._place(t)[0] for t in moment}
+        if self._convoy is None:
+            self._convoy = Convoy(self._outbox, self._mission, places)
+        there = self._convoy.step(snapshot, self._others(places))
+        said = f" ({self._convoy.said})" if self._convoy.said else ""
+        self.detail = "{} on their way to {}{}".format(*self._in_words(moment), said)
+        self.detail = self.detail if len(moment) > 1 else self.detail.replace(" on their way", " on its way", 1)
+        return there
 
     def _place(self, task: Task) -> Tuple[np.ndarray, str]:
         if task.index is None:
@@ -197,25 +224,32 @@ class FlightList:
         configuration = self._mission.configurations[task.index]
         return camera_place(configuration), configuration.title
 
-    def _stand_at(self, task: Task) -> Standing:
-        self._attempts[task.index] = self._attempts.get(task.index, 0) + 1
-        places = {task.vehicle: self._place(task)[0], self._mission.reference: T_HOME_CAM_AT_HOME}
-        last = self._attempts[task.index] >= self._mission.settle.attempts
-        return Standing(self._mission, task.index, task.vehicle, places, self._outbox, last)
+    def _in_words(self, moment: Sequence[Task]) -> Tuple[str, str]:
+        """(who, where to)."""
+        places = [self._place(t)[1] for t in moment]
+        where = "their places in the column" if len(moment) > 1 and moment[0].index is None else " and ".join(places)
+        return " and ".join(t.vehicle for t in moment), where
 
-    def _stand(self, snapshot: Snapshot, task: Task) -> Optional[CaptureWindow]:
+    def _stand_at(self, moment: Sequence[Task]) -> Standing:
+        index = moment[0].index
+        self._attempts[index] = self._attempts.get(index, 0) + 1
+        places = {t.vehicle: self._place(t)[0] for t in moment}
+        places[self._mission.reference] = T_HOME_CAM_AT_HOME
+        last = self._attempts[index] >= self._mission.settle.attempts
+        return Standing(self._mission, {t.vehicle: t.index for t in moment}, places, self._outbox, last)
+
+    def _stand(self, snapshot: Snapshot, moment: Sequence[Task]) -> List[CaptureWindow]:
         """Settle and record; what was disturbed is taken again, what never becomes calm is left out."""
-        progress, window = self._standing.step(snapshot)
+        progress, windows = self._standing.step(snapshot)
         self.detail = self._standing.detail
         if progress is Progress.AGAIN:
-            self._standing = self._stand_at(task)
+            self._standing = self._stand_at(moment)
         elif progress is Progress.GIVEN_UP:
-            title = self._mission.configurations[task.index].title
-            self.notes.append(f"{title} left out, {self._standing.why}")
+            self.notes.append(f"{self._in_words(moment)[1]} left out, {self._standing.why}")
             self._next()
         elif progress is Progress.DONE:
             self._next()
-        return window
+        return windows
 
     def require_some(self, captures: int) -> None:
         """Raises MissionError where the whole list left nothing."""

@@ -5,6 +5,7 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
 
 from fcsv_control.mission import restart, watch
 from fcsv_control.mission.check_gate import OpenGate
+from fcsv_control.mission.dropouts import Dropouts
 from fcsv_control.mission.flight_list import FlightList
 from fcsv_control.mission.handover import Handover
 from fcsv_control.mission.hands import Hands
@@ -56,6 +57,7 @@ class MissionMachine(Operated):
         self._flight_list: Optional[FlightList] = None
         self._hands = Hands()
         self._landing = Landing(vehicles, self.outbox, mission.min_separation_m, self._hands)
+        self._dropouts = Dropouts(mission.reference, vehicles)
         self._patience = Patience(mission.limits)
         self._pauses: Set[Pause] = set()
         self._handover = Handover(self.outbox, self._hands)
@@ -154,7 +156,10 @@ class MissionMachine(Operated):
         """Advance by what is seen; orders go to the outbox."""
         self._snapshot = snapshot
         self._hands.see(snapshot)
-        found = [] if self.over else watch.found(self.mission, self.phase, snapshot)
+        taking_part = self._drop_out(snapshot)
+        found = [] if self.over else watch.found(self.mission, self.phase, taking_part)
+        if self.phase in ("GUIDED", "CONFIGURATIONS"):
+            found += [(Pause.LOST, text) for text in self._dropouts.problems(snapshot)]
         self.problems, self._pauses = [text for _, text in found], {kind for kind, _ in found}
         if self._stopped:
             self._stand_still(snapshot)
@@ -168,12 +173,22 @@ class MissionMachine(Operated):
             "LAND": self._land,
         }
         try:
-            watch.require_flyable(self.mission, self.phase, snapshot)
+            watch.require_flyable(self.mission, self.phase, taking_part)
             if self.phase in story:
                 story[self.phase](snapshot)
             self._lose_patience(snapshot)
         except MissionError as error:
             self.abort(str(error))
+
+    def _drop_out(self, snapshot: Snapshot) -> Snapshot:
+        """Who is down takes no part any more, once the operator confirms it; what is known of the others."""
+        flown = self._flight_list
+        if self.phase in ("GUIDED", "CONFIGURATIONS") and flown is not None and not flown.going_back:
+            for name in self._dropouts.see(snapshot, flown.working):
+                flown.leave(snapshot, name)
+                self.said.append(f"{name} is down and takes no part any more")
+                self._paused_by_operator = True
+        return self._dropouts.without(snapshot)
 
     def _enter(self, phase: str, detail: str, waits_for: str = "") -> None:
         self.phase, self.detail, self.waits_for, self.wants = phase, detail, waits_for, ""
@@ -208,7 +223,7 @@ class MissionMachine(Operated):
         if self._stopped_by_people() or self.problems:
             return
         self._pauses.add(Pause.HANDOVER)
-        if not self._handover.step(snapshot, self.vehicles):
+        if not self._handover.step(snapshot, [n for n in self.vehicles if n not in self._dropouts.out]):
             self.detail = self._handover.detail or self.detail
             return
         if self._flight_list is None:
@@ -232,7 +247,9 @@ class MissionMachine(Operated):
         taken = self._hands.taken
         self.problems += self._hands.problems()
         if self._paused_by_operator:
-            self.problems.append("paused by the operator: confirm 'resume'")
+            down = " and ".join(sorted(self._dropouts.out))
+            why = f"{down} down, the others can go on" if down else "paused by the operator"
+            self.problems.append(f"{why}: confirm 'resume'")
         self._pauses |= {Pause.PILOT} if taken else {Pause.OPERATOR} if self._paused_by_operator else set()
         stopped = bool(taken) or self._paused_by_operator
         self.waits_for = "resume" if stopped and self._hands.all_given_back else ""
@@ -247,10 +264,8 @@ class MissionMachine(Operated):
         if flown.going_back and any(v.armed and v.mode == "LAND" for v in snapshot.vehicles.values()):
             self._end_of_list(flown)  # one comes down already: who is beneath goes aside, nobody crosses below it
             return
-        capture = flown.step(snapshot, taken)
+        self.captures += flown.step(snapshot, taken)
         self.detail = f"{flown.detail} ({flown.going_back})" if flown.going_back else flown.detail
-        if capture is not None:
-            self.captures.append(capture)
         if flown.finished:
             self._end_of_list(flown)
 

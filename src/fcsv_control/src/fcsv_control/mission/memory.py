@@ -16,7 +16,7 @@ from fcsv_geometry import config
 from fcsv_geometry.mission import Mission
 
 FILE = "mission_memory.json"
-_VERSION = 1
+_VERSION = 2
 _MOST_AGE_S = 600.0  # it is written at least once a minute: older is of another flight
 _POSE_NUMBERS = 16
 
@@ -30,6 +30,7 @@ class RememberedList:
     parked: Dict[str, List[float]]
     notes: List[str] = field(default_factory=list)
     going_back: str = ""
+    away: List[str] = field(default_factory=list)  # out of the column
 
     def __post_init__(self):
         bad = [n for n, T in self.parked.items() if len(T) != _POSE_NUMBERS]
@@ -123,7 +124,7 @@ def _require_fitting(path: Path, memory: Memory, mission: Mission, vehicles: Seq
     if known is None:
         return
     indices = [*known.flown, *(t.index for t in known.left if t.index is not None)]
-    names = [*(t.vehicle for t in known.left), *known.parked]
+    names = [*(t.vehicle for t in known.left), *known.parked, *known.away]
     if any(not 0 <= i < len(mission.configurations) for i in indices) or set(known.parked) != set(vehicles):
         raise SessionError(f"{path}: names configurations or places that this mission lacks")
     if not set(names) <= set(vehicles):

@@ -6,9 +6,11 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_control.mission import traffic
 from fcsv_control.mission.places import camera_place
 from fcsv_control.mission.routes import Keep, route
-from fcsv_control.mission.task_list import Task, tasks
+from fcsv_control.mission.task_list import Task, TaskList, tasks
+from fcsv_control.mission.timed_way import timed_way
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 
@@ -18,7 +20,7 @@ _RESERVE = 1.3  # times the planned time must be in the battery
 _BEFORE_S = 150.0  # take-off, column, calibration, home
 _AFTER_S = 30.0  # landing
 _RECORDERS_S = 1.0  # on and off
-_EVERY_M = 0.5  # of a leg is compared with the fence
+_EVERY_STEPS = 2  # of a way, each 0.1 s, is compared with the fence
 
 
 @dataclass(frozen=True)
@@ -54,15 +56,18 @@ def check_plan(
     vehicles = list(situation.places)
     found = list(_too_little_room(mission, dict.fromkeys(vehicles, RADIUS_M), radius_m or {}))
     places, flight_s = dict(situation.places), 0.0
-    for task in tasks(mission, vehicles, indices):
-        goal = situation.places[task.vehicle] if task.index is None else camera_place(
-            mission.configurations[task.index])[:3, 3]  # fmt: skip
-        wrong, leg_s = _leg(mission, task, goal, places, situation.home_height_m)
+    left = TaskList(mission, vehicles, tasks(mission, vehicles, indices))
+    while left.left:
+        moment = left.moment
+        goals = {t.vehicle: situation.places[t.vehicle] if t.index is None else camera_place(
+            mission.configurations[t.index])[:3, 3] for t in moment}  # fmt: skip
+        wrong, legs_s = _legs(mission, goals, places, situation.home_height_m)
+        left.done()
         if wrong:  # the legs after it are judged as if it were left out
-            found.append(f"{_named(mission, task)}: {wrong}")
+            found.append(f"{_named(mission, moment)}: {wrong}")
             continue
-        places[task.vehicle] = goal
-        flight_s += leg_s + _standing_s(mission, task)
+        places.update(goals)
+        flight_s += legs_s + _standing_s(mission, moment[0])
     return found + list(_batteries(mission, situation, flight_s))
 
 
@@ -83,25 +88,31 @@ def _too_little_room(mission: Mission, usual: Dict[str, float], radius_m: Mappin
         )
 
 
-def _leg(
-    mission: Mission, task: Task, goal: np.ndarray, places: Dict[str, np.ndarray], home_height_m: float
+def _legs(
+    mission: Mission, goals: Dict[str, np.ndarray], places: Dict[str, np.ndarray], home_height_m: float
 ) -> Tuple[str, float]:
-    """(what is wrong with it, time in s)."""
-    start, others = places[task.vehicle], [p for n, p in places.items() if n != task.vehicle]
-    wrong = mission.fence.outside(goal, home_height_m)
-    if wrong:
-        return wrong, 0.0
+    """(what is wrong with the ways of those that move at once, time in s)."""
+    standing = [p for n, p in places.items() if n not in goals]
+    wrong = [mission.fence.outside(goal, home_height_m) for goal in goals.values()]
+    if any(wrong):
+        return next(filter(None, wrong)), 0.0
+    starts, keep = {n: places[n] for n in goals}, Keep(mission.min_separation_m, mission.air)
     try:
-        way = route(start, goal, others, Keep(mission.min_separation_m, mission.air))
+        if len(goals) == 1:
+            ((name, goal),) = goals.items()
+            ways = {name: timed_way(starts[name], route(starts[name], goal, standing, keep), mission.flight)}
+            ends_s = ways[name].ends_s
+        else:
+            planned = traffic.plan(starts, goals, standing, keep, mission.flight)
+            ways = {n: d.timed for n, d in (planned.departures or {}).items()}
+            ends_s = planned.ends_s
     except MissionError as error:
         return str(error), 0.0
-    time_s = 0.0
-    for a, b in zip([start, *way], way):
-        length_m = float(np.linalg.norm(b - a))
-        time_s += mission.flight.leg_s(length_m)
-        for share in np.linspace(0.0, 1.0, int(length_m / _EVERY_M) + 2):
-            wrong = wrong or mission.fence.outside(a + share * (b - a), home_height_m)
-    return wrong and f"on the way there {wrong}", time_s
+    for place in (p for way in ways.values() for p in way.places[::_EVERY_STEPS]):
+        outside = mission.fence.outside(place, home_height_m)
+        if outside:
+            return f"on the way there {outside}", ends_s
+    return "", ends_s
 
 
 def _standing_s(mission: Mission, task: Task) -> float:
@@ -127,7 +138,7 @@ def _battery(mission: Mission, who: str, share: float, needed_s: float) -> Itera
         )
 
 
-def _named(mission: Mission, task: Task) -> str:
-    if task.index is None:
-        return f"way of {task.vehicle} back to the column"
-    return f"configurations[{task.index}] ({mission.configurations[task.index].title})"
+def _named(mission: Mission, moment: Sequence[Task]) -> str:
+    if moment[0].index is None:
+        return f"way of {' and '.join(t.vehicle for t in moment)} back to the column"
+    return " and ".join(f"configurations[{t.index}] ({mission.configurations[t.index].title})" for t in moment)

@@ -43,6 +43,14 @@ class Keep:
             return kept
         return min(kept, distance_m(offset_m, self.air.vertical_factor) / self.air.horizontal_m)
 
+    def shares_of(self, offsets_m: np.ndarray) -> np.ndarray:
+        """``share`` (N,) of each of many offsets (N, 3)."""
+        kept = np.linalg.norm(offsets_m, axis=1) / self.separation_m
+        if self.air is None:
+            return kept
+        flat = offsets_m / np.array([1.0, 1.0, self.air.vertical_factor])
+        return np.minimum(kept, np.linalg.norm(flat, axis=1) / self.air.horizontal_m)
+
     def shares(self, other: np.ndarray, a: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """The least share (N,) on the legs from a (3,) to each of nodes (N, 3)."""
         kept = distance_to_segments(other, a, nodes) / self.separation_m

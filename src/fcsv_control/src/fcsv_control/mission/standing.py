@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standing at a configuration's place: become calm, record on every vehicle of it, watch that all hold still."""
+"""Standing at the places of configurations that are flown at once: become calm, record on every vehicle of them, watch
+that all hold still."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -38,14 +39,18 @@ class Progress(Enum):
 
 
 class Standing:
-    """One attempt; ``step`` answers how far it is."""
+    """One attempt; ``step`` answers how far it is. ``movers``: index of its configuration by vehicle."""
 
-    def __init__(self, mission: Mission, index: int, mover: str, places: Dict[str, np.ndarray], outbox: Outbox, last):
+    def __init__(
+        self, mission: Mission, movers: Mapping[str, int], places: Dict[str, np.ndarray], outbox: Outbox, last: bool
+    ):  # fmt: skip
         self._bounds = mission.settle
         self._recorder_s = mission.limits.recorder_s
-        self._configuration = mission.configurations[index]
-        self._index = index
-        self._mover = mover
+        self._movers = dict(movers)
+        listed = [mission.configurations[i] for i in self._movers.values()]
+        self._record_s = max(c.record_s for c in listed)
+        self._least_pictures = max(c.least_pictures for c in listed)
+        self._title = " and ".join(c.title for c in listed)
         self._places = places  # T_home_cam per vehicle
         self._outbox = outbox
         self._last = last  # a disturbed recording counts: there is no further attempt
@@ -67,17 +72,17 @@ class Standing:
             self._record(snapshot, False)
             self._switched_on = []
 
-    def step(self, snapshot: Snapshot) -> Tuple[Progress, Optional[CaptureWindow]]:
-        """Settle, switch the recorders on, watch, switch them off."""
+    def step(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
+        """Settle, switch the recorders on, watch, switch them off; the windows, one per configuration, once."""
         self._started_s = snapshot.now_s if self._started_s is None else self._started_s
         if not self._switched_on:
-            return self._settle(snapshot), None
+            return self._settle(snapshot), []
         if self._start_s is None:
-            return self._await_recorders(snapshot), None
+            return self._await_recorders(snapshot), []
         return self._watch(snapshot)
 
     def _settle(self, snapshot: Snapshot) -> Progress:
-        self.detail = f"{self._mover} settles at {self._configuration.title}"
+        self.detail = f"{' and '.join(self._movers)} settle{'s' * (len(self._movers) == 1)} at {self._title}"
         if not self._calm(snapshot):
             self._calm_since_s = None
             late = snapshot.now_s - self._started_s > self._bounds.timeout_s
@@ -118,38 +123,39 @@ class Standing:
             self._pictures_before = {n: snapshot.vehicles[n].pictures for n in self._places}
         elif all(o.outcome is not None for o in self._switched_on):
             why = "; ".join(o.outcome for o in self._switched_on if o.failed)
-            self.detail = f"recorders do not start for {self._configuration.title}: {why}"
+            self.detail = f"recorders do not start for {self._title}: {why}"
             if snapshot.now_s - self._asked_s > self._recorder_s:
                 self.stop(snapshot)
                 return self._give_up(f"recorders do not start: {why}")
             self._switched_on = self._record(snapshot, True)
         return Progress.UNDER_WAY
 
-    def _watch(self, snapshot: Snapshot) -> Tuple[Progress, Optional[CaptureWindow]]:
+    def _watch(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
         if self._stop_s is None:
             self._worst_m = max(self._worst_m, self._error_m(snapshot))
-            self.detail = f"recording {self._configuration.title}"
+            self.detail = f"recording {self._title}"
             self._stop_s = self._ended_s(snapshot)
         if self._worst_m > self._bounds.hold_m and not self._last:  # a gust: this recording does not count
             self.stop(snapshot)
-            return Progress.AGAIN, None
+            return Progress.AGAIN, []
         if self._stop_s is None or snapshot.now_s < self._stop_s + _LAST_PICTURE_S:
-            return Progress.UNDER_WAY, None
+            return Progress.UNDER_WAY, []
         self.stop(snapshot)
-        return Progress.DONE, CaptureWindow(self._index, self._mover, self._start_s, self._stop_s, self._worst_m)
+        window = (self._start_s, self._stop_s, self._worst_m)
+        return Progress.DONE, [CaptureWindow(i, n, *window) for n, i in self._movers.items()]
 
     def _ended_s(self, snapshot: Snapshot) -> Optional[float]:
         """When the recording ended: at the wanted time, later where a vehicle did not have its pictures then."""
-        due_s, now_s = self._start_s + self._configuration.record_s, snapshot.now_s
+        due_s, now_s = self._start_s + self._record_s, snapshot.now_s
         if now_s < due_s:
             return None
         if self._enough(snapshot):
             return now_s if self._lacking else due_s
         self._lacking = True
-        return now_s if now_s >= self._start_s + _LONGEST * self._configuration.record_s else None
+        return now_s if now_s >= self._start_s + _LONGEST * self._record_s else None
 
     def _enough(self, snapshot: Snapshot) -> bool:
         """Whether every vehicle whose pictures are counted has taken enough of them."""
         counted = [(snapshot.vehicles[n].pictures, before) for n, before in self._pictures_before.items()]
         taken = [now - before for now, before in counted if now is not None and before is not None]
-        return all(n >= self._configuration.least_pictures for n in taken)
+        return all(n >= self._least_pictures for n in taken)

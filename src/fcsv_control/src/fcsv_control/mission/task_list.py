@@ -2,42 +2,63 @@
 """What is flown in which order, and how the operator changes it."""
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence
+from typing import Collection, List, Optional, Sequence, Set
 
 from fcsv_geometry.mission import Mission
 
 
 @dataclass(frozen=True)
 class Task:
-    """A vehicle's place: that of a configuration, or (None) where it was parked when the list began."""
+    """A vehicle's place: that of a configuration, or (None) where it was parked when the list began. ``joins``: it
+    moves at the same time as the task before."""
 
     vehicle: str
     index: Optional[int] = None
+    joins: bool = False
 
 
 def tasks(
-    mission: Mission, vehicles: Sequence[str], indices: Optional[Sequence[int]] = None, away: Optional[str] = None
+    mission: Mission, vehicles: Sequence[str], indices: Optional[Sequence[int]] = None, away: Collection[str] = ()
 ) -> List[Task]:
-    """What is flown in order. A vehicle that has done its part goes back to its place in the column before another
-    moves and before all land, so that no vehicle comes down on another. ``away`` is out of the column already."""
+    """What is flown in order. A vehicle that has done its part goes back to its place in the column before others
+    move and before all land, so that no vehicle comes down on another. ``away`` are out of the column already."""
     found: List[Task] = []
-    for i in range(len(mission.configurations)) if indices is None else indices:
-        mover = mission.mover(i, vehicles)
-        if away is not None and away != mover:
-            found.append(Task(away))
-        found.append(Task(mover, i))
-        away = mover
-    return found if away is None else [*found, Task(away)]
+    for moment in mission.moments(indices):
+        movers = [mission.mover(i, vehicles) for i in moment]
+        found += _at_once([Task(n) for n in away if n not in movers])
+        found += _at_once([Task(n, i) for n, i in zip(movers, moment)])
+        away = movers
+    return found + _at_once([Task(n) for n in away])
+
+
+def _at_once(moves: Sequence[Task]) -> List[Task]:
+    return [Task(t.vehicle, t.index, joins=k > 0) for k, t in enumerate(moves)]
 
 
 class TaskList:
-    """The tasks that are left, the running one first. Changes answer "" or why they cannot be made."""
+    """The tasks that are left, the running ones first. Changes answer "" or why they cannot be made. ``away``: who is
+    out of the column."""
 
-    def __init__(self, mission: Mission, vehicles: Sequence[str], left: Sequence[Task], flown: Sequence[int] = ()):
+    def __init__(
+        self, mission: Mission, vehicles: Sequence[str], left: Sequence[Task], flown: Sequence[int] = (),
+        away: Collection[str] = (),
+    ):  # fmt: skip
         self._mission, self._vehicles = mission, list(vehicles)
         self.left = list(left)
         self.flown = list(flown)  # configurations that are behind, recorded or left out
+        self.away = list(away)
+        self._gone: Set[str] = set()  # take no part any more
         self._last = next((t.index for t in self.left if t.index is not None), 0)
+
+    @property
+    def moment(self) -> List[Task]:
+        """The running tasks: they are flown at the same time."""
+        first = self.left[:1]
+        for task in self.left[1:]:
+            if not task.joins:
+                break
+            first.append(task)
+        return first
 
     @property
     def index(self) -> int:
@@ -48,51 +69,88 @@ class TaskList:
 
     @property
     def running(self) -> Optional[int]:
-        """Index of the configuration that is flown, or that comes next; None on the last way back."""
+        """Index of the (first) configuration that is flown, or that comes next; None on the last way back."""
         return next((t.index for t in self.left if t.index is not None), None)
 
+    @property
+    def coming(self) -> List[int]:
+        """Indices of the configurations that are flown, or that come next; none on the last way back."""
+        indices = self._indices()
+        return self._mission.moments(indices)[0] if indices else []
+
     def done(self) -> None:
-        """The running task is done."""
-        task = self.left.pop(0)
-        if task.index is not None:
-            self._last = task.index
-            self.flown.append(task.index)
+        """The running tasks are done."""
+        moment = self.moment
+        self.left = self.left[len(moment) :]
+        for task in moment:
+            self.away = [n for n in self.away if n != task.vehicle]
+            if task.index is not None:
+                self._last = task.index
+                self.flown.append(task.index)
+                self.away.append(task.vehicle)
 
     def go_back(self) -> None:
         """Nothing more is flown but the way back."""
-        self.left = [Task(self.left[0].vehicle)] if self.left else []
+        self.left = _at_once([Task(n) for n in self._out()])
+
+    @property
+    def working(self) -> List[str]:
+        """Vehicles that have a configuration left."""
+        return [t.vehicle for t in self.left if t.index is not None]
+
+    def leave(self, vehicle: str) -> List[int]:
+        """A vehicle takes no part any more; which configurations are left out with it."""
+        self._gone.add(vehicle)
+        away = [n for n in self._out() if n != vehicle]
+        lost = [t.index for t in self.left if t.index is not None and t.vehicle == vehicle]
+        self.flown += lost
+        self.away = [n for n in self.away if n != vehicle]
+        if any(t.index is not None for t in self.left):
+            self.left = tasks(self._mission, self._vehicles, [i for i in self._indices() if i not in lost], away)
+        else:
+            self.left = _at_once([t for t in self.left if t.vehicle != vehicle])
+        return lost
 
     def skip(self) -> str:
-        """Leave the running configuration out."""
+        """Leave the running configurations out."""
         if self.running is None:
             return "no configuration is left that could be skipped"
-        first, *others = self._indices()
-        self._order(others)
-        self.flown.append(first)
+        first = self.coming
+        self._order(self._others())
+        self.flown += first
         return ""
 
     def put_off(self) -> str:
-        """Fly the next configuration first, the running one after all others."""
-        first, *others = self._indices() or [None]
+        """Fly the next configurations first, the running ones after all others."""
+        first, others = self.coming, self._others()
         if not others:
             return "no other configuration is left that could come first"
-        self._order([*others, first])
+        self._order([*others, *first])
         return ""
 
     def before(self) -> str:
-        """Fly the configuration before again, then the running one."""
-        if not self.flown:
+        """Fly the configurations before again, then the running ones."""
+        possible = [i for i in self.flown if self._mission.mover(i, self._vehicles) not in self._gone]
+        if not possible:
             return "no configuration was flown before"
-        self._order([self.flown.pop(), *self._indices()])
+        again = [i for i in self._mission.moment_of(possible[-1]) if i in possible]
+        self.flown = [i for i in self.flown if i not in again]
+        self._order([*again, *self._indices()])
         return ""
 
     def again(self) -> str:
-        """Fly the running configuration from its start; on the last way back the one before."""
+        """Fly the running configurations from their start; on the last way back those before."""
         return self.before() if self.running is None else ""
+
+    def _out(self) -> List[str]:
+        """Who is out of the column, or on its way."""
+        return list(dict.fromkeys([*self.away, *(t.vehicle for t in self.moment)]))
 
     def _indices(self) -> List[int]:
         return [t.index for t in self.left if t.index is not None]
 
+    def _others(self) -> List[int]:
+        return self._indices()[len(self.coming) :]
+
     def _order(self, indices: Sequence[int]) -> None:
-        away = self.left[0].vehicle if self.left else None
-        self.left = tasks(self._mission, self._vehicles, indices, away)
+        self.left = tasks(self._mission, self._vehicles, indices, self._out())

@@ -5,18 +5,45 @@ Plain floats: a hundred passes a second of every vehicle go through here, and nu
 """
 
 import math
-from typing import List
+from dataclasses import dataclass
+from typing import Dict, List, Tuple
 
 from fcsv_geometry.rotations import wrap
 
-MAX_SPEED_MPS = 5.0
 MAX_CLIMB_MPS = 2.5
 MAX_SINK_MPS = 1.5
 LOITER_SPEED_MPS = 3.0
-_MAX_ACC_MPS2 = 1.5
+_RAMP_MPS2 = 3.0
 _MAX_LEAN_RAD = math.radians(30.0)
 _YAW_STICK_RPS = math.radians(100.0)
 _G = 9.81
+
+
+@dataclass(frozen=True)
+class WayLimits:
+    """How fast it flies to a position, as its WPNAV_* parameters say; ArduCopter's own defaults."""
+
+    speed_mps: float = 5.0
+    climb_mps: float = 2.5
+    sink_mps: float = 1.5
+    acceleration_mps2: float = 2.5
+    climb_mps2: float = 1.0
+
+    @classmethod
+    def of(cls, parameters: Dict[str, Tuple[float, int]]) -> "WayLimits":
+        """From parameters (value, type), which are in cm/s and cm/s^2."""
+        names = ("WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_SPEED_DN", "WPNAV_ACCEL", "WPNAV_ACCEL_Z")
+        return cls(*(0.01 * parameters[n][0] for n in names))
+
+    def along(self, level_m: float, up_m: float) -> Tuple[float, float]:
+        """(m/s, m/s^2) on the straight way to a place so far away: horizontal and vertical share one clock."""
+        away_m = math.hypot(level_m, up_m)
+        level, up = max(level_m / away_m, 1e-6), max(abs(up_m) / away_m, 1e-6)
+        upright_mps = self.climb_mps if up_m > 0.0 else self.sink_mps
+        return (
+            min(self.speed_mps / level, upright_mps / up),
+            min(self.acceleration_mps2 / level, self.climb_mps2 / up),
+        )
 
 
 def approach_speed(error_m: float, gain_per_s: float, acc_mps2: float) -> float:
@@ -36,6 +63,7 @@ class Controller:
 
     def __init__(self, hover_thrust: float):
         self._hover = hover_thrust
+        self.limits = WayLimits()
         self.reset()
 
     def reset(self) -> None:
@@ -43,21 +71,23 @@ class Controller:
         self._v_integral: List[float] = [0.0, 0.0, 0.0]
         self._v_target: List[float] = [0.0, 0.0, 0.0]
 
-    def to_position(self, target_m, yaw_rad, estimate, dt_s: float, max_speed=MAX_SPEED_MPS):
-        """Command towards a position (ext, m) and heading (rad)."""
+    def to_position(self, target_m, yaw_rad, estimate, dt_s: float):
+        """Command straight towards a position (ext, m), and to a heading (rad)."""
         x, y, z = (float(a) - b for a, b in zip(target_m, estimate.p_ext_m.tolist()))
-        distance = math.sqrt(x * x + y * y)
-        share = min(max_speed, approach_speed(distance, 1.0, _MAX_ACC_MPS2)) / distance if distance > 1e-6 else 0.0
-        climb = _clip(math.copysign(approach_speed(abs(z), 1.0, 1.0), z), -MAX_SINK_MPS, MAX_CLIMB_MPS)
-        v = (x * share, y * share, climb)
-        return self.to_velocity(v, self.yaw_rate(yaw_rad, estimate), estimate, dt_s)
+        away_m, share = math.sqrt(x * x + y * y + z * z), 0.0
+        if away_m > 1e-6:
+            speed_mps, acc_mps2 = self.limits.along(math.hypot(x, y), z)
+            share = min(speed_mps, approach_speed(away_m, 1.0, acc_mps2)) / away_m
+        rate = self.yaw_rate(yaw_rad, estimate)
+        ramp_mps2 = self.limits.acceleration_mps2
+        return self.to_velocity((x * share, y * share, z * share), rate, estimate, dt_s, ramp_mps2)
 
     def yaw_rate(self, yaw_rad: float, estimate) -> float:
         return _clip(2.0 * wrap(yaw_rad - estimate.yaw_ext_rad), -1.0, 1.0)
 
-    def to_velocity(self, v_ext_mps, yaw_rate_rps, estimate, dt_s: float):
+    def to_velocity(self, v_ext_mps, yaw_rate_rps, estimate, dt_s: float, ramp_mps2: float = _RAMP_MPS2):
         """Command towards a velocity (ext, m/s), the target ramped at the acceleration limit."""
-        limit = _MAX_ACC_MPS2 * 2.0 * dt_s
+        limit = ramp_mps2 * dt_s
         target, integral, acc = self._v_target, self._v_integral, [0.0, 0.0, 0.0]
         for k, (wanted, now) in enumerate(zip(v_ext_mps, estimate.v_ext_mps.tolist())):
             target[k] += _clip(float(wanted) - target[k], -limit, limit)

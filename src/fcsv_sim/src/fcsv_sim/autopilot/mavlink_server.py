@@ -12,6 +12,7 @@ from pymavlink import mavutil
 
 from fcsv_geometry import rotations
 from fcsv_sim.autopilot import modes, parameters
+from fcsv_sim.autopilot.controller import WayLimits
 from fcsv_sim.autopilot.core import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Autopilot
 
 _M = mavutil.mavlink
@@ -41,6 +42,7 @@ class MavlinkServer:
         self._parameters = dict(parameters.DEFAULTS, SYSID_THISMAV=(system_id, parameters.INT16))
         self._boots = autopilot.boots
         self._start()
+        self._fly_by_parameters()
         self._attitude = (0.0, 0.0, 0.0)
         self._streams: Dict[int, Callable] = {
             _M.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
@@ -142,7 +144,11 @@ class MavlinkServer:
     def _on_param_set(self, m) -> None:
         if m.param_id in self._parameters and math.isfinite(m.param_value):
             self._parameters[m.param_id] = (m.param_value, self._parameters[m.param_id][1])
+            self._fly_by_parameters()
             self._send_parameter(m.param_id)
+
+    def _fly_by_parameters(self) -> None:
+        self._pilot.controller.limits = WayLimits.of(self._parameters)
 
     def _send_parameter(self, name: str) -> None:
         value, kind = self._parameters[name]

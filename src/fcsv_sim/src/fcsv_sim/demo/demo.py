@@ -122,14 +122,23 @@ def _system(name: str) -> System:
 def _plan(system: System, args) -> FleetPlan:
     mission = mission_file(args.mission or system.mission)
     flown = load_mission(mission)  # a list that cannot be flown is refused before anything is started
-    flown.check_vehicles(system.vehicles)
+    vehicles = system.fleet(flown)
     system.require(flown)
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
     out = Path(args.out).resolve()
-    return FleetPlan(out, mission, args.seed, args.world, system.vehicles, rviz=rviz, live=live)
+    _require_free(out, args.overwrite == "1")
+    return FleetPlan(out, mission, args.seed, args.world, vehicles, rviz=rviz, live=live)
+
+
+def _require_free(out: Path, overwrite: bool) -> None:
+    """Raises MachineError where a flight is recorded already, or where no folder can be."""
+    if any(p.exists() and not p.is_dir() for p in (out, *out.parents)):
+        raise MachineError(f"{out}: a file stands there, not a folder; choose another with OUT=")
+    if (out / "session").exists() and not overwrite:
+        raise MachineError(f"{out} holds a recorded flight: OVERWRITE=1 replaces it, OUT=FOLDER flies into another")
 
 
 def _chosen(word: str, default: bool) -> bool:
@@ -143,7 +152,8 @@ def _parse(argv):
     parser.add_argument("--mission", default="", help="a mission file, or the name of one in config/missions")
     parser.add_argument("--seed", type=int, default=1, help="of the town and of every noise")
     parser.add_argument("--world", choices=list(WORLDS), default="street", help="kind of world to fly in")
-    parser.add_argument("--out", default="out/demo", help="folder for run/, session/ and map/; emptied first")
+    parser.add_argument("--out", default="out/demo", help="folder for run/, session/ and map/")
+    parser.add_argument("--overwrite", default="", help="1 removes what an earlier demo left in --out")
     parser.add_argument("--method", default=None, help="map method; default: that of the map command")
     parser.add_argument("--rviz", default="", help="1 opens rviz, 0 does not; default: where there is a screen")
     parser.add_argument(

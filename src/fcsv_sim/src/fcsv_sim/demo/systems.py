@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.mission import Mission
-from fcsv_sim.bringup import bringup
+from fcsv_sim.bringup import bringup, vehicles_folder
 from fcsv_sim.demo import flights, reach
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.flights import Say
@@ -42,6 +42,15 @@ class System:
     fly: Callable[[FleetPlan, Say], Tuple[float, float]]
     maps: Callable[[Mission], Tuple[MapRun, ...]] = lambda _mission: (MapRun(),)
     require: Callable[[Mission], None] = lambda _mission: None
+    grows: bool = False  # flies vehicles that only the mission names, too
+
+    def fleet(self, mission: Mission) -> Tuple[str, ...]:
+        """Who flies it: the column, front first. Raises MissionError where that cannot fly it."""
+        named = sorted({c.vehicle for c in mission.configurations if c.vehicle} - set(self.vehicles))
+        known = [n for n in named if (vehicles_folder() / f"{n}.yaml").is_file()] if self.grows else []
+        fleet = (*self.vehicles, *known)
+        mission.check_vehicles(fleet)
+        return fleet
 
 
 def _gimbal_can(mission: Mission) -> None:
@@ -61,7 +70,7 @@ def _mocap_maps(mission: Mission) -> Tuple[MapRun, ...]:
 
 
 SYSTEMS: Dict[str, System] = {
-    "tags": System(("uav1", "uav2"), "short", flights.fly_fleet),
+    "tags": System(("uav1", "uav2"), "short", flights.fly_fleet, grows=True),
     "gimbal": System(_TELLOS, "gimbal", partial(flights.fly_pair, GIMBAL_SITE), require=_gimbal_can),
     "mocap": System(_TELLOS, "mocap", partial(flights.fly_pair, MOCAP_SITE), _mocap_maps, _mocap_can),
 }

@@ -254,7 +254,10 @@ class ButtonPresser:
         self, now_s: float, waits_for: str, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]
     ) -> bool:
         """Whether to press the button now."""
-        right = bool(waits_for) and (waits_for == "execute" or self._in_place(now_s, phase, sights, pilots))
+        without_one = waits_for == "resume" and not all(sight.armed for sight in sights.values())  # which is down
+        right = bool(waits_for) and (
+            waits_for == "execute" or without_one or self._in_place(now_s, phase, sights, pilots)
+        )
         if not right:
             self._right_since_s = None
             return False
