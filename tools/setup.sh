@@ -12,7 +12,7 @@ PYTHON=/usr/bin/python3   # the only interpreter that sees the system's ROS
 MSGS="std sensor nav geometry diagnostic visualization actionlib"
 
 debian_packages() {
-  echo build-essential cmake python3-venv python3-dev iproute2 nftables \
+  echo build-essential cmake python3-venv python3-dev iproute2 nftables rsync \
     ros-base catkin rviz rosbash rospack-tools topic-tools \
     python3-rospy python3-rosbag python3-roslaunch python3-rostest python3-rosmaster python3-rosnode \
     python3-tf2-ros python3-tf2-geometry-msgs python3-cv-bridge python3-actionlib python3-std-srvs \
@@ -22,7 +22,7 @@ debian_packages() {
 }
 
 noetic_packages() {
-  echo build-essential cmake python3-venv python3-dev iproute2 nftables xvfb
+  echo build-essential cmake python3-venv python3-dev iproute2 nftables rsync xvfb
   for p in ros-base rviz rosbash topic-tools tf2-ros tf2-geometry-msgs cv-bridge actionlib std-srvs \
            diagnostic-updater camera-calibration-parsers rostest python-qt-binding rosbag; do echo "ros-noetic-$p"; done
   for m in $MSGS; do [ "$m" = actionlib ] || echo "ros-noetic-$m-msgs"; done

@@ -6,6 +6,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from fcsv_control.mission.heard import VehicleHeard
+from fcsv_control.mission.snapshot import RecorderView
 from fcsv_geometry.flight_limits import PauseLimits
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
 
@@ -73,6 +75,43 @@ def test_a_full_disk_goes_back_and_lands(flying):
     flying.fleet["uav2"].recorder_problem = "only 3 MiB left"
     ends(flying, 60.0, "a recorder for 60 s")
     back_in_the_column(flying)
+
+
+def test_the_control_pc_s_own_recorder_counts_like_those_of_the_vehicles(flying):
+    """Without its bag there is no map: calibration, home and the times of the recordings are in it."""
+    flying.recorder = RecorderView(age_s=0.5)
+    flying.wait(1.0)
+    assert not flying.machine.problems
+    flying.recorder = RecorderView(age_s=6.0)
+    flying.wait(1.0)
+    assert "control PC: its recorder is not heard" in flying.machine.problems
+    flying.recorder = RecorderView(age_s=0.5)
+    flying.wait(1.0)
+    assert not flying.machine.problems, "it is up again within seconds: nothing is lost"
+    flying.recorder = RecorderView(age_s=0.5, problem="only 3 MiB left")
+    flying.wait(1.0)
+    assert "control PC: recorder: only 3 MiB left" in flying.machine.problems
+    ends(flying, 60.0, "a recorder for 60 s")
+    back_in_the_column(flying)
+
+
+def test_without_the_control_pc_s_recorder_no_vehicle_is_waited_for_longer(flight):
+    f = flight(mission())
+    f.recorder = RecorderView()
+    f.wait(5.0)
+    assert f.machine.phase == "WAIT_VEHICLES"
+    assert f.machine.problems == ["control PC: its recorder is not heard"]
+    f.recorder = RecorderView(age_s=0.5)
+    f.wait(1.0)
+    assert f.machine.phase != "WAIT_VEHICLES"
+
+
+def test_pictures_are_counted_over_the_restart_of_a_recorder():
+    heard, counted = VehicleHeard(np.eye(4)), []
+    for now_s, pictures in enumerate((0, 10, 25, 0, 5, 2, 9)):
+        heard.recorder(now_s, "", pictures)
+        counted.append(heard.view(now_s, None).pictures)
+    assert counted == [0, 10, 25, 25, 30, 32, 39]
 
 
 def test_a_recorder_that_refuses_costs_its_configurations(flight):

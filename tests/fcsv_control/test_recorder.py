@@ -12,7 +12,9 @@ from support.waiting import within
 
 from fcsv_control import recording
 from fcsv_control.errors import SessionError
-from fcsv_control.session import load_session, new_session, save_session
+from fcsv_control.session import load_session, new_session, save_session, with_part
+from fcsv_geometry.bags.parts import parts_in
+from fcsv_geometry.bags.repair import repaired
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.mission import load_mission
 
@@ -170,6 +172,99 @@ def test_a_second_flight_does_not_write_over_the_first(vehicle, start_node, tmp_
 
 
 @ros
+def test_killed_in_the_middle_at_most_a_second_is_lost_and_the_next_one_goes_on_in_a_new_part(
+    vehicle, start_node, tmp_path
+):
+    """Lost on SIGKILL, as measured by tools/bench_recorder.py: docs/sessions.md."""
+    import rosbag
+
+    v = vehicle("rec5")
+    v.tf_static.publish()
+    process = record_vehicle(start_node, tmp_path, "rec5", pictures_on=True)
+    v.wait_for_recorder()
+    sent_s = []
+    for i in range(40):
+        v.say(i)
+        sent_s.append(time.monotonic())
+        time.sleep(0.05)
+    killed_s = time.monotonic()
+    os.killpg(process.pid, signal.SIGKILL)
+    until(lambda: process.returncode is not None)
+    assert not (tmp_path / "rec5.bag").exists() and (tmp_path / "rec5.bag.active").exists()
+
+    v.on.publish(True)  # latched, as the agent's
+    again = record_vehicle(start_node, tmp_path, "rec5", pictures_on=False)
+    until(lambda: v.status is not None and v.status.path == str(tmp_path / "rec5.1.bag") and v.status.pictures_on)
+    v.wait_for_recorder()
+    v.say(40)
+    until(lambda: v.status.pictures == 1)
+    again.stop()
+
+    path, salvaged = repaired(tmp_path / "rec5.bag.active")
+    with rosbag.Bag(str(path)) as bag:
+        numbers = [m.pose.pose.position.x for _, m, _ in bag.read_messages("/rec5/odometry/body")]
+        pictures = [m.header.stamp.to_sec() - 100.0 for _, m, _ in bag.read_messages("/rec5/camera/color/image_raw")]
+    assert salvaged.topics["/rec5/odometry/body"] == len(numbers) and numbers == list(range(len(numbers)))
+    assert pictures == list(range(len(pictures)))
+    first_lost = min(int(numbers[-1] // 10) + 1, int(pictures[-1]) + 1)
+    assert first_lost == 40 or killed_s - sent_s[first_lost] <= 1.0
+    counts = topics_of(tmp_path / "rec5.1.bag")
+    assert counts["/rec5/camera/color/image_raw"] == 1 and counts["/tf_static"] >= 1
+
+
+@ros
+def test_a_recording_is_split_by_size_and_every_part_is_whole(vehicle, start_node, tmp_path):
+    import rosbag
+
+    v = vehicle("rec6")
+    v.tf_static.publish()
+    process = record_vehicle(start_node, tmp_path, "rec6", pictures_on=True, part_mib=4)
+    v.wait_for_recorder()
+    for i in range(20):
+        v.say(i)
+        time.sleep(0.05)
+    until(lambda: v.status is not None and v.status.pictures == 20)
+    process.stop()
+    parts = parts_in(tmp_path, "rec6.bag")
+    assert [p.name for p in parts] == ["rec6.bag"] + [f"rec6.{i}.bag" for i in range(1, len(parts))] and len(parts) > 3
+    seen = []
+    for part in parts:
+        assert part.stat().st_size < 5 << 20 and topics_of(part)["/tf_static"] >= 1
+        with rosbag.Bag(str(part)) as bag:
+            seen += [m.pose.pose.position.x for _, m, _ in bag.read_messages("/rec6/odometry/body")]
+    assert seen == list(range(200))
+
+
+@ros
+def test_a_disk_that_refuses_is_said_and_the_bag_can_be_repaired(vehicle, start_node, tmp_path):
+    """A limit of the file's size, as the kernel sets it, for a disk that has no more room."""
+    import resource
+
+    v = vehicle("rec7")
+    process = record_vehicle(start_node, tmp_path, "rec7", pictures_on=True)
+    v.wait_for_recorder()
+    node_pid = next(int(p) for p in os.listdir("/proc") if p.isdigit() and recorder_of(p, "rec7"))
+    resource.prlimit(node_pid, resource.RLIMIT_FSIZE, (5 << 20, 5 << 20))
+    for i in range(20):
+        v.say(i)
+        time.sleep(0.02)
+    until(lambda: v.status is not None and v.status.problem)
+    assert "File too large; make room and start again" in v.status.problem and v.status.dropped
+    process.stop()
+    path, salvaged = repaired(tmp_path / "rec7.bag.active")
+    assert 3 <= salvaged.topics["/rec7/camera/color/image_raw"] <= 6 and topics_of(path)
+
+
+def recorder_of(pid, name):
+    try:
+        with open(f"/proc/{pid}/cmdline") as file:
+            words = file.read().split("\0")
+    except OSError:
+        return False
+    return "python" in words[0] and f"__ns:={name}" in words and any("recorder" in w for w in words)
+
+
+@ros
 def test_a_full_disk_is_said_and_what_is_written_stays(vehicle, start_node, tmp_path):
     """As if less were free than wanted: more than any disk has."""
     v = vehicle("rec4")
@@ -177,8 +272,10 @@ def test_a_full_disk_is_said_and_what_is_written_stays(vehicle, start_node, tmp_
     v.wait_for_recorder()
     until(lambda: v.status is not None and v.status.problem)
     assert "are free on the disk" in v.status.problem and str(tmp_path) in v.status.problem
+    until(lambda: (tmp_path / "rec4.bag").exists())  # closed at once, not when the node ends
     v.say(1)
     until(lambda: v.status.dropped >= 10)
+    assert v.status.minutes_left == 0.0
     process.stop()
     topics_of(tmp_path / "rec4.bag")
 
@@ -281,14 +378,39 @@ def test_what_a_machine_records():
         assert topic in vehicle.always
     for name in ("guardian/state", "guardian/said", "agent/alive", "command", "command_ack"):  # what was done, and why
         assert f"/uav2/{name}" in vehicle.always
+    for name in ("mavros/setpoint_position/local", "mavros/vision_pose/pose", "flight_link/refusal", "recorder/status"):
+        assert f"/uav2/{name}" in vehicle.always
+    assert "/diagnostics" in vehicle.always
     assert "/uav2/flight_link/health" in vehicle.always and "/uav2/flight_link/estimate_moved" in vehicle.always
     control = recording.plan(recording.RecorderParameters("control", "control", "x", ["uav1"], "m.yaml"))
     for topic in ("/calibration", "/home", "/mission/state", "/mission/capture", "/uav1/odometry/state",
                   "/uav1/mavros/state", "/uav1/camera_pose", "/tf", "/tf_static", "/uav1/guardian/state",
                   "/uav1/guardian/said", "/uav1/agent/alive", "/uav1/command", "/uav1/command_ack",
-                  "/stop_all/report"):  # fmt: skip
+                  "/stop_all/report", "/diagnostics"):  # fmt: skip
         assert topic in control.always
     assert not control.pictures
+
+
+def test_a_part_of_this_flight_or_of_an_earlier_one(tmp_path):
+    assert recording.begin(tmp_path, "uav1.bag", 1000.0) == (0, [])
+    for name, written_s in (("uav1.bag", 900.0), ("uav1.1.bag.active", 990.0), ("uav1.20260102T030405Z.bag", 990.0)):
+        (tmp_path / name).write_text("x")
+        os.utime(tmp_path / name, (written_s, written_s))
+    assert recording.begin(tmp_path, "uav1.bag", 1000.0) == (2, []), "its recorder died ten seconds ago"
+    number, kept = recording.begin(tmp_path, "uav1.bag", 5000.0)
+    assert number == 0 and [p.name for p in kept] == ["uav1.19700101T001500Z.bag", "uav1.19700101T001630Z.1.bag.active"]
+    assert not parts_in(tmp_path, "uav1.bag") and len(list(tmp_path.iterdir())) == 3
+
+
+def test_further_parts_are_listed_once_and_in_order(root, tmp_path):
+    session = new_session(load_mission(root / "config/missions/short.yaml"), ["uav1", "uav2"], "2026-01-02T03:04:05Z")
+    for bag in ("uav1.10.bag", "uav1.2.bag", "uav1.bag", "uav1.2.bag", "uav2.1.bag"):
+        session = with_part(session, "uav1", bag)
+    assert session.parts == {"uav1": ["uav1.2.bag", "uav1.10.bag"]}
+    save_session(tmp_path, session)
+    for name in ("uav1.bag", "uav2.bag", "control.bag", "uav1.2.bag", "uav1.10.bag"):
+        (tmp_path / name).write_bytes(b"")
+    assert load_session(tmp_path) == session
 
 
 def test_earlier_files_keep_apart(tmp_path):

@@ -6,11 +6,16 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import List, Optional, Tuple
 
+from fcsv_geometry.bags.parts import part_number, parts_in
+from fcsv_geometry.bags.repair import ACTIVE
+
+DIAGNOSTICS = "/diagnostics"
 PICTURES: Tuple[str, ...] = ("camera/color/image_raw", "camera/color/camera_info")
 _VEHICLE: Tuple[str, ...] = (
     "odometry/body", "odometry/epoch", "tags/detections", "mavros/state", "mavros/statustext/recv", "agent/alive",
     "command", "command_ack", "guardian/state", "guardian/said", "flight_link/health", "flight_link/estimate_moved",
-    "flight_link/parameters", "flight_check",
+    "flight_link/parameters", "flight_link/refusal", "mavros/setpoint_position/local", "mavros/vision_pose/pose",
+    "mavros/local_position/pose", "mavros/rc/in", "mavros/battery", "recorder/status", "flight_check",
 )  # fmt: skip
 _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",
@@ -29,9 +34,11 @@ _CONTROL: Tuple[str, ...] = (
     "/mission/capture",
     "/map/state",
     "/flight_check",
+    DIAGNOSTICS,
     "/tf",
     "/tf_static",
 )
+_SAME_FLIGHT_S = 120.0
 ROLES = ("vehicle", "control")
 
 
@@ -48,6 +55,7 @@ class RecorderParameters:
     topics: List[str] = field(default_factory=list)  # more topics to record always, absolute names
     pictures_on: bool = False  # before anybody said what is wanted
     least_free_mib: int = 500
+    part_mib: int = 2048  # a bag that grows beyond is closed, and the next part begins
     most_waiting_mib: int = 96  # of messages that wait for a slow disk; beyond they are dropped and counted
 
     def __post_init__(self):
@@ -57,8 +65,8 @@ class RecorderParameters:
             raise ValueError(f"name: '{self.name}' is not a ROS name; use letters, digits and _")
         if self.role == "control" and not (self.vehicles and self.mission):
             raise ValueError("vehicles, mission: the control PC's recorder needs both, for session.yaml")
-        if self.least_free_mib < 1 or self.most_waiting_mib < 1:
-            raise ValueError("least_free_mib, most_waiting_mib: must be at least 1")
+        if min(self.least_free_mib, self.most_waiting_mib, self.part_mib) < 1:
+            raise ValueError("least_free_mib, most_waiting_mib, part_mib: must be at least 1")
         bad = [t for t in self.topics if not t.startswith("/")]
         if bad:
             raise ValueError(f"topics: '{bad[0]}' is not absolute; begin it with /")
@@ -76,8 +84,21 @@ def plan(p: RecorderParameters) -> RecordingPlan:
     """Of a machine: role "vehicle" (its own topics) or "control" (what it hears of all vehicles)."""
     if p.role == "vehicle":
         always = [f"/{p.name}/{t}" for t in _VEHICLE] + ["/tf_static"]
-        return RecordingPlan([*always, *p.topics], [f"/{p.name}/{t}" for t in PICTURES])
+        return RecordingPlan([*always, DIAGNOSTICS, *p.topics], [f"/{p.name}/{t}" for t in PICTURES])
     return RecordingPlan([*_CONTROL, *(f"/{v}/{t}" for v in p.vehicles for t in _HEARD), *p.topics], [])
+
+
+def begin(folder: Path, first: str, now_s: float) -> Tuple[int, List[Path]]:
+    """Number of the part to write now, and where the bags of an earlier flight were moved to.
+
+    A bag that was not closed and was written a moment ago is of this flight: its recorder died. ``now_s``: time of day.
+    """
+    parts = parts_in(folder, first)
+    unclosed = [p for p in (part.with_name(part.name + ACTIVE) for part in parts) if p.exists()]
+    if any(abs(now_s - p.stat().st_mtime) < _SAME_FLIGHT_S for p in unclosed):
+        return part_number(parts[-1].name, first) + 1, []
+    kept = [keep_earlier(p) for part in parts for p in (part, part.with_name(part.name + ACTIVE))]
+    return 0, [p for p in kept if p is not None]
 
 
 def keep_earlier(path: Path) -> Optional[Path]:

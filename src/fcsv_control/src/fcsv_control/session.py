@@ -3,7 +3,7 @@
 
 import dataclasses
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Dict, List, Optional
@@ -12,6 +12,7 @@ import yaml
 
 from fcsv_control.errors import SessionError
 from fcsv_geometry import config
+from fcsv_geometry.bags.parts import part_number
 from fcsv_geometry.mission import Mission
 
 FILE = "session.yaml"
@@ -35,6 +36,7 @@ class Session:
     bags: Dict[str, str]
     mission: Mission
     simulation: Optional[Simulation] = None
+    parts: Dict[str, List[str]] = field(default_factory=dict)  # of a machine's recording, after its first bag
     version: int = VERSION
 
     def __post_init__(self):
@@ -45,7 +47,10 @@ class Session:
         missing = [n for n in [*self.vehicles, "control"] if n not in self.bags]
         if missing:
             raise ValueError(f"bags: there is none for {', '.join(missing)}")
-        outside = [b for b in self.bags.values() if Path(b).name != b]
+        unknown = [n for n in self.parts if n not in self.bags]
+        if unknown:
+            raise ValueError(f"parts: there is no bag of {unknown[0]} for them to follow")
+        outside = [b for bags in (self.bags.values(), *self.parts.values()) for b in bags if Path(b).name != b]
         if outside:
             raise ValueError(f"bags: '{outside[0]}' is not a plain file name in the session's folder")
 
@@ -58,6 +63,16 @@ def new_session(mission: Mission, vehicles: List[str], created: str, seed: Optio
     return Session(created, mission.reference, list(vehicles), bags, mission, simulation)
 
 
+def with_part(session: Session, machine: str, bag: str) -> Session:
+    """The session with this bag of a machine listed; itself where it is."""
+    first = session.bags.get(machine)
+    listed = session.parts.get(machine, [])
+    if first is None or part_number(bag, first) <= 0 or bag in listed:
+        return session
+    listed = sorted([*listed, bag], key=lambda name: part_number(name, first))
+    return dataclasses.replace(session, parts={**session.parts, machine: listed})
+
+
 def utc_now() -> str:
     """What ``created`` says of a flight that begins now."""
     return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -66,6 +81,8 @@ def utc_now() -> str:
 def save_session(folder, session: Session) -> Path:
     """Write session.yaml, whole or not at all. Raises SessionError where the disk refuses."""
     document: Dict[str, Any] = {"version": session.version, **_without_none(dataclasses.asdict(session))}
+    if not session.parts:
+        del document["parts"]
     path = Path(folder) / FILE
     partial = path.with_name(FILE + ".partial")
     try:
@@ -80,7 +97,7 @@ def load_session(folder) -> Session:
     """A session folder's description, with all its bags there. Raises ConfigError or SessionError."""
     folder = Path(folder)
     session = config.load(folder / FILE, Session)
-    for name, bag in session.bags.items():
+    for name, bag in [*session.bags.items(), *((n, bag) for n, parts in session.parts.items() for bag in parts)]:
         if (folder / f"{bag}.active").exists():
             raise SessionError(f"{folder / bag}.active: was not closed; run: rosrun fcsv_control repair_bag {folder}")
         if not (folder / bag).is_file():

@@ -51,7 +51,7 @@ class VehicleHeard:
         self._mode, self._armed, self._connected = "", False, False
         self._battery_share = math.nan
         self._guarded, self._guarded_s, self._lost = "", _NEVER_S, False
-        self._problem, self._pictures = "", 0
+        self._problem, self._pictures, self._pictures_before = "", 0, 0
 
     def odometry(self, now_s: float, T_odom_body: np.ndarray, speed_mps: float) -> None:
         """Its place in its own odometry frame; where that is lost, the last one that was believed stays."""
@@ -79,7 +79,8 @@ class VehicleHeard:
         self._battery_share = share
 
     def recorder(self, now_s: float, problem: str, pictures: int) -> None:
-        """What its recorder says."""
+        """What its recorder says; one that is started again counts its pictures from nothing."""
+        self._pictures_before += 0 if pictures >= self._pictures else self._pictures
         self._problem, self._pictures, self._recorder_s = problem, pictures, now_s
 
     def front_tag(self, now_s: float) -> None:
@@ -110,7 +111,7 @@ class VehicleHeard:
             battery_share=self._battery_share,
             recorder_age_s=now_s - self._recorder_s,
             recorder_problem=self._problem,
-            pictures=None if self._recorder_s == _NEVER_S else self._pictures,
+            pictures=None if self._recorder_s == _NEVER_S else self._pictures_before + self._pictures,
             guarded=self._guardian_words(now_s),
             frame_problem=self.epochs.problem,
             lost=self._lost,

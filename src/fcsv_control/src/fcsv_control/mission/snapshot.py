@@ -32,13 +32,22 @@ class VehicleView:
 
 
 @dataclass(frozen=True)
+class RecorderView:
+    """The control PC's own recorder: age (s) of what it said last, and what is wrong with it."""
+
+    age_s: float = _INF
+    problem: str = ""
+
+
+@dataclass(frozen=True)
 class Snapshot:
-    """All vehicles, and T_home_odom and T_body_cam of each where known."""
+    """All vehicles, and T_home_odom and T_body_cam of each where known; ``recorder`` None: none is asked for."""
 
     now_s: float
     vehicles: Dict[str, VehicleView]
     T_home_odom: Dict[str, np.ndarray] = field(default_factory=dict)
     T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
+    recorder: Optional[RecorderView] = None
 
     def p_home_cam(self, name: str) -> np.ndarray:
         """Position (m) of a vehicle's camera in home; only where it is known."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from fcsv_control.mission.patience import Pause
 from fcsv_control.mission.routes import Keep
-from fcsv_control.mission.snapshot import Snapshot, VehicleView
+from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 from fcsv_geometry.separation import SeparationRules
@@ -35,6 +35,8 @@ def found(mission: Mission, phase: str, snapshot: Snapshot) -> List[Tuple[Pause,
     told: List[Tuple[Pause, str]] = []
     for name, view in snapshot.vehicles.items():
         told += [(kind, f"{name}: {text}") for kind, text in _of_vehicle(mission, phase, view)]
+    if phase in _RECORDED and snapshot.recorder is not None:
+        told += [(Pause.RECORDER, f"control PC: {text}") for text in _of_recorder(snapshot.recorder)]
     if phase in _FLOWN_BY_US:
         told += [(Pause.LOST, text) for text in _too_near(mission, snapshot)]
     return told
@@ -59,10 +61,9 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         yield Pause.LOST, "no flight controller"
     if phase in _FLOWN_BY_US and view.guarded:
         yield Pause.LOST, f"its guardian: {view.guarded}"
-    if phase in _RECORDED and view.recorder_age_s > _RECORDER_STALE_S:
-        yield Pause.RECORDER, "its recorder is not heard"
-    elif phase in _RECORDED and view.recorder_problem:
-        yield Pause.RECORDER, f"recorder: {view.recorder_problem}"
+    if phase in _RECORDED:
+        for text in _of_recorder(RecorderView(view.recorder_age_s, view.recorder_problem)):
+            yield Pause.RECORDER, text
     if phase in _IN_THE_AIR and not view.armed:
         yield Pause.LOST, "motors are off"
     if view.battery_share < mission.low_battery_share:
@@ -73,6 +74,13 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         yield Pause.LOST, view.frame_problem
     if phase in _FLOWN_BY_US and view.T_home_cam is None:
         yield Pause.LOST, "its place in home is not known; calibrate and set home again"
+
+
+def _of_recorder(recorder: RecorderView) -> Iterator[str]:
+    if recorder.age_s > _RECORDER_STALE_S:
+        yield "its recorder is not heard"
+    elif recorder.problem:
+        yield f"recorder: {recorder.problem}"
 
 
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:

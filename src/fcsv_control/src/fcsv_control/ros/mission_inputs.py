@@ -13,13 +13,29 @@ from sensor_msgs.msg import BatteryState
 
 from fcsv_control.guardian.messages import in_words
 from fcsv_control.mission.heard import VehicleHeard
-from fcsv_control.mission.snapshot import VehicleView
+from fcsv_control.mission.snapshot import RecorderView, VehicleView
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_msgs.msg import Epoch, Epochs, GuardianState, RecorderStatus, TagDetections
 from mavros_msgs.msg import State
+
+
+class RecorderInput:
+    """The control PC's own recorder, by the name under which it records."""
+
+    def __init__(self, name: str):
+        self._heard = (float("-inf"), "")
+        rospy.Subscriber(f"/{name}/recorder/status", RecorderStatus, self._on_status, queue_size=5)
+
+    def view(self, now_s: float) -> RecorderView:
+        """``now_s``: monotonic."""
+        heard_s, problem = self._heard
+        return RecorderView(now_s - heard_s, problem)
+
+    def _on_status(self, m: RecorderStatus) -> None:
+        self._heard = (time.monotonic(), m.problem)
 
 
 class VehicleInputs:

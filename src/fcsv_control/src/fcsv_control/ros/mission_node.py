@@ -18,7 +18,7 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.ros.mission_desk import MissionDesk
-from fcsv_control.ros.mission_inputs import VehicleInputs
+from fcsv_control.ros.mission_inputs import RecorderInput, VehicleInputs
 from fcsv_control.ros.mission_memory import MissionMemory, Restored
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
@@ -46,7 +46,8 @@ _OTHERS_TELL_S = 3.0  # so long after a restart a calibration node that lives ha
 @dataclass(frozen=True)
 class MissionParameters:
     """Parameters of the node; the fleet is a column, front first. ``memory_dir``: where a restart finds how far it was;
-    empty: a restart begins anew."""
+    empty: a restart begins anew. ``recorder``: name of the control PC's recorder, which must be well; empty: none.
+    """
 
     mission: str
     vehicles: List[str]
@@ -54,6 +55,7 @@ class MissionParameters:
     rate_hz: float = 10.0
     memory_dir: str = ""
     flight_check: str = check_gate.REQUIRED  # or off: for a bench without fleet_check
+    recorder: str = ""
 
     def __post_init__(self):
         if self.flight_check not in check_gate.CHOICES:
@@ -94,6 +96,7 @@ class MissionNode:
         self._desk = MissionDesk(self._machine, self._lock)
         fronts = [None, *(self._vehicles[n].tag_id for n in names[:-1])]
         self._inputs = {n: VehicleInputs(self._vehicles[n], tag, self._health) for n, tag in zip(names, fronts)}
+        self._recorder = RecorderInput(self._parameters.recorder) if self._parameters.recorder else None
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
         rospy.Subscriber("/flight_check", FlightCheck, self._on_flight_check, queue_size=2)
@@ -231,7 +234,8 @@ class MissionNode:
         T_home_odom = self._in_home.T_home_odom
         views = {n: i.view(now_s, T_home_odom.get(n)) for n, i in self._inputs.items()}
         cameras = {n: v.T_body_cam for n, v in self._vehicles.items()}
-        return Snapshot(now_s, views, T_home_odom, cameras)
+        recorder = None if self._recorder is None else self._recorder.view(now_s)
+        return Snapshot(now_s, views, T_home_odom, cameras, recorder)
 
     def _command(self, order: Order, now_s: float) -> Command:
         a = order.arguments

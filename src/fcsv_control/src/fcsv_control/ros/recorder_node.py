@@ -2,16 +2,21 @@
 """Records a machine's part of a session to a local bag; a radio that fails costs nothing."""
 
 import shutil
+import threading
+import time
 from pathlib import Path
 
 import rospy
 from std_msgs.msg import Bool
 
+from fcsv_control.disk import DiskWatch
 from fcsv_control.errors import SessionError
 from fcsv_control.recording import RecorderParameters, keep_earlier, plan
 from fcsv_control.ros.bag_writer import BagWriter
-from fcsv_control.session import FILE, new_session, save_session, utc_now
-from fcsv_geometry.mission import load_mission
+from fcsv_control.session import FILE, Session, new_session, save_session, utc_now, with_part
+from fcsv_geometry import config
+from fcsv_geometry.errors import ConfigError
+from fcsv_geometry.mission import Mission, load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RecorderStatus
@@ -22,28 +27,53 @@ class RecorderNode:
 
     def __init__(self):
         p = self._parameters = node.parameters(RecorderParameters)
-        self._folder = _made(Path(p.folder).expanduser())
-        if p.role == "control":
-            self._describe_session()
+        self._folder, self._listing = _made(Path(p.folder).expanduser()), threading.Lock()
         self._pictures_on = p.pictures_on
         self._health = Health(p.name)
-        self._writer = _opened(self._folder / f"{p.name}.bag", p.most_waiting_mib << 20)
+        self._disk = DiskWatch(p.least_free_mib << 20)
+        mission = load_mission(p.mission) if p.role == "control" else None
+        self._writer = _opened(self._folder, p)
         rospy.on_shutdown(self._close)
+        self._session = None if mission is None else self._described(mission)
         topics = plan(p)
         status = "recorder/status" if p.role == "vehicle" else f"/{p.name}/recorder/status"
         self._status = rospy.Publisher(status, RecorderStatus, queue_size=2)
         self._timer = node.every(1.0, self._publish_status)
         rospy.Subscriber("recorder/pictures", Bool, self._on_pictures, queue_size=1)
+        for vehicle in p.vehicles if p.role == "control" else ():
+            rospy.Subscriber(f"/{vehicle}/recorder/status", RecorderStatus, self._on_other, vehicle, queue_size=5)
         for topic in topics.always:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, topic, queue_size=100, buff_size=1 << 20)
         for topic in topics.pictures:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_picture, topic, queue_size=5, buff_size=8 << 20)
 
-    def _describe_session(self) -> None:
+    def _described(self, mission: Mission) -> Session:
+        """session.yaml of this flight: a new one, or the one of the recorder that died."""
         p = self._parameters
-        session = new_session(load_mission(p.mission), p.vehicles, utc_now(), p.seed)
+        if self._writer.continues:
+            try:
+                return config.load(self._folder / FILE, Session)
+            except ConfigError as error:
+                rospy.logwarn("%s: another is written", error)
+        session = new_session(mission, p.vehicles, utc_now(), p.seed)
         keep_earlier(self._folder / FILE)
         rospy.loginfo("%s written", save_session(self._folder, session))
+        return session
+
+    def _on_other(self, message: RecorderStatus, vehicle: str) -> None:
+        self._list(vehicle, Path(message.path).name)
+
+    def _list(self, machine: str, bag: str) -> None:
+        """A further part of a machine's recording belongs into session.yaml."""
+        with self._listing:
+            session = with_part(self._session, machine, bag)
+            if session is self._session:
+                return
+            try:
+                save_session(self._folder, session)
+                self._session = session
+            except SessionError as error:  # the bags go on; it is tried again
+                rospy.logerr_throttle(10.0, f"{error}")
 
     def _on_pictures(self, message: Bool) -> None:
         self._pictures_on = message.data
@@ -57,11 +87,14 @@ class RecorderNode:
             self._health.drop("message", self._writer.problem or "the disk is too slow")
 
     def _publish_status(self, _event) -> None:
-        w, free_mib = self._writer, shutil.disk_usage(self._folder).free >> 20
-        if free_mib < self._parameters.least_free_mib:
-            least = self._parameters.least_free_mib
+        w, least = self._writer, self._parameters.least_free_mib
+        self._disk.see(time.monotonic(), w.bytes, shutil.disk_usage(self._folder).free)
+        if self._disk.full:
             w.fail(f"less than {least} MiB are free on the disk of {self._folder}; make room and start again")
+        if self._session is not None:
+            self._list(self._parameters.name, w.path.name)
         self._health.problem("disk", w.problem)
+        self._health.value("minutes left", f"{self._disk.minutes_left:.0f}")
         self._health.value("pictures", w.pictures)
         self._health.value("MB", w.bytes // 10**6)
         self._status.publish(
@@ -72,6 +105,7 @@ class RecorderNode:
                 pictures=w.pictures,
                 bytes=w.bytes,
                 dropped=w.dropped,
+                minutes_left=self._disk.minutes_left,
                 problem=w.problem,
             )
         )
@@ -92,11 +126,14 @@ def _made(folder: Path) -> Path:
     return folder
 
 
-def _opened(path: Path, most_waiting_bytes: int) -> BagWriter:
+def _opened(folder: Path, p: RecorderParameters) -> BagWriter:
     try:
-        return BagWriter(path, most_waiting_bytes)
+        writer = BagWriter(folder, p.name, p.most_waiting_mib << 20, p.part_mib << 20)
     except OSError as error:
-        raise SessionError(f"{path}: cannot be written ({error.strerror}); choose another folder") from error
+        raise SessionError(f"{folder}: cannot be recorded into ({error.strerror}); choose another folder") from error
+    if writer.continues:
+        rospy.logwarn("the recorder before was cut off: recording goes on in %s", writer.path)
+    return writer
 
 
 def main() -> int:
