@@ -160,7 +160,7 @@ def test_an_object_that_moves_in_step_with_the_baselines():
     given, truth, on_it = in_step()
     seen = map_joint(given, JointOptions(), quiet)
     assert faulty.claims(seen, truth, on_it)[1] > 0.5  # what matching alone makes of it: this is no easy case
-    result = MAP["joint"].map(given, JointOptions(), quiet)
+    result = MAP["joint"].map(given, JointOptions(complete=True), quiet)
     sure, wrong = faulty.claims(result, truth, on_it)
     assert sure * wrong < faulty.MOST_WRONG * on_it.mean()  # of the board's pixels
     assert faulty.claims(result, truth)[1] <= faulty.MOST_WRONG
@@ -189,7 +189,8 @@ def test_the_other_axis_tells_of_an_object_that_moves_in_step():
 
 def test_nothing_is_left_out_where_nothing_moved():
     given, _, _ = in_step((0.0, 0.0, 0.0))
-    seen, result = map_joint(given, JointOptions(), quiet), MAP["joint"].map(given, JointOptions(), quiet)
+    whole = JointOptions(complete=True)
+    seen, result = map_joint(given, whole, quiet), MAP["joint"].map(given, whole, quiet)
     assert result.coverage >= seen.coverage - 0.001 and not any("moved" in w for w in result.warnings)
 
 

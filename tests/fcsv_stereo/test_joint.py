@@ -235,7 +235,7 @@ def test_depth_of_half_the_size():
     given = scenes.given(((0, -0.5, 0), "horizontal"), ((0, -1.0, 0), "horizontal"), ((0, 0, 1.0), "vertical"))
     last = given.configurations[2]
     given.configurations[2] = replace(last, references=[replace(p, name="later") for p in last.references])
-    result = METHODS["joint"].map(given, JointOptions(scale=0.5), quiet)
+    result = METHODS["joint"].map(given, JointOptions(scale=0.5, complete=True), quiet)
     camera = scenes.CAMERA.resized(160, 120)
     assert result.reference.camera == camera and result.reference.image.shape == (120, 160, 3)
     truth = cv2.resize(scenes.true_depth(result.reference.T_home_cam), (160, 120), interpolation=cv2.INTER_NEAREST)

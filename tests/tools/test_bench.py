@@ -34,7 +34,7 @@ class Oracle(Thesis):
 def scene():
     reference = picture("uav1/reference", "uav1", 0.0, camera_pose([0, 0, 0]))
     others = [picture(f"uav2/{b:g}", "uav2", 0.0, camera_pose([0, -b, 0])) for _, b in HORIZONTAL]
-    return Scene(SceneName("walls", 1), HORIZONTAL, reference, others, true_depth(reference.T_home_cam))
+    return Scene(SceneName("walls", 1), HORIZONTAL, reference, others, true_depth(reference.T_home_cam), {})
 
 
 def result_of(scene, depth, sigma, poses):

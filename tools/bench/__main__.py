@@ -13,11 +13,12 @@ import numpy as np
 
 from bench import colmap_poses, growth, tables
 from bench.measure import measure, prior_errors_deg, run
+from bench.real import measure_real
 from bench.scenes import LISTS, NOISES, SCENES, VERTICAL, SceneName, shoot, smaller
 from fcsv_stereo.pipeline import METHODS
 
 _PLOT = "pictures/growth.png"
-_PARTS = ("methods", "colmap", "growth")
+_PARTS = ("methods", "colmap", "growth", "real")
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -37,10 +38,11 @@ def main(argv: Optional[List[str]] = None) -> int:
             poses.append((name, colmap_poses.colmap_on(scene), colmap_poses.ours_on(scene)))
             print(f"    COLMAP: {poses[-1][1]}\n    ours: {poses[-1][2]}", flush=True)
     samples = growth.measure_growth(args.methods, args.quick) if "growth" in args.parts else []
+    real = measure_real() if "real" in args.parts else []
     out = Path(args.out) if args.out else None
     if samples:
         growth.plot(samples, (out.parent if out else Path("docs")) / _PLOT)
-    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, samples)) + "\n"
+    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, samples, real)) + "\n"
     if out is None:
         print(page)
         return 0
@@ -71,7 +73,7 @@ def _warm_up(scene, methods: List[str]) -> None:
         run(method, small)
 
 
-def _page(args, scenes, results, priors, poses, why_not, samples) -> List[str]:
+def _page(args, scenes, results, priors, poses, why_not, samples, real) -> List[str]:
     names, noises = list(map(str, scenes)), list(map(str, NOISES))
     command = "make bench" + (f' ARGS="{" ".join(args.given)}"' if args.given else "")
     lens = "without" if args.clean else "with"
@@ -99,6 +101,8 @@ def _page(args, scenes, results, priors, poses, why_not, samples) -> List[str]:
         lines.append("")
     if results:
         lines += ["## Scene by scene", *tables.scene_tables(results, names), ""]
+    if real:
+        lines += ["## Hard cases and real photographs", "", *real, ""]
     if samples:
         lines += ["## Growth", "", f"![time and memory]({_PLOT})", "", *tables.growth_table(samples), ""]
         lines.append(

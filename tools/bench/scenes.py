@@ -75,6 +75,7 @@ class Scene:
     reference: Picture
     others: List[Picture]
     true_depth: np.ndarray
+    depths: Dict[str, np.ndarray]  # of every picture, by name
 
     def given(self, baselines: Baselines, noise: PoseNoise) -> MapInput:
         """A session of these baselines with noise on every pose but the reference's; always the same noise.
@@ -102,7 +103,7 @@ class Scene:
 def shoot(name: SceneName, baselines: Baselines, size=(640, 480), clean: bool = False) -> Scene:
     """Render a scene: places scattered by 3 cm and 1 degree; ``clean`` leaves the sensor's noise and lens out."""
     random = np.random.default_rng([*name.words(), 3])
-    camera = _camera(Renderer(Town.generate(name.seed, name.world)), size, clean, name.seed)
+    camera = camera_in(name, size, clean)
 
     def take(number: int, xyz):
         p = np.asarray(xyz) + random.normal(0.0, PLACE_SIGMA_M, 3)
@@ -112,21 +113,23 @@ def shoot(name: SceneName, baselines: Baselines, size=(640, 480), clean: bool = 
 
     image, depth, T_home_cam = take(0, [0.0, 0.0, 0.0])
     reference = Picture("uav1/reference", "uav1", 0.0, image, camera.model, T_home_cam)
-    others = []
+    others, depths = [], {reference.name: depth}
     for number, (axis, b) in enumerate(baselines, 1):
-        image, _, T_home_cam = take(number, [0.0, -b, 0.0] if axis == "horizontal" else [0.0, 0.0, b])
+        image, seen, T_home_cam = take(number, [0.0, -b, 0.0] if axis == "horizontal" else [0.0, 0.0, b])
         others.append(Picture(f"uav2/{axis} {b:g} m", "uav2", 0.0, image, camera.model, T_home_cam))
-    return Scene(name, baselines, reference, others, depth)
+        depths[others[-1].name] = seen
+    return Scene(name, baselines, reference, others, depth, depths)
 
 
-def _camera(renderer: Renderer, size, clean: bool, seed: int) -> SimulatedCamera:
-    """The simulator's camera, its lens already undistorted."""
+def camera_in(name: SceneName, size=(640, 480), clean: bool = False) -> SimulatedCamera:
+    """The simulator's camera in a scene's world, its lens already undistorted; ``clean`` without noise and blur."""
+    renderer = Renderer(Town.generate(name.seed, name.world))
     parameters = CameraParameters(
         width=size[0], height=size[1], horizontal_fov_deg=FOV_DEG, distortion=(0.0, 0.0, 0.0, 0.0, 0.0), mount_deg=0.0
     )
     if clean:
         parameters = replace(parameters, read_noise=0.0, shot_noise=0.0, blur_px=0.0, vignetting=0.0)
-    return SimulatedCamera(renderer, R_BODY_CAM, parameters, seed)
+    return SimulatedCamera(renderer, R_BODY_CAM, parameters, name.seed)
 
 
 def smaller(given: MapInput, factor: int) -> MapInput:

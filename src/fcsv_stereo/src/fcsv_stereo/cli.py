@@ -2,6 +2,7 @@
 """The command ``rosrun fcsv_stereo map INPUT -o OUT``."""
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import List, Optional, Union
@@ -13,7 +14,7 @@ from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
-from fcsv_stereo.model import AXES
+from fcsv_stereo.model import AXES, PosePrior
 from fcsv_stereo.products import PRODUCTS, parse_products
 from fcsv_stereo.rectify import Rectification
 from fcsv_stereo.refinement import RefineOptions
@@ -24,8 +25,11 @@ from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow
 #: Options that only one method knows.
 _OPTIONS_OF = {
     "thesis": ("matcher", "rectify", "disparity", "across_axes", *(f"trim_{k}" for k in (*AXES, "all"))),
-    "joint": ("no_refine", "refine_focal", "refine_time_offset"),
-}
+    "joint": (
+        "complete", "no_refine", "prior_rotation_deg", "prior_position_m", "prior_position_percent", "refine_focal",
+        "refine_time_offset",
+    ),
+}  # fmt: skip
 _EXAMPLES = """examples:
   map out/demo/session -o out/map
   map photos/ -o out/photos --reference 0003.jpg --method thesis --matcher sgbm --disparity 16 256
@@ -60,7 +64,7 @@ def main(argv: Optional[List[str]] = None) -> int:
         print("map: interrupted; nothing was written", file=sys.stderr)
         return 130
     print(demo_table(document))
-    written = ["map.ply", "depth.npy", "sigma.npy", "report.json", "report.html"]
+    written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]
     print(f"wrote {args.out}: {', '.join(written + [f for p in products for f in PRODUCTS[p]])}")
     return 0
 
@@ -72,7 +76,21 @@ def _options(args) -> Union[JointOptions, ThesisOptions]:
 
 def _joint(args, threshold: ErrorThreshold) -> JointOptions:
     refinement = RefineOptions(refine_focal=args.refine_focal, refine_time_offset=args.refine_time_offset)
-    return JointOptions(not args.no_refine, refinement, threshold=threshold)
+    prior = _prior(args)
+    return JointOptions(not args.no_refine, refinement, threshold=threshold, complete=args.complete, prior=prior)
+
+
+def _prior(args) -> Optional[PosePrior]:
+    """What the user says of the poses; what he does not say stays as it is assumed."""
+    rotation_deg, position_m, percent = args.prior_rotation_deg, args.prior_position_m, args.prior_position_percent
+    if rotation_deg is None and position_m is None and percent is None:
+        return None
+    assumed = PosePrior()
+    if position_m is None and percent is None:
+        position_m, share = assumed.position_m, assumed.position_share
+    else:
+        position_m, share = position_m or 0.0, (percent or 0.0) / 100.0
+    return PosePrior(assumed.rotation_rad if rotation_deg is None else math.radians(rotation_deg), position_m, share)
 
 
 def _thesis(args, threshold: ErrorThreshold) -> ThesisOptions:
@@ -93,7 +111,7 @@ _MAKERS = {"joint": _joint, "thesis": _thesis}
 def _refuse_foreign(args) -> None:
     """An option of another method would be ignored in silence. Raises InputError."""
     for method, names in _OPTIONS_OF.items():
-        given = [n for n in names if getattr(args, n)]
+        given = [n for n in names if getattr(args, n) is not None and getattr(args, n) is not False]
         if method != args.method and given:
             option = "--" + given[0].replace("_", "-")
             raise InputError(f"{option} belongs to --method {method}; the method here is {args.method}")
@@ -134,7 +152,20 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--poi", metavar="FILE", help="points of interest to evaluate (default: INPUT/poi.yaml, if any)"
     )
+    parser.add_argument(
+        "--complete", action="store_true",
+        help="joint: also depths that no pair's texture supports (hidden, plain, outside); kind.npy marks them",
+    )  # fmt: skip
     parser.add_argument("--no-refine", action="store_true", help="joint: take the poses as they come")
+    for name, words in (
+        ("rotation-deg", "degrees, standard deviation per axis"),
+        ("position-m", "m, standard deviation per axis"),
+        ("position-percent", "of the distance from the reference picture, standard deviation per axis"),
+    ):
+        parser.add_argument(
+            f"--prior-{name}", type=float, metavar="X",
+            help=f"joint, photographs: how good the poses are ({words}); priors.csv says it for each",
+        )  # fmt: skip
     parser.add_argument("--refine-focal", action="store_true", help="joint: also adjust the focal length")
     parser.add_argument("--refine-time-offset", action="store_true", help="joint: also adjust each vehicle's clock")
     return parser

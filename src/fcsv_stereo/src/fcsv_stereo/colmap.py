@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Posed photographs: a folder ``images/`` with COLMAP's text model; poses are priors, ``home`` is the model's world."""
+"""Posed photographs: a folder ``images/`` with COLMAP's text model; poses are priors, ``home`` is the model's world.
+
+``priors.csv`` may say how good they are (``priors``).
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +17,8 @@ from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.exposure import Exposure
 from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture
+from fcsv_stereo.priors import FILE as PRIORS
+from fcsv_stereo.priors import read_priors
 
 #: Parameters of each camera model in order, as names of fx, fy, cx, cy, k1, k2, p1, p2.
 _MODELS = {
@@ -55,6 +60,9 @@ def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
     _require_poses(folder, by_name)
     first = by_name[reference] if reference else posed[0]
     pictures = _load(folder, posed, cameras)
+    if (folder / PRIORS).is_file():
+        known = read_priors(folder / PRIORS, by_name)  # errors of one vehicle's poses would count as one drift
+        pictures = {n: replace(p, covariance=known[n], vehicle=n) for n, p in pictures.items()}
     view = pictures[first.name]
     configurations = [
         ConfigurationInput(_configuration(view, pictures[p.name]), [view], [pictures[p.name]])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OUT/: map.ply, depth.npy, sigma.npy, reference.png, report.json, report.html; all of it, or none."""
+"""OUT/: map.ply, depth.npy, sigma.npy, kind.npy, reference.png, report.json, report.html; all of it, or none."""
 
 import json
 import shutil
@@ -13,9 +13,10 @@ import numpy as np
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import Cloud, MapResult
+from fcsv_stereo.model.kinds import masks
 from fcsv_stereo.products import names
 
-FILES = ("map.ply", "depth.npy", "sigma.npy", "reference.png", "report.json", "report.html")
+FILES = ("map.ply", "depth.npy", "sigma.npy", "kind.npy", "reference.png", "report.json", "report.html")
 #: Attributes of map.ply in open3d's terms. It writes them as float x, y, z, uchar red, green, blue, float sigma,
 #: uchar baseline, which is what readers know.
 _TYPES = {"positions": np.float32, "colors": np.uint8, "sigma": np.float32, "baseline": np.uint8}
@@ -70,10 +71,11 @@ class StagedOutput:
 
 
 def write_arrays(result: MapResult, folder: Path) -> None:
-    """map.ply, depth.npy, sigma.npy, and the undistorted picture that they belong to."""
+    """map.ply, depth.npy, sigma.npy, kind.npy, and the undistorted picture that they belong to."""
     write_ply(result.cloud, folder / "map.ply")
     np.save(folder / "depth.npy", result.depth.astype(np.float32))
     np.save(folder / "sigma.npy", result.sigma.astype(np.float32))
+    np.save(folder / "kind.npy", result.kind.astype(np.uint8))
     cv2.imwrite(str(folder / "reference.png"), cv2.cvtColor(result.reference.image, cv2.COLOR_RGB2BGR))
 
 
@@ -136,6 +138,7 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
             for p in result.pairs
         ],
         "coverage": result.coverage,
+        "kinds": {name: float(mask.mean()) for name, mask in masks(result.kind).items()},
         "points": result.points,
         "timing_s": {k: round(v, 4) for k, v in result.timing_s.items()},
         "warnings": result.warnings,

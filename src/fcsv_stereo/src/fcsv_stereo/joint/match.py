@@ -9,21 +9,24 @@ import cv2
 import numpy as np
 
 from fcsv_stereo.errors import InputError, MatchingError
+from fcsv_stereo.joint.checks.evidence import doubt, features, standing_out
+from fcsv_stereo.joint.checks.kinds import infinite, kinds
 from fcsv_stereo.joint.checks.reliability import confirmed, relied_on, trusted
 from fcsv_stereo.joint.checks.sigma import geometry_sigma, matching_sigma
 from fcsv_stereo.joint.checks.sky import sky
 from fcsv_stereo.joint.pictures import Pictures, usable
 from fcsv_stereo.joint.refine.exposure import same_exposure
 from fcsv_stereo.joint.refine.pose_alignment import adjust
-from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits
+from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits, without_mean
 from fcsv_stereo.joint.refine.subpixel import Fine, refine
 from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.tuning import FAR_REMATCH, MATCH, RESIDUALS
+from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
 from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
 from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
 from fcsv_stereo.model import Picture
+from fcsv_stereo.model.kinds import Kind
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class MatchOptions:
     threads: int = 2
     stretch: bool = False  # after the volume's size surfaces are interpolated, not chosen: quicker, edges less sharp
     adjust_poses: bool = False  # to the pictures, where covariances are given
+    keep_features: bool = False  # what each depth's evidence is judged by (HxWxF): to learn from
 
     def __post_init__(self):
         if self.volume_pixels < 1000 or self.most_levels < 8 or self.iterations < 1 or self.threads < 1:
@@ -52,7 +56,7 @@ class JointDepth:
     ``depth`` and ``sigma`` are HxW float32 (m along the optical axis, NaN where none). ``support`` is HxW uint16: bit i
     is set where pair i of ``used`` agrees. ``used`` are indices into the pictures given; ``left_out`` says by index why
     a picture was not. ``fine`` holds the evidence that they were made from, ``pictures`` are those
-    used, with the poses that served.
+    used, with the poses that served. ``kind`` is HxW uint8 (``model.kinds``), ``features`` HxWxF where they were kept.
     """
 
     depth: np.ndarray
@@ -63,6 +67,8 @@ class JointDepth:
     fine: Optional[Fine] = None
     known: Optional[np.ndarray] = None
     pictures: List[Picture] = field(default_factory=list)
+    kind: Optional[np.ndarray] = None
+    features: Optional[np.ndarray] = None
 
     def agrees(self, pair: int) -> np.ndarray:
         """HxW bool: where a pair (of ``used``) agrees."""
@@ -101,8 +107,32 @@ def match_jointly(
         pictures, fine = _at_full_size(pictures, surfaces, levels, known, options, pool)
     geometry = geometry_sigma(reference, pictures.others, pictures.covariances, fine)
     sigma_w = np.hypot(matching_sigma(fine, known), geometry)
+    with ThreadPoolExecutor(options.threads) as pool:
+        kind, columns = _judged(pictures, fine, sigma_w, known, options, pool)
     depth, sigma, support = _certain_depth(fine, sigma_w, reference.blank, options)
-    return JointDepth(depth, sigma, support, used, left_out, fine, known, pictures.others)
+    if reference.blank is not None:
+        kind[reference.blank] = Kind.NOTHING
+    return JointDepth(depth, sigma, support, used, left_out, fine, known, pictures.others, kind, columns)
+
+
+def _judged(
+    pictures: Pictures, fine: Fine, sigma_w: np.ndarray, known: np.ndarray, options: MatchOptions,
+    pool: ThreadPoolExecutor,
+) -> Tuple[np.ndarray, Optional[np.ndarray]]:  # fmt: skip
+    """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that tell it."""
+    full = fine.w.shape
+    small = detail(pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1]))))
+    w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    here = residuals(small, w, pool)
+    out = standing_out(small, w, here, full, pool)
+    contrast = cv2.blur(np.abs(without_mean(pictures.greys[0])), (RESIDUALS.window_px,) * 2)
+    columns = features(fine, sigma_w, known, out, contrast)
+    kept = np.stack(list(columns), axis=-1) if options.keep_features else None
+    doubts = doubt(columns if kept is None else np.moveaxis(kept, -1, 0))
+    colour = colours(pictures.reference, small.shape)
+    heaven = infinite(w, here, colour, ~seen_by_any(small, 0.0), full)
+    bright = pictures.greys[0] > np.median(pictures.greys[0])
+    return kinds(doubts, out, fine.residuals, contrast, heaven, bright), kept
 
 
 @dataclass(frozen=True)

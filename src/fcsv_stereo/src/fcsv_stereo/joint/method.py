@@ -12,6 +12,7 @@ from fcsv_stereo.equations import ErrorThreshold, farthest
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
 from fcsv_stereo.joint.checks.enough_evidence import require_evidence
+from fcsv_stereo.joint.checks.kinds import supported_only
 from fcsv_stereo.joint.checks.moved import leave_out_moved
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
@@ -26,6 +27,7 @@ from fcsv_stereo.model import (
     MapResult,
     Method,
     Picture,
+    PosePrior,
     Progress,
     Reference,
     silent,
@@ -37,7 +39,8 @@ from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions,
 @dataclass(frozen=True)
 class JointOptions:
     """Choices of the method. An input that says how good its poses are overrules the refinement's prior;
-    ``threshold`` is for equation 3.1's farthest depth in the report alone.
+    ``threshold`` is for equation 3.1's farthest depth in the report alone. ``complete`` keeps depths that no pair's
+    texture supports; ``kind`` tells them. ``prior`` is how good the poses of photographs are, where the user says so.
 
     Poses are refined in whole pictures; depth is that of the reference picture at ``scale`` of its size.
     """
@@ -47,6 +50,8 @@ class JointOptions:
     matching: MatchOptions = field(default_factory=MatchOptions)
     threshold: ErrorThreshold = field(default_factory=lambda: ErrorThreshold(0.1, True))
     scale: float = 1.0
+    complete: bool = False
+    prior: Optional[PosePrior] = None
 
     def __post_init__(self):
         if not 0.1 <= self.scale <= 1.0:
@@ -66,7 +71,9 @@ class Joint(Method):
         """Match jointly; leave out what moved, doubt what an axis denies, refuse a map without evidence."""
         options = options or JointOptions()
         result = doubt_contradicted(given, leave_out_moved(given, map_joint(given, options, progress)))
-        return require_evidence(result) if options.refine_poses else result  # else who asks vouches for the poses
+        if options.refine_poses:  # else who asks vouches for the poses
+            require_evidence(result)
+        return result if options.complete else supported_only(result)
 
     @property
     def quick(self) -> JointOptions:
@@ -94,8 +101,9 @@ class Joint(Method):
 
 def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
     """The map of all configurations in the first one's reference picture. Raises MatchingError where none matched."""
-    if given.prior is not None:
-        options = replace(options, refinement=replace(options.refinement, prior=given.prior))
+    prior = _prior(given, options)
+    if prior is not None:
+        options = replace(options, refinement=replace(options.refinement, prior=prior))
     reference, others = choose_pictures(given.configurations)
     warnings = list(given.warnings)
 
@@ -128,7 +136,19 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     timing_s["fuse"] = time.perf_counter() - started
     progress("map", 3, 3)
     view, images = Reference.of(reference), _images(reference, others, refined)
-    return MapResult("joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings)
+    return MapResult("joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings, found.kind)
+
+
+def _prior(given: MapInput, options: JointOptions) -> Optional[PosePrior]:
+    """How good the poses are by the user's word, or the input's. Raises InputError where both say it."""
+    if options.prior is None:
+        return given.prior
+    said = given.prior is not None or any(p.covariance is not None for c in given.configurations for p in c.others)
+    if given.kind is InputKind.SESSION or said:
+        raise InputError(
+            "--prior-... is for photographs without priors.csv: sessions and priors.csv say how good their poses are"
+        )
+    return options.prior
 
 
 def choose_pictures(configurations: List[ConfigurationInput]) -> Tuple[Picture, List[Picture]]:

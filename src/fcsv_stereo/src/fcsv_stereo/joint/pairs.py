@@ -36,6 +36,13 @@ class JointPair:
         self._pictures = reference, other
         self._level = level
 
+    def only(self, stays: np.ndarray) -> "JointPair":
+        """The same pair with depth only where ``stays`` (HxW bool)."""
+        depth = np.where(stays, self.depth, np.float32(np.nan))
+        kept = JointPair(self.configuration, *self._pictures, depth, self.effective_range_m, self._level)
+        kept.match_rate, kept.candidates = self.match_rate, self.candidates
+        return kept
+
     @cached_property
     def _rectified(self) -> RectifiedPair:
         return (home if self._level else bouguet)(*self._pictures, self.configuration.axis)

@@ -53,7 +53,12 @@ class MapResult:
     cloud: Cloud
     timing_s: Dict[str, float] = field(default_factory=dict)
     warnings: List[str] = field(default_factory=list)
+    kind: Optional[np.ndarray] = None  # uint8 HxW, ``model.kinds``; by default one pair where there is a depth
     watched: List[str] = field(default_factory=list)  # other pictures before which nothing can have moved unseen
+
+    def __post_init__(self):
+        if self.kind is None and self.depth is not None:
+            self.kind = np.isfinite(self.depth).astype(np.uint8)
 
     @property
     def coverage(self) -> float:

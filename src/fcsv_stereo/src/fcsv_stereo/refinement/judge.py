@@ -28,12 +28,19 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
     reason = consensus.refused.get(k, "")
     if not reason and (adjusted is None or k not in adjusted.order):
         reason = direct.reason or "no picture that it overlaps with could be refined"
+    compared = 0
     if not reason:
         covariance = _covariance(views[0], adjusted, k)
         T_home_cam = views[0].picture.T_home_cam @ adjusted.poses[k]
-        reason = _doubt(views, k, T_home_cam, covariance, options)
+        if _no_gain(views, k, covariance, options):
+            sigma_deg = np.degrees(np.sqrt(np.diag(covariance)[:3]).max())
+            reason = f"the pictures fix its rotation no better than {sigma_deg:.2g} degrees"
+            compared = _epipolar(views, k, consensus)[2]
+        else:
+            reason = _doubt(views, k, T_home_cam, options)
     if reason:
-        return RefinedPicture(views[k].picture, prior_T, False, reason, 0, np.nan, np.nan, _prior(views, k, options))
+        covariance = _prior(views, k, options)
+        return RefinedPicture(views[k].picture, prior_T, False, reason, compared, np.nan, np.nan, covariance)
     before, after, inliers = _epipolar(views, k, consensus)
     camera = scaled(views[k].picture.camera, adjusted.focal_scale)
     picture = replace(views[k].picture, T_home_cam=T_home_cam, camera=camera)
@@ -45,10 +52,13 @@ def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
     return replace(camera, fx=camera.fx * focal_scale, fy=camera.fy * focal_scale) if focal_scale != 1.0 else camera
 
 
-def _doubt(views: List[View], k: int, T_home_cam, covariance, options: RefineOptions) -> str:
+def _no_gain(views: List[View], k: int, covariance, options: RefineOptions) -> bool:
+    """Whether the prior's rotation is as good as what the pictures tell."""
     sigma_rad = float(np.sqrt(np.diag(covariance)[:3]).max())
-    if sigma_rad > _LEAST_GAIN * prior_to_reference(views, k, options.prior).rotation_rad:
-        return f"the pictures fix its rotation no better than {np.degrees(sigma_rad):.2f} degrees"
+    return sigma_rad > _LEAST_GAIN * prior_to_reference(views, k, options.prior).rotation_rad
+
+
+def _doubt(views: List[View], k: int, T_home_cam, options: RefineOptions) -> str:
     away_m = float(np.linalg.norm(T_home_cam[:3, 3] - views[k].picture.T_home_cam[:3, 3]))
     allowed_m = _FARTHEST_SHARE * distance_m(views, k)
     if away_m > allowed_m and away_m > _position_surprise_m(views, k, options):

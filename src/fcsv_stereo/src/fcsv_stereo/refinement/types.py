@@ -39,7 +39,8 @@ class RefinedPicture:
     """A picture after refinement; ``picture`` has the refined pose, or the prior where it was refused.
 
     ``covariance`` is 6x6 of the pose relative to the reference: rotation (rad, camera axes), position (m, home axes).
-    The epipolar errors are rms over the inliers (px), NaN where there are none; ``reason`` says why it was refused.
+    ``inliers`` of a refused one: those that agree with a prior which they do not better. The epipolar errors are rms
+    over the inliers (px), NaN where there are none; ``reason`` says why it was refused.
     """
 
     picture: Picture

@@ -13,9 +13,14 @@ from matplotlib.ticker import FuncFormatter
 from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import Axis, MapResult, Pair
+from fcsv_stereo.model.kinds import WORDS, masks
 
 DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"
+_KIND_COLOURS = {
+    "agreed": "#009e73", "one pair": "#a8ddb5", "hidden": "#d55e00", "outside": "#e69f00", "blank": "#cc79a7",
+    "sky": "#56b4e9", "moved": "#f0e442", "nothing": _NONE,
+}  # fmt: skip
 
 
 def picture(image: np.ndarray, title: str):
@@ -56,6 +61,21 @@ def depth(image: np.ndarray, title: str, label: str = "m"):
     axes.axis("off")
     bar = figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)
     round_numbers(bar.ax.yaxis)
+    return figure
+
+
+def kinds(kind: np.ndarray):
+    """Why each pixel has its depth, or none, in colours that colour-blind people tell apart (Okabe and Ito 2008)."""
+    found = {name: mask for name, mask in masks(kind).items() if mask.any()}
+    image = np.zeros((*kind.shape, 3))
+    figure, axes = plt.subplots(figsize=(7.2, 5.4))
+    for name, mask in found.items():
+        image[mask] = matplotlib.colors.to_rgb(_KIND_COLOURS[name])
+        axes.scatter([], [], color=_KIND_COLOURS[name], marker="s", label=WORDS[name])
+    axes.imshow(image)
+    axes.set_title("why a pixel has its depth, or none", fontsize=10)
+    axes.axis("off")
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=2, frameon=False)
     return figure
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
+from fcsv_stereo.model.kinds import WORDS, masks
 from fcsv_stereo.poi import PoiResult
 from fcsv_stereo.report import charts, figures, poi
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction, sigma_bands
@@ -66,7 +67,14 @@ def summary(data: ReportData) -> List[Part]:
             ("median error", percent(o.median_relative_error, 2)),
         ]
     reference = figures.picture(result.reference.image, f"reference {result.reference.name}")
-    return [*parts, Table((), rows), side(reference, figures.depth(result.depth, "depth"))]
+    both = side(reference, figures.depth(result.depth, "depth"))
+    shares = Table(("pixels", "share"), _kinds(result))
+    return [*parts, Table((), rows), both, image(figures.kinds(result.kind)), shares]
+
+
+def _kinds(result: MapResult) -> List[Sequence[str]]:
+    shares = {name: float(mask.mean()) for name, mask in masks(result.kind).items()}
+    return [(WORDS[name], f"{share:.1%}") for name, share in shares.items() if share > 0.0]
 
 
 def timing(data: ReportData) -> List[Part]:
@@ -142,10 +150,7 @@ def seams(data: ReportData) -> List[Part]:
     """Whether neighbouring baselines agree where one takes over."""
     if not data.seams:
         return [note("No two baselines of one axis overlap in range.")]
-    rows = [
-        (f"{s.shorter} → {s.longer}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}")
-        for s in data.seams
-    ]
+    rows = [(f"{s.shorter} → {s.longer}", f"{s.at_m:.0f} m", f"{s.pixels:,}", f"{s.step:+.1%}") for s in data.seams]
     shared = all(p.shares_depth for p in data.result.pairs)
     of = "corners near it, as each pair alone would place them" if shared else "pixels near it that both saw"
     said = f"Step: median of the longer baseline's depth over the shorter's, less one, of the {of}."

@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a map rests on anything: a picture of another place gives depths too, only none that is known well."""
-
-import numpy as np
+"""Whether a map rests on anything: pictures of another place give depths too, which look like a map."""
 
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.joint.tuning import ENOUGH_EVIDENCE
 from fcsv_stereo.model import MapResult
 
 
 def require_evidence(result: MapResult) -> MapResult:
-    """The result back. Raises MatchingError where no pose could be refined and next to nothing is known besides."""
-    known = np.isfinite(result.depth) & (result.sigma < ENOUGH_EVIDENCE.known * result.depth)
-    if known.mean() >= ENOUGH_EVIDENCE.least_share or any(i.refined for i in result.images):
+    """The result back. Raises MatchingError where no picture could be compared with the reference: refined, or found to
+    agree with a pose that is known better already."""
+    if any(i.refined or i.inliers for i in result.images):
         return result
+    others = ", ".join(i.name for i in result.images if i.name != result.reference.name)
     raise MatchingError(
-        f"{result.reference.name}: no map, since no other picture could be compared with it: "
+        f"no map: none of {others} could be compared with {result.reference.name}: "
         + ("; ".join(result.warnings) or "do they show the same place, sharp and well exposed?")
+        + ". If their poses are known to be right, map with --no-refine"
     )

@@ -17,6 +17,7 @@ from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
 from fcsv_stereo.joint.tuning import MOVED
 from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference
+from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.refinement.features import corners
 
 _WINDOW = (MOVED.window_px,) * 2
@@ -190,4 +191,5 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray]) -> MapResult:
             f"left out: {gone.mean():.1%} of the picture, where something moved between the recordings (the reference "
             f"camera's picture differs in {names})"
         )
-    return replace(result, depth=depth, sigma=sigma, cloud=cloud, warnings=warnings)
+    kind = np.where(gone, np.uint8(Kind.MOVED), result.kind)
+    return replace(result, depth=depth, sigma=sigma, cloud=cloud, warnings=warnings, kind=kind)

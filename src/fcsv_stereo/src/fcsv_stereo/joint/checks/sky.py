@@ -39,6 +39,11 @@ def _top_rows(shape) -> np.ndarray:
     return rows
 
 
+def joined_to_top(region: np.ndarray) -> np.ndarray:
+    """HxW bool: the parts of a region (HxW bool) that reach the top of the picture."""
+    return _joined(region, _top_rows(region.shape))
+
+
 def _joined(region: np.ndarray, seeds: np.ndarray) -> np.ndarray:
     """The parts of a region (HxW bool) that have a seed in them."""
     labels = cv2.connectedComponents(region.astype(np.uint8), connectivity=4)[1]

@@ -34,13 +34,15 @@ class Residuals:
 def detail(found: Views) -> Views:
     """The pictures without their local mean."""
 
-    def without_mean(image):
-        return image - cv2.GaussianBlur(image, (0, 0), RESIDUALS.mean_sigma_px)
-
     others = np.zeros_like(found.others)
     for o, g, (h, w) in zip(others, found.others, found.sizes):
         o[:h, :w] = without_mean(np.ascontiguousarray(g[:h, :w]))
     return replace(found, reference=without_mean(found.reference), others=others)
+
+
+def without_mean(image: np.ndarray) -> np.ndarray:
+    """HxW float32 of a grey picture: what differs from the brightness about it."""
+    return image - cv2.GaussianBlur(image, (0, 0), RESIDUALS.mean_sigma_px)
 
 
 def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residuals:

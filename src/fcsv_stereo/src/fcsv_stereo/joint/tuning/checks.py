@@ -128,13 +128,5 @@ class Visibility(Tuned):
     border_px: int = tuned(2, "px of the full picture", "of the other picture that does not count")
 
 
-@dataclass(frozen=True)
-class EnoughEvidence(Tuned):
-    """``checks.enough_evidence``."""
-
-    known: float = tuned(0.1, "share of depth", "sigma below it counts as known")
-    least_share: float = tuned(0.02, "share of the picture", "with less that is known there is no map")
-
-
 RELIABILITY, SIGMA, SKY, MOVED = Reliability(), Sigma(), Sky(), Moved()
-AXIS_CONFLICT, VISIBILITY, ENOUGH_EVIDENCE = AxisConflict(), Visibility(), EnoughEvidence()
+AXIS_CONFLICT, VISIBILITY = AxisConflict(), Visibility()

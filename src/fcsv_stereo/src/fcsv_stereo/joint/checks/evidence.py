@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What speaks for each pixel's depth: how far its match stands out against other depths, there and about it.
+
+A match that is as good at every other depth says nothing: a sky of one grey agrees with everything (ambiguity; Hu and
+Mordohai 2012 compare such measures). What speaks for a depth is put together by a logistic regression, whose weights
+``tools/train_evidence.py`` finds on seeded scenes.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Iterable, Iterator, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_stereo.joint.refine.residuals import Residuals, residuals
+from fcsv_stereo.joint.refine.subpixel import Fine
+from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS
+from fcsv_stereo.joint.views import Views
+
+#: What is looked at, in the order of the weights.
+FEATURES = (
+    "log relative sigma", "log of the best pair's standing out", "best pair's trust", "share of pairs that agree",
+    "volume's match was trusted", "standing out about it", "standing out further about it", "trust about it",
+    "volume's match about it", "volume's match further about it", "log step about it", "log step further about it",
+    "log contrast", "share of pairs that see it",
+)  # fmt: skip
+_LEAST_STEP, _NOTHING, _MOST_SCALES = 0.003, 0.3, 4.0
+_WINDOW = (RESIDUALS.window_px,) * 2
+
+
+def standing_out(
+    small: Views, w: np.ndarray, here: Residuals, shape: Tuple[int, int], pool: ThreadPoolExecutor
+) -> np.ndarray:
+    """NxHxW float32 of ``shape``: by how much each pair matches worse at the best of other depths than at ``w`` (1/m),
+    as a ratio; 0 where the pair does not agree or nothing can be said.
+
+    ``small`` are pictures without their mean at a reduced size: other depths are pixels away. ``w`` is at its size, and
+    ``here`` are the residuals at it.
+    """
+    speed = np.maximum(here.speed, 1e-6)
+    unlike = _unlike(here.difference)
+    others = np.full(unlike.shape, np.inf, np.float32)
+    for moved_px in (*EVIDENCE.probes_px, *(-p for p in EVIDENCE.probes_px)):
+        for i in range(len(small)):
+            there = (w + np.float32(moved_px) / speed[i]).astype(np.float32)
+            r = residuals(small.only(i), np.maximum(there, 0.0), pool)
+            unknown = (there < 0.0) | (r.seen[0] < 0.5)
+            others[i] = np.minimum(others[i], np.where(unknown, np.inf, _unlike(r.difference)[0]))
+    noise = np.float32(EVIDENCE.noise_grey)
+    ratio = np.where(np.isfinite(others), (others + noise) / (unlike + noise), 0.0).astype(np.float32)
+    return np.stack([cv2.resize(x, shape[::-1], interpolation=cv2.INTER_LINEAR) for x in ratio])
+
+
+def features(
+    fine: Fine, sigma_w: np.ndarray, known: np.ndarray, out: np.ndarray, contrast: np.ndarray
+) -> Iterator[np.ndarray]:  # fmt: skip
+    """HxW float32 each, one by one (large pictures), in the order of ``FEATURES``. ``sigma_w`` and ``contrast`` HxW
+    (1/m, grey levels), ``known`` HxW bool, ``out`` NxHxW from ``standing_out``."""
+    r, w = fine.residuals, np.maximum(fine.w, np.float32(1e-9))
+    agrees = r.trust >= RESIDUALS.least_trust
+    best = np.where(agrees, out, 0.0).max(axis=0)
+    stands, trust, trusted = (best > EVIDENCE.stands_out).astype(np.float32), r.trust.max(axis=0), np.float32(known)
+    seen = r.seen.sum(axis=0)
+
+    def about(image: np.ndarray, size_px: int) -> np.ndarray:
+        return cv2.blur(image, (size_px, size_px))
+
+    def step(size_px: int) -> np.ndarray:
+        window = np.ones((size_px, size_px), np.uint8)
+        step = np.log((cv2.dilate(fine.w, window) - cv2.erode(fine.w, window)) / w + np.float32(_LEAST_STEP))
+        return np.clip(step, -6.0, 1.0)
+
+    yield np.log(np.clip(sigma_w / w, 1e-3, 3.0))
+    yield np.log(best + np.float32(_NOTHING))
+    yield trust
+    yield agrees.sum(axis=0) / np.maximum(seen, np.float32(1.0))
+    yield trusted
+    yield about(stands, EVIDENCE.near_px)
+    yield about(stands, EVIDENCE.far_px)
+    yield about(trust, EVIDENCE.patch_px)
+    yield about(trusted, EVIDENCE.patch_px)
+    yield about(trusted, EVIDENCE.far_px)
+    yield step(EVIDENCE.step_px)
+    yield step(EVIDENCE.far_step_px)
+    yield np.log(contrast + np.float32(1.0))
+    yield seen / np.float32(len(r.seen))
+
+
+def terms(column: np.ndarray, first: np.ndarray, k: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the three weights of feature ``k`` belong to: it (scaled), its square, and its product with the ``first``
+    (scaled)."""
+    scaled = (column - np.float32(EVIDENCE.means[k])) / np.float32(EVIDENCE.scales[k])
+    return scaled, np.square(np.clip(scaled, -_MOST_SCALES, _MOST_SCALES)), scaled * first
+
+
+def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
+    """HxW float32: the probability that a depth is wrong by more than a tenth, by its ``features``."""
+    logit, first = None, None
+    for k, column in enumerate(columns):
+        if logit is None:
+            first = (column - np.float32(EVIDENCE.means[0])) / np.float32(EVIDENCE.scales[0])
+            logit = np.full(column.shape, np.float32(EVIDENCE.constant))
+        for term, weight in zip(terms(column, first, k), EVIDENCE.weights[3 * k : 3 * k + 3]):
+            logit += np.float32(weight) * term
+    return (1.0 / (1.0 + np.exp(-np.clip(logit, -30.0, 30.0)))).astype(np.float32)
+
+
+def _unlike(difference: np.ndarray) -> np.ndarray:
+    """NxHxW: mean absolute difference in the window."""
+    return np.stack([cv2.blur(np.abs(d), _WINDOW) for d in difference])

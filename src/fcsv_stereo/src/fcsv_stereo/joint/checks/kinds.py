@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which kind each pixel is of (``model.kinds``), and the map of what some pair's texture supports."""
+
+from dataclasses import fields, replace
+
+import cv2
+import numpy as np
+
+from fcsv_stereo.joint.checks.sky import joined_to_top, sky
+from fcsv_stereo.joint.refine.residuals import Residuals
+from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS
+from fcsv_stereo.model import MapResult
+from fcsv_stereo.model.kinds import MOST_PAIRS, Kind, supported
+
+
+def kinds(
+    doubt: np.ndarray, out: np.ndarray, r: Residuals, contrast: np.ndarray, infinite: np.ndarray, bright: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """HxW uint8 from the ``doubt`` about each depth (HxW), by how much pairs stand out (NxHxW), the pairs' residuals,
+    the reference's contrast (HxW, grey levels), and where (HxW bool) the sky is by its movement, and the picture is
+    ``bright``: what is bright, plain and reaches the picture's top is sky too."""
+    agrees, told = r.trust >= RESIDUALS.least_trust, doubt < EVIDENCE.most_doubt
+    pairs = np.where(doubt < EVIDENCE.sure_doubt, np.clip(agrees.sum(axis=0), 1, MOST_PAIRS), 1)
+    plain = contrast < EVIDENCE.plain_grey
+    ambiguous = plain | (agrees.any(axis=0) & ~(np.where(agrees, out, 0.0).max(axis=0) > EVIDENCE.stands_out))
+    heaven = ~told & (infinite | joined_to_top(plain & bright & ~told))
+    conditions = [heaven, told, ~(r.seen > 0).any(axis=0), ambiguous]
+    return np.select(conditions, [Kind.SKY, pairs, Kind.OUTSIDE, Kind.BLANK], Kind.HIDDEN).astype(np.uint8)
+
+
+def infinite(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray, shape) -> np.ndarray:
+    """HxW bool of ``shape``: the sky by movement and colour, found at the size of ``w`` (1/m)."""
+    return cv2.resize(sky(w, r, colour, blind).astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+
+
+def supported_only(result: MapResult) -> MapResult:
+    """The result without the depths that no pair supports."""
+    stays = supported(result.kind)
+    known = np.isfinite(result.depth)
+    depth, sigma = (np.where(stays, x, np.float32(np.nan)) for x in (result.depth, result.sigma))
+    kept = stays[known]
+    pairs = [p.only(stays) for p in result.pairs]
+    cloud = replace(result.cloud, **{f.name: getattr(result.cloud, f.name)[kept] for f in fields(result.cloud)})
+    return replace(result, depth=depth, sigma=sigma, cloud=cloud, pairs=pairs)

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Why a pixel has its depth, or none: the codes of kind.npy."""
+
+from enum import IntEnum
+from typing import Dict
+
+import numpy as np
+
+#: A kind from 2 to here is the number of pairs that agree; 1 is one pair, or more whose match hardly stands out.
+MOST_PAIRS = 199
+
+
+class Kind(IntEnum):
+    """Kinds that are no number of pairs."""
+
+    NOTHING = 0  # not looked at: the camera saw nothing there, or the method does not say why
+    HIDDEN = 201  # other pictures see the place, and none agrees: something is before it, or the match is wrong
+    OUTSIDE = 202  # outside of every other picture
+    BLANK = 203  # too little texture: every depth fits as well
+    SKY = 204
+    MOVED = 205  # something moved there between the recordings
+
+
+#: In words, for reports.
+WORDS: Dict[str, str] = {
+    "agreed": "two pairs or more agree",
+    "one pair": "one pair agrees, or more that hardly stand out",
+    "hidden": "hidden, or no pair agrees",
+    "outside": "outside of every other picture",
+    "blank": "too little texture to tell",
+    "sky": "sky",
+    "moved": "something moved there",
+    "nothing": "not known",
+}
+
+
+def supported(kind: np.ndarray) -> np.ndarray:
+    """HxW bool: where some pair's texture supports the depth (HxW uint8 codes)."""
+    return (kind >= 1) & (kind <= MOST_PAIRS)
+
+
+def masks(kind: np.ndarray) -> Dict[str, np.ndarray]:
+    """HxW bool by the names of ``WORDS``."""
+    found = {"agreed": (kind >= 2) & (kind <= MOST_PAIRS), "one pair": kind == 1}
+    for one in (Kind.HIDDEN, Kind.OUTSIDE, Kind.BLANK, Kind.SKY, Kind.MOVED, Kind.NOTHING):
+        found[one.name.lower()] = kind == one
+    return found

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a map knows what it does not know: hard cases and real photographs, beside SGBM with exact poses."""
+
+import shutil
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Dict, List, Optional, Tuple
+
+import numpy as np
+
+from bench.hard_cases import Case, cases, foreign
+from bench.scenes import SceneName
+from fcsv_stereo import colmap
+from fcsv_stereo.errors import StereoError
+from fcsv_stereo.joint import Joint, JointOptions
+from fcsv_stereo.model.kinds import WORDS, masks, supported
+from fcsv_stereo.thesis import Thesis, ThesisOptions
+from fcsv_stereo.thesis.matchers import DisparityWindow
+
+_PLACES = (("street", 11), ("village", 12), ("field", 13))
+_DRAWS = 20
+_SURE, _WRONG = 0.1, 0.1
+_MOST_M = 400.0
+_SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+_MOTORCYCLE = {"f": 994.978, "baseline_m": 0.193001, "doffs": 31.086}
+
+
+@dataclass(frozen=True)
+class Row:
+    """Of one map: shares of the picture, or of what is named."""
+
+    case: str
+    place: str
+    told: float  # of the pixels with truth: what some pair supports
+    wrong: float  # of these
+    sky_sure: float  # of the sky: answered with sigma below a tenth
+    within: Tuple[float, float]  # 1 and 2 sigma, of what is told
+    sgbm: Tuple[float, float]  # answered, wrong of the answered
+
+
+def measure_real() -> List[str]:
+    """The page's lines."""
+    rows, by_kind = [], {}
+    for k, (world, seed) in enumerate(_PLACES):
+        place, elsewhere = SceneName(world, seed), SceneName(*_PLACES[k - 1])
+        for case in cases(place, elsewhere):
+            rows.append(_measured(case, str(place), by_kind))
+            print(f"    {rows[-1]}", flush=True)
+    pair = motorcycle()
+    if pair is not None:
+        rows.append(_measured(pair, "Middlebury", by_kind, JointOptions()))
+        print(f"    {rows[-1]}", flush=True)
+    return [*_table(rows), "", *_kind_table(by_kind), "", _refused()]
+
+
+def motorcycle() -> Optional[Case]:
+    """The real pair with its truth; None where it is not beside the checkout."""
+    source, m = _SHARED / "motorcycle", _MOTORCYCLE
+    if not source.is_dir():
+        return None
+    disparity = np.load(source / "motorcycle_disp.npz")
+    disparity = disparity[disparity.files[0]]
+    height, width = disparity.shape
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "images").mkdir()
+        for side in ("left", "right"):
+            shutil.copy(source / f"motorcycle_{side}.png", Path(folder) / "images")
+        cx = (width / 2, width / 2 + m["doffs"])
+        lines = [f"{i + 1} PINHOLE {width} {height} {m['f']} {m['f']} {c} {height / 2}\n" for i, c in enumerate(cx)]
+        (Path(folder) / "cameras.txt").write_text("".join(lines))
+        (Path(folder) / "images.txt").write_text(
+            f"1 1 0 0 0 0 0 0 1 motorcycle_left.png\n\n2 1 0 0 0 {-m['baseline_m']} 0 0 2 motorcycle_right.png\n\n"
+        )
+        given = colmap.read_photographs(Path(folder), None)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(disparity > 0, m["f"] * m["baseline_m"] / (disparity + m["doffs"]), np.inf)
+    return Case("Motorcycle", given, np.where(np.isfinite(depth), depth, np.inf).astype(np.float32), given)
+
+
+def _measured(case: Case, place: str, by_kind: Dict[str, list], options: Optional[JointOptions] = None) -> Row:
+    nan = float("nan")
+    try:
+        whole = Joint().map(case.given, replace(options or JointOptions(), complete=True))
+    except StereoError as error:
+        print(f"    {case.name}, {place}: refused: {error}", flush=True)
+        return Row(case.name, place, 0.0, nan, nan, (nan, nan), _sgbm(case))
+    true, sky = case.true_depth, np.isnan(case.true_depth)
+    judged = np.isfinite(true) & (true <= _MOST_M)
+    told = supported(whole.kind) & np.isfinite(whole.depth)
+    off, true = np.abs(whole.depth - true), np.where(judged, true, 1.0)
+    for name, mask in masks(whole.kind).items():
+        here = mask & judged & np.isfinite(whole.depth)
+        by_kind.setdefault(name, []).append((mask.mean(), (off / true)[here], (off / whole.sigma)[here]))
+    here = told & judged
+    sure = told & (whole.sigma < _SURE * whole.depth)
+    within = tuple(float((off[here] <= k * whole.sigma[here]).mean()) for k in (1.0, 2.0))
+    return Row(
+        case.name, place, float(here.sum() / judged.sum()), float((off[here] > _WRONG * true[here]).mean()),
+        float(sure[sky].mean()) if sky.any() else nan, within, _sgbm(case),
+    )  # fmt: skip
+
+
+def _sgbm(case: Case) -> Tuple[float, float]:
+    """OpenCV's SGBM on the widest pair with exact poses: answered and wrong of it."""
+    given = replace(case.exact, configurations=case.exact.configurations[-1:])
+    try:
+        result = Thesis().map(given, ThesisOptions(matcher="sgbm", window=DisparityWindow()))
+    except StereoError:
+        return 0.0, float("nan")
+    judged = np.isfinite(case.true_depth) & (case.true_depth <= _MOST_M)
+    here = judged & np.isfinite(result.depth)
+    wrong = np.abs(result.depth[here] / case.true_depth[here] - 1.0) > _WRONG
+    return float(here.sum() / judged.sum()), float(wrong.mean()) if here.any() else float("nan")
+
+
+def _refused() -> str:
+    """How many draws of pictures of two places are refused."""
+    refused, told = 0, []
+    for k in range(_DRAWS):
+        worlds = ("street", "village", "field", "plain")
+        given = foreign(SceneName(worlds[k % 4], 100 + k), SceneName(worlds[(k + 1) % 4], 200 + k))
+        try:
+            result = Joint().map(given)
+            told.append(f"draw {k}: {result.coverage:.1%} covered")
+        except StereoError:
+            refused += 1
+    return f"Pictures of two different places, refused: {refused} of {_DRAWS}. " + "; ".join(told)
+
+
+def _table(rows: List[Row]) -> List[str]:
+    lines = [
+        "| case | place | answered | wrong of it | sky, surely | within 1σ | 2σ | SGBM answered | wrong of it |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        shares = (r.told, r.wrong, r.sky_sure, *r.within, *r.sgbm)
+        told = " | ".join("–" if np.isnan(s) else f"{s:.1%}" for s in shares)
+        lines.append(f"| {r.case} | {r.place} | {told} |")
+    return lines
+
+
+def _kind_table(by_kind: Dict[str, list]) -> List[str]:
+    lines = ["| kind | of the pictures | wrong by more than 10 % | within 1σ | within 2σ |", "|---|---|---|---|---|"]
+    for name, parts in by_kind.items():
+        share = np.mean([p[0] for p in parts])
+        off, sigmas = (np.concatenate([p[i] for p in parts]) for i in (1, 2))
+        if not off.size:
+            lines.append(f"| {WORDS[name]} | {share:.1%} | – | – | – |")
+            continue
+        told = " | ".join(f"{s:.1%}" for s in ((off > _WRONG).mean(), (sigmas <= 1).mean(), (sigmas <= 2).mean()))
+        lines.append(f"| {WORDS[name]} | {share:.1%} | {told} |")
+    return lines
