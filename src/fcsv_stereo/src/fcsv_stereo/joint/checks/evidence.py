@@ -24,7 +24,6 @@ FEATURES = (
     "volume's match about it", "volume's match further about it", "log step about it", "log step further about it",
     "log contrast", "share of pairs that see it",
 )  # fmt: skip
-_LEAST_STEP, _NOTHING, _MOST_SCALES = 0.003, 0.3, 4.0
 _WINDOW = (RESIDUALS.window_px,) * 2
 
 
@@ -67,11 +66,11 @@ def features(
 
     def step(size_px: int) -> np.ndarray:
         window = np.ones((size_px, size_px), np.uint8)
-        step = np.log((cv2.dilate(fine.w, window) - cv2.erode(fine.w, window)) / w + np.float32(_LEAST_STEP))
+        step = np.log((cv2.dilate(fine.w, window) - cv2.erode(fine.w, window)) / w + np.float32(EVIDENCE.least_step))
         return np.clip(step, -6.0, 1.0)
 
     yield np.log(np.clip(sigma_w / w, 1e-3, 3.0))
-    yield np.log(best + np.float32(_NOTHING))
+    yield np.log(best + np.float32(EVIDENCE.nothing))
     yield trust
     yield agrees.sum(axis=0) / np.maximum(seen, np.float32(1.0))
     yield trusted
@@ -90,7 +89,7 @@ def terms(column: np.ndarray, first: np.ndarray, k: int) -> Tuple[np.ndarray, np
     """What the three weights of feature ``k`` belong to: it (scaled), its square, and its product with the ``first``
     (scaled)."""
     scaled = (column - np.float32(EVIDENCE.means[k])) / np.float32(EVIDENCE.scales[k])
-    return scaled, np.square(np.clip(scaled, -_MOST_SCALES, _MOST_SCALES)), scaled * first
+    return scaled, np.square(np.clip(scaled, -EVIDENCE.most_scales, EVIDENCE.most_scales)), scaled * first
 
 
 def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
