@@ -8,19 +8,24 @@ import time
 
 import psutil
 import pytest
+from support.mavros_package import path_to_mavros
 
 from fcsv_sim.machines.machines import Machine, free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.slow_motion]
 
 
-def test_odometry_reaches_the_autopilot_with_everything_else_frozen(tmp_path):
+@pytest.mark.parametrize("flight_link", ["mavlink", "mavros"])
+def test_odometry_reaches_the_autopilot_with_everything_else_frozen(flight_link, root, tmp_path, monkeypatch):
     """Frozen, not killed, as roslaunch would start the killed again; the master, too."""
     port = free_port()
+    if flight_link == "mavros":
+        monkeypatch.setenv("ROS_PACKAGE_PATH", path_to_mavros(root, tmp_path))
     with Machine("uav1", tmp_path) as machine:
         machine.launch("fcsv_bringup", "uav.launch", uav="uav1", sim=True, sim_dir=tmp_path / "sim",
                        record_dir=tmp_path / "session", listen=f"127.0.0.1:{free_port()}/{free_port()}",
-                       fcu_url=f"udpin:127.0.0.1:{port}", sim_mavlink_port=port, sim_rc_port=free_port())  # fmt: skip
+                       flight_link=flight_link, fcu_url=f"udpin:127.0.0.1:{port}", sim_mavlink_port=port,
+                       sim_rc_port=free_port())  # fmt: skip
         out = tmp_path / "heard.jsonl"
         script = tmp_path / "ear.py"
         script.write_text(f"""
@@ -46,7 +51,7 @@ rospy.spin()
         while min(rates(2.0).values()) < 2.0:
             assert time.monotonic() < deadline, "odometry never reached the autopilot"
         own = f":{machine.port}"
-        path = ("sim_vehicle", "t265", "odometry", "flight_link")
+        path = ("sim_vehicle", "t265", "odometry", "flight_link", "mavros")
         frozen = []
         for p in psutil.process_iter(["environ", "cmdline"]):
             command = " ".join(p.info["cmdline"] or [])
