@@ -13,6 +13,7 @@ from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.keeper import ConnectionKeeper
 from fcsv_control.flight.parameters import ParameterCheck
 from fcsv_control.flight.texts import Reasons, TextJoiner
+from fcsv_control.flight.timesync import TimeSync
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_geometry import transforms
 
@@ -151,14 +152,15 @@ def test_an_answer_before_the_question_is_none():
 
 # ---- connection ------------------------------------------------------------------------------------------------
 
-ALL_ASKED = {keeper.HEARTBEAT, keeper.STREAMS, keeper.ASK_ORIGIN, keeper.PARAMETER}
+ONCE = {keeper.STREAMS, keeper.ASK_ORIGIN, keeper.PARAMETER, keeper.VERSION, keeper.TIMESYNC}
+ALL_ASKED = {keeper.HEARTBEAT, *ONCE}
 
 
 def connected_keeper():
     k = ConnectionKeeper(["ATTITUDE"])
     assert k.due(0.0) == [keeper.HEARTBEAT]  # it speaks first
     assert k.heartbeat(0.1)
-    assert set(k.due(0.1)) == {keeper.STREAMS, keeper.ASK_ORIGIN, keeper.PARAMETER}
+    assert set(k.due(0.1)) == ONCE
     return k
 
 
@@ -256,6 +258,18 @@ def test_parameters_are_read_one_by_one_and_what_is_wrong_is_named():
         "FS_THR_ENABLE is 1, not 3 or 7", "BATT_FS_LOW_ACT is 0, not 1 or 7", "BATT_LOW_VOLT is 0, not 1..",
         "RC_OPTIONS is 32, not without bit 5",
     ]  # fmt: skip
+
+
+def test_the_clocks_are_compared_by_the_quickest_answer():
+    sync = TimeSync()
+    assert sync.offset_s is None and sync.round_trip_s is None
+    for k, late_s in enumerate((0.020, 0.004, 0.150)):  # the autopilot's clock is 100 s ahead; answers take their time
+        tc1, ts1 = sync.ask(10.0 + k)
+        assert tc1 == 0
+        assert sync.take(10.0 + k + late_s, int((110.0 + k + 0.002) * 1e9), ts1) is None
+    assert sync.round_trip_s == pytest.approx(0.004) and sync.offset_s == pytest.approx(100.0, abs=1e-6)
+    assert sync.take(13.0, 5, 77) is None and sync.offset_s == pytest.approx(100.0, abs=1e-6)  # somebody else's
+    assert sync.take(14.0, 0, 99) == (14_000_000_000, 99)  # the autopilot asks
 
 
 # ---- feed ------------------------------------------------------------------------------------------------------

@@ -9,15 +9,29 @@ from support.flown import flown_link
 from fcsv_geometry import transforms
 
 
+def landed(loop):
+    """The next test begins on the ground."""
+    loop.target, loop.feed_hz, loop.line_up, loop.beside = None, 30.0, True, None
+    if loop.core.state.armed:
+        loop.core.set_mode(loop.t, "LAND")
+        loop.until(lambda: not loop.core.state.armed, 60.0)
+    loop.close()
+
+
 @pytest.fixture
 def loop():
     loop = flown_link()
     yield loop
-    loop.target, loop.feed_hz, loop.line_up = None, 30.0, True
-    if loop.core.state.armed:  # the next test begins on the ground
-        loop.core.set_mode(loop.t, "LAND")
-        loop.until(lambda: not loop.core.state.armed, 60.0)
-    loop.close()
+    landed(loop)
+
+
+@pytest.fixture
+def second():
+    second = flown_link(2)
+    if second is None:
+        pytest.skip("no second autopilot: FCSV_AUTOPILOT_SECOND")
+    yield second
+    landed(second)
 
 
 def test_connecting_and_standing(loop):
@@ -102,3 +116,41 @@ def test_it_arms_again_after_the_autopilot_was_rebooted(loop):
     loop.done(loop.core.set_mode(loop.t, "GUIDED"))
     loop.done(loop.core.arm(loop.t, True))
     loop.done(loop.core.arm(loop.t, False))
+
+
+def test_in_a_mode_that_somebody_else_set_set_points_are_not_flown(loop):
+    loop.hover()
+    assert loop.core.mode_is_ours
+    loop.pilot_sets("BRAKE")
+    assert loop.until(lambda: loop.core.state.mode == "BRAKE", 3.0) and not loop.core.mode_is_ours
+    loop.target[0, 3] += 3.0
+    assert loop.furthest_m(3.0) < 0.5
+    assert loop.core.state.mode == "BRAKE"  # it stays with who took it
+    loop.done(loop.core.set_mode(loop.t, "GUIDED"))
+    assert loop.until(lambda: np.linalg.norm(loop.estimate[:3, 3] - loop.target[:3, 3]) < 0.3, 10.0)
+
+
+def test_a_link_that_starts_anew_in_flight_goes_on(loop):
+    loop.hover()
+    loop.restart()
+    assert not loop.core.connected(loop.t)
+    assert loop.until(lambda: loop.core.connected(loop.t) and loop.core.origin_set(loop.t), 5.0)
+    assert loop.core.state.mode == "GUIDED" and loop.core.state.armed
+    assert loop.furthest_m(4.0) < 0.4
+    assert loop.core.feed_rate_hz(loop.t) == pytest.approx(30.0, rel=0.15)
+    assert loop.until(lambda: loop.core.heard.parameters.known, 10.0)
+
+
+def test_two_vehicles_fly_by_their_own_system_ids(loop, second):
+    loop.beside = second
+    loop.hover()
+    loop.beside, second.beside = None, loop
+    second.hover()
+    assert (loop.core.heard.target, second.core.heard.target) == (1, 2)
+    loop.target[0, 3] += 2.0
+    stood = second.furthest_m(6.0)
+    assert stood < 0.4 and np.linalg.norm(loop.estimate[:3, 3] - loop.target[:3, 3]) < 0.3
+    assert not loop.moved and not second.moved
+    loop.done(loop.core.set_mode(loop.t, "LAND"))
+    second.run(1.0)
+    assert second.core.state.mode == "GUIDED"

@@ -175,6 +175,59 @@ def test_what_is_heard_comes_back_as_events_once(line):
     assert line.core.events() == [] and line.core.state.armed
 
 
+@pytest.mark.parametrize("autopilot, kind, name", [(12, 2, "PX4"), (3, 1, "ArduPlane"), (3, 10, "ArduRover")])
+def test_another_firmware_is_named_and_neither_obeyed_nor_commanded(autopilot, kind, name):
+    line = Line.__new__(Line)
+    line.core, line.encoder, line.now_s, line.sent = LinkCore(LinkParameters()), M.MAVLink(None), 100.0, []
+    line.hear("heartbeat", kind, autopilot, M.MAV_MODE_FLAG_SAFETY_ARMED, GUIDED, 4)
+    line.hear("attitude", 5, 0.1, 0.2, 0.3, 0, 0, 0)
+    line.core.send_pose(100.0, np.eye(4))
+    line.core.send_set_point(np.eye(4))
+    assert {m.get_type() for m in line.run(3.0)} == {"HEARTBEAT"}
+    assert not line.core.connected(line.now_s) and not line.core.state.armed and not line.core.events()
+    for command in (lambda: line.core.set_mode(line.now_s, "LAND"), lambda: line.core.arm(line.now_s, False)):
+        with pytest.raises(CommandRefused, match=f"{name} with system id 1 speaks; only ArduCopter is flown"):
+            command()
+    line.beat(GUIDED)  # it was flashed
+    line.run(STEP_S)
+    assert line.core.connected(line.now_s) and line.core.state.mode == "GUIDED"
+
+
+def test_only_streams_that_stop_are_asked_for_again(line):
+    def asked():
+        sent = [m for m in line.run(1.0) if m.get_type() == "COMMAND_LONG"]
+        return {int(m.param1) for m in sent if m.command == M.MAV_CMD_SET_MESSAGE_INTERVAL} - {0}  # 0: the heartbeat
+
+    assert len(asked()) == 6
+    again = []
+    for second in range(1, 13):
+        line.hear("attitude", 1000 * second, *[0.0] * 6)
+        line.hear("rc_channels", 1000 * second, 8, *[1500] * 18, 255)
+        if not 4 < second < 9:
+            line.hear("local_position_ned", 1000 * second, *[0.0] * 6)
+        line.hear("sys_status", *[0] * 13)
+        line.hear("ekf_status_report", 0, *[0.0] * 5)
+        line.hear("extended_sys_state", 0, 1)
+        line.beat(STABILIZE)
+        again.append(asked())
+    assert set().union(*again) == {M.MAVLINK_MSG_ID_LOCAL_POSITION_NED} and not any([*again[:5], *again[9:]])
+
+
+def test_version_and_clock_are_asked_for_until_they_are_known(line):
+    sent = line.run(3.0)
+    version = [m for m in sent if m.get_type() == "COMMAND_LONG" and m.param1 == M.MAVLINK_MSG_ID_AUTOPILOT_VERSION]
+    questions = [m for m in sent if m.get_type() == "TIMESYNC"]
+    assert len(version) == 2 and len(questions) == 3
+    line.hear("autopilot_version", 0, 0x040602FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+    line.beat(STABILIZE)
+    assert line.core.heard.version == "4.6.2"
+    sent = line.run(2.5)
+    assert not [m for m in sent if m.get_type() == "COMMAND_LONG" and m.param1 == M.MAVLINK_MSG_ID_AUTOPILOT_VERSION]
+    line.hear("timesync", 0, 1234)
+    [answer] = [m for m in line.run(STEP_S) if m.get_type() == "TIMESYNC" and m.tc1]
+    assert answer.ts1 == 1234 and answer.tc1 == pytest.approx((line.now_s - STEP_S) * 1e9, abs=1e3)
+
+
 def test_ten_thousand_odd_messages_end_nothing(line):
     """Random fields, and NaN among them: the core goes on deciding."""
     random = np.random.default_rng(4)

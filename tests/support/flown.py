@@ -17,6 +17,7 @@ from pymavlink import mavutil
 
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.listener import EstimateMoved, PoseHeard, TextHeard
+from fcsv_control.flight.state import MODES
 from fcsv_control.flight.transport import Transport
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot.core import Autopilot
@@ -27,13 +28,20 @@ from support.autopilots import PROFILE
 
 M = mavutil.mavlink
 _METRES_PER_DEG = 111319.49
+_SLICE_S = 0.01  # two loops take turns
 _FEED_Z_M = 0.05  # the tracker's zero is a little under the vehicle that stands
 
 
-def flown_link(**parameters):
-    """A closed loop with the autopilot of FCSV_AUTOPILOT, the simulated one by default."""
+def flown_link(number=1):
+    """A closed loop with the autopilot of FCSV_AUTOPILOT, the simulated one by default. ``number`` 2: one more, of
+    system id 2, at FCSV_AUTOPILOT_SECOND; None where only the first is given."""
     url = os.environ.get("FCSV_AUTOPILOT", "")
-    return AddressLoop(url, **parameters) if url else SimulatedLoop(**parameters)
+    second = os.environ.get("FCSV_AUTOPILOT_SECOND", "")
+    if not url:
+        return SimulatedLoop(target_system=number)
+    if number == 1 or second:
+        return AddressLoop(url if number == 1 else second, target_system=number)
+    return None
 
 
 class Loop:
@@ -41,16 +49,35 @@ class Loop:
     moves along with the estimate."""
 
     def __init__(self, **parameters):
-        self.core = LinkCore(LinkParameters(**parameters), PROFILE)
+        self._parameters = LinkParameters(**parameters)
+        self.system = self._parameters.target_system or 1
+        self.restart()
         self.t, self.offset_m, self.feed_hz, self.target = 0.0, np.zeros(3), 30.0, None
+        self.beside = None  # a loop for which time passes as well
         self.moved, self.texts, self.estimate = [], [], None
         self.check, self.tracker = None, lambda T, _s: T  # a FeedCheck between the tracker's poses and the core
         self._random = np.random.default_rng(5)
         self._feed_s = self._aimed_s = -math.inf
 
+    def restart(self):
+        """As a link that was killed and started again: it knows nothing of before."""
+        self.core = LinkCore(self._parameters, PROFILE)
+
+    def pilot_sets(self, mode):
+        """A mode that somebody else asks for: the ground station, which is heard whatever SYSID_ENFORCE says."""
+        self._say(_command(self.system, M.MAV_CMD_DO_SET_MODE, 1.0, MODES[mode], source=(255, 190)))
+
     @property
     def p_true_m(self):
         return self.T_true[:3, 3]
+
+    def run(self, seconds):
+        """Let time pass."""
+        end_s = self.t + seconds
+        while self.beside is not None and self.t < end_s - 0.5 * _SLICE_S:
+            self._run(_SLICE_S)
+            self.beside._run(_SLICE_S)
+        return self if self.beside is not None else self._run(seconds)
 
     def minded(self):
         """The core's events."""
@@ -139,7 +166,7 @@ class SimulatedLoop(Loop):
         super().__init__(**parameters)
         self.body = Quadrotor(Airframe(), np.eye(4), 3, 0.3)
         self.pilot = Autopilot(self.body.hover_thrust, 3, ready_s=2.0)  # 20 s in a real one
-        self.server, self._piloted = MavlinkServer(self.pilot, 1), Piloted(self.body, self.pilot)
+        self.server, self._piloted = MavlinkServer(self.pilot, self.system), Piloted(self.body, self.pilot)
         self.line_up, self._command = True, (0.0,) * 4
 
     @property
@@ -149,7 +176,10 @@ class SimulatedLoop(Loop):
     def reboot(self):
         self.pilot.reboot()
 
-    def run(self, seconds):
+    def _say(self, message):
+        self.server.take(self.t, _received(message))
+
+    def _run(self, seconds):
         for _ in range(int(round(seconds / PASS_S))):
             self.t += PASS_S
             state = self.body.advance(self._command, 4)[-1]
@@ -185,9 +215,12 @@ class AddressLoop(Loop):
         self._thread.start()
 
     def reboot(self):
-        self._line.send(self._asking(M.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0))
+        self._say(_command(self.system, M.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0))
 
-    def run(self, seconds):
+    def _say(self, message):
+        self._line.send(message)
+
+    def _run(self, seconds):
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
             message = self._line.receive(0.005)
@@ -213,7 +246,8 @@ class AddressLoop(Loop):
         while self._running:
             if time.monotonic() > asked_s + 2.0:
                 asked_s = time.monotonic()
-                self._truth.send(self._asking(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_SIM_STATE, 10000.0))
+                interval = (M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_SIM_STATE, 10000.0)
+                self._truth.send(_command(self.system, *interval))
             m = self._truth.receive(0.05)
             if m is not None and m.get_type() == "SIM_STATE":
                 self.T_true = self._pose(m)
@@ -225,11 +259,11 @@ class AddressLoop(Loop):
         east = (m.lon_int - lon_int) / 1e7 * _METRES_PER_DEG * math.cos(math.radians(lat_int / 1e7))
         return transforms.from_xyz_rpy([east, north, m.alt - alt], [m.roll, -m.pitch, math.pi / 2 - m.yaw])
 
-    @staticmethod
-    def _asking(number, *values):
-        message = M.MAVLink(None).command_long_encode(1, 1, number, 0, *values, *[0.0] * (7 - len(values)))
-        message.get_header().srcSystem, message.get_header().srcComponent = 1, 195
-        return message
+
+def _command(system, number, *values, source=None):
+    message = M.MAVLink(None).command_long_encode(system, 1, number, 0, *values, *[0.0] * (7 - len(values)))
+    message.get_header().srcSystem, message.get_header().srcComponent = source or (system, 195)
+    return message
 
 
 def _received(message):

@@ -7,7 +7,6 @@ Axes are REP 103 (x forward, y left, z up); optical frames are z forward, x righ
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from fcsv_geometry import rotations
 from fcsv_geometry.errors import GeometryError
@@ -15,6 +14,13 @@ from fcsv_geometry.errors import GeometryError
 #: Rotation from the optical frame (z forward) to the body-like frame (x forward) of the same camera.
 R_FLU_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _IDENTITY = np.eye(4)
+
+
+def _scipy():
+    """scipy's rotations, imported when first used: a flight link that starts anew in flight waits for no import."""
+    from scipy.spatial import transform as module
+
+    return module
 
 
 def transform(R_a_b: np.ndarray, p_a_b: np.ndarray) -> np.ndarray:
@@ -51,7 +57,7 @@ def from_xyz_rpy(p_a_b_m, rpy_rad) -> np.ndarray:
     >>> np.allclose(from_xyz_rpy([0, 0, 0], [0, 0, np.pi / 2]) @ [1, 0, 0, 1], [0, 1, 0, 1])
     True
     """
-    return transform(Rotation.from_euler("xyz", rpy_rad).as_matrix(), p_a_b_m)
+    return transform(_scipy().Rotation.from_euler("xyz", rpy_rad).as_matrix(), p_a_b_m)
 
 
 def from_xyz_yaw(p_a_b_m, yaw_rad: float) -> np.ndarray:
@@ -75,7 +81,7 @@ def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
 
 def quaternion_xyzw(T_a_b: np.ndarray) -> np.ndarray:
     """q_a_b (x, y, z, w) of the rotation, with w >= 0."""
-    q = Rotation.from_matrix(T_a_b[:3, :3]).as_quat()
+    q = _scipy().Rotation.from_matrix(T_a_b[:3, :3]).as_quat()
     return q if q[3] >= 0 else -q
 
 
@@ -91,7 +97,7 @@ def fast_quaternion_xyzw(T_a_b: np.ndarray):
 
 def rpy(T_a_b: np.ndarray) -> np.ndarray:
     """Roll, pitch, yaw (rad) about fixed x, y, z: the inverse of from_xyz_rpy."""
-    return Rotation.from_matrix(T_a_b[:3, :3]).as_euler("xyz")
+    return _scipy().Rotation.from_matrix(T_a_b[:3, :3]).as_euler("xyz")
 
 
 def yaw(T_a_b: np.ndarray) -> float:
@@ -110,12 +116,13 @@ def rotation_angle(R_a: np.ndarray, R_b: np.ndarray) -> float:
     >>> round(rotation_angle(np.eye(3), from_xyz_yaw([0, 0, 0], 0.1)), 6)
     0.1
     """
-    return float(np.linalg.norm(Rotation.from_matrix(R_a[:3, :3].T @ R_b[:3, :3]).as_rotvec()))
+    return float(np.linalg.norm(_scipy().Rotation.from_matrix(R_a[:3, :3].T @ R_b[:3, :3]).as_rotvec()))
 
 
 def interpolate(T_a_b0: np.ndarray, T_a_b1: np.ndarray, alpha: float) -> np.ndarray:
     """Between two poses: linear in position, spherical-linear in rotation; alpha 0 gives the first."""
-    R = Slerp([0.0, 1.0], Rotation.from_matrix([T_a_b0[:3, :3], T_a_b1[:3, :3]]))(alpha).as_matrix()
+    ends = _scipy().Rotation.from_matrix([T_a_b0[:3, :3], T_a_b1[:3, :3]])
+    R = _scipy().Slerp([0.0, 1.0], ends)(alpha).as_matrix()
     return transform(R, (1.0 - alpha) * T_a_b0[:3, 3] + alpha * T_a_b1[:3, 3])
 
 

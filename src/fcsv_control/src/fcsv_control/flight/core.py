@@ -20,7 +20,7 @@ from fcsv_control.flight import conversion, keeper
 from fcsv_control.flight.estimate import EstimateWatch
 from fcsv_control.flight.fed import Fed
 from fcsv_control.flight.link_parameters import LinkParameters
-from fcsv_control.flight.listener import EstimateMoved, Event, Listener, PoseHeard
+from fcsv_control.flight.listener import STREAMS_HZ, EstimateMoved, Event, Listener, PoseHeard
 from fcsv_control.flight.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.requests import COMPANION, Request, Requests
 from fcsv_control.flight.state import MODES, FlightState
@@ -125,7 +125,9 @@ class LinkCore:
         self._stepped_s = now_s
         self._heard.overdue(now_s)
         for wanted in self._heard.keeper.due(now_s):
-            self._ask(wanted)
+            self._ask(now_s, wanted)
+        while self._heard.timesync_answers:
+            self._send("timesync", *self._heard.timesync_answers.pop(0))
         for wrong in self._heard.wrong_parameters():
             self._correct(*wrong)
         for take_off in self._take_off:
@@ -181,6 +183,8 @@ class LinkCore:
         shows. Raises CommandRefused for a mode that ArduCopter does not have."""
         if name not in MODES:
             raise CommandRefused(f"mode '{name}' is not known; ArduCopter has {', '.join(sorted(MODES))}")
+        if self._heard.foreigner:  # its modes have other numbers: not even LAND is one
+            raise CommandRefused(f"mode {name} refused: {self._heard.foreigner}")
         if name not in STOPPING:
             self._require_one_autopilot(f"mode {name}")
             self._require_awake(now_s, f"mode {name}")
@@ -195,6 +199,8 @@ class LinkCore:
     def arm(self, now_s: float, value: bool) -> Request:
         """Arm or disarm and see it in the heartbeat."""
         what = "arming" if value else "disarming"
+        if self._heard.foreigner:
+            raise CommandRefused(f"{what} refused: {self._heard.foreigner}")
         if value:
             self._require_one_autopilot(what)
             self._require_awake(now_s, what)
@@ -235,13 +241,13 @@ class LinkCore:
 
     # ---- what goes out ---------------------------------------------------------------------------------------
 
-    def _ask(self, wanted: str) -> None:
+    def _ask(self, now_s: float, wanted: str) -> None:
         """Send what the keeper wants sent."""
         if wanted == keeper.HEARTBEAT:
             kind, status = _M.MAV_TYPE_ONBOARD_CONTROLLER, _M.MAV_STATE_ACTIVE
             self._send("heartbeat", kind, _M.MAV_AUTOPILOT_INVALID, 0, 0, status)
         elif wanted == keeper.STREAMS:
-            self._request_streams()
+            self._request_streams(now_s)
         elif wanted == keeper.ASK_ORIGIN:
             self._long(_M.MAV_CMD_REQUEST_MESSAGE, [_M.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN])
         elif wanted == keeper.SET_ORIGIN:
@@ -254,17 +260,15 @@ class LinkCore:
             if name is not None:
                 self._send("param_request_read", self._heard.target, _AUTOPILOT, name.encode(), -1)
 
-    def _request_streams(self) -> None:
-        rate_hz = self._parameters.position_rate_hz
-        for message, hz in (
-            (_M.MAVLINK_MSG_ID_ATTITUDE, rate_hz),
-            (_M.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rate_hz),
-            (_M.MAVLINK_MSG_ID_SYS_STATUS, 1.0),
-            (_M.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 2.0),
-            (_M.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 5.0),
-            (_M.MAVLINK_MSG_ID_RC_CHANNELS, 5.0),
-            (_M.MAVLINK_MSG_ID_HEARTBEAT, 2.0),
-        ):
+        elif wanted == keeper.VERSION:
+            self._long(_M.MAV_CMD_REQUEST_MESSAGE, [_M.MAVLINK_MSG_ID_AUTOPILOT_VERSION])
+        elif wanted == keeper.TIMESYNC:
+            self._send("timesync", *self._heard.timesync.ask(now_s))
+
+    def _request_streams(self, now_s: float) -> None:
+        for name in {*self._heard.keeper.stopped(now_s), "HEARTBEAT"}:
+            message = getattr(_M, f"MAVLINK_MSG_ID_{name}")
+            hz = STREAMS_HZ[name] or self._parameters.position_rate_hz
             self._long(_M.MAV_CMD_SET_MESSAGE_INTERVAL, [message, 1e6 / hz])
 
     def _correct(self, rule: Rule, value: float, kind: int) -> None:
@@ -279,6 +283,8 @@ class LinkCore:
         self._send("command_long", self._heard.target, _AUTOPILOT, number, confirmation, *padded, component=component)
 
     def _send(self, kind: str, *fields, component: int = COMPANION) -> None:
+        if self._heard.foreigner and kind != "heartbeat":
+            return
         message = getattr(self._encoder, kind + "_encode")(*fields)
         header = message.get_header()
         header.srcSystem, header.srcComponent = self._heard.target or 1, component  # a companion has its vehicle's id

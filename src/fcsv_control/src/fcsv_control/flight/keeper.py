@@ -11,7 +11,10 @@ from typing import Dict, List, Optional
 ORIGIN_LASTS_S = 5.0  # asked for every second: four answers may get lost
 CONNECTED_S = 3.0  # as MAVROS: connected while a heartbeat is younger than this
 HEARTBEAT, STREAMS, ASK_ORIGIN, SET_ORIGIN, PARAMETER = "heartbeat", "streams", "ask origin", "set origin", "parameter"
-_PERIOD_S = {HEARTBEAT: 1.0, STREAMS: 2.0, ASK_ORIGIN: 1.0, SET_ORIGIN: 1.0, PARAMETER: 0.1}
+VERSION, TIMESYNC = "version", "timesync"
+_PERIOD_S = {
+    HEARTBEAT: 1.0, STREAMS: 2.0, ASK_ORIGIN: 1.0, SET_ORIGIN: 1.0, PARAMETER: 0.1, VERSION: 2.0, TIMESYNC: 1.0,
+}  # fmt: skip
 _SILENT_S = 2.0
 _BOOT_BACK_MS = 1000
 
@@ -25,7 +28,7 @@ class ConnectionKeeper:
         self._boot_ms: Optional[int] = None
         self._next_s = dict.fromkeys(_PERIOD_S, float("-inf"))
         self._origin_s = float("-inf")
-        self.parameters_read = False
+        self.parameters_read = self.version_known = False
 
     def connected(self, now_s: float) -> bool:
         """Whether a heartbeat came within the last 3 s."""
@@ -60,12 +63,17 @@ class ConnectionKeeper:
             self.begin_again()
         return rebooted
 
+    def stopped(self, now_s: float) -> List[str]:
+        """Streams of which nothing came for two seconds."""
+        return [name for name, last_s in self._streams.items() if now_s - last_s > _SILENT_S]
+
     def begin_again(self) -> None:
         """Nothing that was set up may be relied on any more."""
-        self.parameters_read = False
+        self.parameters_read = self.version_known = False
+        self._streams = dict.fromkeys(self._streams, float("-inf"))
         self._origin_s = float("-inf")
         self._boot_ms = None
-        for name in (STREAMS, ASK_ORIGIN, PARAMETER):
+        for name in (STREAMS, ASK_ORIGIN, PARAMETER, VERSION, TIMESYNC):
             self._next_s[name] = float("-inf")
         # asked for first: an autopilot in flight, met by a restarted link, has its origin
         self._next_s[SET_ORIGIN] = (self._heartbeat_s or 0.0) + 0.5
@@ -74,9 +82,10 @@ class ConnectionKeeper:
         """What to send now."""
         wanted = {HEARTBEAT: True}  # also before anything is heard: on some links it must speak first
         if self.connected(now_s):
-            wanted[STREAMS] = any(now_s - last_s > _SILENT_S for last_s in self._streams.values())
+            wanted[STREAMS] = bool(self.stopped(now_s))
             wanted[ASK_ORIGIN], wanted[SET_ORIGIN] = True, not self.origin_set(now_s)
-            wanted[PARAMETER] = not self.parameters_read
+            wanted[PARAMETER], wanted[VERSION] = not self.parameters_read, not self.version_known
+            wanted[TIMESYNC] = True
         due = [name for name, is_wanted in wanted.items() if is_wanted and now_s >= self._next_s[name]]
         for name in due:
             self._next_s[name] = now_s + _PERIOD_S[name]

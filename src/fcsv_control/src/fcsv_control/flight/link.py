@@ -13,6 +13,7 @@ import numpy as np
 
 from fcsv_control.errors import LinkError
 from fcsv_control.flight.core import LinkCore, LinkParameters
+from fcsv_control.flight.firmware import COPTER
 from fcsv_control.flight.listener import (
     BatteryHeard,
     EstimateMoved,
@@ -29,6 +30,7 @@ from fcsv_control.flight.profile import NOTHING, Profile
 from fcsv_control.flight.requests import Request
 from fcsv_control.flight.state import FlightState
 from fcsv_control.flight.take_off import TakeOff
+from fcsv_control.flight.timesync import TimeSync
 from fcsv_control.flight.transport import Transport
 
 __all__ = ["FlightLink", "LinkParameters"]
@@ -91,6 +93,21 @@ class FlightLink:
     def parameters(self) -> ParameterCheck:
         """The autopilot's parameters against the profile, as far as they were read."""
         return self._core.heard.parameters
+
+    @property
+    def firmware(self) -> str:
+        """As "ArduCopter 4.6.2"; empty before it was told."""
+        return f"{COPTER} {self._core.heard.version}" if self._core.heard.version else ""
+
+    @property
+    def foreigner(self) -> str:
+        """Which firmware speaks in place of an ArduCopter, in a sentence; empty where none does."""
+        return self._core.heard.foreigner
+
+    @property
+    def timesync(self) -> TimeSync:
+        """How the autopilot's clock stands to ours, and how long the line takes."""
+        return self._core.heard.timesync
 
     @property
     def strangers(self) -> Tuple[int, ...]:

@@ -9,17 +9,22 @@ from typing import Dict, List, Optional, Tuple, Union
 import numpy as np
 from pymavlink import mavutil
 
-from fcsv_control.flight import conversion
+from fcsv_control.flight import conversion, firmware
 from fcsv_control.flight.keeper import ConnectionKeeper
 from fcsv_control.flight.parameters import ParameterCheck
 from fcsv_control.flight.profile import Profile, Rule
 from fcsv_control.flight.requests import Requests
 from fcsv_control.flight.state import FlightState
 from fcsv_control.flight.texts import TextJoiner
+from fcsv_control.flight.timesync import TimeSync
 
 _M = mavutil.mavlink
 _LOG = logging.getLogger(__name__)
-STREAMS = ("ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS")  # those that must not stop
+#: What is asked for, and how often (Hz; 0: as often as poses are wanted). Those that stop are asked for again.
+STREAMS_HZ = {
+    "ATTITUDE": 0.0, "LOCAL_POSITION_NED": 0.0, "SYS_STATUS": 1.0, "EXTENDED_SYS_STATE": 2.0, "EKF_STATUS_REPORT": 5.0,
+    "RC_CHANNELS": 5.0, "HEARTBEAT": 2.0,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -85,9 +90,13 @@ class Listener:
     def __init__(self, target_system: int, requests: Requests, profile: Profile):
         self.target = target_system
         self.state = FlightState()
-        self.keeper = ConnectionKeeper(STREAMS)
+        self.keeper = ConnectionKeeper(STREAMS_HZ)
         self.parameters = ParameterCheck(profile)
         self.strangers: Tuple[int, ...] = ()  # system ids of autopilots that are not ours
+        self.foreign: Dict[int, str] = {}  # firmware that is not flown, by system id
+        self.version = ""
+        self.timesync = TimeSync()
+        self.timesync_answers: List[Tuple[int, int]] = []
         self.altitudes_mm: Dict[str, int] = {}  # of "home" and "origin", above sea level
         self.origin_at_zero = False  # its altitude is 0: the height estimate runs away until it is armed
         self._requests = requests
@@ -95,6 +104,13 @@ class Listener:
         self._wrong: List[Tuple[Rule, float, int]] = []
         self._texts = TextJoiner()
         self._rpy_ned: Optional[Tuple[float, float, float]] = None
+
+    @property
+    def foreigner(self) -> str:
+        """Which firmware speaks in place of an ArduCopter, in a sentence; empty where none does."""
+        system = self.target or min(self.foreign, default=0)
+        name = self.foreign.get(system)
+        return f"{name} with system id {system} speaks; only {firmware.COPTER} is flown" if name else ""
 
     def events(self) -> List[Event]:
         """What was heard since the last call."""
@@ -111,13 +127,14 @@ class Listener:
         kind = m.get_type()
         if kind == "BAD_DATA" or m.get_srcComponent() != _M.MAV_COMP_ID_AUTOPILOT1:
             return
-        if kind == "HEARTBEAT" and m.autopilot != _M.MAV_AUTOPILOT_INVALID:
+        if kind == "HEARTBEAT" and m.autopilot != _M.MAV_AUTOPILOT_INVALID and self._is_flown(m):
             self._meet(m.get_srcSystem())
-        if m.get_srcSystem() != self.target:
+        if m.get_srcSystem() != self.target or self.target in self.foreign:
             return
         if self.keeper.stream(now_s, kind, getattr(m, "time_boot_ms", None)):
             _LOG.warning("flight controller was restarted: connecting again")
             self.parameters.begin()
+            self.timesync.begin()
             self.state = replace(self.state, ekf_flags=0)
         handler = getattr(self, "_on_" + kind.lower(), None)
         if handler is not None:
@@ -127,6 +144,17 @@ class Listener:
         """Pass on texts whose end got lost."""
         for text in self._texts.overdue(now_s):
             self._said(now_s, *text)
+
+    def _is_flown(self, heartbeat) -> bool:
+        """Whether it is an ArduCopter: others mean something else by the same modes and commands."""
+        system, name = heartbeat.get_srcSystem(), firmware.name_of(heartbeat)
+        if name == firmware.COPTER:
+            self.foreign.pop(system, None)
+            return True
+        if system not in self.foreign:
+            _LOG.error("%s with system id %d speaks; only %s is flown", name, system, firmware.COPTER)
+        self.foreign[system] = name
+        return False
 
     def _meet(self, system: int) -> None:
         if self.target == 0:
@@ -184,6 +212,14 @@ class Listener:
         if lasts and not self.keeper.origin_set(now_s):
             _LOG.info("the autopilot's origin is %.7f, %.7f deg", m.latitude / 1e7, m.longitude / 1e7)
         self.keeper.origin(now_s, lasts)
+
+    def _on_autopilot_version(self, _now_s: float, m) -> None:
+        self.version, self.keeper.version_known = firmware.version_of(m), True
+
+    def _on_timesync(self, now_s: float, m) -> None:
+        answer = self.timesync.take(now_s, m.tc1, m.ts1)
+        if answer is not None:
+            self.timesync_answers.append(answer)
 
     def _on_home_position(self, _now_s: float, m) -> None:
         self.altitudes_mm["home"] = m.altitude

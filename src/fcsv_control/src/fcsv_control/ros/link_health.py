@@ -4,6 +4,7 @@
 import math
 import os
 import time
+from typing import Optional
 
 import rospy
 from geometry_msgs.msg import Vector3Stamped
@@ -53,8 +54,8 @@ class LinkHealthReport:
         """What the autopilot's parameters are against the profile, where that is news."""
         check = link.parameters
         report = ParameterReport(
-            profile=check.profile.name, complete=check.complete, blocks=check.problems(), advises=check.warnings(),
-            unknown=check.unknown(),
+            profile=check.profile.name, firmware=link.firmware, complete=check.complete,
+            blocks=check.problems(), advises=check.warnings(), unknown=check.unknown(),
         )  # fmt: skip
         if report != self._reported:
             self._reported = report
@@ -80,16 +81,23 @@ class LinkHealthReport:
         self.parameters(link)
         wrong, weak = "; ".join(link.parameters.problems()), "; ".join(link.parameters.warnings())
         others, zero = link.strangers, link.origin_at_zero
-        health.problem("link", "" if link.connected else f"{name}: no heartbeat of the autopilot")
+        silent = link.foreigner or "no heartbeat of the autopilot"
+        health.problem("link", "" if link.connected else f"{name}: {silent}")
         health.problem("parameters", f"{name}: autopilot's parameters: {wrong}" if wrong else "")
         health.problem("advised", f"{name}: advised parameters: {weak}" if weak else "")
         health.problem("autopilots", f"{name}: a second autopilot, {others}, is on the line" if others else "")
         restart = f"{name}: origin's altitude is 0, height runs away: restart the autopilot"
         health.problem("origin", restart if zero and not s.armed else "")
         for key, value in (
+            ("firmware", link.firmware), ("line's round trip (ms)", _milliseconds(link.timesync.round_trip_s)),
+            ("autopilot's clock (s)", "" if link.timesync.offset_s is None else f"{link.timesync.offset_s:.4f}"),
             ("mode", s.mode), ("armed", s.armed), ("ready to arm", s.prearm_ok), ("origin", link.origin_set),
             ("EKF flags", hex(s.ekf_flags)), ("EKF variance", f"{s.ekf_variance:.2f}"),
             ("throttle stick", f"{s.throttle:.2f}"),
             ("stick heard (s ago)", f"{time.monotonic() - s.throttle_heard_s:.1f}"),
         ):  # fmt: skip
             health.value(key, value)
+
+
+def _milliseconds(seconds: Optional[float]) -> str:
+    return "" if seconds is None else f"{1e3 * seconds:.1f}"

@@ -2,10 +2,10 @@
 """Messages to arrays and back: the only place where it is done."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import rospy
-from cv_bridge import CvBridge, CvBridgeError
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Transform, TransformStamped, Vector3
 from sensor_msgs.msg import BatteryState, CameraInfo, Image
 from std_msgs.msg import Header
@@ -14,7 +14,13 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 
-_bridge = CvBridge()
+
+@lru_cache(maxsize=1)
+def _bridge():
+    """Imported with OpenCV when first used: who flies takes no pictures, and waits for no import."""
+    from cv_bridge import CvBridge
+
+    return CvBridge()
 
 
 def header(stamp_s: float, frame_id: str) -> Header:
@@ -75,11 +81,13 @@ def image_to_array(message: Image, encoding: str = "passthrough") -> np.ndarray:
     expected = message.step * message.height
     if len(message.data) != expected or message.step < message.width:
         raise GeometryError(f"image has {len(message.data)} bytes where height x step is {expected}")
+    from cv_bridge import CvBridgeError
+
     try:
-        return _bridge.imgmsg_to_cv2(message, encoding)
+        return _bridge().imgmsg_to_cv2(message, encoding)
     except (CvBridgeError, KeyError, TypeError, ValueError) as error:
         raise GeometryError(f"image encoding '{message.encoding}' cannot be read as {encoding}: {error}") from error
 
 
 def array_to_image(image: np.ndarray, encoding: str, stamp_s: float, frame_id: str) -> Image:
-    return _bridge.cv2_to_imgmsg(image, encoding, header(stamp_s, frame_id))
+    return _bridge().cv2_to_imgmsg(image, encoding, header(stamp_s, frame_id))

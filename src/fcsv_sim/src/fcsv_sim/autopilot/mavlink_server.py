@@ -155,6 +155,10 @@ class MavlinkServer:
         index = list(self._parameters).index(name)
         self._send("param_value", name.encode(), value, kind, len(self._parameters), index)
 
+    def _on_timesync(self, m) -> None:
+        if m.tc1 == 0:
+            self._send("timesync", int(self._now_s * 1e9), m.ts1)
+
     def _on_request_data_stream(self, m) -> None:
         groups = {1: (24, 27), 2: (1, 36), 6: (32, 33), 10: (30,), 11: (74,), 12: (193,), 0: (1, 30, 32, 193)}
         for message_id in groups.get(m.req_stream_id, ()):
@@ -278,7 +282,7 @@ class MavlinkServer:
         self._send("rc_channels", self._milliseconds(), len(channels), *channels, *[0] * (18 - len(channels)), 255)
 
     def _version(self) -> None:
-        self._send("autopilot_version", 0, 0x04030800, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
+        self._send("autopilot_version", 0, 0x040308FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0)
 
     def _extended_state(self) -> None:
         self._send("extended_sys_state", 0, 2 if self._pilot.flying else 1)
