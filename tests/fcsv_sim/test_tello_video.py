@@ -99,15 +99,20 @@ def like(a, b):
 
 
 class Watcher:
-    """Decodes tellopy's own video stream in a thread, as its examples do."""
+    """Decodes tellopy's own video stream in a thread, as its examples do.
 
-    def __init__(self, tello):
-        self.pictures, self._stream = [], tello.get_video_stream()
+    The stream ends for good where nothing comes for 5 s: it is asked for once the Tello sends.
+    """
+
+    def __init__(self, client):
+        client.tello.start_video()
+        until(lambda: client.events["video_data"], FIRST_S, "video")
+        self.pictures, self._stream = [], client.tello.get_video_stream()
         self._thread = threading.Thread(target=self._decode, daemon=True)
         self._thread.start()
 
     def _decode(self):
-        container = av.open(self._stream, format="h264", options={"probesize": "65536", "analyzeduration": "0"})
+        container = av.open(self._stream, format="h264", options={"probesize": "4096", "analyzeduration": "0"})
         for frame in container.decode(video=0):
             self.pictures.append(frame.to_ndarray(format="rgb24"))
 
@@ -119,8 +124,8 @@ def test_tellopys_video_stream_shows_the_world_from_where_it_is(tello_air, tmp_p
     drone = tello_air.drone(network, start_xyz_yaw=(3.0, 0.5, 0.0, 0.0), radio=clear, video=video())
     client = tello_air.client(network).connect()
     client.tello.takeoff()
-    watcher = Watcher(client.tello)
-    until(lambda: watcher.pictures, FIRST_S, "a picture")
+    watcher = Watcher(client)
+    until(lambda: watcher.pictures, 30.0, "a picture")
     until(lambda: drone.drone.flight.state == "FLY", 15.0, "in the air")
     begun = len(notes(tmp_path))
     client.tello.set_yaw(0.4)
