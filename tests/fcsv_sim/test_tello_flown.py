@@ -176,12 +176,17 @@ def test_as_a_program_it_says_where_it_is_and_leaves_no_namespace(tello_air, tmp
     until(lambda: not netns.exists(f"{network}-pilot"), 5.0, "the namespaces are removed")
 
 
-def test_as_a_node(start_node, tello_air, tmp_path):
+def test_by_its_launch_file_beside_a_master(ros_master, tello_air, tmp_path):
     network = tello_air.network()
-    node = start_node("fcsv_sim", "tello_drone", ns="tello1",
-                      params={"vehicle": "tello1", "sim_dir": str(tmp_path), "network": network})  # fmt: skip
-    until(lambda: netns.exists(f"{network}-pilot"), 20.0, "the namespaces")
-    client = tello_air.client(network).connect(20.0)
-    client.tello.takeoff()
-    until(lambda: TruthReader(tmp_path, "tello1").latest()[1][2, 3] > 0.5, 15.0, "its truth rises")
-    assert node.returncode is None
+    launched = ros_master.launch("fcsv_bringup", "sim_tello_drone.launch", uav="tello1", sim_dir=tmp_path,
+                                 network=network, world="plain")  # fmt: skip
+    try:
+        until(lambda: netns.exists(f"{network}-pilot") or launched.returncode is not None, 30.0, "the namespaces")
+        client = tello_air.client(network).connect(30.0)
+        client.tello.takeoff()
+        until(lambda: TruthReader(tmp_path, "tello1").latest()[1][2, 3] > 0.5, 15.0, "its truth rises")
+        client.tello.start_video()
+        until(lambda: client.events["video_data"], 120.0, "video")  # the renderer is compiled at its first use
+    finally:
+        launched.stop()
+    until(lambda: not netns.exists(f"{network}-pilot"), 10.0, "the namespaces are removed")

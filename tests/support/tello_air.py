@@ -5,6 +5,7 @@ tellopy's threads catch every exception and only log it, so whatever it logs as 
 dispatcher is one for the whole process, and every Tello in it obeys what another one hears: one client at a time.
 """
 
+import contextlib
 import itertools
 import os
 import socket
@@ -66,7 +67,8 @@ class Client:
         self._before = set(threading.enumerate())
         with netns.inside(namespace):
             self.tello = tellopy.Tello(**ports)
-        self._threads = set(threading.enumerate()) - self._before
+        # its own are no daemons; the camera of a Tello may begin to be read at this moment
+        self._threads = {t for t in set(threading.enumerate()) - self._before if not t.daemon}
         self.tello.set_loglevel(tellopy.Tello.LOG_ERROR)
         if address is not None:
             self.tello.tello_addr = address
@@ -118,8 +120,11 @@ class Air:
         return client
 
     def close(self) -> None:
-        while self._things:
-            self._things.pop().close()
+        """All of them, also where one does not end as it should."""
+        with contextlib.ExitStack() as closing:
+            for thing in self._things:
+                closing.callback(thing.close)
+            self._things = []
 
 
 def free_udp_port() -> int:

@@ -3,22 +3,52 @@
 
 import csv
 from pathlib import Path
-from typing import Iterable
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence
+
+import numpy as np
 
 
-def export_truth(sim_folder: Path, session_folder: Path, vehicles: Iterable[str]) -> Path:
-    """SESSION/truth/cameras.csv out of the cameras' own notes; scene.ply is written beside it by `world`."""
+def export_truth(
+    sim_folder: Path, session_folder: Path, vehicles: Iterable[str],
+    stamped: Optional[Mapping[str, Sequence[float]]] = None,
+) -> Path:  # fmt: skip
+    """SESSION/truth/cameras.csv out of the cameras' own notes; scene.ply is written beside it by `world`.
+
+    ``stamped``: of vehicles whose pictures have no stamps of their own (a Tello's video), the stamps (s) that whoever
+    received them gave; each gets the row of the picture that was truly taken nearest to it.
+    """
     truth = Path(session_folder) / "truth"
     truth.mkdir(parents=True, exist_ok=True)
     with open(truth / "cameras.csv", "w", newline="") as merged:
         writer = None
         for vehicle in vehicles:
             with open(Path(sim_folder) / f"truth_cameras_{vehicle}.csv", newline="") as notes:
-                for row in csv.DictReader(notes):
-                    if None in row.values():
-                        continue  # the last line of a camera that was stopped while it wrote
-                    if writer is None:
-                        writer = csv.DictWriter(merged, row.keys())
-                        writer.writeheader()
-                    writer.writerow(row)
+                # the last line of a camera that was stopped while it wrote is not whole
+                rows = [row for row in csv.DictReader(notes) if None not in row.values()]
+            if stamped and vehicle in stamped:
+                rows = nearest(rows, stamped[vehicle])
+            for row in rows:
+                if writer is None:
+                    writer = csv.DictWriter(merged, row.keys())
+                    writer.writeheader()
+                writer.writerow(row)
     return truth
+
+
+def nearest(rows: List[Dict[str, str]], stamps_s: Sequence[float]) -> List[Dict[str, str]]:
+    """For each stamp the row whose own is nearest, with that stamp; none for a stamp further from all than they are
+    from each other in the mean.
+
+    >>> rows = [{"stamp_s": "1.0", "x": "a"}, {"stamp_s": "1.5", "x": "b"}]
+    >>> nearest(rows, [1.3, 1.1, 9.0])
+    [{'stamp_s': '1.300000000', 'x': 'b'}, {'stamp_s': '1.100000000', 'x': 'a'}]
+    """
+    if len(rows) < 2:
+        return []
+    true_s = np.array([float(row["stamp_s"]) for row in rows])
+    most_s, found = float(np.diff(true_s).mean()), []
+    for stamp_s in stamps_s:
+        k = int(np.argmin(np.abs(true_s - stamp_s)))
+        if abs(true_s[k] - stamp_s) <= most_s:
+            found.append({**rows[k], "stamp_s": f"{stamp_s:.9f}"})
+    return found

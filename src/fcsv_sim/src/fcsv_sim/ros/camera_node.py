@@ -4,22 +4,18 @@
 import threading
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import List, Optional
 
-import cv2
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
 
-from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RecorderStatus
-from fcsv_sim.render.bodies import Body
-from fcsv_sim.render.renderer import Renderer, require_samples
-from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera
-from fcsv_sim.truth import TruthReader
+from fcsv_sim.render.renderer import require_samples
+from fcsv_sim.sensors.camera import CameraParameters
+from fcsv_sim.sensors.photographer import Photographer
 from fcsv_sim.world.town import Town
 
 #: Pictures are of a moment that just passed: the truth on both sides of it is there.
@@ -27,7 +23,6 @@ _LATENCY_S = 0.02
 _LEAST_GAP = 0.6  # of a period between two pictures, also after a late one
 _LATE = 0.25  # of a period; after a picture that begins later, some are made quickly
 _CATCH_UP = 3
-_HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 
 @dataclass(frozen=True)
@@ -65,15 +60,10 @@ class CameraNode:
     def __init__(self):
         parameters = self._parameters = node.parameters(CameraNodeParameters)
         name = parameters.vehicle
-        geometries = node.vehicles(parameters.vehicles_dir, [*parameters.vehicles, name])
-        self._others: List = [(g, TruthReader(parameters.sim_dir, n)) for n, g in geometries.items() if n != name]
-        self._truth = TruthReader(parameters.sim_dir, name)
-        cv2.setNumThreads(1)  # the machine is shared with everything that flies
-        renderer = Renderer(Town.generate(parameters.seed, parameters.world))
-        seed = parameters.seed * 1000 + geometries[name].system_id
-        self._camera = SimulatedCamera(renderer, geometries[name].T_body_cam, parameters.camera, seed)
+        p = parameters
+        town = Town.generate(p.seed, p.world)
+        self._camera = Photographer(name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, p.camera)
         self._frame = f"{name}/camera_color_optical_frame"
-        self._notes = self._open_notes()
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)
         self._infos = rospy.Publisher("camera/color/camera_info", CameraInfo, queue_size=2)
@@ -110,39 +100,12 @@ class CameraNode:
 
     def _take(self, stamp_s: float) -> None:
         started_s = time.perf_counter()
-        T_world_body = self._truth.wait_for(stamp_s)
         samples = self._parameters.preview_samples if self._catch_up else self._samples
-        shot = self._camera.shoot(stamp_s, T_world_body, self._others_at(stamp_s), samples)
-        self._note(shot)
+        shot = self._camera.take(stamp_s, samples)
         self._infos.publish(conversions.info_from_camera(self._camera.model, stamp_s, self._frame))
         self._pictures.publish(conversions.array_to_image(shot.rgb, "rgb8", stamp_s, self._frame))
         self._health.tick("pictures")
         self._health.value("time per picture [ms]", f"{(time.perf_counter() - started_s) * 1e3:.0f}")
-
-    def _others_at(self, stamp_s: float) -> List[Body]:
-        """Bodies of the other vehicles; one without truth is not there."""
-        bodies = []
-        for geometry, truth in self._others:
-            try:
-                bodies.append(Body(geometry, truth.wait_for(stamp_s)))
-            except PoseUnavailable:
-                continue
-        return bodies
-
-    def _open_notes(self):
-        path = Path(self._parameters.sim_dir) / f"truth_cameras_{self._parameters.vehicle}.csv"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        notes = open(path, "a", buffering=1)
-        if notes.tell() == 0:
-            notes.write(_HEADER)
-        return notes
-
-    def _note(self, shot: Shot) -> None:
-        """The truth, before the picture leaves: no recorded picture is without it. The stamp as ROS rounds it."""
-        stamp = rospy.Time.from_sec(shot.stamp_s)
-        values = [*shot.T_world_cam[:3, 3], *transforms.quaternion_xyzw(shot.T_world_cam)]
-        row = ",".join(f"{v:.9f}" for v in values)
-        self._notes.write(f"{stamp.secs}.{stamp.nsecs:09d},{self._parameters.vehicle},{row}\n")
 
 
 def main() -> int:

@@ -33,6 +33,9 @@ class TelloDroneNode:
         self._health.value("state", drone.flight.state)
         self._health.value("battery [%]", drone.flight.battery.percent)
         self._health.value("Wi-Fi strength", drone.radio.strength)
+        if self._shell.camera is not None:
+            self._health.value("pictures sent", self._shell.camera.sent)
+            self._health.value("pictures too large", self._shell.camera.too_large)
         for reason, count in drone.link.counts.items():
             self._health.value(f"not understood: {reason}", count)
 

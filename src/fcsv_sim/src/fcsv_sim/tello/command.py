@@ -9,6 +9,7 @@ import threading
 from fcsv_geometry.errors import FcsvError
 from fcsv_sim.tello.battery import BatteryRules
 from fcsv_sim.tello.drone import DroneParameters
+from fcsv_sim.tello.pictures import VideoParameters
 from fcsv_sim.tello.program import ProgramParameters, switched_on, words
 from fcsv_sim.tello.radio import RadioParameters
 from fcsv_sim.tello.udp import ADDRESS, PORT, run
@@ -28,6 +29,9 @@ def _arguments(argv) -> argparse.Namespace:
     parser.add_argument("--battery", type=float, default=95.0, help="percent at the start")
     parser.add_argument("--loss", type=float, default=RadioParameters.loss, help="share of lost packets, each way")
     parser.add_argument("--other-firmware", action="store_true", help="its messages (docs/tello_sim.md)")
+    parser.add_argument("--world", default="", help="of its video: street, village, field, plain; empty: no video")
+    parser.add_argument("--vehicles-dir", default="config/vehicles", help="where NAME.yaml says how its camera sits")
+    parser.add_argument("--video-hz", type=float, default=VideoParameters.rate_hz, help="pictures a second")
     parser.add_argument("--seed", type=int, default=1)
     return parser.parse_args(argv)
 
@@ -37,10 +41,11 @@ def _parameters(args: argparse.Namespace) -> ProgramParameters:
     start = tuple(float(word) for word in args.start.split(","))
     if len(start) != 4:
         raise ValueError(f"--start: '{args.start}' must be x,y,z,yaw")
+    video = VideoParameters(args.world, vehicles_dir=args.vehicles_dir, rate_hz=args.video_hz)
     return ProgramParameters(
         args.name, args.sim_dir, args.seed, start, battery=BatteryRules(args.battery),
         radio=RadioParameters(loss=args.loss), drone=DroneParameters(other_firmware=args.other_firmware),
-        network=args.network, address=args.address, port=args.port, video_port=args.video_port,
+        network=args.network, address=args.address, port=args.port, video_port=args.video_port, video=video,
     )  # fmt: skip
 
 

@@ -43,7 +43,6 @@ class Drone:
         self.video_wanted = False
         self.key_picture_wanted = False
         self.encoder_rate = 0
-        self.wide = False
         self._names = {"ssid": parameters.ssid, "password": parameters.password}
 
     @property
@@ -143,5 +142,5 @@ class Drone:
         return STATUS_OK
 
     def _on_video_mode(self, _now_s: float, packet: Packet) -> bytes:
-        self.wide = packet.payload[:1] == b"\x01"
-        return STATUS_OK
+        """0 is 4:3, which it has; 1 is 16:9, a part of the same picture, which it has not."""
+        return STATUS_OK if packet.payload[:1] == b"\x00" else STATUS_REFUSED

@@ -3,11 +3,13 @@
 
 import contextlib
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Iterator
 
 from fcsv_geometry import netns
 from fcsv_sim.machines import namespaces
+from fcsv_sim.tello.camera import Camera
+from fcsv_sim.tello.pictures import Task, VideoParameters
 from fcsv_sim.tello.udp import ADDRESS, PORT, Shell, open_socket
 from fcsv_sim.tello.vehicle import TelloDrone, TelloDroneParameters
 
@@ -26,6 +28,7 @@ class ProgramParameters(TelloDroneParameters):
     address: str = ADDRESS
     port: int = PORT
     video_port: int = 0
+    video: VideoParameters = field(default_factory=VideoParameters)
 
     def __post_init__(self):
         for name, least in (("port", 1), ("video_port", 0)):
@@ -47,7 +50,10 @@ def switched_on(parameters: ProgramParameters) -> Iterator[Shell]:
         drone = TelloDrone(p, time.time() - 0.1)
         drone.advance_to(time.time())  # compiles what is compiled at its first use, before anybody waits for it
         drone.link.video_port_instead = p.video_port
-        yield Shell(drone, control, video)
+        camera = None
+        if p.video.world:
+            camera = open_things.enter_context(contextlib.closing(Camera(Task(p.vehicle, p.sim_dir, p.video))))
+        yield Shell(drone, control, video, camera)
 
 
 def words(parameters: ProgramParameters) -> str:

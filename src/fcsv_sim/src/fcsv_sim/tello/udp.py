@@ -6,6 +6,7 @@ import time
 from typing import Callable, Optional
 
 from fcsv_sim.errors import SimulationError
+from fcsv_sim.tello.camera import Camera
 from fcsv_sim.tello.vehicle import TelloDrone
 
 PORT = 8889
@@ -36,8 +37,10 @@ def open_socket(address: str, port: int) -> socket.socket:
 class Shell:
     """Carries datagrams between two sockets, which stay its maker's, and a TelloDrone."""
 
-    def __init__(self, drone: TelloDrone, control: socket.socket, video: socket.socket):
-        self.drone = drone
+    def __init__(
+        self, drone: TelloDrone, control: socket.socket, video: socket.socket, camera: Optional[Camera] = None
+    ):
+        self.drone, self.camera = drone, camera
         self._control, self._video = control, video
 
     def step(self, now_s: float) -> None:
@@ -51,6 +54,8 @@ class Shell:
                 continue  # nobody listened where something was sent to
             self.drone.received(now_s, data, sender)
         self.drone.advance_to(now_s)
+        if self.camera is not None:
+            self.camera.step(now_s, self.drone)
         for data, to, is_video in self.drone.datagrams(now_s):
             try:
                 (self._video if is_video else self._control).sendto(data, to)
@@ -58,11 +63,8 @@ class Shell:
                 continue  # lost, as in the air
 
 
-def run(shell: Shell, over: Callable[[], bool], each_pass: Optional[Callable[[float], None]] = None) -> None:
+def run(shell: Shell, over: Callable[[], bool]) -> None:
     """Real time, until ``over()``."""
     while not over():
-        now_s = time.time()
-        shell.step(now_s)
-        if each_pass is not None:
-            each_pass(now_s)
+        shell.step(time.time())
         time.sleep(max(0.001, shell.drone.next_pass_s - time.time()))

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of the simulated world from a vehicle that flies in it now, and the notes of where they were truly taken."""
+
+from pathlib import Path
+from typing import List, Sequence
+
+import cv2
+
+from fcsv_geometry import transforms
+from fcsv_geometry.errors import PoseUnavailable
+from fcsv_geometry.vehicle import load_vehicles
+from fcsv_sim.render.bodies import Body
+from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera
+from fcsv_sim.truth import TruthReader
+from fcsv_sim.world.town import Town
+
+_HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
+
+
+class Photographer:
+    """The camera of ``vehicle``; ``vehicles`` are seen where they are. Raises ConfigError where a file is wrong."""
+
+    def __init__(
+        self, vehicle: str, vehicles: Sequence[str], vehicles_dir: str, sim_dir: str, town: Town, seed: int,
+        camera: CameraParameters,
+    ):  # fmt: skip
+        self._vehicle = vehicle
+        geometries = load_vehicles(vehicles_dir, list(dict.fromkeys([*vehicles, vehicle])))
+        self._others: List = [(g, TruthReader(sim_dir, n)) for n, g in geometries.items() if n != vehicle]
+        self._truth = TruthReader(sim_dir, vehicle)
+        cv2.setNumThreads(1)  # the machine is shared with everything that flies
+        own = geometries[vehicle]
+        self._camera = SimulatedCamera(Renderer(town), own.T_body_cam, camera, seed * 1000 + own.system_id)
+        self._notes = _open_notes(Path(sim_dir) / f"truth_cameras_{vehicle}.csv")
+
+    @property
+    def model(self):
+        """The camera's lens and picture."""
+        return self._camera.model
+
+    def take(self, stamp_s: float, samples: int) -> Shot:
+        """A picture of a moment that just passed, noted. Raises PoseUnavailable where nobody flies."""
+        T_world_body = self._truth.wait_for(stamp_s)
+        shot = self._camera.shoot(stamp_s, T_world_body, self._others_at(stamp_s), samples)
+        self._note(shot)
+        return shot
+
+    def _others_at(self, stamp_s: float) -> List[Body]:
+        """Bodies of the other vehicles; one without truth is not there."""
+        bodies = []
+        for geometry, truth in self._others:
+            try:
+                bodies.append(Body(geometry, truth.wait_for(stamp_s)))
+            except PoseUnavailable:
+                continue
+        return bodies
+
+    def _note(self, shot: Shot) -> None:
+        """The truth, before the picture leaves: no recorded picture is without it. The stamp as ROS cuts it off."""
+        seconds = int(shot.stamp_s)
+        nanoseconds = int((shot.stamp_s - seconds) * 1_000_000_000)
+        values = [*shot.T_world_cam[:3, 3], *transforms.quaternion_xyzw(shot.T_world_cam)]
+        row = ",".join(f"{v:.9f}" for v in values)
+        self._notes.write(f"{seconds}.{nanoseconds:09d},{self._vehicle},{row}\n")
+
+
+def _open_notes(path: Path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    notes = open(path, "a", buffering=1)
+    if notes.tell() == 0:
+        notes.write(_HEADER)
+    return notes
