@@ -11,6 +11,11 @@ def odom(vehicle: str) -> str:
     return f"{vehicle}/odom"
 
 
+def tello_odom(vehicle: str) -> str:
+    """Where a Tello's own log begins; its tracker's poses are in ``odom``."""
+    return f"{vehicle}/tello_odom"
+
+
 def base_link(vehicle: str) -> str:
     """D_n: body, forward-left-up."""
     return f"{vehicle}/base_link"
