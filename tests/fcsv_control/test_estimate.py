@@ -81,8 +81,8 @@ def test_no_height_runs_away_with_the_links_origin_and_an_autopilots_restart_get
     loop = SimulatedLoop().run(30.0)
     assert loop.core.origin_set(loop.t) and loop.core.estimate_apart_m(loop.t) < 0.1
     loop.pilot.reboot()
-    loop.run(2.5)  # its streams have stopped
-    assert not loop.core.origin_set(loop.t)
+    assert loop.until(lambda: not loop.core.origin_set(loop.t), 2.5)  # its streams have stopped
+    assert loop.pilot.origin is None
     loop.run(8.0)
     assert loop.core.origin_set(loop.t) and loop.pilot.origin is not None
     loop.pilot._origin.value = None  # lost without a restart

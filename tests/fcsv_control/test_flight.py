@@ -207,7 +207,9 @@ def test_streams_are_asked_for_again_only_when_they_stop():
         k.heartbeat(t)
         if t < 4.0 or t > 8.0:
             k.stream(t, "ATTITUDE", int(1000 * t))
-        asked += [t for what in k.due(t) if what == keeper.STREAMS]
+        if keeper.STREAMS in k.due(t):
+            asked.append(t)
+            assert k.streams_to_ask(t) == ["ATTITUDE"]
     assert asked == pytest.approx([6.0, 8.0], abs=0.25)
 
 

@@ -20,7 +20,7 @@ from fcsv_sim.rehearsal.tables import table
 #: What breaks today, by fault. Whoever mends one takes it out of here.
 #: A drift of 0.1 m/s is not told from a movement, and a map of it is wrong.
 KNOWN = {"tracker drifts slowly": {NOT_HELD}}
-FLIGHTS, SECONDS, LONGEST_S = 60, 60.0, 180.0
+FLIGHTS, LONGEST_S = 60, 180.0
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +46,6 @@ def test_a_flight_without_faults_records_all_and_lands(mission, vehicles):
     assert 0.0 < result.off_m < 0.5
 
 
-def test_two_vehicles_are_rehearsed_at_sixty_times_real_time(mission):
-    rates = [r.flown_s / r.cpu_s for r in (Flight(mission, 2, seed).run() for seed in (1, 2, 3))]
-    assert max(rates) >= 60.0, rates  # processor time; the best of three, because other work empties the caches
-
-
 def test_the_same_seed_gives_the_same_flight(mission):
     one, two = (rehearse(Job(mission, 2, 5, "radio cut+pilot disobeys", 120.0)) for _ in range(2))
     assert one == two and one.faults == ["radio cut", "pilot disobeys"]
@@ -66,17 +61,15 @@ def _job(seed: int) -> Job:
 def test_sixty_flights_with_every_fault():
     with Pool(os.cpu_count()) as pool:
         flown = list(pool.imap(_fly, range(FLIGHTS), chunksize=1))
-    assert {name for r, _ in flown for name in r.began} == set(FAULTS)
-    for result, _ in flown:
+    assert {name for r in flown for name in r.began} == set(FAULTS)
+    for result in flown:
         known = set().union(*(KNOWN.get(f, set()) for f in result.faults))
         broken = [v for v in result.violations if v.kind not in known]
         assert not broken, f"{'+'.join(result.faults)}, seed {result.seed}: {broken}"
-    assert sum(cpu_s for _, cpu_s in flown) / 2 < SECONDS  # of two cores
 
 
 def _fly(seed: int):
-    result = rehearse(_job(seed))
-    return result, result.cpu_s
+    return rehearse(_job(seed))
 
 
 def test_who_was_flown_by_hand_is_never_commanded():

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support import boards
 
 from fcsv_geometry import transforms
@@ -37,7 +38,7 @@ def whitened(found, stated):
 
 
 def small_turn(w):
-    return transforms.Rotation.from_rotvec(w).as_matrix()
+    return Rotation.from_rotvec(w).as_matrix()
 
 
 class Flight:
@@ -91,7 +92,7 @@ def test_relative_covariance_agrees_with_monte_carlo_of_the_whole_chain():
     for _ in range(DRAWS):
         T = flight.drawn(random)
         off = transforms.invert(T["uav1"]) @ T["uav2"]
-        turn = transforms.Rotation.from_matrix(off[:3, :3] @ T_ref_other[:3, :3].T).as_rotvec()
+        turn = Rotation.from_matrix(off[:3, :3] @ T_ref_other[:3, :3].T).as_rotvec()
         errors.append([*(R_home_ref @ (off - T_ref_other)[:3, 3]), *(R_home_ref @ turn)])
     found = np.cov(np.array(errors).T)
     stated = pose_covariance.relative(reference, other)

@@ -6,12 +6,12 @@ import shutil
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import ConfigError
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
-from fcsv_geometry.transforms import Rotation
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_sim.sensors.t265 import T265
 from fcsv_tracking.errors import ExtrinsicsRefused

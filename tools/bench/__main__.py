@@ -18,7 +18,8 @@ from bench.scenes import LISTS, NOISES, SCENES, VERTICAL, SceneName, shoot, smal
 from fcsv_stereo.pipeline import METHODS
 
 _PLOT = "pictures/growth.png"
-_PARTS = ("methods", "colmap", "growth", "real")
+_PAGE = ("methods", "colmap", "growth")
+_PARTS = (*_PAGE, "real")
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -128,7 +129,7 @@ def _parse(argv):
     parser.add_argument("--only", nargs="+", choices=_PARTS, help="these parts; printed, unless --out is given")
     parser.add_argument("--out", help="the page; docs/benchmarks.md, where all is measured")
     args = parser.parse_args(argv)
-    args.parts = set(args.only or _PARTS) - ({"growth"} if args.no_growth else set())
+    args.parts = set(args.only or _PAGE) - ({"growth"} if args.no_growth else set())
     if not args.only and not args.out:
         args.out = "docs/benchmarks.md"
     args.given = sys.argv[1:] if argv is None else list(argv)

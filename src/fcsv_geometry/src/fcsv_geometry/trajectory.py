@@ -5,6 +5,7 @@ import bisect
 from typing import List, Optional, Tuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
@@ -76,7 +77,7 @@ class Trajectory:
 
     def _extrapolated(self, index: int, alpha: float) -> np.ndarray:
         step = transforms.invert(self._poses[index]) @ self._poses[index + 1]
-        turn = transforms.Rotation.from_matrix(step[:3, :3]).as_rotvec() * (alpha - 1.0)
-        R = self._poses[index + 1][:3, :3] @ transforms.Rotation.from_rotvec(turn).as_matrix()
+        turn = Rotation.from_matrix(step[:3, :3]).as_rotvec() * (alpha - 1.0)
+        R = self._poses[index + 1][:3, :3] @ Rotation.from_rotvec(turn).as_matrix()
         p0, p1 = self._poses[index][:3, 3], self._poses[index + 1][:3, 3]
         return transforms.transform(R, p1 + (p1 - p0) * (alpha - 1.0))

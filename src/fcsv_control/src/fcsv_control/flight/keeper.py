@@ -13,7 +13,7 @@ CONNECTED_S = 3.0  # as MAVROS: connected while a heartbeat is younger than this
 HEARTBEAT, STREAMS, ASK_ORIGIN, SET_ORIGIN, PARAMETER = "heartbeat", "streams", "ask origin", "set origin", "parameter"
 VERSION, TIMESYNC = "version", "timesync"
 _PERIOD_S = {
-    HEARTBEAT: 1.0, STREAMS: 2.0, ASK_ORIGIN: 1.0, SET_ORIGIN: 1.0, PARAMETER: 0.1, VERSION: 2.0, TIMESYNC: 1.0,
+    HEARTBEAT: 1.0, STREAMS: 0.1, ASK_ORIGIN: 1.0, SET_ORIGIN: 1.0, PARAMETER: 0.1, VERSION: 2.0, TIMESYNC: 1.0,
 }  # fmt: skip
 _SILENT_S = 2.0
 _BOOT_BACK_MS = 1000
@@ -24,6 +24,7 @@ class ConnectionKeeper:
 
     def __init__(self, streams):
         self._streams: Dict[str, float] = dict.fromkeys(streams, float("-inf"))
+        self._asked_s: Dict[str, float] = {}
         self._heartbeat_s: Optional[float] = None
         self._boot_ms: Optional[int] = None
         self._next_s = dict.fromkeys(_PERIOD_S, float("-inf"))
@@ -63,14 +64,22 @@ class ConnectionKeeper:
             self.begin_again()
         return rebooted
 
-    def stopped(self, now_s: float) -> List[str]:
-        """Streams of which nothing came for two seconds."""
-        return [name for name, last_s in self._streams.items() if now_s - last_s > _SILENT_S]
+    def _stopped(self, now_s: float) -> List[str]:
+        """Streams of which nothing came for two seconds, and that were not asked for meanwhile."""
+        since = {name: max(last_s, self._asked_s.get(name, last_s)) for name, last_s in self._streams.items()}
+        return [name for name, since_s in since.items() if now_s - since_s > _SILENT_S]
+
+    def streams_to_ask(self, now_s: float) -> List[str]:
+        """Streams that have stopped; they are asked for now."""
+        stopped = self._stopped(now_s)
+        self._asked_s.update(dict.fromkeys(stopped, now_s))
+        return stopped
 
     def begin_again(self) -> None:
         """Nothing that was set up may be relied on any more."""
         self.parameters_read = self.version_known = False
         self._streams = dict.fromkeys(self._streams, float("-inf"))
+        self._asked_s = {}
         self._origin_s = float("-inf")
         self._boot_ms = None
         for name in (STREAMS, ASK_ORIGIN, PARAMETER, VERSION, TIMESYNC):
@@ -82,7 +91,7 @@ class ConnectionKeeper:
         """What to send now."""
         wanted = {HEARTBEAT: True}  # also before anything is heard: on some links it must speak first
         if self.connected(now_s):
-            wanted[STREAMS] = bool(self.stopped(now_s))
+            wanted[STREAMS] = bool(self._stopped(now_s))
             wanted[ASK_ORIGIN], wanted[SET_ORIGIN] = True, not self.origin_set(now_s)
             wanted[PARAMETER], wanted[VERSION] = not self.parameters_read, not self.version_known
             wanted[TIMESYNC] = True

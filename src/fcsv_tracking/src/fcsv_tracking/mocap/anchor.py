@@ -8,6 +8,7 @@ from collections import deque
 from typing import Deque, Optional, Tuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.errors import PoseUnavailable
@@ -37,7 +38,7 @@ class Anchor:
         if len(self._pairs) < self._least or stamp_s - self._pairs[0][0] < 0.8 * self._window_s:
             return None
         R_M_O = np.stack([M[:3, :3] @ O[:3, :3].T for _, M, O in self._pairs])
-        mean = transforms.Rotation.from_matrix(R_M_O).mean().as_matrix()
+        mean = Rotation.from_matrix(R_M_O).mean().as_matrix()
         turned = np.array([rotations.log(mean.T @ R) for R in R_M_O])
         p_M_O = np.stack([M[:3, 3] - mean @ O[:3, 3] for _, M, O in self._pairs])
         middle = np.median(p_M_O, axis=0)
