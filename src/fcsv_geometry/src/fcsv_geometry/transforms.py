@@ -23,6 +23,13 @@ def _scipy():
     return module
 
 
+def __getattr__(name: str):
+    """``transforms.Rotation`` for those who average and interpolate (PEP 562): imported when first used, as above."""
+    if name == "Rotation":
+        return _scipy().Rotation
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
 def transform(R_a_b: np.ndarray, p_a_b: np.ndarray) -> np.ndarray:
     """T_a_b from a 3x3 rotation and the position of b's origin in a (m).
 
