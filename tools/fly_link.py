@@ -266,7 +266,7 @@ def fly(pc: Pilotless, link: str, tell):
 
 
 def killed(pc, name, tell):
-    """SIGKILL in hover; roslaunch starts it again."""
+    """SIGKILL in hover; roslaunch starts it again. Our part says that it feeds; MAVROS does not say so."""
     place, before = pc.truth.p_m.copy(), {p.pid for p in processes(name)}
     for pid in before:
         os.kill(pid, signal.SIGKILL)
@@ -275,7 +275,8 @@ def killed(pc, name, tell):
     require(lambda: pc.fed_s > at_s and {p.pid for p in processes(name)} - before, 20.0, f"{name} again")
     feeds_s = time.monotonic() - at_s
     off_m = pc.furthest_m(6.0, place)
-    tell(f"{name[8:]} killed in hover", f"feeds again after {feeds_s:.1f} s, {off_m:.2f} m off, mode {pc.state.mode}")
+    what = "its process is there again" if name.endswith("mavros") else "feeds again"
+    tell(f"{name[8:]} killed in hover", f"{what} after {feeds_s:.1f} s, {off_m:.2f} m off, mode {pc.state.mode}")
 
 
 def main() -> int:
