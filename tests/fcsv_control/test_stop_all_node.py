@@ -100,7 +100,7 @@ def test_everybody_who_is_not_flown_by_hand_stops_with_the_mission_dead(fleet, s
     until(lambda: reports[-1].done == ["s_one"], 5.0, "the report")
     assert (reports[-1].by_hand, reports[-1].unheard) == (["s_two"], ["s_three"])
     assert told and fleet["s_two"].asked == [] and fleet["s_one"].asked == ["BRAKE"], "once: the twin did nothing"
-    assert len([a for a in acks if a.sender.startswith("stop_all")]) >= 1
+    until(lambda: [a for a in acks if a.sender.startswith("stop_all")], 5.0, "its acknowledgement, once BRAKE shows")
 
     commands = rospy.Publisher("/s_one/command", Command, queue_size=5)
     until(lambda: commands.get_num_connections() >= 2, what="agents")
