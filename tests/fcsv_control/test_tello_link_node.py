@@ -242,7 +242,8 @@ def test_low_battery_and_a_link_that_is_started_again(flight):
     until(lambda: getattr(f.operator.newest.state, "mode", "") == "BRAKE", 15.0, "the new link holds it")
     time.sleep(3.0)
     assert np.linalg.norm(f.p_m - before) < 0.8
-    f.tello.drone.flight.battery.percent = 8.0
+    battery = f.tello.drone.flight.battery
+    battery.drain((1.0 - 8.0 / battery.percent) * battery.left_s / 1.15, 1.0)  # what is switched on takes a share, too
     until(lambda: f.operator.newest.state.mode == "LAND", 5.0, "LAND")
     f.landed()
     assert not f.operator.take_off(1.5) and "charge it" in f.operator.newest.refusal.reason
