@@ -135,11 +135,14 @@ def test_tellopys_video_stream_shows_the_world_from_where_it_is(tello_air, tmp_p
     pictures, poses = list(watcher.pictures), notes(tmp_path)
     assert pictures[0].shape == (360, 480, 3) and not client.tello.video_data_loss
     renderer = Renderer(Town.generate(1, "street"))
-    seen = [renderer.render(poses[k], SMALL.model, samples=1)[0] for k in range(len(pictures))]
-    for k in (begun, begun + 4, len(pictures) - 1):
-        right = like(pictures[k], seen[k])
-        assert right > 0.95 and right == max(like(pictures[k], s) for s in seen[:: max(1, len(seen) // 8)] + [seen[k]])
-    assert like(pictures[begun], seen[-1]) < 0.8  # it has turned by a radian
+    seen = [renderer.render(pose, SMALL.model, samples=1)[0] for pose in poses]
+    order = []  # of the noted poses that pictures show: a busy decoder leaves some out, so counting does not tell
+    for k in np.linspace(0, len(pictures) - 1, 5).astype(int):
+        likeness = [like(pictures[k], s) for s in seen]
+        order.append(int(np.argmax(likeness)))
+        assert max(likeness) > 0.95
+    assert order[-1] > begun > order[0]
+    assert like(pictures[0], seen[order[-1]]) < 0.8  # it has turned by a radian
 
 
 def test_pictures_come_again_after_loss_and_after_its_camera_died(tello_air, root, monkeypatch):
