@@ -248,6 +248,17 @@ def test_who_was_stopped_beneath_one_that_comes_down_moves_aside():
     assert air.modes[0] == "GUIDED" and np.linalg.norm(air.p[:2] - [0.2, 0.1]) > 2.5
 
 
+@pytest.mark.parametrize("higher_m", [0.0, 0.05, 0.4])
+def test_who_was_beside_at_one_height_and_is_silent_sends_nobody_aside(higher_m):
+    """A radio that carries nothing silences everybody at once: each would think that the other falls upon it."""
+    air = Aloft()
+    air.others["uav2"] = {"p_home_m": air.p + [2.0, 0.0, higher_m], "mode": "GUIDED"}
+    air.run(2.0)
+    air.silent |= {"uav2", "control"}
+    air.run(15.0)
+    assert not air.held and not air.asked
+
+
 def test_who_was_above_and_is_silent_may_come_down():
     air = Aloft()
     air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": "GUIDED"}}

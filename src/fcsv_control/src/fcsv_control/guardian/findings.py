@@ -248,7 +248,9 @@ class Watches:
         away_m = math.hypot(offset_m[0], offset_m[1])
         if other.uncontrolled:
             return away_m < r.uncontrolled_clear_m
-        return offset_m[2] > 0.0 and away_m < r.clear_m and (other.mode == "LAND" or silent_s > r.silent_above_s)
+        # of two at one height neither falls on the other: a radio that is gone must not send both aside
+        silent = silent_s > r.silent_above_s and offset_m[2] > _BELOW_M
+        return offset_m[2] > 0.0 and away_m < r.clear_m and (other.mode == "LAND" or silent)
 
     def _lasts(self, now_s: float, what: str, holds: bool, seconds: float) -> bool:
         """Whether a condition has held for some time; a name counts from the first moment it held."""
