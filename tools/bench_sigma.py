@@ -65,7 +65,8 @@ class Row:
 
 def mapped(session: str, poses: str, given: MapInput, truth: Truth, true_depth) -> Row:
     """The map of an input against the truth, of pixels up to 400 m. ``true_depth`` is the reference picture's."""
-    result = pipeline.METHODS["joint"].map(given)
+    joint = pipeline.METHODS["joint"]
+    result = joint.map(given, joint.complete)
     found = evaluate(result, truth, true_depth)
     judged = np.isfinite(result.depth) & (true_depth <= 400.0)
     depth, true, sigma = (a[judged].astype(float) for a in (result.depth, true_depth, result.sigma))

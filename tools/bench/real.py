@@ -34,6 +34,7 @@ class Row:
     place: str
     told: float  # of the pixels with truth: what some pair supports
     wrong: float  # of these
+    wrong_agreed: float  # of the pixels that are called agreed
     sky_sure: float  # of the sky: answered with sigma below a tenth
     within: Tuple[float, float]  # 1 and 2 sigma, of what is told
     sgbm: Tuple[float, float]  # answered, wrong of the answered
@@ -84,7 +85,7 @@ def _measured(case: Case, place: str, by_kind: Dict[str, list], options: Optiona
         whole = Joint().map(case.given, replace(options or JointOptions(), complete=True))
     except StereoError as error:
         print(f"    {case.name}, {place}: refused: {error}", flush=True)
-        return Row(case.name, place, 0.0, nan, nan, (nan, nan), _sgbm(case))
+        return Row(case.name, place, 0.0, nan, nan, nan, (nan, nan), _sgbm(case))
     true, sky = case.true_depth, np.isnan(case.true_depth)
     judged = np.isfinite(true) & (true <= _MOST_M)
     told = supported(whole.kind) & np.isfinite(whole.depth)
@@ -93,10 +94,12 @@ def _measured(case: Case, place: str, by_kind: Dict[str, list], options: Optiona
         here = mask & judged & np.isfinite(whole.depth)
         by_kind.setdefault(name, []).append((mask.mean(), (off / true)[here], (off / whole.sigma)[here]))
     here = told & judged
+    agreed = masks(whole.kind)["agreed"] & here
+    wrong = tuple(float((off[part] > _WRONG * true[part]).mean()) for part in (here, agreed))
     sure = told & (whole.sigma < _SURE * whole.depth)
     within = tuple(float((off[here] <= k * whole.sigma[here]).mean()) for k in (1.0, 2.0))
     return Row(
-        case.name, place, float(here.sum() / judged.sum()), float((off[here] > _WRONG * true[here]).mean()),
+        case.name, place, float(here.sum() / judged.sum()), *wrong,
         float(sure[sky].mean()) if sky.any() else nan, within, _sgbm(case),
     )  # fmt: skip
 
@@ -125,16 +128,18 @@ def _refused() -> str:
             told.append(f"draw {k}: {result.coverage:.1%} covered")
         except StereoError:
             refused += 1
+        print(f"    two places: {refused} of {k + 1} refused", flush=True)
     return f"Pictures of two different places, refused: {refused} of {_DRAWS}. " + "; ".join(told)
 
 
 def _table(rows: List[Row]) -> List[str]:
     lines = [
-        "| case | place | answered | wrong of it | sky, surely | within 1σ | 2σ | SGBM answered | wrong of it |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| case | place | answered | wrong of it | of what agrees | sky, surely | within 1σ | 2σ "
+        "| SGBM answered | wrong of it |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
-        shares = (r.told, r.wrong, r.sky_sure, *r.within, *r.sgbm)
+        shares = (r.told, r.wrong, r.wrong_agreed, r.sky_sure, *r.within, *r.sgbm)
         told = " | ".join("–" if np.isnan(s) else f"{s:.1%}" for s in shares)
         lines.append(f"| {r.case} | {r.place} | {told} |")
     return lines

@@ -19,13 +19,13 @@ def names() -> List[str]:
 
 
 def run(name: str, given: MapInput, thesis: ThesisOptions) -> MapResult:
-    """A method's map; ``thesis`` holds that method's options, another takes its own defaults.
+    """A method's map; ``thesis`` holds that method's options, another answers every pixel.
 
     timing_s gets "cpu": seconds of processor, of all threads, which other load does not touch.
     """
     method = METHODS[name]
     started = time.process_time()
-    result = method.map(given, thesis if isinstance(thesis, method.options) else None)
+    result = method.map(given, thesis if isinstance(thesis, method.options) else method.complete)
     result.timing_s["cpu"] = time.process_time() - started
     return result
 

@@ -86,6 +86,11 @@ class Joint(Method):
         """At half the size twice as often."""
         return replace(self.quick, scale=0.5)
 
+    @property
+    def complete(self) -> JointOptions:
+        """With the depths that no pair's texture supports."""
+        return JointOptions(complete=True)
+
     def remembering(self, options: JointOptions, known: KnownFeatures) -> JointOptions:
         """With a memory for the features of pictures that come again with every configuration."""
         return replace(options, refinement=replace(options.refinement, known=known))

@@ -40,6 +40,11 @@ class Method(ABC):
         """Options for depth again and again of what vehicles see while they hold."""
         return self.quick
 
+    @property
+    def complete(self) -> Any:
+        """Options that answer every pixel that can be answered at all; what all pixels' figures are measured with."""
+        return self.options()
+
     def remembering(self, options: Any, _known: Any) -> Any:
         """Options with a memory (KnownFeatures) for the features of pictures that come again; as they are here."""
         return options
