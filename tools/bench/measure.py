@@ -38,7 +38,8 @@ class Figures:
 
 
 def run(name: str, given: MapInput, options=None) -> Tuple[MapResult, float, float]:
-    """The map (``options`` None: the method's own, every pixel answered), and the seconds after load: on the wall, and of the processor."""
+    """The map (``options`` None: the method's own, every pixel answered), and the seconds after load: on the wall,
+    and of the processor."""
     started, started_cpu = time.perf_counter(), time.process_time()
     result = METHODS[name].map(given, options or METHODS[name].complete)
     return result, time.perf_counter() - started, time.process_time() - started_cpu

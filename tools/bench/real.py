@@ -95,7 +95,7 @@ def _measured(case: Case, place: str, by_kind: Dict[str, list], options: Optiona
         by_kind.setdefault(name, []).append((mask.mean(), (off / true)[here], (off / whole.sigma)[here]))
     here = told & judged
     agreed = masks(whole.kind)["agreed"] & here
-    wrong = tuple(float((off[part] > _WRONG * true[part]).mean()) for part in (here, agreed))
+    wrong = tuple(float((off[part] > _WRONG * true[part]).mean()) if part.any() else nan for part in (here, agreed))
     sure = told & (whole.sigma < _SURE * whole.depth)
     within = tuple(float((off[here] <= k * whole.sigma[here]).mean()) for k in (1.0, 2.0))
     return Row(
