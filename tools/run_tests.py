@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole test run: plain tests on all cores, then tests with ROS one after another, then one count of both.
+"""The whole test run: plain tests on all cores, tests of nodes two at a time, flights alone, one count of all.
 
     tools/run_tests.py [pytest's arguments]
 
-Exit status 0 where nothing failed; 5 where a tier, or with arguments both, collected no test. More: docs/testing.md.
+Exit status 0 where nothing failed; 5 where a tier, or with arguments all, collected no test. More: docs/testing.md.
 """
 
 import json
@@ -16,7 +16,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SIDE_BY_SIDE = ["--numprocesses=logical", "--maxprocesses=8", "--dist=loadgroup"]  # a worker takes up to 2 GB
-TIERS = {"plain": SIDE_BY_SIDE, "ros": []}
+TWO = ["--numprocesses=2", "--dist=loadgroup"]  # nodes wait for one another more than they work
+TIERS = {"plain": SIDE_BY_SIDE, "nodes": TWO, "alone": []}
+SLOWEST = ["--durations=25", "--durations-min=3"]
 PASSED, FAILED, NOTHING = 0, 1, 5  # pytest's exit statuses; above FAILED and below NOTHING it could not run
 SHOWN = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")
 
@@ -32,7 +34,7 @@ def pytest_status(arguments) -> int:
 def run_tier(name: str, arguments, folder: Path):
     """(exit status, counts) of one tier; the user's arguments come last and so overrule."""
     counts = folder / f"{name}.json"
-    status = pytest_status([f"--tier={name}", f"--counts={counts}", *TIERS[name], *arguments])
+    status = pytest_status([f"--tier={name}", f"--counts={counts}", *TIERS[name], *SLOWEST, *arguments])
     return status, json.loads(counts.read_text()) if counts.exists() else {}
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a test run is divided: nothing that starts a master runs beside other tests, and ARGS keep their quotes."""
+"""How a test run is divided: what needs the machine runs alone, and ARGS keep their quotes."""
 
 import ast
 import os
@@ -32,11 +32,12 @@ class Item:
 @pytest.mark.parametrize("item, tier", [
     (Item(), "plain"),
     (Item(marks=["slow"]), "plain"),
-    (Item(marks=["slow_motion"]), "ros"),
-    (Item(fixtures=["ros_master"]), "ros"),
-    (Item(fixtures=["tmp_path", "start_node"]), "ros"),
-    (Item(fixtures=["bench_link"]), "ros"),
-    (Item("tests/system/test_a.py::test_a"), "ros"),
+    (Item(marks=["slow_motion"]), "alone"),
+    (Item(fixtures=["ros_master"]), "nodes"),
+    (Item(fixtures=["tmp_path", "start_node"]), "nodes"),
+    (Item(fixtures=["bench_link"]), "alone"),
+    (Item(fixtures=["ros_master"], marks=["alone"]), "alone"),
+    (Item("tests/system/test_a.py::test_a"), "alone"),
 ])  # fmt: skip
 def test_a_test_with_a_master_is_never_plain(item, tier):
     tiers.mark_what_needs_ros([item])
@@ -73,26 +74,26 @@ def run_tests(args, timeout_s=200):
     return done.returncode, done.stdout
 
 
-def test_quotes_in_args_hold_words_together_and_the_last_line_counts_both_tiers():
-    """The second tier is empty: no error, since these arguments ask for so little."""
+def test_quotes_in_args_hold_words_together_and_the_last_line_counts_all_tiers():
+    """Two tiers are empty: no error, since these arguments ask for so little."""
     status, said = run_tests("-n0 -q -m 'not slow and not system' -k 'never_plain' tests/house/test_tiers.py")
     assert status == 0, said
-    assert said.splitlines()[-1].startswith("7 tests: 7 passed, 0 failed, 0 skipped, in "), said
+    assert said.splitlines()[-1].startswith("8 tests: 8 passed, 0 failed, 0 skipped, in "), said
 
 
 def test_a_file_that_does_not_exist_is_an_error():
     assert run_tests("-n0 tests/absent.py")[0] == 4
 
 
-@pytest.mark.parametrize("plain, ros, explicit, status", [
+@pytest.mark.parametrize("plain, nodes, explicit, status", [
     (0, 0, False, 0), (1, 0, False, 1), (0, 1, True, 1), (5, 0, False, 5), (5, 0, True, 0), (5, 5, True, 5),
     (5, 1, False, 1), (2, 0, True, 2), (0, 3, False, 3),
 ])  # fmt: skip
-def test_the_exit_status_is_that_of_both_tiers(root, monkeypatch, plain, ros, explicit, status):
+def test_the_exit_status_is_that_of_all_tiers(root, monkeypatch, plain, nodes, explicit, status):
     monkeypatch.setattr(sys, "path", [str(root / "tools"), *sys.path])
     import run_tests
 
-    assert run_tests.overall({"plain": plain, "ros": ros}, explicit) == status
+    assert run_tests.overall({"plain": plain, "nodes": nodes, "alone": nodes}, explicit) == status
 
 
 class Definition:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a test run is divided: plain tests side by side on all cores, tests with ROS one after another.
-
-A test is of the tier ``ros`` where its marks or its fixtures say so, else ``plain``. How to run them: docs/testing.md.
+"""How a test run is divided: plain tests side by side on all cores, then tests of nodes, two at a time, then what must
+have the machine for itself. Marks and fixtures say which a test is. How to run them: docs/testing.md.
 """
 
 import json
@@ -11,26 +10,28 @@ from pathlib import Path
 
 import pytest
 
-PLAIN, ROS = "plain", "ros"
+PLAIN, NODES, ALONE = TIERS = "plain", "nodes", "alone"
 # fixtures that start a master, nodes or network namespaces: each test that uses one is marked ros
 STARTS_ROS = {"ros_master", "start_node", "bench_link", "tello_air"}
+# of these the ones whose tests have the machine for themselves: an emulated radio's rates mean nothing on a busy one
+MEASURES = {"bench_link"}
 SYSTEMS = "tests/system/"  # each test in it is marked system
-# the marks of a test that must have the machine for itself
-ALONE = ("ros", "system", "slow_motion")
 # fixtures that are shared but cost next to nothing: no reason to keep their tests on one worker
-CHEAP = {"root", "shared_data", "pool"}
+CHEAP = {"root", "shared_data", "pool", "ros_master"}
 OUTCOMES = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")
 
 
 def options(parser):
     group = parser.getgroup("fcsv")
-    group.addoption("--tier", choices=(PLAIN, ROS), help="only tests without ROS, or only those with it")
+    group.addoption("--tier", choices=TIERS, help="only tests without ROS, of nodes, or that must run alone")
     group.addoption("--counts", type=Path, metavar="FILE", help="write how many tests passed, failed, ... as JSON")
     group.addoption("--times", action="store_true", help="end with a table of the time that each test file took")
 
 
 def tier_of(item) -> str:
-    return ROS if any(item.get_closest_marker(name) for name in ALONE) else PLAIN
+    if any(item.get_closest_marker(name) for name in ("alone", "system", "slow_motion")):
+        return ALONE
+    return NODES if item.get_closest_marker("ros") else PLAIN
 
 
 def mark_what_needs_ros(items) -> None:
@@ -38,12 +39,14 @@ def mark_what_needs_ros(items) -> None:
     for item in items:
         if STARTS_ROS & set(getattr(item, "fixturenames", ())):
             item.add_marker("ros")
+        if MEASURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker("alone")
         if item.nodeid.startswith(SYSTEMS):
             item.add_marker("system")
 
 
 def keep_tier(config, items) -> None:
-    """Deselect the other tier, where ``--tier`` names one."""
+    """Deselect the other tiers, where ``--tier`` names one."""
     wanted = config.getoption("--tier")
     if wanted:
         config.hook.pytest_deselected(items=[item for item in items if tier_of(item) != wanted])
