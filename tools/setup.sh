@@ -114,6 +114,9 @@ kernels() {  # numba's cache lies beside the sources; compile where they changed
   echo "$want" >build/fcsv-kernels
 }
 
+case "$PWD" in
+  *[[:space:]]*) fail "the path '$PWD' holds a blank: catkin cannot build there; move the folder to a path without blanks" ;;
+esac
 mkdir -p build
 platform
 system_packages

@@ -141,5 +141,7 @@ def test_a_full_disk_is_said_before_anything_comes(machines, capsys, monkeypatch
     ],
 )
 def test_a_source_that_is_none_is_named(tmp_path, capsys, source, words):
+    (tmp_path / "file").write_text("in the session's place")
+    assert main([str(tmp_path / "file"), f"uav1={tmp_path}"]) == 2 and "file: a file stands" in capsys.readouterr().err
     assert main([str(tmp_path / "out"), source]) == 2 and words in capsys.readouterr().err
     assert main([str(tmp_path / "out"), "uav1=/x", "uav1=/y"]) == 2 and "named twice" in capsys.readouterr().err

@@ -64,6 +64,7 @@ def test_what_a_file_says_is_what_is_flown(tmp_path):
         (changed(speed=3), ["unknown key 'speed'", "known here"]),
         (configured(baseline=3.0), ["unknown key 'configurations[1].baseline'", "baseline_m"]),
         (configured(baseline_m=-4.0), ["configurations[1].baseline_m", "-4.0", "must be positive"]),
+        (configured(baseline_m=3000), ["configurations[1].baseline_m", "3000", "over 100 m"]),
         (configured(baseline_m=0), ["configurations[1].baseline_m", "must be positive"]),
         (
             configured(baseline_m=1.0),

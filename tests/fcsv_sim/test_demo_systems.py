@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a demo refuses before it starts anything, and which maps belong to which mission."""
 
+import errno
+import json
+import os
+import subprocess
+
 import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
+from fcsv_geometry.writing import in_words
 from fcsv_sim.demo import demo
+from fcsv_sim.demo.fleet import FleetPlan, SimulatedFleet
 from fcsv_sim.demo.pose_errors import tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, T_WORLD_MOCAP
 from fcsv_sim.ros.mocap_node import MocapNodeParameters
@@ -118,3 +125,25 @@ def test_errors_of_poses_are_relative_to_the_reference_and_before_refinement(tmp
     }  # fmt: skip
     ((away_m, angle_deg),) = tracked_errors(document, Truth(tmp_path, cameras))
     assert away_m == pytest.approx(0.03) and angle_deg == pytest.approx(0.5)
+
+
+def test_a_command_on_a_simulated_machine_has_its_master_and_clock(tmp_path, monkeypatch):
+    monkeypatch.setenv("LD_PRELOAD", "")
+    monkeypatch.setenv("FCSV_SLOW_MOTION", "/tmp/a page")
+    fleet = SimulatedFleet(FleetPlan(tmp_path, tmp_path / "m.yaml"))
+    fleet._write_description()
+    on = tmp_path / "run" / "on_uav2"
+    shown = subprocess.run([on, "sh", "-c", "echo $ROS_MASTER_URI $FCSV_SLOW_MOTION"], capture_output=True, text=True)
+    described = json.loads((tmp_path / "run" / "fleet.json").read_text())["uav2"]
+    assert shown.stdout.split(" ", 1) == [described["ROS_MASTER_URI"], "/tmp/a page\n"]
+    assert "not for a shell" in described["note"]
+    assert subprocess.run([on], capture_output=True).returncode == 2
+
+
+def test_what_the_disk_refuses_is_one_line(tmp_path, monkeypatch, capsys):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(tmp_path / "out" / "session"))
+
+    monkeypatch.setattr(demo, "run", full)
+    assert demo.main(["--out", str(tmp_path / "out"), "--speed", "1"]) == 2
+    assert capsys.readouterr().err == f"demo: {tmp_path}/out/session: {in_words(OSError(errno.ENOSPC, ''))}\n"

@@ -115,6 +115,8 @@ def test_the_command_says_what_is_wrong(tmp_path, capsys):
     assert main([str(path), "--faults", "abort,radio cut+meteorite"]) == 2
     assert "'meteorite' is not one of tracker gone" in capsys.readouterr().err
     assert main([str(path), "--vehicles", "1"]) == 2
+    assert main([str(path), "--trace", str(path / "trace.png")]) == 2  # before it flies
+    assert "m.yaml: a file stands there" in capsys.readouterr().err
 
 
 def test_the_command_flies_tells_and_draws(tmp_path, capsys):

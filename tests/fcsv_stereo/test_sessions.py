@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sessions: small real bags, whole and broken."""
 
+import subprocess
+
 import numpy as np
 import pytest
 import rosbag
@@ -8,6 +10,7 @@ from support.scenes import true_depth
 from support.sessions import T0, T_HOME_CAM, write_session
 
 from fcsv_stereo import pipeline
+from fcsv_stereo.cli import main
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.output import read_ply
@@ -30,6 +33,46 @@ def test_a_session_becomes_a_map(tmp_path):
     assert len(cloud) == document["points"] and cloud.points_home_m[:, 0].max() < 30.0
     assert (out / "report.html").stat().st_size > 10000
     pipeline.run(session, out, "thesis", OPTIONS, None, lambda *_: None)  # an earlier map is replaced
+
+
+def half_truth(folder, files):
+    """truth/ as an interrupted simulation leaves it."""
+    (folder / "truth").mkdir()
+    for name, text in files.items():
+        (folder / "truth" / name).write_text(text)
+
+
+_HEAD = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
+
+
+@pytest.mark.parametrize("files, words", [
+    ({"scene.ply": "ply"}, "cameras.csv"), ({"cameras.csv": _HEAD}, "scene.ply: does not exist"),
+    ({"scene.ply": "ply", "cameras.csv": _HEAD + "1.0,uav1,0"}, "line 2"),
+])  # fmt: skip
+def test_half_a_truth_is_a_warning_and_the_map_is_made(files, words, tmp_path):
+    session = write_session(tmp_path / "session")
+    half_truth(session, files)
+    document = pipeline.run(session, tmp_path / "map", "thesis", OPTIONS, None, lambda *_: None)
+    told = [w for w in document["warnings"] if w.startswith("not compared with truth: ")]
+    assert len(told) == 1 and words in told[0] and "truth" not in document
+    assert np.isfinite(np.load(tmp_path / "map" / "depth.npy")).mean() > 0.5
+
+
+def test_where_no_map_can_be_written_is_said_before_anything_is_read(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(pipeline, "load", lambda *_: pytest.fail("read the input first"))
+    (tmp_path / "file").write_text("a file")
+    (tmp_path / "in").mkdir()
+    assert main([str(tmp_path / "in"), "-o", str(tmp_path / "file" / "map")]) == 2
+    assert "file: a file stands there" in capsys.readouterr().err
+
+
+def test_a_disk_that_takes_no_more_is_one_line_and_leaves_nothing(tmp_path):
+    """A limit on the size of files stands for the full disk: writing fails in the same places."""
+    session, out = write_session(tmp_path / "session"), tmp_path / "map"
+    command = f"ulimit -f 8; exec rosrun fcsv_stereo map {session} -o {out} --method thesis --error 5"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.strip().splitlines()[-1].startswith("map: "), done.stderr
+    assert "Traceback" not in done.stderr and not out.exists() and list(tmp_path.iterdir()) == [session]
 
 
 def test_a_session_carries_the_covariance_of_each_picture(tmp_path):

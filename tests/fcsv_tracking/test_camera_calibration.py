@@ -176,6 +176,21 @@ class TestPhotographs:
         assert "/uav1/camera/color/image_raw" in capsys.readouterr().err
 
 
+def test_pictures_of_two_cameras_are_not_one_camera(tmp_path, capsys):
+    for name in ("left01.png", "right01.png", "left02.png", "right02.png"):
+        cv2.imwrite(str(tmp_path / name), np.zeros((40, 60), np.uint8))
+    assert main([str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+    assert "two cameras" in (said := capsys.readouterr().err) and "--prefix left --right-prefix right" in said
+    assert main([str(tmp_path), "-o", str(tmp_path / "out"), "--prefix", "left"]) == 2  # of one, and without a board
+    assert "none of 2 pictures shows a board" in capsys.readouterr().err
+
+
+def test_where_nothing_can_be_written_is_said_before_the_work(tmp_path, capsys):
+    (tmp_path / "out").write_text("a file")
+    assert main([str(tmp_path / "nowhere"), "-o", str(tmp_path / "out")]) == 2
+    assert "out: a file stands there" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("arguments, word", [
     (["nowhere"], "neither a folder"), (["."], "no pictures"), ([".", "--board", "9by6"], "COLUMNSxROWS"),
     ([".", "--square-m", "0"], "square_m"),

@@ -13,6 +13,7 @@ from fcsv_geometry.flight_limits import FlightBounds, PauseLimits
 from fcsv_geometry.separation import SeparationRules
 
 AXES = ("horizontal", "vertical")
+_MOST_BASELINE_M = 100.0  # ten times the thesis's longest; beyond, a metre was meant as something else
 _RECORD_S = (0.5, 600.0)
 _MOST_PICTURES = 1000
 _MOST_TILT_DEG = 30.0
@@ -42,6 +43,8 @@ class StereoConfiguration:
             raise ValueError(f"axis: '{self.axis}' is not one of {', '.join(AXES)}")
         if not self.baseline_m > 0:
             raise ValueError(f"baseline_m: {self.baseline_m} must be positive; the axis says the direction")
+        if self.baseline_m > _MOST_BASELINE_M:
+            raise ValueError(f"baseline_m: {self.baseline_m} is over {_MOST_BASELINE_M:g} m; give metres")
         if not _RECORD_S[0] <= self.record_s <= _RECORD_S[1]:
             raise ValueError(f"record_s: {self.record_s} is not in {_RECORD_S[0]:g}..{_RECORD_S[1]:g} s")
         if not 1 <= self.least_pictures <= _MOST_PICTURES:

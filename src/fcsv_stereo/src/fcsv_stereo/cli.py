@@ -10,6 +10,7 @@ from typing import List, Optional, Union
 from tqdm import tqdm
 
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.writing import in_words
 from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
 from fcsv_stereo.errors import InputError
@@ -59,6 +60,9 @@ def main(argv: Optional[List[str]] = None) -> int:
         )
     except (FcsvError, ValueError) as error:
         print(f"map: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"map: {in_words(error, args.out)}; nothing was written", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("map: interrupted; nothing was written", file=sys.stderr)

@@ -10,6 +10,7 @@ from typing import Optional
 import cv2
 import numpy as np
 
+from fcsv_geometry.writing import in_words
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import Cloud, MapResult
@@ -54,7 +55,7 @@ class StagedOutput:
             out.parent.mkdir(parents=True, exist_ok=True)
             self.folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
         except OSError as error:
-            raise OutputError(f"{out.parent}: cannot be written ({error.strerror})") from error
+            raise OutputError(in_words(error, out.parent)) from error
 
     def __enter__(self) -> "StagedOutput":
         return self
@@ -76,7 +77,8 @@ def write_arrays(result: MapResult, folder: Path) -> None:
     np.save(folder / "depth.npy", result.depth.astype(np.float32))
     np.save(folder / "sigma.npy", result.sigma.astype(np.float32))
     np.save(folder / "kind.npy", result.kind.astype(np.uint8))
-    cv2.imwrite(str(folder / "reference.png"), cv2.cvtColor(result.reference.image, cv2.COLOR_RGB2BGR))
+    if not cv2.imwrite(str(folder / "reference.png"), cv2.cvtColor(result.reference.image, cv2.COLOR_RGB2BGR)):
+        raise OutputError(f"{folder / 'reference.png'}: cannot be written; is the disk full?")
 
 
 def write_ply(cloud: Cloud, path: Path) -> None:
@@ -94,7 +96,7 @@ def write_ply(cloud: Cloud, path: Path) -> None:
         columns = np.ascontiguousarray(values, _TYPES[name]).reshape(len(cloud), -1)
         points.point[name] = o3d.core.Tensor(columns)
     if not o3d.t.io.write_point_cloud(str(path), points):
-        raise OutputError(f"{path}: cannot be written")
+        raise OutputError(f"{path}: cannot be written; is the disk full?")
 
 
 def read_ply(path: Path) -> Cloud:

@@ -3,23 +3,27 @@
 
 import time
 from pathlib import Path
-from typing import Any, Dict, Optional, Sequence
+from typing import Any, Dict, Optional, Sequence, Tuple
 
+import numpy as np
+
+from fcsv_geometry.writing import require_folder
 from fcsv_stereo import colmap, output, session_files
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import Joint
-from fcsv_stereo.model import MapInput, Method, Progress
+from fcsv_stereo.model import MapInput, MapResult, Method, Progress
 from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
 from fcsv_stereo.report import write_report
 from fcsv_stereo.thesis import Thesis
-from fcsv_stereo.truth import load_truth
+from fcsv_stereo.truth import Truth, load_truth
 
 #: by name; another method is another entry
 METHODS: Dict[str, Method] = {m.name: m for m in (Joint(), Thesis())}
 DEFAULT_METHOD = Joint.name
+_LEAST_MIB = 20  # a small map's
 
 
 def load(path: Path, reference: Optional[str] = None) -> MapInput:
@@ -54,19 +58,19 @@ def run(
     """
     started = time.perf_counter()
     output.check_out(out)
+    require_folder(out.absolute().parent, _LEAST_MIB)
     points = load_points(poi or path / POI_FILE) if poi or (path / POI_FILE).is_file() else []
     given = load(path, reference)
     loaded = time.perf_counter()
     result = METHODS[method].map(given, options, progress)
     result.timing_s["load"] = loaded - started
-    truth = load_truth(given.truth_folder) if given.truth_folder else None
+    truth, true_depth = _truth(given, result)
     with output.StagedOutput(out) as staged:
         writing = time.perf_counter()
         output.write_arrays(result, staged.folder)
         result.timing_s["write"] = time.perf_counter() - writing
         result.timing_s["total"] = sum(result.timing_s[k] for k in ("load", "refine", "match", "fuse", "write"))
         write_products(products, result, given, staged.folder)
-        true_depth = truth.depth(result.reference) if truth else None
         evaluation = evaluate(result, truth, true_depth) if truth else None
         sampled = sample(result, points, true_depth)
         document = output.report_document(result, evaluation)
@@ -75,3 +79,21 @@ def run(
         output.write_report_json(document, staged.folder)
         write_report(result, staged.folder, evaluation, true_depth, sampled)
     return document
+
+
+def _truth(given: MapInput, result: MapResult) -> Tuple[Optional[Truth], Optional[np.ndarray]]:
+    """The truth and the true depth of the reference picture, where both are known.
+
+    A truth/ that is not whole, as an interrupted simulation leaves it, is a warning of the map: it was made without.
+    """
+    if given.truth_folder is None:
+        return None, None
+    try:
+        truth = load_truth(given.truth_folder)
+        true_depth = truth.depth(result.reference)
+        for image in result.images:
+            truth.T_world_cam(image.vehicle, image.stamp_s)
+    except InputError as error:
+        result.warnings.append(f"not compared with truth: {error}")
+        return None, None
+    return truth, true_depth

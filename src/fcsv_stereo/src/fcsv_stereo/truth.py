@@ -35,6 +35,8 @@ class Truth:
         """True depth (H,W float32, m along the optical axis, NaN where the sky is) of the reference picture."""
         import open3d as o3d  # only where truth is: a heavy import
 
+        if not self.mesh_path.is_file():
+            raise InputError(f"{self.mesh_path}: does not exist; truth/ needs scene.ply and cameras.csv")
         mesh = o3d.t.io.read_triangle_mesh(str(self.mesh_path))
         if len(mesh.triangle.indices) == 0:
             raise InputError(f"{self.mesh_path}: holds no triangles")

@@ -6,6 +6,7 @@ import sys
 from typing import Callable, List, Optional
 
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.writing import in_words
 
 Action = Callable[[argparse.Namespace], int]
 
@@ -19,7 +20,7 @@ def run(parser: argparse.ArgumentParser, argv: Optional[List[str]], action: Acti
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"{parser.prog}: {error.filename}: {error.strerror}", file=sys.stderr)
+        print(f"{parser.prog}: {in_words(error, getattr(args, 'out', None) or '')}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"{parser.prog}: interrupted", file=sys.stderr)

@@ -13,6 +13,7 @@ from fcsv_control.errors import ControlError, ProfileError
 from fcsv_control.flight import parameter_files
 from fcsv_control.flight.profile import Profile, load_profile
 from fcsv_control.parameters.vehicle import Vehicle
+from fcsv_geometry.writing import in_words, require_file
 
 _PROFILE = "config/autopilot/arducopter-4.3-t265.param"
 _EXAMPLES = """SOURCE is a line to a vehicle, as the flight link's fcu_url (udpin:0.0.0.0:14550, tcp:HOST:5760,
@@ -111,6 +112,7 @@ def _save(args) -> int:
     target = Path(args.output)
     if not target.parent.is_dir():
         raise ProfileError(f"{target}: there is no folder {target.parent}")
+    require_file(target)
     with _vehicle(args) as vehicle:
         with tqdm(unit="parameter", disable=None) as bar:
 
@@ -125,7 +127,7 @@ def _save(args) -> int:
     try:
         target.write_text(text)
     except OSError as error:
-        raise ProfileError(f"{target}: cannot be written ({error.strerror})") from error
+        raise ProfileError(in_words(error, target)) from error
     print(f"wrote {len(values)} parameters to {target}")
     return 0
 

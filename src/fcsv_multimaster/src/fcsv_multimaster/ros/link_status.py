@@ -3,6 +3,7 @@
 
 import argparse
 import sys
+import threading
 import time
 from typing import Dict, List, Optional, Sequence
 
@@ -11,7 +12,9 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 _LEVELS = {DiagnosticStatus.OK: "ok", DiagnosticStatus.WARN: "WARN", DiagnosticStatus.ERROR: "ERROR"}
-_WAIT_S = 4.0
+_WAIT_S = 10.0  # the relay reports once a second; a machine that is busy starts this program slowly
+_WORDS = ("state", "says")
+_LINK_HEAD = ("link", "state", "round trip", "loss in", "in", "carries", "waiting", "clock", "says")
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -33,8 +36,10 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 def _show(topics: Sequence[str], watch: bool) -> int:
     newest: Dict[str, DiagnosticStatus] = {}
+    heard = threading.Event()
 
     def keep(message: DiagnosticArray) -> None:
+        heard.set()
         newest.update((s.name, s) for s in message.status)
 
     subscribers = [rospy.Subscriber(t, DiagnosticArray, keep, queue_size=5) for t in topics]
@@ -45,7 +50,8 @@ def _show(topics: Sequence[str], watch: bool) -> int:
         print("\033[2J\033[H" + render(list(newest.values())), flush=True)
         time.sleep(1.0)
     if not newest:
-        print(f"link_status: the relay says nothing on {', '.join(topics)}", file=sys.stderr)
+        why = "the relay has no peer" if heard.is_set() else f"nothing came on {', '.join(topics)} in {_WAIT_S:.0f} s"
+        print(f"link_status: {why}", file=sys.stderr)
         return 2
     if not watch:
         print(render(list(newest.values())))
@@ -54,33 +60,39 @@ def _show(topics: Sequence[str], watch: bool) -> int:
 
 
 def render(statuses: Sequence[DiagnosticStatus]) -> str:
-    """A table of links, then of the topics that come in."""
-    lines = [
-        f"{'link':<18}{'state':<7}{'round trip':>11}{'loss in':>9}{'in':>12}{'carries':>12}"
-        f"{'waiting':>9}{'clock':>10}  "
-    ]
-    for status in sorted(statuses, key=lambda s: s.name):
-        v = {kv.key: kv.value for kv in status.values}
-        lines.append(
-            f"{status.name[5:]:<18}{_LEVELS.get(status.level, '?'):<7}"
-            f"{_ms(v['round_trip_s']):>11}{_percent(v['in_loss']):>9}"
-            f"{v['in_kbit_s'] + ' kbit/s':>12}{_rate(v['carries_kbit_s']):>12}"
-            f"{int(v['waiting']) + int(v['pictures_waiting']):>9}{_ms(v['clock_offset_s']):>10}  {status.message}"
-        )
-    for status in sorted(statuses, key=lambda s: s.name):
+    """A table of links, then of the topics that come in; a column is as wide as what stands in it."""
+    statuses = sorted(statuses, key=lambda s: s.name)
+    lines = _table(_LINK_HEAD, [_link(s) for s in statuses])
+    for status in statuses:
         lines += _topics(status)
     return "\n".join(lines)
+
+
+def _link(status: DiagnosticStatus) -> Sequence[str]:
+    v = {kv.key: kv.value for kv in status.values}
+    return (
+        status.name[5:], _LEVELS.get(status.level, "?"), _ms(v["round_trip_s"]), _percent(v["in_loss"]),
+        v["in_kbit_s"] + " kbit/s", _rate(v["carries_kbit_s"]), str(int(v["waiting"]) + int(v["pictures_waiting"])),
+        _ms(v["clock_offset_s"]), status.message,
+    )  # fmt: skip
 
 
 def _topics(status: DiagnosticStatus) -> List[str]:
     rows = [(kv.key[3:], dict(p.split("=") for p in kv.value.split())) for kv in status.values if kv.key[:3] == "in "]
     if not rows:
         return []
-    lines = ["", f"{'in over ' + status.name[5:]:<48}{'Hz':>8}{'loss':>8}{'age':>10}{'silent':>10}{'kbit/s':>9}"]
-    for name, r in rows:
-        lines.append(f"{name:<48}{r['rate_hz']:>8}{_percent(r['loss']):>8}{_ms(r['age_s']):>10}{_ms(r['silent_s']):>10}"
-                     f"{r['kbit_s']:>9}")  # fmt: skip
-    return lines
+    cells = [
+        (name, r["rate_hz"], _percent(r["loss"]), _ms(r["age_s"]), _ms(r["silent_s"]), r["kbit_s"]) for name, r in rows
+    ]
+    return ["", *_table((f"in over {status.name[5:]}", "Hz", "loss", "age", "silent", "kbit/s"), cells)]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> List[str]:
+    """Two blanks between columns; words to the left, figures to the right."""
+    widths = [max(map(len, column)) for column in zip(head, *rows)]
+    left = {0} | {k for k, name in enumerate(head) if name in _WORDS}
+    cell = [str.ljust if k in left else str.rjust for k in range(len(head))]
+    return ["  ".join(c(text, w) for c, text, w in zip(cell, row, widths)).rstrip() for row in (head, *rows)]
 
 
 def _ms(text: str) -> str:

@@ -14,6 +14,7 @@ from typing import List, Optional
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import load_mission
+from fcsv_geometry.writing import in_words, require_folder
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
@@ -26,6 +27,8 @@ from fcsv_sim.world.town import WORLDS
 from fcsv_stereo.truth import load_truth
 
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
+_LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
+_FOLDERS = ("run", "session", "map", "map_thesis")
 _REAL_TIME = 0.97  # of it, or more: not worth a word
 
 
@@ -57,6 +60,9 @@ def main(argv: Optional[List[str]] = None) -> int:
         return 130
     except FcsvError as error:
         print(f"demo: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"demo: {in_words(error, args.out)}", file=sys.stderr)
         return 2
 
 
@@ -139,6 +145,9 @@ def _require_free(out: Path, overwrite: bool) -> None:
         raise MachineError(f"{out}: a file stands there, not a folder; choose another with OUT=")
     if (out / "session").exists() and not overwrite:
         raise MachineError(f"{out} holds a recorded flight: OVERWRITE=1 replaces it, OUT=FOLDER flies into another")
+    require_folder(out, _LEAST_MIB)
+    for there in (p for p in (out / name for name in _FOLDERS) if p.exists()):
+        require_folder(there)
 
 
 def _chosen(word: str, default: bool) -> bool:
@@ -161,7 +170,7 @@ def _parse(argv):
     )
     parser.add_argument(
         "--speed", default=slow_motion.AUTO,
-        help="share of real time at which all is simulated; default: auto, slower while the machine is too busy for 1",
+        help="share of real time at which all is simulated; default: auto: 1, or less where the machine cannot keep up",
     )  # fmt: skip
     parser.add_argument("--fly-only", action="store_true", help="leave the session, make no map")
     return parser.parse_args(argv)
@@ -169,6 +178,7 @@ def _parse(argv):
 
 def _empty(folder: Path) -> None:
     """Remove what an earlier demo left, and nothing else."""
-    for name in ("run", "session", "map", "map_thesis"):
-        shutil.rmtree(folder / name, ignore_errors=True)
+    for name in _FOLDERS:
+        if (folder / name).exists():
+            shutil.rmtree(folder / name)
     folder.mkdir(parents=True, exist_ok=True)

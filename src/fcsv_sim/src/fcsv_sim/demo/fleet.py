@@ -4,6 +4,7 @@ vehicle and the control PC, or a pair of Tellos before a tracker, all on one."""
 
 import json
 import os
+import shlex
 import socket
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,15 @@ from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
 
 CONTROL = "control"
+_SLOW_NOTE = (
+    "LD_PRELOAD and FCSV_SLOW_MOTION make a program share the flight's clock, which may be slower than real time: "
+    "set them for one command (run/on_NAME COMMAND does), not for a shell"
+)
+_ON = """#!/bin/sh
+# A command on the simulated machine {name}, with its ROS master and the flight's clock: on_{name} rostopic list
+[ $# -gt 0 ] || {{ echo "usage: $0 COMMAND..., such as: $0 rostopic list" >&2; exit 2; }}
+exec env {words} "$@"
+"""
 
 
 @dataclass(frozen=True)
@@ -88,11 +98,19 @@ class Machines:
             raise MachineError(f"{name} stopped by itself: {self.launches[name].log}\n{self.launches[name].tail(5)}")
 
     def _write_description(self) -> None:
-        """run/fleet.json: how to attach a tool to a machine while it runs (export what is in capitals)."""
+        """How to look into a machine while it runs: run/on_NAME COMMAND runs one there; run/fleet.json is for programs.
+
+        The variables of a slow flight slow every program that has them, a shell too: so they are set for one command.
+        """
         time = shared_time(dict(os.environ))
-        description = {
-            n: {"ROS_MASTER_URI": m.master_uri, **time, "folder": str(m.folder)} for n, m in self.machines.items()
-        }
+        description = {}
+        for name, machine in self.machines.items():
+            variables = {"ROS_MASTER_URI": machine.master_uri, **time}
+            description[name] = {**variables, "folder": str(machine.folder), **({"note": _SLOW_NOTE} if time else {})}
+            script = self.plan.run_folder / f"on_{name}"
+            words = " ".join(f"{k}={shlex.quote(v)}" for k, v in variables.items())
+            script.write_text(_ON.format(name=name, words=words))
+            script.chmod(0o755)
         (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
 
 

@@ -65,7 +65,7 @@ def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Ca
     try:
         machines.start()
         masters = "1 ROS master is" if len(machines.machines) == 1 else f"{len(machines.machines)} ROS masters are"
-        say(f"{masters} up; to look in: {machines.plan.run_folder / 'fleet.json'}")
+        say(f"{masters} up; to look in: {machines.plan.run_folder / 'on_control'} rostopic list")
         return follow()
     except Interrupted:
         say("interrupted: landing the vehicles (Ctrl-C again: stop at once)")

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from fcsv_control.mission import plan_check
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import Mission, load_mission
+from fcsv_geometry.writing import in_words, require_file
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import takeover, trace
@@ -67,11 +68,18 @@ def main(argv: Optional[List[str]] = None) -> int:
         if args.faults == _TAKEOVER_TABLE:
             return _takeover_table(args, jobs[0].mission)
         if args.trace is not None:
+            require_file(args.trace)
             return _trace(jobs[0], args.trace)
-    except (FcsvError, OSError) as error:
+        results = list(zip(jobs, _on_all_cores(rehearse, jobs, args.jobs)))
+    except FcsvError as error:
         print(f"rehearse: {error}", file=sys.stderr)
         return 2
-    results = list(zip(jobs, _on_all_cores(rehearse, jobs, args.jobs)))
+    except OSError as error:
+        print(f"rehearse: {in_words(error, args.trace or '')}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("rehearse: interrupted", file=sys.stderr)
+        return 130
     print("\n".join(table([(job.name, r) for job, r in results])))
     print(speed_line([r for _, r in results]))
     broken = [(job, r) for job, r in results if r.violations]

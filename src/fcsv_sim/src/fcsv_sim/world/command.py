@@ -13,6 +13,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.vehicle import Mount, VehicleGeometry
+from fcsv_geometry.writing import in_words
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer
@@ -70,7 +71,7 @@ def _write(path: str, write) -> None:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         write(path)
     except OSError as error:
-        raise SimulationError(f"{path}: cannot be written ({error.strerror})") from error
+        raise SimulationError(in_words(error, path)) from error
     print(f"wrote {path}")
 
 

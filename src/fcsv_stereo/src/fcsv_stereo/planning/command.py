@@ -10,6 +10,7 @@ import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.writing import in_words
 from fcsv_stereo.equations import parse_threshold
 from fcsv_stereo.errors import OutputError, PlanError
 from fcsv_stereo.model import AXES
@@ -96,7 +97,7 @@ def _write_figures(plan: Plan, folder: Path) -> None:
             draw(plan).savefig(folder / name, dpi=110, bbox_inches="tight")
             print(f"wrote {folder / name}")
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror})") from error
+        raise OutputError(in_words(error, folder)) from error
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -11,6 +11,7 @@ import yaml
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.mission import Mission, StereoConfiguration, spaced
+from fcsv_geometry.writing import in_words
 from fcsv_stereo.errors import OutputError, PlanError
 from fcsv_stereo.planning.plan import Plan, PlannedBaseline
 
@@ -56,7 +57,7 @@ def write_mission(document: dict, path: Path) -> None:
         partial.write_text(text)
         os.replace(partial, path)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+        raise OutputError(in_words(error, path)) from error
 
 
 def map_arguments(plan: Plan) -> List[str]:

@@ -51,7 +51,7 @@ def read_session(path: Path) -> MapInput:
     T_home_odom = _odoms_in_home(path, recorded)
     configurations = _pictures(path, recorded, T_home_odom, warnings)
     warnings += unknown_warning(configurations, FLOWN, (k.refused for k in recorded.covariances.values()))
-    truth = path / "truth" if path.is_dir() and (path / "truth" / "scene.ply").exists() else None
+    truth = path / "truth" if path.is_dir() and (path / "truth").is_dir() else None
     return MapInput(InputKind.SESSION, configurations, truth, warnings, FLOWN)
 
 

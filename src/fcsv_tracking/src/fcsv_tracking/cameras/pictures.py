@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Board views out of pictures, with a reason for every picture that gives none."""
 
+import re
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,8 @@ _SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"}
 #: A view that moved less than this against the one before (mean of all corners) says nothing new.
 _LEAST_MOVE_PX = 12.0
 _MOST_VIEWS = 80
+_START = re.compile("[A-Za-z]*")
+_SIDES = (("left", "right"), ("l", "r"))
 
 NamedPicture = Tuple[str, Optional[np.ndarray]]  # grey HxW uint8; None: unreadable
 
@@ -38,6 +41,20 @@ def folder_pictures(folder: Path, prefix: str = "") -> List[Tuple[str, Path]]:
         start = f" that begin with '{prefix}'" if prefix else ""
         raise CameraCalibrationRefused(f"{folder}: no pictures{start} ({', '.join(sorted(_SUFFIXES))})")
     return [(p.stem[len(prefix) :] or p.stem, p) for p in paths]
+
+
+def require_one_camera(folder: Path, stems: Iterable[str]) -> None:
+    """Raises CameraCalibrationRefused where file names say that two cameras took them.
+
+    >>> require_one_camera(Path("board"), ["left01", "left02"])
+    """
+    starts = {_START.match(stem).group().lower() for stem in stems}
+    for left, right in _SIDES:
+        if {left, right} <= starts:
+            raise CameraCalibrationRefused(
+                f"{folder}: holds pictures of two cameras, {left}... and {right}...: give both with "
+                f"--prefix {left} --right-prefix {right}, or one of them with --prefix"
+            )
 
 
 def read_gray(path: Path) -> Optional[np.ndarray]:

@@ -7,12 +7,20 @@ from typing import List, Optional, Tuple
 
 from tqdm import tqdm
 
+from fcsv_geometry.writing import require_folder
 from fcsv_tracking import commands
 from fcsv_tracking.cameras.board import Chessboard
 from fcsv_tracking.cameras.camera_yaml import write_camera, write_pair
 from fcsv_tracking.cameras.coverage import write_coverage
 from fcsv_tracking.cameras.intrinsics import Intrinsics, IntrinsicsRules, calibrate_intrinsics
-from fcsv_tracking.cameras.pictures import NamedPicture, Views, collect_views, folder_pictures, read_gray
+from fcsv_tracking.cameras.pictures import (
+    NamedPicture,
+    Views,
+    collect_views,
+    folder_pictures,
+    read_gray,
+    require_one_camera,
+)
 from fcsv_tracking.cameras.stereo import calibrate_stereo
 from fcsv_tracking.errors import CameraCalibrationRefused
 
@@ -31,6 +39,7 @@ def _calibrate(args) -> None:
     board = Chessboard(*_board_size(args.board), square_m=args.square_m)
     rules = IntrinsicsRules(least_views=args.least_views)
     out = Path(args.out)
+    require_folder(out)
     sides = {"": (args.prefix, args.topic)}
     if args.right_prefix or args.right_topic:
         sides = {"left": (args.prefix, args.topic), "right": (args.right_prefix, args.right_topic)}
@@ -93,6 +102,8 @@ def _views(source: Path, prefix: Optional[str], topic: Optional[str], board: Che
 def _pictures(source: Path, prefix: str, topic: Optional[str]) -> Tuple[List[NamedPicture], Optional[int], bool]:
     if source.is_dir():
         named = folder_pictures(source, prefix)
+        if not prefix:
+            require_one_camera(source, [path.stem for _, path in named])
         return ((name, read_gray(path)) for name, path in named), len(named), False
     if source.suffix != ".bag":
         raise CameraCalibrationRefused(f"{source}: neither a folder of pictures nor a bag")

@@ -12,6 +12,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.tracker import load_profile
 from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.writing import require_file
 from fcsv_tracking import commands
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.hand_eye import PARTS, TagView
@@ -37,6 +38,9 @@ def _calibrate(args) -> None:
     folder = Path(args.vehicles_dir)
     vehicle = load_vehicles(folder, [args.vehicle])[args.vehicle]
     source = folder / f"{args.vehicle}.yaml"
+    target = Path(args.out) if args.out else source
+    if not args.dry_run:
+        require_file(target)
     views = _views([Path(b) for b in args.bags], args, vehicle)
     rules = MountRules(least_views=args.least_views, tracker=load_profile(args.tracker_profile))
     solution = calibrate_mount(args.part, views, rules)
@@ -48,7 +52,6 @@ def _calibrate(args) -> None:
     print(f"  left over (1 sigma): {solution.position_std_m * 1e3:.1f} mm, {solution.rotation_std_deg:.2f} deg")
     if args.dry_run:
         return
-    target = Path(args.out) if args.out else source
     write_mount(source, target, solution)
     print(f"wrote {target}")
 

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import List, Optional
 
+from fcsv_geometry.writing import require_file
 from fcsv_tracking import commands
 from fcsv_tracking.evaluation.metrics import ALIGNMENTS, Evaluation, Statistics, evaluate
 from fcsv_tracking.evaluation.tracks import Track, read_truth, read_tum
@@ -21,6 +22,8 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 
 def _evaluate(args) -> None:
+    if args.out:
+        require_file(args.out)
     estimate, reference = (_read(Path(p), args.vehicle) for p in (args.estimate, args.reference))
     found = evaluate(estimate, reference, args.align, args.delta_m, args.gap_s)
     print(table(found))

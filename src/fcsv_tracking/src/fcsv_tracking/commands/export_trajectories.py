@@ -9,6 +9,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.writing import require_folder
 from fcsv_tracking import commands
 from fcsv_tracking.errors import EvaluationError
 from fcsv_tracking.evaluation.tracks import Track, read_truth, write_tum
@@ -23,6 +24,7 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 def _export(args) -> None:
     source, out = Path(args.input), Path(args.out)
+    require_folder(out)
     paths = sorted(source.glob("*.bag")) if source.is_dir() else [source]
     tracks = _tracks(paths)
     truth = source / "truth" / "cameras.csv"

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where nothing can be written is said before the work, in a sentence."""
+
+import errno
+import os
+import shutil
+from collections import namedtuple
+
+import pytest
+
+from fcsv_geometry import writing
+from fcsv_geometry.writing import PlaceError, in_words, require_file, require_folder
+
+_Usage = namedtuple("_Usage", "total used free")
+
+
+def test_a_folder_that_can_be_made_is_taken_and_not_made(tmp_path):
+    require_folder(tmp_path / "a" / "b")
+    require_file(tmp_path / "a" / "b.json")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("below", ["", "deeper/still"])
+def test_a_file_in_the_way_is_named(below, tmp_path):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(PlaceError, match="out: a file stands there"):
+        require_folder(tmp_path / "out" / below)
+
+
+def test_a_folder_in_place_of_a_file_is_named(tmp_path):
+    with pytest.raises(PlaceError, match="is a folder: name a file"):
+        require_file(tmp_path)
+
+
+@pytest.mark.parametrize("number, words", [
+    (errno.EACCES, "this user may not write here"), (errno.EROFS, "read-only"), (errno.ENOSPC, "the disk is full"),
+])  # fmt: skip
+def test_what_the_system_refuses_is_a_sentence(number, words, tmp_path, monkeypatch):
+    def refuse(**_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(writing.tempfile, "TemporaryFile", refuse)
+    with pytest.raises(PlaceError, match=words) as told:
+        require_folder(tmp_path)
+    assert str(told.value).startswith(f"{tmp_path}: ") and "\n" not in str(told.value)
+
+
+def test_too_little_room_is_said_with_both_figures(tmp_path, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: _Usage(1 << 40, 1 << 40, 5 << 20))
+    require_folder(tmp_path, 5)
+    with pytest.raises(PlaceError, match="5 MiB are free, 6 are needed"):
+        require_folder(tmp_path, 6)
+
+
+def test_an_error_without_a_number_on_a_full_disk_is_a_full_disk(tmp_path, monkeypatch):
+    short = OSError("640 requested and 12 written")  # as numpy tells it
+    assert in_words(short, tmp_path) == f"{tmp_path}: 640 requested and 12 written"
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: _Usage(1 << 40, 1 << 40, 0))
+    assert "the disk is full" in in_words(short, tmp_path)
