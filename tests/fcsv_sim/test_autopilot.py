@@ -13,6 +13,7 @@ from fcsv_geometry import transforms
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.people import rc
+from fcsv_sim.vehicles.dynamics import Airframe, Quadrotor
 from fcsv_sim.vehicles.vehicle import SimulatedVehicle, VehicleParameters
 
 M = mavutil.mavlink
@@ -512,3 +513,17 @@ def test_it_says_why_it_does_not_arm_every_half_minute(flight):
     flight.run(80.0)
     said = [m.text for m in flight.received if m.get_type() == "STATUSTEXT" and m.text.startswith("PreArm: VisOdom")]
     assert said == ["PreArm: VisOdom: not healthy"] * 3
+
+
+def test_an_airframe_tells_where_it_is_now():
+    body = Quadrotor(Airframe(), transforms.from_xyz_yaw([0.0, 0.0, 5.0], 0.3), 1)
+    for command in ((0.2, 0.0, 0.0, 0.4), (0.0, -0.2, 0.5, 0.4)):
+        before = body.T_world_body
+        states = body.advance(command, 40)
+        T = body.T_world_body
+        assert np.allclose(T[:3, 3], states[-1][:3]) and np.allclose(transforms.quaternion_xyzw(T), states[-1][6:10])
+        assert not np.allclose(T, before, atol=1e-3)
+        T[:] = 0.0  # whoever was told may change it
+        assert np.allclose(body.T_world_body[:3, 3], states[-1][:3])
+    body.place(transforms.from_xyz_yaw([1.0, 2.0, 3.0], 0.0))
+    assert body.T_world_body[:3, 3].tolist() == [1.0, 2.0, 3.0]

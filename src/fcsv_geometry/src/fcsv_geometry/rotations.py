@@ -163,12 +163,17 @@ def rotate(q_a_b: Quaternion, v_b: Vector) -> Vector:
 
 def matrix_of_quaternion(q_a_b: Quaternion) -> np.ndarray:
     """R_a_b (3, 3) of a quaternion of length one."""
+    return np.array(rows_of_quaternion(q_a_b))
+
+
+def rows_of_quaternion(q_a_b: Quaternion) -> Tuple[Vector, Vector, Vector]:
+    """matrix_of_quaternion() in plain numbers."""
     x, y, z, w = q_a_b
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
 
 
 def quaternion_of_matrix(R_a_b: np.ndarray) -> Quaternion:

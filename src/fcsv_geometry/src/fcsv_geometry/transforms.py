@@ -83,7 +83,8 @@ def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
         raise GeometryError(f"pose is not finite: position {p}, quaternion {q}")
     if abs(norm - 1.0) > 0.01:
         raise GeometryError(f"quaternion {q} has length {norm:.3g}, not 1")
-    return transform(rotations.matrix_of_quaternion([v / norm for v in q]), p)
+    rows = rotations.rows_of_quaternion([v / norm for v in q])
+    return np.array([[*rows[0], p[0]], [*rows[1], p[1]], [*rows[2], p[2]], [0.0, 0.0, 0.0, 1.0]])
 
 
 def quaternion_xyzw(T_a_b: np.ndarray) -> np.ndarray:
@@ -109,7 +110,7 @@ def rpy(T_a_b: np.ndarray) -> np.ndarray:
 
 def yaw(T_a_b: np.ndarray) -> float:
     """Heading (rad) of b's x axis in a's horizontal plane."""
-    return float(np.arctan2(T_a_b[1, 0], T_a_b[0, 0]))
+    return math.atan2(T_a_b[1, 0], T_a_b[0, 0])
 
 
 def level(T_a_b: np.ndarray) -> np.ndarray:

@@ -86,7 +86,7 @@ class Holder:
             return 0.0
         gap_s = now_s - before_s
         step = T_odom_body[:3, 3] - before[:3, 3]
-        step_m = float(np.linalg.norm(step))
+        step_m = math.hypot(*step.tolist())
         if not 0.0 <= gap_s <= self._GAP_S or step_m <= self._limits.reset_step_m + self._FASTEST_MPS * gap_s:
             return 0.0
         self._move(now_s, step)

@@ -66,6 +66,8 @@ class ConnectionKeeper:
 
     def _stopped(self, now_s: float) -> List[str]:
         """Streams of which nothing came for two seconds, and that were not asked for meanwhile."""
+        if now_s - min(self._streams.values(), default=now_s) <= _SILENT_S:
+            return []  # as it is 50 times a second
         since = {name: max(last_s, self._asked_s.get(name, last_s)) for name, last_s in self._streams.items()}
         return [name for name, since_s in since.items() if now_s - since_s > _SILENT_S]
 
@@ -89,13 +91,20 @@ class ConnectionKeeper:
 
     def due(self, now_s: float) -> List[str]:
         """What to send now."""
-        wanted = {HEARTBEAT: True}  # also before anything is heard: on some links it must speak first
-        if self.connected(now_s):
-            wanted[STREAMS] = bool(self._stopped(now_s))
-            wanted[ASK_ORIGIN], wanted[SET_ORIGIN] = True, not self.origin_set(now_s)
-            wanted[PARAMETER], wanted[VERSION] = not self.parameters_read, not self.version_known
-            wanted[TIMESYNC] = True
-        due = [name for name, is_wanted in wanted.items() if is_wanted and now_s >= self._next_s[name]]
+        due = [name for name, next_s in self._next_s.items() if now_s >= next_s and self._wanted(now_s, name)]
         for name in due:
             self._next_s[name] = now_s + _PERIOD_S[name]
         return due
+
+    def _wanted(self, now_s: float, name: str) -> bool:
+        if name == HEARTBEAT:
+            return True  # also before anything is heard: on some links it must speak first
+        if not self.connected(now_s):
+            return False
+        if name == STREAMS:
+            return bool(self._stopped(now_s))
+        if name == SET_ORIGIN:
+            return not self.origin_set(now_s)
+        if name == PARAMETER:
+            return not self.parameters_read
+        return name != VERSION or not self.version_known

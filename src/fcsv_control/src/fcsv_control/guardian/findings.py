@@ -155,7 +155,7 @@ class Watches:
     def _apart_m(air: Air) -> float:
         if air.feed is None or air.estimate is None:
             return 0.0
-        return float(np.linalg.norm(air.feed[:3, 3] - air.estimate[:3, 3]))
+        return math.dist(air.feed[:3, 3].tolist(), air.estimate[:3, 3].tolist())
 
     # ---- what it lives on, and who flies it ------------------------------------------------------------------
 

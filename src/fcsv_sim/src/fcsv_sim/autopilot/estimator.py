@@ -9,8 +9,9 @@ its x axis.
 """
 
 import math
-from typing import Optional
+from typing import Optional, Tuple
 
+import numba
 import numpy as np
 
 from fcsv_geometry.rotations import wrap
@@ -29,12 +30,23 @@ _YAW_GATE_RAD = np.radians(15.0)
 _POSITION_GAIN, _VELOCITY_GAIN, _YAW_GAIN = 0.12, 0.25, 0.06  # per message at 30 Hz
 
 
+@numba.njit(cache=True)
+def _fly_on(p_m, v_mps, bias_mps2, acc_mps2, turn_rad, dt_s):
+    """Position and velocity (3,), changed in place, a step later; the acceleration's frame is turned against theirs."""
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    turned = (c * acc_mps2[0] - s * acc_mps2[1], s * acc_mps2[0] + c * acc_mps2[1], acc_mps2[2])
+    for k in range(3):
+        step_mps = (turned[k] + bias_mps2[k]) * dt_s
+        p_m[k] += (v_mps[k] + 0.5 * step_mps) * dt_s
+        v_mps[k] += step_mps
+
+
 class Estimator:
     """Fed with the inertial truth (as an IMU would sense it) and external navigation."""
 
     def __init__(self, seed: int, ready_s: float = READY_S, reset_ignored_s: float = RESET_IGNORED_S):
         random = np.random.default_rng([seed, 2])
-        self._acc_bias = random.normal(0.0, 0.005, 3).tolist()
+        self._acc_bias = random.normal(0.0, 0.005, 3)
         self._random = random
         self.ready_s, self._reset_ignored_s = ready_s, reset_ignored_s
         self.baro_m = 0.0
@@ -59,25 +71,20 @@ class Estimator:
         self.yaw_ext_rad = 0.0
         self._yaw_known = False
 
-    def predict(self, now_s: float, dt_s: float, acc_world_mps2, yaw_world_rad: float, yaw_rate_rps: float, z_m: float):
+    def predict(self, now_s: float, dt_s: float, acc_world_mps2: Tuple[float, float, float], yaw_world_rad: float,
+                yaw_rate_rps: float, z_m: float):  # fmt: skip
         """One step of inertial sensing (m/s2 without gravity, rad, m)."""
         if self._boot_s is None:
             self._boot_s = now_s
         self.runs = self.started(now_s)
         self.yaw_ext_rad = wrap(self.yaw_ext_rad + yaw_rate_rps * dt_s)
-        turn = self.yaw_ext_rad - yaw_world_rad
-        c, s = math.cos(turn), math.sin(turn)
-        x, y, z = acc_world_mps2
-        p, v = self.p_ext_m, self.v_ext_mps
-        for k, acc in enumerate((c * x - s * y, s * x + c * y, z)):  # plain numbers: numpy is slow for three
-            step_mps, before_mps = (acc + self._acc_bias[k]) * dt_s, float(v[k])
-            p[k] += (before_mps + 0.5 * step_mps) * dt_s
-            v[k] = before_mps + step_mps
+        turn_rad = self.yaw_ext_rad - yaw_world_rad
+        _fly_on(self.p_ext_m, self.v_ext_mps, self._acc_bias, acc_world_mps2, turn_rad, dt_s)
         self.baro_m = z_m + self._random.normal(0.0, 0.01)
 
     def vision(self, now_s: float, p_ext_m, yaw_ext_rad: float, reset_counter: int) -> None:
         """A message of the external navigation; one that holds NaN is dropped."""
-        if not np.isfinite([*p_ext_m, yaw_ext_rad]).all():
+        if not all(map(math.isfinite, (*p_ext_m, yaw_ext_rad))):
             return
         first = self._vision_s is None
         gap_s = 0.0 if first else now_s - self._vision_s
@@ -104,7 +111,7 @@ class Estimator:
 
     def _fuse_position(self, now_s: float, gap_s: float, p: np.ndarray) -> None:
         innovation = p - self.p_ext_m
-        apart_m = float(np.linalg.norm(innovation))
+        apart_m = math.hypot(*innovation.tolist())
         self.innovation_ratio = apart_m / _GATE_M
         if self._adopting:
             self._creep(gap_s, innovation, apart_m)
@@ -115,7 +122,7 @@ class Estimator:
                 self.resets += 1
         else:
             self._rejecting_since_s = None
-            weight = float(np.clip(gap_s * 30.0, 0.2, 6.0))  # slower feeds weigh more per message
+            weight = min(6.0, max(0.2, gap_s * 30.0))  # slower feeds weigh more per message
             self.p_ext_m += min(1.0, _POSITION_GAIN * weight) * innovation
             self.v_ext_mps += _VELOCITY_GAIN * weight * innovation
 

@@ -54,7 +54,7 @@ class FlightLaws:
         estimate, control = self.estimator, self.controller
         if self.mode == modes.STABILIZE:
             lean = control.sticks(roll, pitch, yaw)
-            return (*lean, float(np.clip(0.5 + 0.5 * throttle, 0.0, 1.0)))
+            return (*lean, min(1.0, max(0.0, 0.5 + 0.5 * throttle)))
         if self.mode == modes.ALT_HOLD:
             return self._alt_hold(roll, pitch, throttle, yaw, dt_s)
         if self.mode == modes.LOITER:
@@ -70,7 +70,7 @@ class FlightLaws:
         lean_roll, lean_pitch, yaw_rate = self.controller.sticks(roll, pitch, yaw)
         climb = climb_rate(throttle)
         self._hold_alt_m = self.estimator.baro_m if climb else self._hold_alt_m
-        climb = climb or float(np.clip(self._hold_alt_m - self.estimator.baro_m, -1.0, 1.0))
+        climb = climb or min(1.0, max(-1.0, self._hold_alt_m - self.estimator.baro_m))
         return self.controller.to_lean(lean_roll, lean_pitch, yaw_rate, climb, self._climb_mps, dt_s)
 
     def _loiter(self, roll, pitch, throttle, yaw, dt_s):

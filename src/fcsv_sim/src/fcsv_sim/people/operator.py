@@ -4,6 +4,7 @@
 They are not perfect: they react late, hands shake, decisions take time.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Deque, Dict, Optional, Sequence, Tuple
@@ -141,7 +142,7 @@ class Pilot:
     def _bring_down(sight: Sight) -> Sticks:
         """In ALT_HOLD, which needs no position: against the way that it flies, and down."""
         forward, left = in_body(np.clip(-0.8 * sight.v_world_mps[:2], -2.0, 2.0), sight)
-        lean = [float(np.clip(a / 9.81 / _LEAN_RAD, -1.0, 1.0)) for a in (-left, forward)]
+        lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
         return Sticks(*lean, -0.6 if sight.T_world_body[2, 3] > _LOW_M else -1.0, 0.0, "ALT_HOLD")
 
     def _runs_off(self, now_s: float, sight: Sight) -> bool:
@@ -208,12 +209,12 @@ class Pilot:
         error = goal[:2] - sight.T_world_body[:2, 3]
         acc = np.clip(0.5 * error - 1.2 * sight.v_world_mps[:2], -1.5, 1.5)
         forward, left = in_body(acc, sight)
-        return float(np.clip(-left / 9.81 / _LEAN_RAD, -1, 1)), float(np.clip(forward / 9.81 / _LEAN_RAD, -1, 1))
+        return _clip(-left / 9.81 / _LEAN_RAD), _clip(forward / 9.81 / _LEAN_RAD)
 
     def _fly_to(self, goal: np.ndarray, v_goal: np.ndarray, sight: Sight) -> Sticks:
         """Sticks in LOITER, where a stick is a velocity."""
         error = goal - sight.T_world_body[:3, 3]
-        v = v_goal + np.clip(0.7 * error, -1.2, 1.2)
+        v = v_goal + np.minimum(1.2, np.maximum(-1.2, 0.7 * error))
         if not v_goal.any():
             v[np.abs(error) < 0.08] = 0.0  # good enough: hands off
         v = kept_clear(v, sight.T_world_body[:3, 3], goal, sight.others)
@@ -232,7 +233,7 @@ class Pilot:
 def in_body(xy: np.ndarray, sight: Sight) -> Tuple[float, float]:
     """A horizontal world vector as forward and left of the vehicle."""
     yaw = transforms.yaw(sight.T_world_body)
-    c, s = np.cos(yaw), np.sin(yaw)
+    c, s = math.cos(yaw), math.sin(yaw)
     return c * xy[0] + s * xy[1], -s * xy[0] + c * xy[1]
 
 
@@ -240,7 +241,11 @@ def deflection(value: float, dead: float) -> float:
     """A deflection that gets over the dead band, or none."""
     if abs(value) < dead / 3:
         return 0.0
-    return float(np.clip(np.sign(value) * max(abs(value), dead + 0.01), -1.0, 1.0))
+    return _clip(math.copysign(max(abs(value), dead + 0.01), value))
+
+
+def _clip(value: float) -> float:
+    return min(1.0, max(-1.0, float(value)))
 
 
 class ButtonPresser:
@@ -271,7 +276,7 @@ class ButtonPresser:
     def _in_place(now_s: float, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]) -> bool:
         for sight, pilot in zip(sights.values(), pilots):
             goal, _ = pilot.goal(now_s, phase)
-            far = np.linalg.norm(goal - sight.T_world_body[:3, 3]) > 0.3
-            if far or np.linalg.norm(sight.v_world_mps) > 0.25:
+            far = math.dist(goal.tolist(), sight.T_world_body[:3, 3].tolist()) > 0.3
+            if far or math.hypot(*sight.v_world_mps.tolist()) > 0.25:
                 return False
         return True

@@ -68,6 +68,7 @@ class OnBoard:
         self.pictures = 0
         self.acks: List[Ack] = []
         self.odometry: Optional[BodyPose] = None
+        self.T_odom_body: Optional[np.ndarray] = None  # of that; never changed in place
         self.height_m = self._ground_m = 0.0
         self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
         self.told: Callable[[float, str, object], None] = _nobody  # "sent" a message, "ordered" an instruction, "held"
@@ -119,6 +120,7 @@ class OnBoard:
             self.odometry = self._odometry.feed(stamp_s, p, q, *twist, came_s=now_s)
         except OdometryRejected:
             return
+        self.T_odom_body = transforms.from_xyz_quaternion(self.odometry.p_odom_body, self.odometry.q_odom_body_xyzw)
         if self._odometry.epoch != self.epoch:
             self.epoch = self._odometry.epoch
             self.agent.epoch(self.epoch.number, self.epoch.reason)
@@ -131,11 +133,6 @@ class OnBoard:
                 return
             self.link.send_pose(stamp_s, T_odom_body)
             self._watchdog.feed(now_s)
-
-    @property
-    def T_odom_body(self) -> np.ndarray:
-        """What the odometry says."""
-        return transforms.from_xyz_quaternion(self.odometry.p_odom_body, self.odometry.q_odom_body_xyzw)
 
     def _on_board(self, now_s: float) -> None:
         """The line between autopilot and link, the link's events, the watchdog, the agent."""

@@ -8,79 +8,106 @@ drifts by about 1 % of the distance, heading slowly; it may jump (the thesis saw
 import math
 from typing import Optional, Tuple
 
+import numba
 import numpy as np
 
-from fcsv_geometry import rotations, transforms
+from fcsv_geometry import rotations
 from fcsv_geometry.tracker import TrackerProfile
 
 _TAKEOFF_HEIGHT_M = 0.3  # above the ground, where it may jump
+
+
+@numba.njit(cache=True)
+def _exp(x, y, z):
+    """rotations.exp()"""
+    angle2 = x * x + y * y + z * z
+    angle = math.sqrt(angle2)
+    a, b = (1.0, 0.5) if angle < 1e-6 else (math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2)
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y
+    R[1, 0], R[1, 1], R[1, 2] = b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x
+    R[2, 0], R[2, 1], R[2, 2] = b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)
+    return R
+
+
+@numba.njit(cache=True)
+def _times(A, B, n):
+    """The product of the first n rows and columns, without BLAS, whose call takes longer than these few numbers."""
+    product = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            for k in range(n):
+                product[i, j] += A[i, k] * B[k, j]
+    return product
+
+
+@numba.njit(cache=True)
+def _sample(T_world_body, T_body_t265, T_before, dt_s, yaw_rad, p_odom, noise, drawn, R_level, sigma, profile):
+    """Yaw, T_odom_t265, linear and angular velocity of the next sample; moves T_before, p_odom and noise along.
+
+    The position drifts with the way flown and the heading with its root; the noise is of first order, because
+    neighbouring samples of a tracker are not independent.
+    """
+    scale, heading_rad, walk_m, correlation_s = profile
+    T = _times(T_world_body, T_body_t265, 4)
+    step = T[:3, 3] - T_before[:3, 3]
+    root = math.sqrt(math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2))
+    yaw_rad += heading_rad * root * drawn[0]
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    R_odom_world = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+    p_odom[0] += (c * step[0] - s * step[1]) * scale + walk_m * root * drawn[1]
+    p_odom[1] += (s * step[0] + c * step[1]) * scale + walk_m * root * drawn[2]
+    p_odom[2] += step[2] * scale + walk_m * root * drawn[3]
+    keep = math.exp(-dt_s / correlation_s)
+    for k in range(6):
+        noise[k] = keep * noise[k] + math.sqrt(1.0 - keep**2) * sigma[k] * drawn[4 + k]
+    R_noisy = _times(_times(R_level, _exp(noise[3], noise[4], noise[5]), 3), R_odom_world, 3)
+    T_odom_t265 = np.eye(4)
+    T_odom_t265[:3, :3] = _times(R_noisy, T, 3)
+    T_odom_t265[:3, 3] = p_odom + noise[:3]
+    linear = np.zeros(3)
+    for k in range(3):
+        linear[k] = (T[0, k] * step[0] + T[1, k] * step[1] + T[2, k] * step[2]) / dt_s
+    turn = _times(T_before.T, T, 3)  # a few ms: the skew part is the rotation vector
+    skew = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]))
+    T_before[:] = T
+    return yaw_rad, T_odom_t265, linear, 0.5 * skew / dt_s
 
 
 class T265:
     """Turns true poses of the tracking camera into its odometry; altitude jumps by ``takeoff_jump_m`` at take-off."""
 
     def __init__(self, profile: TrackerProfile, T_body_t265: np.ndarray, seed: int, takeoff_jump_m: float = 0.0):
-        self._profile = profile
         self.confidence = 3  # as its driver says: 0 failed, 1 low, 2 medium, 3 high
         self._T_body_t265 = T_body_t265
         self._random = np.random.default_rng([seed, 3])
-        self._yaw_origin = self._random.uniform(-np.pi, np.pi)
-        self._scale = 1.0 + self._random.normal(0.0, profile.scale)
+        self._yaw_rad = self._random.uniform(-np.pi, np.pi)  # of the world in the odometry frame; it drifts
+        scale = 1.0 + self._random.normal(0.0, profile.scale)
         self._noise_sigma = np.repeat([profile.position_noise_m, np.radians(profile.attitude_noise_deg)], 3)
         level = np.radians(profile.level_deg) * self._random.standard_normal(2)
         self._R_level = rotations.exp(np.array([level[0], level[1], 0.0]))
         self._noise = np.zeros(6)
-        self._p_before: Optional[np.ndarray] = None
+        heading_rad = math.radians(profile.heading_deg_per_sqrt_m)
+        self._profile_numbers = (scale, heading_rad, profile.walk_m_per_sqrt_m, profile.noise_correlation_s)
         self._p_odom = np.zeros(3)
-        self._heading_drift = 0.0
+        self._T_before = np.eye(4)  # T_world_t265 of the last sample
         self._jump_left_m = takeoff_jump_m
         self._start_z = 0.0
         self._stamp_s: Optional[float] = None
 
     def odometry(self, stamp_s: float, T_world_body: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """T_odom_t265 and the velocities (linear m/s, angular rad/s) in the pose frame, from the truth at a stamp."""
-        T_world_t265 = T_world_body @ self._T_body_t265
-        if self._p_before is None:
-            self._p_before, self._start_z = T_world_t265[:3, 3].copy(), T_world_t265[2, 3]
-            self._T_before, self._stamp_s = T_world_t265, stamp_s
-        step = T_world_t265[:3, 3] - self._p_before
-        self._p_before = T_world_t265[:3, 3].copy()
-        self._drift(step)
-        if self._jump_left_m and T_world_t265[2, 3] - self._start_z > _TAKEOFF_HEIGHT_M:
-            self._p_odom[2] -= self._jump_left_m
-            self._jump_left_m = 0.0
+        if self._stamp_s is None:
+            self._T_before[:] = T_world_body @ self._T_body_t265
+            self._start_z, self._stamp_s = self._T_before[2, 3], stamp_s
         dt_s = max(stamp_s - self._stamp_s, 1e-4)
-        noise = self._coloured_noise(dt_s)
-        R_odom_world = self._R_odom_world()
-        R = self._R_level @ rotations.exp(noise[3:]) @ R_odom_world @ T_world_t265[:3, :3]
-        T_odom_t265 = transforms.transform(R, self._p_odom + noise[:3])
-        linear, angular = self._velocities(T_world_t265, dt_s)
-        self._T_before, self._stamp_s = T_world_t265, stamp_s
-        return T_odom_t265, linear, angular
-
-    def _R_odom_world(self) -> np.ndarray:
-        yaw = self._yaw_origin + self._heading_drift
-        c, s = math.cos(yaw), math.sin(yaw)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-    def _drift(self, step: np.ndarray) -> None:
-        root = math.sqrt(math.sqrt(step @ step))
-        heading, *walk = self._random.standard_normal(4)
-        self._heading_drift += math.radians(self._profile.heading_deg_per_sqrt_m) * root * heading
-        walk = self._profile.walk_m_per_sqrt_m * root * np.array(walk)
-        self._p_odom += self._R_odom_world() @ step * self._scale + walk
-
-    def _coloured_noise(self, dt_s: float) -> np.ndarray:
-        """First-order noise: neighbouring samples of a tracker are not independent."""
-        keep = math.exp(-dt_s / self._profile.noise_correlation_s)
-        fresh = math.sqrt(1 - keep**2) * self._noise_sigma
-        self._noise = keep * self._noise + fresh * self._random.standard_normal(6)
-        return self._noise
-
-    def _velocities(self, T_world_t265: np.ndarray, dt_s: float):
-        R = T_world_t265[:3, :3]
-        linear = R.T @ (T_world_t265[:3, 3] - self._T_before[:3, 3]) / dt_s
-        step = self._T_before[:3, :3].T @ R  # 5 ms: the skew part is the rotation vector
-        return linear, 0.5 * np.array(
-            [step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]
-        ) / dt_s
+        self._stamp_s = stamp_s
+        self._yaw_rad, *sample = _sample(
+            T_world_body, self._T_body_t265, self._T_before, dt_s, self._yaw_rad, self._p_odom, self._noise,
+            self._random.standard_normal(10), self._R_level, self._noise_sigma, self._profile_numbers,
+        )  # fmt: skip
+        if self._jump_left_m and self._T_before[2, 3] - self._start_z > _TAKEOFF_HEIGHT_M:
+            self._p_odom[2] -= self._jump_left_m
+            sample[0][2, 3] -= self._jump_left_m
+            self._jump_left_m = 0.0
+        return tuple(sample)

@@ -6,7 +6,7 @@ World frame ENU-like (z up), body forward-left-up, SI. The fast loop is compiled
 
 import math
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numba
 import numpy as np
@@ -15,6 +15,7 @@ from fcsv_geometry import transforms
 
 G_MPS2 = 9.81
 STEP_S = 1.0 / 400.0
+_DRAWN_AHEAD = 400  # steps
 _GUST_LAG_S = 3.0  # correlation time of gusts near the ground
 _P, _V, _Q, _W, _THRUST, _WIND = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), 13, slice(14, 17)
 _STATE = 17  # position, velocity, quaternion xyzw, body rates, thrust (m/s2), wind (m/s)
@@ -132,12 +133,14 @@ class Quadrotor:
         self._vibration_radps = 2 * np.pi * np.array(airframe.vibration_hz)
         self._vibration_rad = np.radians(airframe.vibration_rms_deg) * np.sqrt(2.0 / 3.0)
         # on the ground the wind finds no hold
-        self._params = (
+        self._params = np.array([
             airframe.max_thrust_n / airframe.mass_kg, airframe.drag_per_s, airframe.motor_lag_s,
             airframe.attitude_rate_per_s, airframe.rate_gain_per_s, *self._mean_wind.tolist(), _GUST_LAG_S,
             0.35 * wind_mps, math.sqrt(2 * STEP_S / _GUST_LAG_S),  # standard deviation of gusts (m/s), share in a step
-        )  # fmt: skip
+        ])  # fmt: skip
         self.on_ground = True
+        self._T_world_body: Optional[np.ndarray] = None  # of this state, where somebody asked for it
+        self._ahead, self._drawn = np.empty((0, 3)), 0  # gusts
 
     @property
     def hover_thrust(self) -> float:
@@ -155,20 +158,34 @@ class Quadrotor:
     @property
     def T_world_body(self) -> np.ndarray:
         """Without vibration."""
-        return transforms.from_xyz_quaternion(self._state[_P], self._state[_Q])
+        if self._T_world_body is None:
+            state = self._state.tolist()
+            self._T_world_body = transforms.from_xyz_quaternion(state[_P], state[_Q])
+        return self._T_world_body.copy()
 
     def place(self, T_world_body: np.ndarray) -> None:
         """Put it somewhere, at rest."""
         self._state[_P], self._state[_V] = T_world_body[:3, 3], 0.0
         self._state[_Q] = transforms.quaternion_xyzw(T_world_body)
+        self._T_world_body = None
 
     def advance(self, command, steps: int) -> np.ndarray:
         """``steps`` steps of STEP_S under roll, pitch (rad), yaw rate (rad/s), thrust share; states (steps, 17)."""
-        gust = self._random.standard_normal((steps, 3))
+        gust = self._gusts(steps)
         command = tuple(map(float, command))
         out = np.empty((steps, _STATE))
+        self._T_world_body = None
         self.on_ground = bool(_advance(self._state, command, gust, self._params, steps, out))
         return out
+
+    def _gusts(self, steps: int) -> np.ndarray:
+        """(steps, 3), drawn a second ahead: to draw takes as long for a hundred as for one."""
+        if self._drawn + steps > len(self._ahead):
+            left = self._ahead[self._drawn :]
+            self._ahead = np.concatenate([left, self._random.standard_normal((max(steps, _DRAWN_AHEAD), 3))])
+            self._drawn = 0
+        self._drawn += steps
+        return self._ahead[self._drawn - steps : self._drawn]
 
     def felt(self, states: np.ndarray, start_s: float, thrust_share: float) -> np.ndarray:
         """What cameras on the airframe feel of ``advance``'s states after a time: its vibration, which grows with

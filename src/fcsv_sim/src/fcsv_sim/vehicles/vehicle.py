@@ -85,7 +85,8 @@ class Piloted:
         """What the autopilot's sensors feel of a state as Quadrotor.advance gives it; roll, pitch, yaw (rad, ENU)."""
         s = state.tolist()
         rpy_rad, v = rotations.rpy(s[6:10]), s[3:6]
-        acc = [(a - b) / PASS_S for a, b in zip(v, self._v_before)]
+        before = self._v_before
+        acc = ((v[0] - before[0]) / PASS_S, (v[1] - before[1]) / PASS_S, (v[2] - before[2]) / PASS_S)
         self._v_before = v
         self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], s[12], s[2])
         return rpy_rad
