@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the operator can do now, and why not where he cannot. Asking for it is the shell's work."""
+
+from dataclasses import dataclass
+from typing import Dict, Optional, Sequence, Tuple
+
+from fcsv_console.model import facts as f
+from fcsv_console.model.vehicles import VehicleRow
+from fcsv_control.flight_check.lines import Line, State
+
+FLOWN = ("GUIDED", "CONFIGURATIONS")
+OVER = ("DONE", "ABORTED")
+
+
+@dataclass(frozen=True)
+class Action:
+    """``why_not`` is empty where it can be asked for; ``hold_s``: for so long a button or key is held."""
+
+    name: str
+    title: str
+    key: str
+    does: str
+    why_not: str = ""
+    hold_s: float = 0.0
+
+    @property
+    def enabled(self) -> bool:
+        return not self.why_not
+
+    @property
+    def tooltip(self) -> str:
+        """What it does, its key, and why it cannot be done."""
+        hold = f", held for {self.hold_s:g} s" if self.hold_s else ""
+        return f"{self.does} [{self.key}{hold}]" + (f"\nNot now: {self.why_not}" if self.why_not else "")
+
+
+#: name, title, key, what it does, for how long it is held (s)
+TABLE = (
+    ("calibrate", "Calibrate", "C", "Calibrate: find out where the vehicles are against each other", 0.0),
+    ("set_home", "Set home", "H", "Set home at the reference camera", 0.0),
+    ("hand_over", "Hand over", "G", "Hand the vehicles over to the mission: GUIDED", 1.0),
+    ("execute", "Execute", "X", "Hand over and fly the chosen configurations; none chosen: all", 1.0),
+    ("previous", "Previous", "B", "Fly the configuration before once more", 0.0),
+    ("next", "Next", "N", "Fly another configuration first, this one last", 0.0),
+    ("pause", "Pause", "P", "Everybody holds", 0.0),
+    ("skip", "Skip", "K", "Leave the running configuration out", 0.0),
+    ("repeat", "Repeat", "R", "Begin the running configuration again", 0.0),
+    ("abort", "Abort", "A", "Land all whom the mission flies, where they are", 0.0),
+    ("record", "Record", "E", "Pictures on or off, by hand", 0.0),
+    ("land", "Land all", "L", "Everybody lands where he is, without the mission", 0.5),
+    ("stop_all", "STOP ALL", "Space", "Everybody brakes and stands, without the mission", 0.5),
+)
+
+
+@dataclass(frozen=True)
+class Situation:
+    """By what the actions are judged."""
+
+    master_problem: str
+    mission: Optional[f.MissionTold]  # None: not heard
+    lines: Optional[Sequence[Line]]  # None: no check is heard
+    vehicles: Sequence[VehicleRow]
+    column: Sequence[str]  # why not every tag is seen, a line per vehicle
+    pending: Sequence[str]  # asked for and not answered yet
+
+
+def actions(s: Situation) -> Dict[str, Action]:
+    """By name, in the order of the table. Stop-all is always enabled."""
+    return {name: Action(name, title, key, does, _why_not(name, s), hold_s) for name, title, key, does, hold_s in TABLE}
+
+
+def accept(line: Line, master_problem: str = "") -> Action:
+    """Accepting one line of the flight check by its name."""
+    if master_problem:
+        why = master_problem
+    elif line.accepted:
+        why = "it is accepted"
+    elif line.state is not State.AMBER:
+        why = f"it is {line.state.word}: only amber lines are accepted"
+    else:
+        why = ""
+    return Action("accept", f"Accept {line.vehicle} {line.name}", "Enter", "Fly with it as it is", why)
+
+
+def _why_not(name: str, s: Situation) -> str:
+    if name == "stop_all":
+        return ""
+    if s.master_problem:
+        return s.master_problem
+    if name in s.pending:
+        return "it was asked for; the answer has not come yet"
+    if name == "land":
+        down = bool(s.vehicles) and all(v.state.value is not None and not v.state.stale and not v.armed
+                                        for v in s.vehicles)  # fmt: skip
+        return "all stand with their motors off" if down else ""
+    if name == "record":
+        return "the mission records by itself" if s.mission is not None and s.mission.phase in FLOWN else ""
+    if s.mission is None:
+        return "the mission node is not heard: start it, or mend its file"
+    return _of_mission(name, s, s.mission)
+
+
+def _of_mission(name: str, s: Situation, m: f.MissionTold) -> str:
+    if m.phase in OVER:
+        return f"the mission is over ({m.phase})"
+    if name == "abort":
+        return ""
+    if name in ("pause", "skip", "repeat", "next", "previous"):
+        if m.phase not in FLOWN:
+            return f"it is for vehicles that fly the list; this is {m.phase}"
+        return "it is paused: hand over to go on" if name == "pause" and m.waits_for == "resume" else ""
+    wanted = {"hand_over": ("execute", "resume"), "execute": ("execute",)}.get(name, (name,))
+    if m.waits_for not in wanted:
+        return _not_waited_for(name, s, m)
+    if name in ("hand_over", "execute"):
+        return locked_by(s.lines, amber_too=m.waits_for == "execute")
+    return ""
+
+
+def _not_waited_for(name: str, s: Situation, m: f.MissionTold) -> str:
+    if name == "calibrate" and m.phase == "COLUMN":
+        return "; ".join(s.column) or "; ".join(m.problems) or "a tag is not in view"
+    if name == "set_home" and m.phase in ("WAIT_VEHICLES", "TAKE_OFF", "COLUMN", "CALIBRATE"):
+        return f"calibrate first ({m.phase})"
+    if name in ("hand_over", "execute") and m.phase in FLOWN:
+        return "the mission flies the vehicles already" if not m.problems else "; ".join(m.problems)
+    if name in ("hand_over", "execute") and m.phase not in ("LAND",):
+        return f"set home first ({m.phase})"
+    waits = f"'{m.waits_for}' is waited for" if m.waits_for else "nothing is waited for"
+    return f"{waits} in {m.phase}"
+
+
+def locked_by(lines: Optional[Sequence[Line]], amber_too: bool) -> str:
+    """Why the flight check hands over nobody, as the mission judges it; "" where it does."""
+    if lines is None:
+        return "the flight check is not heard"
+    wrong = [li for li in lines if not li.passes and (amber_too or li.state is not State.AMBER)]
+    if not lines:
+        return "the flight check has no lines"
+    named = [f"{li.vehicle} {li.name} {li.state.word}" for li in wrong[:3]]
+    more = f" and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+    return f"flight check: {', '.join(named)}{more}" if wrong else ""
+
+
+def column_problems(order: Sequence[str], sees: Sequence[Tuple[bool, Optional[float]]]) -> Tuple[str, ...]:
+    """Who does not see the tag of the vehicle in front, and since when.
+
+    >>> column_problems(["uav1", "uav2"], [(False, 8.0)])
+    ('uav2 does not see the tag of uav1 since 8 s',)
+    """
+    found = []
+    for front, name, (now, since_s) in zip(order, order[1:], sees):
+        if not now:
+            how_long = "has never seen" if since_s is None else "does not see"
+            since = "" if since_s is None else f" since {since_s:.0f} s"
+            found.append(f"{name} {how_long} the tag of {front}{since}")
+    return tuple(found)

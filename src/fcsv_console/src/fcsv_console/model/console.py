@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The view-model: ``tell`` it facts with monotonic time, ask it for a ``view``. It never raises on what it is told."""
+
+import math
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from fcsv_console.model import facts as f
+from fcsv_console.model import mission_file as files
+from fcsv_console.model import stereo
+from fcsv_console.model.actions import FLOWN, Situation, actions, column_problems
+from fcsv_console.model.air import Above, above
+from fcsv_console.model.events import EventLog
+from fcsv_console.model.hearing import STALE_S, Heard
+from fcsv_console.model.soundness import unsound
+from fcsv_console.model.vehicles import Vehicle, VehicleRow
+from fcsv_console.model.view import View
+from fcsv_control.flight_check.sightings import Sightings
+from fcsv_geometry.mission import Mission
+from fcsv_geometry.separation import SeparationRules
+
+CONTROL = "control"
+_PROBLEM_S = 5.0  # so long a message that could not be used is shown
+_PENDING_S = 10.0  # after it a request that was not answered may be asked for again
+_ALIVE_S = 3.0  # as the flight check has it
+_LOUD = 4  # MAV_SEVERITY_WARNING
+
+
+class Console:
+    """``vehicles``: the column, front first; ``tags``: the tag that each carries; ``target_m``: the range wanted.
+
+    ``wall_offset_s``: time of day minus the monotonic time that it is told; only events show it.
+    """
+
+    def __init__(
+        self, vehicles: Sequence[str], tags: Optional[Mapping[str, int]] = None,
+        optics: files.Optics = files.USUAL, target_m: float = 0.0,
+    ):  # fmt: skip
+        self.names, self.optics, self.wall_offset_s = list(vehicles), optics, 0.0
+        self.log, self.file = EventLog(), files.MissionFile()
+        self._target_m = target_m
+        self._vehicles = {name: Vehicle(name) for name in vehicles}
+        self._sightings = Sightings(dict(tags or {}))
+        self._mission: Heard[f.MissionTold] = Heard(math.inf)
+        self._alive: Heard[f.MissionAlive] = Heard(_ALIVE_S)
+        self._check: Heard[f.Check] = Heard(math.inf)
+        self._map: Heard[f.MapTold] = Heard(math.inf)
+        self._stop: Heard[f.StopTold] = Heard(2.5 * STALE_S)
+        self._recorder: Heard[f.Recorder] = Heard(2.5 * STALE_S)
+        self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
+        self._home: Heard[f.HomeSet] = Heard(math.inf)
+        self._master_problem = ""
+        self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
+        self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
+        self._last_words: Dict[str, str] = {}  # what was logged last, by subject
+
+    # ---- what is told ------------------------------------------------------------------------------------------
+
+    def tell(self, now_s: float, fact: f.Fact) -> None:
+        """Anything out of facts.py; what is not sound is named in ``problems`` and changes nothing else."""
+        wrong = fact.why if isinstance(fact, f.Unusable) else unsound(fact)
+        name = getattr(fact, "vehicle", CONTROL)
+        if not wrong and name not in self._vehicles and name != CONTROL:
+            wrong = f"'{name}' is not one of {', '.join(self.names)}"
+        if wrong:
+            subject = f"{'' if name == CONTROL else name} {getattr(fact, 'topic', type(fact).__name__)}".strip()
+            self._note_bad(now_s, f"{subject}: {wrong}")
+            return
+        self._remember(now_s, fact)
+        self._take(now_s, fact)
+
+    def load(self, path) -> None:
+        """A mission file; what is wrong with it is in the view."""
+        self.file = files.load(path, self.optics)
+
+    def edit(self, text: str) -> None:
+        """The file's text as an editor holds it."""
+        self.file = files.parse(text, self.file.source, self.optics)
+
+    def ask(self, now_s: float, name: str, words: str = "") -> int:
+        """The operator asked for an action: its event's number; until it is answered it is not asked for again."""
+        number = self._event(now_s, "operator", words or name.replace("_", " "))
+        self._pending[name] = (now_s, number)
+        return number
+
+    def answer(self, number: int, words: str, done: bool) -> None:
+        """What became of what was asked for."""
+        self.log.answer(number, words, done)
+        self._pending = {name: p for name, p in self._pending.items() if p[1] != number}
+
+    def _take(self, now_s: float, fact: Any) -> None:
+        whole = {
+            f.MissionTold: self._mission, f.MissionAlive: self._alive, f.Check: self._check, f.MapTold: self._map,
+            f.StopTold: self._stop,
+        }.get(type(fact))  # fmt: skip
+        if whole is not None:
+            whole.tell(now_s, fact)
+        elif isinstance(fact, (f.Calibrated, f.HomeSet)):
+            (self._calibrated if isinstance(fact, f.Calibrated) else self._home).tell(now_s, fact, fact.age_s)
+        elif isinstance(fact, f.MasterTold):
+            self._master_problem = fact.problem
+        elif fact.vehicle == CONTROL:
+            if isinstance(fact, f.Recorder):
+                self._recorder.tell(now_s, fact)
+        else:
+            if isinstance(fact, f.Tags):
+                self._sightings.saw(now_s, fact.vehicle, fact.ids)
+            self._vehicles[fact.vehicle].tell(now_s, fact)
+
+    def _note_bad(self, now_s: float, words: str) -> None:
+        since_s, number = self._bad.get(words, (-math.inf, 0))
+        if now_s - since_s > _PROBLEM_S:
+            self._event(now_s, "console", words, level="warning")
+        self._bad[words] = (now_s, number + 1)
+        for old in [w for w, (at_s, _) in self._bad.items() if now_s - at_s > _PROBLEM_S]:
+            del self._bad[old]
+
+    # ---- what becomes an event ---------------------------------------------------------------------------------
+
+    def _event(self, now_s: float, who: str, what: str, answer: str = "", level: str = "info") -> int:
+        return self.log.add(now_s + self.wall_offset_s, who, what, answer, level)
+
+    def _changed(self, now_s: float, subject: str, who: str, words: str, level: str = "info") -> None:
+        """An event where the words differ from the last about this subject."""
+        if self._last_words.get(subject, "") != words:
+            self._last_words[subject] = words
+            if words:
+                self._event(now_s, who, words, level=level)
+
+    def _remember(self, now_s: float, fact: Any) -> None:
+        if isinstance(fact, f.MissionTold):
+            self._changed(now_s, "phase", "mission", f"{fact.phase}: {fact.detail}".rstrip(": "))
+        elif isinstance(fact, f.Guardian):
+            words = f"{fact.action}: {'; '.join(fact.reasons)}".rstrip(": ") if fact.action else ""
+            self._changed(now_s, f"guardian {fact.vehicle}", f"{fact.vehicle} guardian", words, "warning")
+        elif isinstance(fact, f.AutopilotState):
+            armed = "armed" if fact.armed else "motors off"
+            self._changed(now_s, f"mode {fact.vehicle}", fact.vehicle, f"{fact.mode}, {armed}")
+        elif isinstance(fact, f.EpochHeard):
+            self._changed(now_s, f"epoch {fact.vehicle}", fact.vehicle, f"odometry epoch {fact.epoch}")
+        elif isinstance(fact, f.Said):
+            level = "warning" if fact.severity <= _LOUD else "info"
+            self._changed(now_s, f"said {fact.vehicle} {fact.who}", f"{fact.vehicle} {fact.who}", fact.text, level)
+        elif isinstance(fact, f.Answered) and fact.outcome:
+            who = f"{fact.vehicle} agent"
+            self._event(now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning")
+        elif isinstance(fact, f.StopTold):
+            self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
+        elif isinstance(fact, f.MasterTold):
+            self._changed(now_s, "master", "console", fact.problem or "the ROS master answers",
+                          "error" if fact.problem else "info")  # fmt: skip
+
+    # ---- what is shown -----------------------------------------------------------------------------------------
+
+    def view(self, now_s: float) -> View:
+        """Everything, at monotonic time ``now_s``."""
+        mission, alive = self._mission.at(now_s), not self._alive.at(now_s).stale
+        told = mission.value if alive else None
+        stop = self._stop.at(now_s)
+        flown = told is not None and told.phase in FLOWN
+        running = told.configuration if flown and told.configuration < len(self.file.rows) else None
+        rows = self._rows(now_s, stop.value.asked if stop.value else "", running)
+        check = self._lines(now_s)
+        self._pending = {n: p for n, p in self._pending.items() if now_s - p[0] < _PENDING_S}
+        sees = [self._sightings.sees(now_s, b, a) for a, b in zip(self.names, self.names[1:])]
+        column = column_problems(self.names, sees)
+        situation = Situation(self._master_problem, told, check, rows, column, tuple(self._pending))
+        return View(
+            now_s, rows, mission, alive, self.file, running, self._progress(told), check, actions(situation),
+            self.log.events, self._stereo(now_s, rows, running), tuple(self._above(rows)), self._recorder.at(now_s),
+            self._map.at(now_s), stop, self._home.value is not None, self._problems(now_s, told, column),
+        )  # fmt: skip
+
+    def _lines(self, now_s: float):
+        heard = self._check.at(now_s)
+        return None if heard.value is None or heard.age_s > heard.value.patience_s else heard.value.lines
+
+    def _rows(self, now_s: float, stop_asked: str, running: Optional[int]) -> Tuple[VehicleRow, ...]:
+        calibrated = self._calibrated.at(now_s)
+        epochs = dict(calibrated.value.epochs) if calibrated.value else {}
+        needed_s = files.seconds_left(self.file, running or 0)
+        mission = self.file.mission
+
+        def lasts(share: float) -> float:
+            if mission is None or math.isnan(share):
+                return math.nan
+            return max(0.0, mission.flight.endurance_s * (share - mission.low_battery_share))
+
+        return tuple(
+            v.row(now_s, (epochs.get(n), calibrated.age_s), stop_asked, needed_s, lasts)
+            for n, v in self._vehicles.items()
+        )
+
+    def _progress(self, told: Optional[f.MissionTold]) -> float:
+        if told is None or not told.configurations:
+            return 0.0
+        return 1.0 if told.phase == "DONE" else min(1.0, told.configuration / told.configurations)
+
+    def _above(self, rows: Sequence[VehicleRow]) -> List[Above]:
+        rules = self.file.mission.air if self.file.mission else SeparationRules(Mission.min_separation_m)
+        places = {v.name: v.place.value.p_home_m for v in rows if v.armed and v.place.value and not v.place.stale}
+        return above(places, rules)
+
+    def _stereo(self, now_s: float, rows: Sequence[VehicleRow], running: Optional[int]) -> stereo.StereoHealth:
+        row, mission = None if running is None else self.file.rows[running], self.file.mission
+        if row is None or mission is None or mission.reference not in self._vehicles or len(self.names) < 2:
+            return stereo.StereoHealth()
+        moving = mission.mover(running, self.names)
+        pair = (mission.reference, moving)
+        by_name = {v.name: v for v in rows}
+        if moving not in by_name:
+            return stereo.StereoHealth(pair, reasons=(f"{moving} is not one of {', '.join(self.names)}",))
+        stamps = tuple(self._stamp_s(now_s, by_name[n]) for n in pair)
+        target_m = self._target_m or row.farthest_m
+        return stereo.judge(row, pair, by_name[pair[0]].place, by_name[moving].place, stamps, target_m, self.optics)
+
+    def _stamp_s(self, now_s: float, row: VehicleRow) -> float:
+        """Of the newest picture that was taken while recording, by the control PC's clock; NaN: none of now."""
+        taken = self._vehicles[row.name].heard[f.Captured].at(now_s)
+        offset_s = row.clock.value.offset_s if row.clock.value and not row.clock.stale else 0.0
+        return math.nan if taken.value is None or taken.stale else taken.value.stamp_s - offset_s
+
+    def _problems(self, now_s: float, told: Optional[f.MissionTold], column: Sequence[str]) -> Tuple[str, ...]:
+        found = [self._master_problem] if self._master_problem else []
+        found += [f"mission file: {self.file.error.words}"] if self.file.error else []
+        found += list(told.problems) if told is not None else []
+        found += list(column) if told is not None and told.phase in ("COLUMN", "CALIBRATE") else []
+        bad = [(w, n) for w, (at_s, n) in self._bad.items() if now_s - at_s <= _PROBLEM_S]
+        found += [f"{words} ({number} times)" if number > 1 else words for words, number in bad]
+        return tuple(dict.fromkeys(found))

@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the console is told: the contents of messages, one frozen dataclass each. Units are in the names."""
+
+import math
+from dataclasses import dataclass
+from typing import Tuple, Union
+
+from fcsv_control.flight_check.lines import Line
+
+Vector3 = Tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class AutopilotState:
+    """``system_status`` is MAVLink's: 5 and 6 are the autopilot's own failsafe."""
+
+    vehicle: str
+    connected: bool
+    armed: bool
+    mode: str
+    system_status: int = 4
+
+
+@dataclass(frozen=True)
+class Battery:
+    """``share`` of the charge, 0..1; NaN: not known."""
+
+    vehicle: str
+    share: float
+    voltage_v: float = math.nan
+
+
+@dataclass(frozen=True)
+class OdometryHeard:
+    """A pose of the vehicle's own odometry; position in ``vehicle/odom`` (m)."""
+
+    vehicle: str
+    p_odom_m: Vector3
+
+
+@dataclass(frozen=True)
+class CameraInHome:
+    """Where a camera is and looks, in home."""
+
+    vehicle: str
+    p_home_m: Vector3
+    heading_rad: float
+    pitch_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class PictureHeard:
+    """``stamp_s``: when it was taken; ``problem``: why it cannot be shown."""
+
+    vehicle: str
+    stamp_s: float
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Guardian:
+    """As fcsv_msgs/GuardianState."""
+
+    vehicle: str
+    action: str = ""
+    holds: bool = False
+    uncontrolled: bool = False
+    lost: bool = False
+    taken: bool = False
+    reasons: Tuple[str, ...] = ()
+    forbids: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Agent:
+    """Whom a vehicle's agent obeys, and why it does nothing."""
+
+    vehicle: str
+    sender: str = ""
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """``vehicle`` is "control" for the control PC's own; ``minutes_left`` infinite: no rate is known yet."""
+
+    vehicle: str
+    pictures_on: bool
+    pictures: int
+    dropped: int
+    minutes_left: float
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Vehicle minus control PC."""
+
+    vehicle: str
+    offset_s: float
+    uncertainty_s: float
+
+
+@dataclass(frozen=True)
+class EpochHeard:
+    """Another number means that the odometry began anew."""
+
+    vehicle: str
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Radio:
+    """The link to a vehicle as the relay measures it; ``loss`` 0..1 of what comes in, NaN: not measured yet."""
+
+    vehicle: str
+    round_trip_s: float
+    loss: float
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Said:
+    """A text for people; ``severity`` is MAVLink's (0 emergency .. 7 debug), ``who`` "autopilot" or "guardian"."""
+
+    vehicle: str
+    who: str
+    text: str
+    severity: int = 6
+
+
+@dataclass(frozen=True)
+class Answered:
+    """What became of a numbered command."""
+
+    vehicle: str
+    sender: str
+    number: int
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Tags:
+    """Identities of the tags in one picture."""
+
+    vehicle: str
+    ids: Tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A calibration for these epochs; ``age_s``: for how long it has held, when told."""
+
+    epochs: Tuple[Tuple[str, int], ...]
+    age_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class HomeSet:
+    """Home is set in the odometry of ``reference``."""
+
+    reference: str
+    age_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Check:
+    """The fleet's flight check; after ``patience_s`` without another one it counts for nothing."""
+
+    lines: Tuple[Line, ...]
+    patience_s: float = 4.0
+
+
+@dataclass(frozen=True)
+class MissionTold:
+    """As fcsv_msgs/MissionState."""
+
+    phase: str
+    detail: str = ""
+    waits_for: str = ""
+    configuration: int = 0
+    configurations: int = 0
+    problems: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MissionAlive:
+    """A sign of life of the mission node."""
+
+    instance: str = ""
+
+
+@dataclass(frozen=True)
+class StopTold:
+    """As fcsv_msgs/StopReport; ``asked``: "stop", "land" or empty; ``words``: what became of it."""
+
+    asked: str = ""
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class MapTold:
+    """As fcsv_msgs/MapState."""
+
+    state: str
+    detail: str = ""
+    coverage: float = math.nan
+    problems: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Captured:
+    """A picture taken while recording; ``stamp_s`` by the vehicle's clock."""
+
+    vehicle: str
+    stamp_s: float
+
+
+@dataclass(frozen=True)
+class Unusable:
+    """A message that could not be read, and why; it changes nothing else."""
+
+    vehicle: str
+    topic: str
+    why: str
+
+
+@dataclass(frozen=True)
+class MasterTold:
+    """Whether the ROS master answers."""
+
+    problem: str = ""
+
+
+OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
+                  EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
+Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, Unusable, MasterTold]

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How old a value is, how often it comes, and whether it still counts. Time is an argument."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Generic, Optional, TypeVar
+
+T = TypeVar("T")
+STALE_S = 1.0  # an operator sees within this time that a stream stopped
+SLOW_STALE_S = 2.5  # what comes once a second: battery, pictures, flight check
+_WINDOW_S = 3.0
+
+
+@dataclass(frozen=True)
+class Aged(Generic[T]):
+    """A value as shown: ``age_s`` infinite where none was ever heard."""
+
+    value: Optional[T] = None
+    age_s: float = math.inf
+    rate_hz: float = 0.0
+    stale: bool = True
+
+    @property
+    def words(self) -> str:
+        """The age for people: "now", "2.4 s", "3 min", "never".
+
+        >>> [Aged(1, s).words for s in (0.2, 2.44, 200.0, math.inf)]
+        ['now', '2.4 s', '3 min', 'never']
+        """
+        return age_words(self.age_s)
+
+
+class Heard(Generic[T]):
+    """The newest value of a stream. It is stale ``stale_s`` after it was heard; infinite: it holds until replaced.
+
+    >>> h = Heard(1.0)
+    >>> h.tell(10.0, "GUIDED"); h.at(10.9).stale, h.at(11.1).stale, h.at(11.1).value
+    (False, True, 'GUIDED')
+    """
+
+    def __init__(self, stale_s: float = STALE_S):
+        self.value: Optional[T] = None
+        self._at_s, self._stale_s = -math.inf, stale_s
+        self._times: Deque[float] = deque(maxlen=256)
+
+    def tell(self, now_s: float, value: T, age_s: float = 0.0) -> None:
+        """``age_s``: how old it was when heard."""
+        self.value, self._at_s = value, now_s - age_s
+        self._times.append(now_s)
+
+    def forget(self) -> None:
+        """As if it had never been heard."""
+        self.value, self._at_s = None, -math.inf
+        self._times.clear()
+
+    def at(self, now_s: float) -> Aged[T]:
+        """As it is to be shown now."""
+        while self._times and self._times[0] < now_s - _WINDOW_S:
+            self._times.popleft()
+        times = self._times
+        span_s = now_s - times[0] if times else 0.0
+        rate_hz = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
+        rate_hz = min(rate_hz, len(times) / span_s) if span_s > 0.5 else rate_hz
+        age_s = max(0.0, now_s - self._at_s)
+        return Aged(self.value, age_s, rate_hz, age_s > self._stale_s)
+
+
+def age_words(age_s: float) -> str:
+    """As Aged.words."""
+    if not math.isfinite(age_s):
+        return "never"
+    if age_s < 1.0:
+        return "now"
+    if age_s < 60.0:
+        return f"{age_s:.1f} s"
+    return f"{age_s / 60.0:.0f} min" if age_s < 5400.0 else f"{age_s / 3600.0:.1f} h"
+
+
+def clock_words(seconds: float) -> str:
+    """Minutes and seconds.
+
+    >>> clock_words(75.2), clock_words(math.nan)
+    ('1:15', '-')
+    """
+    if not math.isfinite(seconds):
+        return "-"
+    minutes, rest = divmod(int(max(seconds, 0.0)), 60)
+    return f"{minutes}:{rest:02d}"

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The configurations of a mission file with what each will show, or what is wrong with the file and in which line."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Optional, Tuple
+
+import numpy as np
+import yaml
+
+from fcsv_control.mission.places import camera_place, heading_rad
+from fcsv_geometry import config
+from fcsv_geometry.errors import ConfigError
+from fcsv_geometry.mission import Mission
+from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
+from fcsv_stereo.planning.overlap import non_overlap, overlap_starts_m
+
+_TURN_S = 1.0  # recorders on and off
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it."""
+
+    focal_px: float = 602.0
+    width: int = 640
+    height: int = 480
+    disparity_error_px: float = 1.0
+    threshold: ErrorThreshold = ErrorThreshold(0.1, True)
+
+    def fov_rad(self, axis: str) -> float:
+        """Whole angle of view along a baseline's axis."""
+        size = self.width if axis == "horizontal" else self.height
+        return 2.0 * float(np.arctan(size / 2.0 / self.focal_px))
+
+
+USUAL = Optics()
+
+
+@dataclass(frozen=True)
+class ConfigurationRow:
+    """One configuration; lengths in m. ``farthest_m``: equation 3.1; ``error_m``: equation 2.12 at that range."""
+
+    index: int
+    title: str
+    axis: str
+    baseline_m: float
+    tilt_deg: float
+    record_s: float
+    settle_s: float
+    vehicle: str
+    nearest_m: float
+    farthest_m: float
+    error_m: float
+    goal_m: Tuple[float, float, float]
+    goal_heading_rad: float
+
+
+@dataclass(frozen=True)
+class FileError:
+    """``line``: counted from 1; 0: the file as a whole."""
+
+    line: int
+    text: str
+
+    @property
+    def words(self) -> str:
+        return f"line {self.line}: {self.text}" if self.line else self.text
+
+
+@dataclass(frozen=True)
+class MissionFile:
+    """A file as it was read; ``mission`` is None where it cannot be flown, then ``error`` says why."""
+
+    source: str = ""
+    text: str = ""
+    mission: Optional[Mission] = None
+    rows: Tuple[ConfigurationRow, ...] = ()
+    error: Optional[FileError] = None
+
+
+def load(path, optics: Optics = USUAL) -> MissionFile:
+    """From a file; one that cannot be read is an error like any other."""
+    try:
+        return parse(Path(path).read_text(), str(path), optics)
+    except (OSError, UnicodeDecodeError) as error:
+        return MissionFile(str(path), error=FileError(0, f"cannot be read: {error}"))
+
+
+def parse(text: str, source: str = "", optics: Optics = USUAL) -> MissionFile:
+    """From what an editor holds.
+
+    >>> parse("name: a\\nconfigurations:\\n  - {axis: horizontal, baseline_m: -2.0}\\n").error.words
+    'line 3: configurations[0].baseline_m: -2.0 must be positive; the axis says the direction'
+    """
+    try:
+        document = yaml.safe_load(text)
+        mission = config.from_mapping(document, Mission, source or "mission")
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = FileError(mark.line + 1 if mark else 0, f"not YAML: {error_words(error)}")
+        return MissionFile(source, text, error=where)
+    except ConfigError as error:
+        where = f"{error.field}: " if error.field else ""
+        return MissionFile(source, text, error=FileError(line_of(text, error.field), f"{where}{error.problem}"))
+    return MissionFile(source, text, mission, _rows(mission, optics))
+
+
+def error_words(error: yaml.YAMLError) -> str:
+    """What the parser says, on one line."""
+    return str(getattr(error, "problem", None) or error).replace("\n", " ")
+
+
+def line_of(text: str, field: str) -> int:
+    """In which line, from 1 on, a field ("configurations[1].baseline_m") stands; of one that is missing its parent's.
+
+    >>> line_of("name: a\\nconfigurations:\\n  - {axis: up}\\n  - axis: a\\n    tilt: 1\\n", "configurations[1].tilt")
+    5
+    """
+    try:
+        node = yaml.compose(text)
+    except yaml.YAMLError:
+        return 0
+    line = 0
+    for name, index in re.findall(r"([A-Za-z_]\w*)|\[(\d+)", field):
+        if isinstance(node, yaml.MappingNode) and name:
+            found = next(((k, v) for k, v in node.value if k.value == name), None)
+            if found is None:
+                return line
+            line, node = found[0].start_mark.line + 1, found[1]
+        elif isinstance(node, yaml.SequenceNode) and index and int(index) < len(node.value):
+            node = node.value[int(index)]
+            line = node.start_mark.line + 1
+        else:
+            return line
+    return line
+
+
+def _rows(mission: Mission, optics: Optics) -> Tuple[ConfigurationRow, ...]:
+    return tuple(_row(i, mission, optics) for i in range(len(mission.configurations)))
+
+
+def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
+    c = mission.configurations[i]
+    far_m = farthest(c.baseline_m, optics.focal_px, optics.threshold, optics.disparity_error_px)
+    error_m = float(depth_error(far_m, c.baseline_m, optics.focal_px, optics.disparity_error_px))
+    T_home_cam = camera_place(c)
+    x, y, z = (float(v) for v in T_home_cam[:3, 3])
+    return ConfigurationRow(
+        i, c.title, c.axis, c.baseline_m, c.tilt_deg, c.record_s, mission.settle.time_s, c.vehicle or "",
+        overlap_starts_m(c.baseline_m, optics.fov_rad(c.axis), c.tilt_rad), far_m, error_m, (x, y, z),
+        heading_rad(T_home_cam),
+    )  # fmt: skip
+
+
+def overlap_share(row: ConfigurationRow, z_m: float, optics: Optics) -> float:
+    """Share (0..1) of the reference picture that both cameras see at depth ``z_m``."""
+    return 1.0 - float(non_overlap(z_m, row.baseline_m, optics.fov_rad(row.axis), float(np.radians(row.tilt_deg))))
+
+
+def seconds_left(mission_file: MissionFile, first: int) -> float:
+    """Flight time (s) from configuration ``first`` on, by the mission's speeds, with settling and recording."""
+    mission = mission_file.mission
+    if mission is None:
+        return float("nan")
+    here, total_s = np.zeros(3), 0.0
+    for row in mission_file.rows[first:]:
+        way = np.array(row.goal_m) - here
+        total_s += mission.flight.leg_s(float(np.hypot(way[0], way[1])), float(way[2]))
+        total_s += row.settle_s + row.record_s + _TURN_S
+        here = np.array(row.goal_m)
+    return total_s

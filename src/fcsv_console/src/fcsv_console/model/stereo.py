@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the two pictures of now make a good pair, in figures and in words."""
+
+import math
+from dataclasses import dataclass
+from typing import List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_console.model.facts import CameraInHome
+from fcsv_console.model.hearing import Aged
+from fcsv_console.model.mission_file import ConfigurationRow, Optics, overlap_share
+from fcsv_stereo.equations import depth_error
+
+LEAST_OVERLAP = 0.5  # under it half of the reference picture gets no depth
+MOST_SKEW_S = 0.05  # at 0.15 m/s (SettleBounds.speed_mps) a camera moves 8 mm meanwhile
+MOST_TURN_DEG = 3.0  # SettleBounds.heading_deg
+MOST_APART_M = 0.15  # SettleBounds.hold_m
+
+
+@dataclass(frozen=True)
+class StereoHealth:
+    """Of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place."""
+
+    pair: Tuple[str, str] = ("", "")
+    overlap: float = math.nan
+    skew_s: float = math.nan
+    turn_deg: float = math.nan
+    apart_m: float = math.nan
+    baseline_m: float = math.nan
+    error_m: float = math.nan
+    target_m: float = math.nan
+    go: bool = False
+    reasons: Tuple[str, ...] = ("no configuration is flown",)
+
+    @property
+    def words(self) -> str:
+        """Go or no-go."""
+        return "GO: the pair is as planned" if self.go else f"NO-GO: {'; '.join(self.reasons)}"
+
+
+def judge(
+    row: Optional[ConfigurationRow], pair: Tuple[str, str], reference: Aged[CameraInHome], moving: Aged[CameraInHome],
+    stamps_s: Tuple[float, float], target_m: float, optics: Optics,
+) -> StereoHealth:  # fmt: skip
+    """``stamps_s``: of both newest pictures, by one clock (NaN: none); ``target_m``: the range that is wanted."""
+    if row is None:
+        return StereoHealth(pair)
+    reasons: List[str] = []
+    for name, place in zip(pair, (reference, moving)):
+        if place.value is None or place.stale:
+            reasons.append(f"{name}'s place in home is not known" if place.value is None else
+                           f"{name}'s place is {place.words} old")  # fmt: skip
+    overlap = overlap_share(row, target_m, optics)
+    skew_s = abs(stamps_s[0] - stamps_s[1])
+    turn_deg = apart_m = baseline_m = error_m = math.nan
+    if not reasons:
+        a, b = np.array(reference.value.p_home_m), np.array(moving.value.p_home_m)
+        baseline_m = float(np.linalg.norm(b - a))
+        apart_m = float(np.linalg.norm(b - a - np.array(row.goal_m)))
+        turn = moving.value.heading_rad - reference.value.heading_rad - row.goal_heading_rad
+        yaw_deg = math.degrees((turn + math.pi) % (2.0 * math.pi) - math.pi)
+        turn_deg = math.hypot(yaw_deg, math.degrees(moving.value.pitch_rad - reference.value.pitch_rad))
+        error_m = float(depth_error(target_m, max(baseline_m, 1e-3), optics.focal_px, optics.disparity_error_px))
+    reasons += _wrong(overlap, target_m, skew_s, turn_deg, apart_m)
+    return StereoHealth(pair, overlap, skew_s, turn_deg, apart_m, baseline_m, error_m, target_m, not reasons,
+                        tuple(reasons))  # fmt: skip
+
+
+def _wrong(overlap: float, target_m: float, skew_s: float, turn_deg: float, apart_m: float) -> List[str]:
+    found = []
+    if overlap < LEAST_OVERLAP:
+        found.append(f"only {overlap:.0%} of the picture is seen by both at {target_m:.0f} m")
+    if skew_s > MOST_SKEW_S:
+        found.append(f"the pictures are {1e3 * skew_s:.0f} ms apart")
+    if turn_deg > MOST_TURN_DEG:
+        found.append(f"the cameras are turned {turn_deg:.1f} degrees against the plan")
+    if apart_m > MOST_APART_M:
+        found.append(f"the camera is {apart_m:.2f} m from its place")
+    return found

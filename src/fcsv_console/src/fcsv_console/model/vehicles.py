@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One vehicle as the operator sees it: who flies it, in words, and every value with its age."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, Optional, Tuple, Type
+
+from fcsv_console.model import facts as f
+from fcsv_console.model.hearing import SLOW_STALE_S, Aged, Heard
+from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
+from fcsv_control.guardian.messages import in_words
+
+_FAILSAFE_MODES = ("RTL", "SMART_RTL", "AUTO", "FLIP")
+_STOPPED_MODES = ("BRAKE", "LAND")
+PILOT, MISSION, GUARDIAN, FAILSAFE, NOBODY, UNKNOWN = "pilot", "mission", "guardian", "failsafe", "nobody", "unknown"
+
+
+@dataclass(frozen=True)
+class Flier:
+    """``who``: one of the words above; ``words``: with the reason, for a person."""
+
+    who: str
+    words: str
+
+
+@dataclass(frozen=True)
+class VehicleRow:
+    """A vehicle at one moment; times in s. ``endurance_s``: until its battery is at the mission's lowest share."""
+
+    name: str
+    flier: Flier
+    state: Aged[f.AutopilotState]
+    pose: Aged[f.OdometryHeard]
+    place: Aged[f.CameraInHome]
+    picture: Aged[f.PictureHeard]
+    battery: Aged[f.Battery]
+    guardian: Aged[f.Guardian]
+    agent: Aged[f.Agent]
+    recorder: Aged[f.Recorder]
+    clock: Aged[f.Clock]
+    radio: Aged[f.Radio]
+    said: Aged[f.Said]
+    epoch: Optional[int]
+    calibrated_epoch: Optional[int]
+    calibration_age_s: float
+    endurance_s: float
+    needed_s: float
+
+    @property
+    def connection(self) -> str:
+        """In words."""
+        if not math.isfinite(self.state.age_s):
+            return "never heard"
+        if self.state.stale:
+            return f"NOT HEARD for {self.state.words}"
+        return "connected" if self.state.value.connected else "no autopilot"
+
+    @property
+    def armed(self) -> bool:
+        """As heard last; a vehicle that fell silent counts as it was."""
+        return self.state.value is not None and self.state.value.armed
+
+    @property
+    def mode(self) -> str:
+        return self.state.value.mode if self.state.value is not None else "-"
+
+    @property
+    def calibration(self) -> str:
+        """Whether the calibration holds for the odometry of now, in words."""
+        if self.calibrated_epoch is None:
+            return "not calibrated"
+        if self.epoch is not None and self.epoch != self.calibrated_epoch:
+            return "OUTDATED: its odometry began anew"
+        return f"{self.calibration_age_s / 60.0:.0f} min old"
+
+    @property
+    def battery_enough(self) -> Optional[bool]:
+        """Whether it lasts for the rest of the mission; None: not known."""
+        if math.isnan(self.endurance_s) or math.isnan(self.needed_s):
+            return None
+        return self.endurance_s >= self.needed_s
+
+
+def who_flies(state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "") -> Flier:
+    """Who has the vehicle now, highest first as in docs/safety.md: pilot, failsafe, guardian, mission."""
+    if state.value is None:
+        return Flier(UNKNOWN, "not heard yet")
+    s: f.AutopilotState = state.value
+    if state.stale:
+        return Flier(UNKNOWN, f"not heard for {state.words} (was {s.mode})")
+    g: f.Guardian = guardian.value if guardian.value is not None and not guardian.stale else f.Guardian("")
+    if g.uncontrolled:
+        return Flier(FAILSAFE, "COMES DOWN WITHOUT A POSITION: keep away")
+    if not s.armed:
+        return Flier(NOBODY, "on the ground, motors off")
+    if s.system_status in AUTOPILOT_FAILSAFE:
+        return Flier(FAILSAFE, f"the autopilot's failsafe, {s.mode}")
+    if g.holds or g.action:
+        return Flier(GUARDIAN, f"guardian: {in_words(g.action or 'hold', g.reasons)}")
+    if s.mode in _FAILSAFE_MODES:
+        return Flier(FAILSAFE, f"{s.mode}: by the autopilot or the pilot")
+    if g.taken or s.mode not in ("GUIDED", *_STOPPED_MODES):
+        return Flier(PILOT, f"pilot, {s.mode}")
+    if s.mode in _STOPPED_MODES:
+        why = f" after {stop_asked}-all" if stop_asked else ""
+        return Flier(MISSION if s.mode == "LAND" and not stop_asked else NOBODY, f"{s.mode}{why}")
+    a: Optional[f.Agent] = None if agent.stale else agent.value
+    if a is None:
+        return Flier(UNKNOWN, "GUIDED, its agent is not heard")
+    if not a.sender:
+        return Flier(NOBODY, "GUIDED, holds: nobody commands it")
+    who = a.sender.split("-")[0]
+    return Flier(MISSION, "mission" if who == "mission" else f"commanded by {a.sender}")
+
+
+class Vehicle:
+    """Collects what is heard of one vehicle."""
+
+    def __init__(self, name: str):
+        self.name = name
+        self.epoch: Optional[int] = None
+        self.heard: Dict[Type, Heard] = {
+            f.AutopilotState: Heard(), f.OdometryHeard: Heard(), f.CameraInHome: Heard(), f.Guardian: Heard(),
+            f.Agent: Heard(), f.Battery: Heard(SLOW_STALE_S), f.PictureHeard: Heard(SLOW_STALE_S),
+            f.Recorder: Heard(SLOW_STALE_S), f.Clock: Heard(10.0), f.Radio: Heard(SLOW_STALE_S),
+            f.Said: Heard(math.inf), f.Captured: Heard(SLOW_STALE_S), f.Tags: Heard(SLOW_STALE_S),
+        }  # fmt: skip
+
+    def tell(self, now_s: float, fact: Any) -> None:
+        """A fact of it that was found sound."""
+        if isinstance(fact, f.EpochHeard):
+            self.epoch = fact.epoch
+        elif type(fact) in self.heard:
+            self.heard[type(fact)].tell(now_s, fact)
+
+    def row(
+        self, now_s: float, calibrated: Tuple[Optional[int], float], stop_asked: str, needed_s: float,
+        lasts: Callable[[float], float],
+    ) -> VehicleRow:  # fmt: skip
+        """``calibrated``: epoch and age (s) of the calibration; ``lasts``: seconds that a battery share lasts."""
+        at = {kind: heard.at(now_s) for kind, heard in self.heard.items()}
+        battery = at[f.Battery]
+        share = battery.value.share if battery.value is not None and not battery.stale else math.nan
+        return VehicleRow(
+            self.name, who_flies(at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
+            at[f.AutopilotState], at[f.OdometryHeard], at[f.CameraInHome], at[f.PictureHeard], battery,
+            at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.Said],
+            self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s,
+        )  # fmt: skip

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that is shown at one moment: immutable, so that a layer may keep it, compare it and draw it later."""
+
+from dataclasses import dataclass
+from typing import Dict, Optional, Tuple
+
+from fcsv_console.model import facts as f
+from fcsv_console.model.actions import Action
+from fcsv_console.model.air import Above
+from fcsv_console.model.events import Event
+from fcsv_console.model.hearing import Aged
+from fcsv_console.model.mission_file import MissionFile
+from fcsv_console.model.stereo import StereoHealth
+from fcsv_console.model.vehicles import VehicleRow
+from fcsv_control.flight_check.lines import Line, State, worst
+
+
+@dataclass(frozen=True)
+class View:
+    """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of the list."""
+
+    now_s: float
+    vehicles: Tuple[VehicleRow, ...]
+    mission: Aged[f.MissionTold]
+    mission_alive: bool
+    file: MissionFile
+    running: Optional[int]
+    progress: float
+    check: Optional[Tuple[Line, ...]]
+    actions: Dict[str, Action]
+    events: Tuple[Event, ...]
+    stereo: StereoHealth
+    above: Tuple[Above, ...]
+    control_recorder: Aged[f.Recorder]
+    map: Aged[f.MapTold]
+    stop: Aged[f.StopTold]
+    home_set: bool
+    problems: Tuple[str, ...]
+
+    @property
+    def check_state(self) -> State:
+        """The worst line; unknown where none is heard. Amber that was accepted counts as green."""
+        if not self.check:
+            return State.UNKNOWN
+        return worst([li for li in self.check if not li.passes] or [Line("", "", State.GREEN, "")])
+
+    @property
+    def headline(self) -> str:
+        """One line: what the mission does and waits for."""
+        m = self.mission.value
+        if m is None:
+            return "no mission is heard"
+        if not self.mission_alive:
+            return f"THE MISSION IS NOT HEARD (was in {m.phase})"
+        waits = f"  >> waits for: {m.waits_for.replace('_', ' ')}" if m.waits_for else ""
+        return f"{m.phase}: {m.detail}{waits}" if m.detail else f"{m.phase}{waits}"

@@ -1,0 +1,399 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The console's view-model: what is shown, what is enabled and why not, and that bad input never ends it."""
+
+import doctest
+import importlib
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fcsv_console.model import actions, air, facts, hearing, mission_file, soundness, stereo
+from fcsv_console.model.console import Console
+from fcsv_console.model.events import EventLog
+from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
+from fcsv_control.flight_check.lines import Line, State
+from fcsv_geometry.separation import SeparationRules
+from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
+
+OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
+GREEN = (Line("uav1", "battery", State.GREEN, "80 %"), Line("uav2", "battery", State.GREEN, "80 %"))
+
+
+def console():
+    c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2})
+    c.load(OUTDOOR)
+    return c
+
+
+def flying(c, now_s, phase="CONFIGURATIONS", waits_for="", lines=GREEN, configuration=1):
+    """Both vehicles in the air under the mission, all streams alive."""
+    for name, y in (("uav1", 0.0), ("uav2", -4.0)):
+        c.tell(now_s, facts.AutopilotState(name, True, True, "GUIDED"))
+        c.tell(now_s, facts.Guardian(name))
+        c.tell(now_s, facts.Agent(name, "mission-12-34"))
+        c.tell(now_s, facts.OdometryHeard(name, (0.0, y, 8.0)))
+        c.tell(now_s, facts.CameraInHome(name, (0.0, y, 0.0), 0.0))
+        c.tell(now_s, facts.Battery(name, 0.8, 15.2))
+        c.tell(now_s, facts.PictureHeard(name, now_s))
+        c.tell(now_s, facts.Captured(name, now_s))
+    c.tell(now_s, facts.Tags("uav2", (1,)))
+    c.tell(now_s, facts.Check(tuple(lines)))
+    c.tell(now_s, facts.MissionTold(phase, "flies", waits_for, configuration, 8))
+    c.tell(now_s, facts.MissionAlive("mission-12-34"))
+    return c
+
+
+def row(c, now_s, name="uav2"):
+    return next(v for v in c.view(now_s).vehicles if v.name == name)
+
+
+@pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness"])
+def test_examples_in_the_modules_hold(name):
+    done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
+    assert done.attempted and not done.failed
+
+
+# ---- who flies ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("state, guardian, who, words", [
+    (("GUIDED", True, 4), {}, MISSION, "mission"),
+    (("LOITER", True, 4), {}, PILOT, "pilot, LOITER"),
+    (("GUIDED", True, 4), {"holds": True, "action": "hold", "reasons": ("the poses stopped",)}, GUARDIAN,
+     "guardian: hold: the poses stopped"),
+    (("LAND", True, 5), {}, FAILSAFE, "the autopilot's failsafe, LAND"),
+    (("RTL", True, 4), {}, FAILSAFE, "RTL: by the autopilot or the pilot"),
+    (("LAND", True, 4), {"uncontrolled": True}, FAILSAFE, "COMES DOWN WITHOUT A POSITION: keep away"),
+    (("LAND", True, 4), {"taken": True}, PILOT, "pilot, LAND"),
+    (("STABILIZE", False, 3), {}, NOBODY, "on the ground, motors off"),
+])  # fmt: skip
+def test_who_flies_is_said_in_words(state, guardian, who, words):
+    c = flying(console(), 10.0)
+    mode, armed, status = state
+    c.tell(10.1, facts.AutopilotState("uav2", True, armed, mode, status))
+    c.tell(10.1, facts.Guardian("uav2", **guardian))
+    assert (row(c, 10.2).flier.who, row(c, 10.2).flier.words) == (who, words)
+
+
+def test_a_change_of_who_flies_shows_at_once():
+    """Within 0.5 s is wanted; the model itself adds nothing to the message's own way."""
+    c = flying(console(), 10.0)
+    c.tell(10.3, facts.AutopilotState("uav2", True, True, "ALT_HOLD"))
+    assert row(c, 10.3).flier.who == PILOT
+
+
+def test_brake_after_stop_all_is_named_and_an_agent_without_a_commander():
+    c = flying(console(), 10.0)
+    c.tell(10.1, facts.StopTold("stop", "stop all (by /console)"))
+    c.tell(10.1, facts.AutopilotState("uav2", True, True, "BRAKE"))
+    assert row(c, 10.2).flier.words == "BRAKE after stop-all"
+    c.tell(10.2, facts.AutopilotState("uav2", True, True, "GUIDED"))
+    c.tell(10.2, facts.Agent("uav2", ""))
+    assert row(c, 10.3).flier.words == "GUIDED, holds: nobody commands it"
+
+
+# ---- ages --------------------------------------------------------------------------------------------------------
+
+
+def test_a_vehicle_that_vanishes_is_stale_within_a_second_and_comes_back():
+    c = flying(console(), 10.0)
+    assert not row(c, 10.9).pose.stale and not row(c, 10.9).state.stale
+    late = row(c, 11.1)
+    assert late.pose.stale and late.place.stale and late.state.stale and late.connection == "NOT HEARD for 1.1 s"
+    assert late.flier.who == UNKNOWN and late.flier.words == "not heard for 1.1 s (was GUIDED)"
+    assert late.mode == "GUIDED" and late.armed, "what was known stays readable"
+    assert row(flying(c, 20.0), 20.1).flier.who == MISSION
+
+
+def test_rates_are_of_the_last_seconds():
+    h = hearing.Heard()
+    for k in range(90):
+        h.tell(k / 30.0, k)
+    assert h.at(2.99).rate_hz == pytest.approx(30.0, rel=0.02)
+    assert h.at(5.0).rate_hz < 15.0 and h.at(9.0).rate_hz == 0.0
+
+
+# ---- actions -----------------------------------------------------------------------------------------------------
+
+
+def why(c, now_s, name):
+    return c.view(now_s).actions[name].why_not
+
+
+def test_stop_all_can_always_be_asked_for():
+    c = console()
+    assert not why(c, 0.0, "stop_all")
+    c.tell(0.0, facts.MasterTold("the ROS master does not answer"))
+    assert not why(c, 0.1, "stop_all") and why(c, 0.1, "land") == "the ROS master does not answer"
+    assert not flying(c, 1.0).view(1.0).actions["stop_all"].why_not
+
+
+@pytest.mark.parametrize("phase, waits_for, enabled", [
+    ("WAIT_VEHICLES", "", {"abort", "record"}),
+    ("COLUMN", "calibrate", {"abort", "record", "calibrate"}),
+    ("MOVE_HOME", "set_home", {"abort", "record", "set_home"}),
+    ("SET_HOME", "execute", {"abort", "record", "hand_over", "execute"}),
+    ("CONFIGURATIONS", "", {"abort", "pause", "skip", "repeat", "next", "previous"}),
+    ("CONFIGURATIONS", "resume", {"abort", "skip", "repeat", "next", "previous", "hand_over"}),
+    ("LAND", "", {"abort", "record"}),
+    ("DONE", "", {"record"}),
+])  # fmt: skip
+def test_what_is_enabled_in_each_phase(phase, waits_for, enabled):
+    view = flying(console(), 10.0, phase, waits_for).view(10.1)
+    assert {n for n, a in view.actions.items() if a.enabled} == enabled | {"stop_all", "land"}
+    assert all(a.why_not for a in view.actions.values() if not a.enabled)
+
+
+def test_the_reason_says_what_is_missing():
+    c = flying(console(), 10.0, "COLUMN")
+    c.tell(10.0, facts.Tags("uav2", ()))
+    assert why(c, 18.0, "calibrate") == "the mission node is not heard: start it, or mend its file"
+    c.tell(18.0, facts.MissionAlive())
+    assert why(c, 18.0, "calibrate") == "uav2 does not see the tag of uav1 since 8 s"
+    assert why(c, 18.0, "set_home") == "calibrate first (COLUMN)"
+    assert why(c, 18.0, "skip") == "it is for vehicles that fly the list; this is COLUMN"
+
+
+@pytest.mark.parametrize("state, accepted, first, again", [
+    (State.RED, False, "flight check: uav1 battery RED", "flight check: uav1 battery RED"),
+    (State.UNKNOWN, False, "flight check: uav1 battery unknown", "flight check: uav1 battery unknown"),
+    (State.AMBER, False, "flight check: uav1 battery amber", ""),
+    (State.AMBER, True, "", ""),
+])  # fmt: skip
+def test_guided_is_locked_by_the_flight_check_as_the_mission_locks_it(state, accepted, first, again):
+    line = Line("uav1", "battery", state, "31 %", accepted=accepted)
+    assert why(flying(console(), 10.0, "SET_HOME", "execute", [line]), 10.1, "hand_over") == first
+    assert why(flying(console(), 10.0, "CONFIGURATIONS", "resume", [line]), 10.1, "hand_over") == again
+
+
+def test_a_flight_check_that_is_not_heard_locks():
+    c = flying(console(), 10.0, "SET_HOME", "execute")
+    c.tell(15.0, facts.MissionAlive())
+    assert why(c, 15.0, "execute") == "the flight check is not heard" and c.view(15.0).check_state is State.UNKNOWN
+
+
+def test_only_amber_lines_are_accepted():
+    assert actions.accept(Line("uav1", "battery", State.AMBER, "")).enabled
+    assert actions.accept(Line("uav1", "battery", State.RED, "")).why_not == "it is RED: only amber lines are accepted"
+    assert actions.accept(Line("uav1", "battery", State.AMBER, "", accepted=True)).why_not == "it is accepted"
+
+
+def test_what_was_asked_for_is_not_asked_twice_and_its_answer_is_kept():
+    c = flying(console(), 10.0)
+    number = c.ask(10.0, "pause")
+    assert why(c, 10.1, "pause").startswith("it was asked for")
+    c.answer(number, "done: pause", True)
+    assert not why(c, 10.2, "pause")
+    assert [(e.who, e.what, e.answer) for e in c.log.events][-1] == ("operator", "pause", "done: pause")
+    c.ask(10.3, "skip")
+    assert why(flying(c, 20.5), 20.5, "skip") == "", "an answer that never comes blocks for ten seconds at most"
+
+
+def test_land_is_for_vehicles_that_fly():
+    c = console()
+    assert not why(c, 0.0, "land"), "who is not heard may fly"
+    for name in ("uav1", "uav2"):
+        c.tell(1.0, facts.AutopilotState(name, True, False, "LOITER"))
+    assert why(c, 1.1, "land") == "all stand with their motors off" and not why(c, 3.0, "land")
+
+
+# ---- configurations ----------------------------------------------------------------------------------------------
+
+
+def test_configurations_have_their_range_and_error_by_the_equations():
+    f = console().file
+    assert len(f.rows) == 8 and f.error is None
+    for r in f.rows:
+        z_m = farthest(r.baseline_m, 602.0, ErrorThreshold(0.1, True))
+        assert r.farthest_m == pytest.approx(z_m) and r.error_m == pytest.approx(depth_error(z_m, r.baseline_m, 602.0))
+    assert f.rows[0].goal_m == (0.0, -2.0, 0.0) and f.rows[5].goal_m == (0.0, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("text, words", [
+    ("name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 2.0}\n  - axis: up\n    baseline_m: 3.0\n",
+     "line 4: configurations[1].axis: 'up' is not one of horizontal, vertical"),
+    ("name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 2.0}\n  -\n    axis: vertical\n    baseline_m: 3.0\n"
+     "    tilt_deg: 4\n", "line 7: configurations[1].tilt_deg: a hovering multirotor cannot pitch a fixed camera; set "
+     "it to 0 for vertical"),
+    ("name: a\nheight: 3\n", "line 2: height: is not known"),
+    ("name: a\n", "configurations: is missing"),
+    ("name: [a\n", "line 2: not YAML: expected ',' or ']', but got '<stream end>'"),
+    ("", "must be a mapping"),
+    ("name: a\nconfigurations: [{axis: horizontal, baseline_m: .nan}]\n", "line 2: configurations[0].baseline_m: "
+     "must be finite, got nan"),
+])  # fmt: skip
+def test_an_error_in_a_mission_file_is_named_with_its_line(text, words):
+    f = mission_file.parse(text)
+    assert f.mission is None and words in f.error.words
+    c = console()
+    c.edit(text)
+    assert any(words in p for p in c.view(0.0).problems) and not c.view(0.0).vehicles[0].battery_enough
+
+
+def test_a_file_that_is_not_there_or_is_no_text(tmp_path):
+    assert "cannot be read" in mission_file.load(tmp_path / "none.yaml").error.words
+    (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
+    assert mission_file.load(tmp_path / "bytes.yaml").error is not None
+
+
+@given(st.text(max_size=80))
+def test_no_text_of_a_mission_file_raises(text):
+    f = mission_file.parse(text)
+    assert f.mission is None or f.rows
+
+
+def test_battery_is_compared_with_what_is_left_of_the_mission():
+    """outdoor.yaml: 900 s of endurance, 20 % kept; 0.8 leaves 540 s. The list needs less than that and more than its
+    recordings (8 times 5 s)."""
+    c = flying(console(), 10.0, configuration=0)
+    v = row(c, 10.1)
+    assert v.endurance_s == pytest.approx(540.0) and 40.0 < v.needed_s < 540.0 and v.battery_enough
+    c.tell(10.1, facts.Battery("uav2", 0.22))
+    assert row(c, 10.2).endurance_s == pytest.approx(18.0) and row(c, 10.2).battery_enough is False
+    late = row(flying(c, 20.0, configuration=7), 20.1)
+    assert late.needed_s < v.needed_s
+    c.tell(20.1, facts.Battery("uav2", math.nan))
+    assert row(c, 20.2).battery_enough is None
+
+
+# ---- stereo and air ----------------------------------------------------------------------------------------------
+
+
+def test_stereo_health_says_go_and_why_not():
+    c = flying(console(), 10.0)  # configuration 1: horizontal 4 m
+    h = c.view(10.1).stereo
+    assert h.go and h.baseline_m == pytest.approx(4.0) and h.words == "GO: the pair is as planned"
+    assert h.error_m == pytest.approx(depth_error(h.target_m, 4.0, 602.0))
+    c.tell(10.1, facts.CameraInHome("uav2", (0.3, -4.0, 0.0), math.radians(5.0)))
+    c.tell(10.1, facts.Captured("uav2", 10.2))
+    h = c.view(10.2).stereo
+    assert not h.go and h.apart_m == pytest.approx(0.3) and h.turn_deg == pytest.approx(5.0)
+    assert h.words == ("NO-GO: the pictures are 200 ms apart; the cameras are turned 5.0 degrees against the plan; "
+                       "the camera is 0.30 m from its place")  # fmt: skip
+
+
+def test_stereo_health_takes_the_clock_offset_away_and_names_a_lost_place():
+    c = flying(console(), 10.0)
+    c.tell(10.0, facts.Clock("uav2", 5.0, 0.001))
+    c.tell(10.0, facts.Captured("uav2", 15.0))
+    assert c.view(10.1).stereo.skew_s == pytest.approx(0.0)
+    for k in range(3):
+        c.tell(11.0 + k, facts.MissionAlive())
+    assert "uav1's place is 3.0 s old" in c.view(13.0).stereo.words
+
+
+def test_too_near_a_target_has_too_little_overlap():
+    row_ = console().file.rows[4]  # 10 m apart
+    aged = hearing.Aged(facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0), 0.1, 30.0, False)
+    moving = hearing.Aged(facts.CameraInHome("uav2", (0.0, -10.0, 0.0), 0.0), 0.1, 30.0, False)
+    h = stereo.judge(row_, ("uav1", "uav2"), aged, moving, (math.nan, math.nan), 12.0, mission_file.Optics())
+    assert "of the picture is seen by both at 12 m" in h.words and not h.go
+
+
+def test_above_another_and_where_it_would_come_down():
+    c = flying(console(), 10.0)
+    c.tell(10.1, facts.CameraInHome("uav2", (0.2, -0.1, 5.0), 0.0))
+    (found,) = c.view(10.2).above
+    assert (found.upper, found.lower, found.down_m) == ("uav2", "uav1", (0.2, -0.1))
+    assert found.words == "uav2 is 5.0 m above uav1, 0.2 m aside; it would come down at (0.2, -0.1)"
+    c.tell(10.3, facts.AutopilotState("uav1", True, False, "LOITER"))
+    assert not c.view(10.3).above, "nobody flies beneath"
+
+
+@given(st.lists(st.tuples(*[st.floats(-50, 50)] * 3), min_size=2, max_size=4))
+def test_who_is_above_is_never_beneath(places):
+    named = {f"uav{i}": p for i, p in enumerate(places)}
+    for a in air.above(named, SeparationRules(0.95)):
+        assert named[a.upper][2] > named[a.lower][2] and np.hypot(a.down_m[0] - named[a.lower][0],
+                                                                  a.down_m[1] - named[a.lower][1]) < 0.95  # fmt: skip
+
+
+# ---- bad input ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fact, words", [
+    (facts.OdometryHeard("uav2", (math.nan, 0.0, 0.0)), "uav2 OdometryHeard: p_odom_m holds nan"),
+    (facts.CameraInHome("uav2", (0.0, 0.0, math.inf), 0.0), "p_home_m holds inf"),
+    (facts.CameraInHome("uav2", (0.0, 0.0, 0.0), math.nan), "heading_rad holds nan"),
+    (facts.CameraInHome("uav2", (1e9, 0.0, 0.0), 0.0), "p_home_m"),
+    (facts.Battery("uav2", 7.0), "share is 7, not in 0..1"),
+    (facts.AutopilotState("uav9", True, True, "GUIDED"), "'uav9' is not one of uav1, uav2"),
+    (facts.Unusable("uav2", "camera/color/image_raw", "encoding '13UC5' is not known"), "encoding '13UC5'"),
+])  # fmt: skip
+def test_bad_input_is_named_and_changes_nothing(fact, words):
+    c = flying(console(), 10.0)
+    before = row(c, 10.1)
+    for _ in range(3):
+        c.tell(10.1, fact)
+    assert row(c, 10.1) == before
+    (said,) = [p for p in c.view(10.1).problems if words in p]
+    assert said.endswith("(3 times)")
+    assert [e for e in c.log.events if words in e.what][0].level == "warning"
+    assert not [p for p in c.view(16.0).problems if words in p]
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True), st.text(max_size=5))
+def test_no_number_and_no_name_ends_it(number, name):
+    c = flying(console(), 10.0)
+    for fact in (
+        facts.OdometryHeard(name, (number, number, number)), facts.CameraInHome("uav1", (number,) * 3, number),
+        facts.Battery("uav1", number, number), facts.Clock("uav2", number, number), facts.Captured("uav2", number),
+        facts.Recorder("uav1", True, 0, 0, number), facts.Radio("uav1", number, number), facts.MapTold("x", "", number),
+        facts.MissionTold(name, configuration=10**6, configurations=0), facts.Tags("uav1", (-5,)),
+        facts.Check((Line(name, "x", State.RED, ""),), 1.0),
+    ):  # fmt: skip
+        c.tell(10.0, fact)
+    assert c.view(10.1).vehicles
+
+
+def test_what_is_not_known_is_no_fault():
+    assert not soundness.unsound(facts.Battery("uav1", math.nan))
+    assert not soundness.unsound(facts.Recorder("uav1", False, 0, 0, math.inf))
+
+
+# ---- events ------------------------------------------------------------------------------------------------------
+
+
+def test_events_are_told_once_and_exported():
+    c = flying(console(), 10.0)
+    flying(c, 11.0)
+    c.wall_offset_s = 1.7e9
+    c.tell(11.1, facts.Guardian("uav2", "LAND", reasons=("battery empty",)))
+    c.tell(11.2, facts.Guardian("uav2", "LAND", reasons=("battery empty",)))
+    c.tell(11.3, facts.Said("uav1", "autopilot", "EKF variance, failsafe", 2))
+    c.tell(11.4, facts.Answered("uav1", "mission-1", 7, "refused: it is flown by hand"))
+    told = [(e.who, e.what, e.level) for e in c.log.events]
+    assert told.count(("uav2 guardian", "LAND: battery empty", "warning")) == 1
+    assert ("uav1 autopilot", "EKF variance, failsafe", "warning") in told
+    rows = c.log.as_csv().splitlines()
+    assert rows[0] == "time_utc,who,what,answer,level" and len(rows) == len(told) + 1
+    assert '2023-11-14T22:13:31.300+00:00,uav1 autopilot,"EKF variance, failsafe",,warning' in rows
+
+
+def test_events_do_not_grow_without_bound():
+    log = EventLog()
+    first = log.add(0.0, "a", "b")
+    for k in range(5000):
+        log.add(float(k), "a", "b")
+    log.answer(first, "too late", True)
+    assert len(log.events) == 2000
+
+
+def test_a_mission_that_dies_is_told_and_locks_its_actions():
+    c = flying(console(), 10.0)
+    assert c.view(14.0).headline == "THE MISSION IS NOT HEARD (was in CONFIGURATIONS)"
+    assert c.view(14.0).actions["pause"].why_not.startswith("the mission node is not heard")
+
+
+def test_the_epoch_decides_whether_a_calibration_holds():
+    c = flying(console(), 10.0)
+    assert row(c, 10.1).calibration == "not calibrated"
+    c.tell(10.1, facts.EpochHeard("uav2", 3))
+    c.tell(10.1, facts.Calibrated((("uav1", 1), ("uav2", 3)), 120.0))
+    assert row(c, 10.1).calibration == "2 min old"
+    c.tell(10.2, facts.EpochHeard("uav2", 4))
+    assert row(c, 10.3).calibration == "OUTDATED: its odometry began anew"
