@@ -4,6 +4,7 @@
 import warnings as python_warnings
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from support.scenes import CAMERA, given, true_depth
@@ -11,7 +12,7 @@ from support.scenes import CAMERA, given, true_depth
 from fcsv_geometry import transforms
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.evaluation import evaluate
-from fcsv_stereo.report import evidence, page, plain_words, write_report
+from fcsv_stereo.report import evidence, figures, page, plain_words, write_report
 from fcsv_stereo.report.figures import _with_none
 from fcsv_stereo.report.parts import Paragraph
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
@@ -158,3 +159,26 @@ def test_colours_of_nothing_without_deprecated_ways():
         python_warnings.simplefilter("error")
         colormap = _with_none("turbo", "#ff0000")
         assert colormap(np.ma.masked_invalid([np.nan]))[0].tolist() == [1.0, 0.0, 0.0, 1.0]
+
+_SPANS_M = [(95.0, 105.0), (11.0, 13.0), (2.0, 9.0), (10.0, 600.0), (0.02, 900.0), (0.001, 900.0)]
+
+
+@pytest.mark.parametrize("low, high", _SPANS_M)
+def test_numbers_of_a_logarithmic_axis_stay_apart(low, high):
+    """On a chart's axis and on a colour bar: two labels or more, none on another."""
+    figure, axes = plt.subplots(figsize=(6.0, 3.2))
+    axes.set_xscale("log")
+    axes.set_xlim(low, high)
+    figures.round_numbers(axes.xaxis)
+    bar = figures.depth(np.geomspace(low, high, 400).reshape(20, 20), "depth").axes[-1]
+    for drawn, labels in ((figure, axes.xaxis), (bar.figure, bar.yaxis)):
+        drawn.canvas.draw()
+        boxes = [t.get_window_extent() for t in labels.get_ticklabels(which="both") if t.get_text() and seen(labels, t)]
+        assert len(boxes) >= 2
+        assert not [1 for i, a in enumerate(boxes) for b in boxes[:i] if a.overlaps(b)]
+        plt.close(drawn)
+
+
+def seen(axis, label):
+    low, high = sorted(axis.get_view_interval())
+    return low <= label.get_position()[0 if axis.axis_name == "x" else 1] <= high

@@ -34,6 +34,26 @@ def test_a_gimbal_sees_along_its_optical_axis_as_wide_as_its_camera_says():
     assert np.abs(p[:, 1]).max() / np.abs(p[:, 0]).max() == pytest.approx(1080 / 1920)
 
 
+def test_before_home_vehicles_stand_in_a_column_and_move_by_their_odometry(root):
+    from fcsv_geometry.vehicle import load_vehicles
+    from fcsv_tracking.ros.vehicle_markers import assumed_place, vehicle_markers
+
+    uav2 = load_vehicles(root / "config" / "vehicles", ["uav2"])["uav2"]
+    T = assumed_place(1, 8.0, tf.from_xyz_yaw([0.5, 0.0, 2.0], np.pi / 2))
+    assert np.allclose(T[:3, 3], [-3.0, 0.0, -6.0])  # from the ground up, behind the first
+    from fcsv_geometry.ros import conversions
+
+    body, tag, sight, label = vehicle_markers(uav2, 1, T)
+    assert {m.header.frame_id for m in (body, tag, sight, label)} == {frames.HOME} and "home is not set" in label.text
+    assert np.allclose(conversions.pose_to_transform(tag.pose), T @ uav2.T_body_tag, atol=1e-9)
+    assert np.allclose(conversions.pose_to_transform(sight.pose), T @ uav2.T_body_cam, atol=1e-9)
+    locked = vehicle_markers(uav2, 1)
+    assert [m.header.frame_id for m in locked] == [
+        frames.base_link("uav2"), frames.tag("uav2"), frames.camera_optical("uav2"), frames.base_link("uav2")
+    ] and all(m.frame_locked for m in locked)  # fmt: skip
+    assert [m.id for m in locked] == [m.id for m in (body, tag, sight, label)]  # each replaces what was drawn before
+
+
 def test_the_mocap_looks_along_its_x():
     from fcsv_tracking.ros.tracking_markers import mocap_view
 
@@ -48,6 +68,7 @@ def test_the_mocap_looks_along_its_x():
 def test_the_node_draws_them_beside_the_ellipsoids(start_node, root):
     """The mocap's at once, a gimbal's once its camera_info is there, and none from one that is not calibrated."""
     import rospy
+    from geometry_msgs.msg import PoseWithCovarianceStamped
     from sensor_msgs.msg import CameraInfo
     from visualization_msgs.msg import MarkerArray
 
@@ -59,12 +80,20 @@ def test_the_node_draws_them_beside_the_ellipsoids(start_node, root):
              for n in ("tello1", "tello2")}  # fmt: skip
     infos["tello1"].publish(conversions.info_from_camera(CAMERA, 1.0, "tello1/gimbal_optical"))
     infos["tello2"].publish(CameraInfo(width=1920, height=1080))
+    vehicles = []
+    rospy.Subscriber("/tracking/vehicles", MarkerArray, vehicles.append)
     start_node("fcsv_tracking", "markers", params={
         "vehicles": ["tello1", "tello2"], "vehicles_dir": str(root / "config" / "vehicles"),
         "mocap_fov_deg": [47.0, 43.0]})  # fmt: skip
-    until(lambda: got and len(got[-1].markers) == 2, what="both views")
-    assert {(m.ns, m.header.frame_id) for m in got[-1].markers} == {
-        ("gimbal views", "tello1/gimbal_optical"), ("mocap view", "mocap")}  # fmt: skip
+    until(lambda: vehicles and len(vehicles[-1].markers) == 8, what="both vehicles")
+    assert {m.header.frame_id for m in vehicles[-1].markers} == {"home"}  # it is not set: their frames have no place
+    assert got and not got[-1].markers
+    home = rospy.Publisher("/tello1/camera_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
+    home.publish(conversions.header(1.0, "home"), PoseWithCovarianceStamped().pose)
+    drawn = {("covariance of tello1", "home"), ("gimbal views", "tello1/gimbal_optical"), ("mocap view", "mocap")}
+    until(lambda: {(m.ns, m.header.frame_id) for m in got[-1].markers} == drawn, what="both views")
+    until(lambda: "tello1/base_link" in {m.header.frame_id for m in vehicles[-1].markers}, what="its own frame")
+    assert {m.header.frame_id for m in vehicles[-1].markers if m.ns == "tello2"} == {"home"}
 
 
 @pytest.mark.ros

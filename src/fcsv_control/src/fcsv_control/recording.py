@@ -19,7 +19,7 @@ _VEHICLE: Tuple[str, ...] = (
 )  # fmt: skip
 _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",
-    "camera_pose", "markers", "recorder/status", "odometry/epoch", "agent/alive", "command", "command_ack",
+    "camera_pose", "recorder/status", "odometry/epoch", "agent/alive", "command", "command_ack",
     "guardian/state", "guardian/said",
 )  # fmt: skip
 _CONTROL: Tuple[str, ...] = (

@@ -18,6 +18,7 @@ from fcsv_geometry.writing import in_words, require_folder
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
+from fcsv_sim.demo.look import look
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, MapRun, System
 from fcsv_sim.demo.truth_export import export_truth
@@ -83,6 +84,7 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
         _print_end(plan, plan.folder / each.folder)
     slowly = "" if speed > _REAL_TIME else f" (at {speed:.2f} of real time)"
     print(f"flown {flight_s:.0f} s{slowly}, moved {moved_m:.1f} m while configurations were flown")
+    look(plan)
     return 0
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.report.evidence import PairEvidence, correction
+from fcsv_stereo.report.figures import round_numbers
 
 #: of a run, in their order
 STEPS = ("load", "refine", "match", "fuse", "write")
@@ -71,8 +72,10 @@ def sigma(result: MapResult):
         right.hist(np.minimum(share, 20.0), bins=np.linspace(0, 20, 81), color="#3a6ea5")
         right.axvline(float(np.median(share)), color="#c0392b", ls="--", lw=1)
     left.set_xscale("log")
+    if values.size:
+        round_numbers(left.xaxis)
     left.set_xlabel("sigma (m)")
-    right.set_xlabel("sigma (% of the distance; the last bar: 20 and more; dashed: median)")
+    right.set_xlabel("sigma (% of the distance; last bar: 20 and more; dashed: median)")
     for axes in (left, right):
         axes.set_ylabel("pixels")
     return figure

@@ -8,7 +8,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import Evaluation
@@ -17,6 +17,8 @@ from fcsv_stereo.model.kinds import WORDS, masks
 
 DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"
+#: Of a logarithmic axis: below the first its numbers are evenly spaced; above the others fewer of them are written.
+_FEW_DECADES, _MANY_DECADES, _MOST_DECADES = 0.6, 2.2, 3.5
 _KIND_COLOURS = {
     "agreed": "#009e73", "one pair": "#a8ddb5", "hidden": "#d55e00", "outside": "#e69f00", "blank": "#cc79a7",
     "sky": "#56b4e9", "moved": "#f0e442", "nothing": _NONE,
@@ -165,15 +167,24 @@ def histogram(result: MapResult):
 
 
 def round_numbers(axis) -> None:
-    """Plain numbers on a logarithmic axis (of an Axes or a colour bar) of matplotlib."""
-    axis.set_major_formatter(FuncFormatter(_round_number))
-    axis.set_minor_formatter(FuncFormatter(_round_number))
+    """Plain numbers on a logarithmic axis (of an Axes or a colour bar) of matplotlib, as many as have room."""
+    low, high = sorted(axis.get_view_interval())
+    decades = np.log10(high / low)
+    if decades < _FEW_DECADES:  # 1, 2, 3, 5 may have no number in it
+        axis.set_major_locator(MaxNLocator(4))
+        axis.set_major_formatter(FuncFormatter(lambda value, _position: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+        return
+    digits = (1, 2, 3, 5) if decades < _MANY_DECADES else (1, 3) if decades < _MOST_DECADES else (1,)
+    formatter = FuncFormatter(lambda value, _position: _round_number(value, digits))
+    axis.set_major_formatter(formatter)
+    axis.set_minor_formatter(formatter)
 
 
-def _round_number(value: float, _position) -> str:
-    """20 and not 2e1; nothing where labels would crowd (4, 6 to 9)."""
+def _round_number(value: float, digits) -> str:
+    """20 and not 2e1; nothing where its first digit is none of ``digits``."""
     digit = round(value / 10.0 ** np.floor(np.log10(value) + 1e-9)) if value > 0 else 0
-    return f"{value:g}" if digit in (1, 2, 3, 5) else ""
+    return f"{value:g}" if digit in digits else ""
 
 
 def _with_none(name: str, color: str = _NONE) -> ListedColormap:

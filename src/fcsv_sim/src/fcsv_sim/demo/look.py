@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demo's end: the flight again, with its map, in rviz."""
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+from typing import List
+
+from fcsv_sim.demo import interrupt
+from fcsv_sim.demo.fleet import FleetPlan
+from fcsv_sim.machines import slow_motion
+from fcsv_sim.machines.machines import free_port
+
+
+def playback(plan: FleetPlan, map_folder: str = "map") -> List[str]:
+    """The command that shows a demo's session with its map."""
+    arguments = [f"session:={plan.session_folder}", f"out:={plan.folder / map_folder}"]
+    return ["roslaunch", "fcsv_bringup", "playback.launch", *arguments, f"vehicles:={','.join(plan.vehicles)}"]
+
+
+def look(plan: FleetPlan) -> None:
+    """Prints the command; where rviz was asked for by somebody at a terminal, runs it until he closes rviz."""
+    print(f"again:  {shlex.join(playback(plan))}")
+    if not (plan.rviz and sys.stdin.isatty()):
+        return
+    print("rviz shows the flight and its map: close it, or press Ctrl-C, to end", flush=True)
+    port = free_port()
+    env = {**slow_motion.in_real_time(dict(os.environ)), "ROS_MASTER_URI": f"http://127.0.0.1:{port}"}
+    command = [*playback(plan), "-p", str(port)]
+    with open(plan.run_folder / "playback.log", "w") as log:
+        child = subprocess.Popen(command, env=env, preexec_fn=os.setpgrp, stdout=log, stderr=subprocess.STDOUT)
+    try:
+        child.wait()
+    except interrupt.Interrupted:
+        child.send_signal(signal.SIGINT)
+        child.wait()
