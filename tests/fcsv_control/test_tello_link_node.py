@@ -146,7 +146,7 @@ class Flight:
     def ready(self):
         """Connected, with poses for as long as GUIDED asks for."""
         until(lambda: getattr(self.operator.newest.state, "connected", False), 20.0, "its Tello is connected")
-        until(lambda: self.operator.newest.health.feed_rate_hz > 10.0, 10.0, "the tracker sees it")
+        until(lambda: getattr(self.operator.newest.health, "feed_rate_hz", 0.0) > 10.0, 10.0, "the tracker sees it")
         until(lambda: self.operator.newest.battery and self.operator.newest.battery.percentage > 0.9, 5.0, "battery")
 
     def guided(self, T):
