@@ -35,7 +35,9 @@ class StereoHealth:
 
     @property
     def words(self) -> str:
-        """Go or no-go."""
+        """Go or no-go; neither where there is nothing to judge."""
+        if math.isnan(self.overlap):
+            return f"stereo: {'; '.join(self.reasons)}"
         return "GO: the pair is as planned" if self.go else f"NO-GO: {'; '.join(self.reasons)}"
 
 

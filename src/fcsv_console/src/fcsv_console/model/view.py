@@ -52,5 +52,5 @@ class View:
             return "no mission is heard"
         if not self.mission_alive:
             return f"THE MISSION IS NOT HEARD (was in {m.phase})"
-        waits = f"  >> waits for: {m.waits_for.replace('_', ' ')}" if m.waits_for else ""
-        return f"{m.phase}: {m.detail}{waits}" if m.detail else f"{m.phase}{waits}"
+        waits = f", waits for {m.waits_for.replace('_', ' ').upper()}" if m.waits_for else ""
+        return f"{m.phase}{waits}: {m.detail}".rstrip(": ")

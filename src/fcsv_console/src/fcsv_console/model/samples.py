@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scripted situations: what screenshots and tests of the layers show. Facts go in as they do from topics."""
+
+import math
+from typing import Callable, Dict, Sequence, Tuple
+
+from fcsv_console.model import facts as f
+from fcsv_console.model.console import Console
+from fcsv_control.flight_check.lines import Line, State
+
+NOW_S = 100.0
+_NAMES = ("uav1", "uav2")
+
+
+def console(mission: str) -> Console:
+    """Two vehicles and a mission file."""
+    made = Console(_NAMES, {"uav1": 1, "uav2": 2})
+    made.load(mission)
+    made.wall_offset_s = 1.7e9
+    return made
+
+
+def _lines(**wrong: Tuple[State, str, str]) -> Tuple[Line, ...]:
+    """The table of both vehicles, green but for ``uavN_name=(state, what, remedy)``."""
+    names = ("link", "pre-arm", "ekf", "estimate", "feed", "tracker", "transmitter", "battery", "camera", "recorder",
+             "disk", "guardian", "agent", "radio", "clock", "tags")  # fmt: skip
+    found = []
+    for vehicle in _NAMES:
+        for name in names:
+            state, what, remedy = wrong.get(f"{vehicle}_{name}", (State.GREEN, "well", ""))
+            found.append(Line(vehicle, name, state, what, remedy, 75.0))
+    return tuple(found)
+
+
+def _streams(c: Console, now_s: float, mode: str, armed: bool, places: Sequence[Tuple[float, float, float]],
+             share: float = 0.82, quiet: Sequence[str] = ()) -> None:  # fmt: skip
+    """Three seconds of all streams of both vehicles; those that are quiet stop 2.4 s before."""
+    for k in range(30):
+        at_s = now_s - 2.9 + 0.1 * k
+        for name, place in zip(_NAMES, places):
+            if name in quiet and at_s > now_s - 2.4:
+                continue
+            for third in range(3):
+                c.tell(at_s + third / 30.0, f.OdometryHeard(name, place))
+                c.tell(at_s + third / 30.0, f.CameraInHome(name, place, 0.02 if name == "uav2" else 0.0))
+            c.tell(at_s, f.Guardian(name))
+            c.tell(at_s, f.Agent(name, "mission-812-1" if mode == "GUIDED" else ""))
+            c.tell(at_s, f.AutopilotState(name, True, armed, mode))
+            if k % 10 == 0:
+                c.tell(at_s, f.Battery(name, share - (0.04 if name == "uav2" else 0.0), 15.3))
+                c.tell(at_s, f.PictureHeard(name, at_s))
+                c.tell(at_s, f.Recorder(name, mode == "GUIDED", 412, 0, 96.0))
+                c.tell(at_s, f.Radio(name, 0.006, 0.01))
+                c.tell(at_s, f.Clock(name, 0.0012, 0.0004))
+                c.tell(at_s, f.Tags(name, (1,) if name == "uav2" else ()))
+            c.tell(at_s, f.Captured(name, at_s + (0.012 if name == "uav2" else 0.0)))
+        c.tell(at_s, f.MissionAlive("mission-812-1"))
+    for name in _NAMES:
+        c.tell(now_s - 2.9, f.EpochHeard(name, 1))
+
+
+def on_the_ground(c: Console) -> None:
+    """Before take-off: one line red, one amber."""
+    places = ((0.0, 0.0, -8.0), (-3.5, 0.0, -8.0))
+    _streams(c, NOW_S, "STABILIZE", False, places)
+    red = (State.RED, "PreArm: Compass not calibrated", "do what the autopilot says")
+    amber = (State.AMBER, "38 %", "change it; unknown: set BATT_MONITOR")
+    c.tell(NOW_S - 0.3, f.Check(_lines(uav2_battery=amber, **{"uav1_pre-arm": red})))
+    c.tell(NOW_S - 0.1, f.MissionTold("WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows),
+                                      ("flight check: uav1 pre-arm is RED",)))  # fmt: skip
+    c.tell(NOW_S - 1.0, f.Said("uav1", "autopilot", "PreArm: Compass not calibrated", 2))
+
+
+def ready(c: Console) -> None:
+    """Home is set; the mission waits to be handed the vehicles."""
+    _streams(c, NOW_S, "LOITER", True, ((0.0, 0.0, 0.0), (-3.5, 0.1, 0.1)))
+    c.tell(NOW_S - 0.3, f.Check(_lines()))
+    c.tell(NOW_S - 60.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
+    c.tell(NOW_S - 20.0, f.HomeSet("uav1"))
+    c.tell(NOW_S - 0.1, f.MissionTold("SET_HOME", "home is set", "execute", 0, len(c.file.rows)))
+
+
+def flying(c: Console) -> None:
+    """The third configuration is recorded."""
+    row = c.file.rows[2]
+    x, y, z = row.goal_m
+    _streams(c, NOW_S, "GUIDED", True, ((0.0, 0.0, 0.0), (x + 0.03, y - 0.02, z + 0.01)), 0.64)
+    c.tell(NOW_S - 0.3, f.Check(_lines()))
+    c.tell(NOW_S - 200.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
+    c.tell(NOW_S - 150.0, f.HomeSet("uav1"))
+    c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", f"recording {row.title}", "", 2, len(c.file.rows)))
+    c.tell(NOW_S - 4.0, f.MapTold("partial", "2 configurations", 0.71))
+    number = c.ask(NOW_S - 30.0, "hand_over")
+    c.answer(number, "confirmed: execute", True)
+
+
+def wrong(c: Console) -> None:
+    """uav2 is above uav1 and falls silent; uav1's guardian holds; NaN in a pose; stop-all was asked for."""
+    _streams(c, NOW_S, "GUIDED", True, ((0.0, 0.0, 0.0), (0.3, -0.2, 5.0)), 0.31)
+    c.tell(NOW_S - 0.3, f.Check(_lines(uav2_radio=(State.RED, "no pose for 2.4 s", "go nearer, turn the antenna"))))
+    c.tell(NOW_S - 0.1, f.Guardian("uav1", "hold", True, reasons=("the others' places are not known",)))
+    c.tell(NOW_S - 0.2, f.OdometryHeard("uav1", (math.nan, 0.0, 0.0)))
+    c.tell(NOW_S - 0.2, f.Unusable("uav2", "camera/color/image_raw/compressed", "encoding '13UC5' is no picture"))
+    why, problem = "everybody was stopped: confirm 'resume', or abort", "everybody was stopped by the operator"
+    c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", why, "resume", 5, len(c.file.rows), (problem,)))
+    c.tell(NOW_S - 0.1, f.StopTold("stop", "stop all (the operator at the console); done: uav1; under way: uav2"))
+
+
+def silent(c: Console) -> None:
+    """uav2 vanished 2.4 s ago; the master does not answer."""
+    _streams(c, NOW_S, "GUIDED", True, ((0.0, 0.0, 0.0), (0.0, -4.0, 0.0)), 0.5, ("uav2",))
+    c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", "", "", 1, len(c.file.rows), ("uav2 is not heard",)))
+    c.tell(NOW_S - 0.1, f.MasterTold("the ROS master does not answer"))
+
+
+SAMPLES: Dict[str, Callable[[Console], None]] = {
+    "ground": on_the_ground, "ready": ready, "flying": flying, "wrong": wrong, "silent": silent,
+}  # fmt: skip

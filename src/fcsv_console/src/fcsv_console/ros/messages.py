@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to facts. Each raises FcsvError or ValueError where a message cannot be used; the caller tells why."""
+
+import math
+from typing import Any, Callable, Dict, List, Tuple
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import BatteryState, CompressedImage
+
+from fcsv_console.model import facts as f
+from fcsv_control.mission.places import heading_rad
+from fcsv_control.ros import flight_check_messages as check_messages
+from fcsv_control.stopping import Report
+from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.ros import conversions
+from fcsv_msgs.msg import (
+    CapturedPicture,
+    ClockOffset,
+    CommandAck,
+    Epoch,
+    Epochs,
+    FlightCheck,
+    GuardianState,
+    Heartbeat,
+    Home,
+    MapState,
+    MissionState,
+    RecorderStatus,
+    StopReport,
+    TagDetections,
+)
+from mavros_msgs.msg import State, StatusText
+
+Convert = Callable[[str, Any], f.Fact]
+_PICTURES = (b"\xff\xd8", b"\x89PNG")  # how JPEG and PNG begin
+
+
+def _state(name: str, m: State) -> f.Fact:
+    return f.AutopilotState(name, m.connected, m.armed, m.mode, m.system_status)
+
+
+def _battery(name: str, m: BatteryState) -> f.Fact:
+    return f.Battery(name, conversions.battery_share(m), m.voltage)
+
+
+def _odometry(name: str, m: Odometry) -> f.Fact:
+    x, y, z = conversions.pose_to_transform(m.pose.pose)[:3, 3]
+    return f.OdometryHeard(name, (float(x), float(y), float(z)))
+
+
+def _camera(name: str, m: PoseWithCovarianceStamped) -> f.Fact:
+    T_home_cam = conversions.pose_to_transform(m.pose.pose)
+    x, y, z = (float(v) for v in T_home_cam[:3, 3])
+    pitch_rad = math.asin(max(-1.0, min(1.0, float(T_home_cam[2, 2]))))
+    return f.CameraInHome(name, (x, y, z), heading_rad(T_home_cam), pitch_rad)
+
+
+def _picture(name: str, m: CompressedImage) -> f.Fact:
+    if not m.data.startswith(_PICTURES):
+        raise GeometryError(f"encoding '{m.format}' with {len(m.data)} octets is no JPEG or PNG picture")
+    return f.PictureHeard(name, m.header.stamp.to_sec())
+
+
+def _guardian(name: str, m: GuardianState) -> f.Fact:
+    return f.Guardian(name, m.action, m.holds, m.uncontrolled, m.lost, m.taken, tuple(m.reasons), tuple(m.forbids))
+
+
+def _recorder(name: str, m: RecorderStatus) -> f.Fact:
+    return f.Recorder(name, m.pictures_on, m.pictures, m.dropped, m.minutes_left, m.problem)
+
+
+def _said(name: str, m: StatusText) -> f.Fact:
+    return f.Said(name, "autopilot", m.text, m.severity)
+
+
+def _guardian_said(name: str, m: StatusText) -> f.Fact:
+    return f.Said(name, "guardian", m.text, m.severity)
+
+
+def _answered(name: str, m: CommandAck) -> f.Fact:
+    outcome = "" if m.result == CommandAck.DONE else m.reason or "refused without a reason"
+    return f.Answered(name, m.sender, m.number, outcome)
+
+
+#: topic under the vehicle's name -> type, conversion
+OF_VEHICLE: Dict[str, Tuple[Any, Convert]] = {
+    "mavros/state": (State, _state),
+    "mavros/battery": (BatteryState, _battery),
+    "mavros/statustext/recv": (StatusText, _said),
+    "guardian/state": (GuardianState, _guardian),
+    "guardian/said": (StatusText, _guardian_said),
+    "agent/alive": (Heartbeat, lambda name, m: f.Agent(name, m.sender, m.problem)),
+    "odometry/state": (Odometry, _odometry),
+    "odometry/epoch": (Epoch, lambda name, m: f.EpochHeard(name, m.epoch)),
+    "camera_pose": (PoseWithCovarianceStamped, _camera),
+    "camera/color/image_raw/compressed": (CompressedImage, _picture),
+    "capture/picture": (CapturedPicture, lambda name, m: f.Captured(name, m.header.stamp.to_sec())),
+    "tags/detections": (TagDetections, lambda name, m: f.Tags(name, tuple(d.id for d in m.detections))),
+    "recorder/status": (RecorderStatus, _recorder),
+    "clock/offset": (ClockOffset, lambda name, m: f.Clock(name, m.offset_s, m.uncertainty_s)),
+    "command_ack": (CommandAck, _answered),
+}
+
+
+def _mission(_name: str, m: MissionState) -> f.Fact:
+    return f.MissionTold(m.phase_name, m.detail, m.waits_for, m.configuration, m.configurations, tuple(m.problems))
+
+
+def _stop(_name: str, m: StopReport) -> f.Fact:
+    fields = {name: getattr(m, name) for name in ("asked", "reason", "done", "by_hand", "under_way", "unheard",
+                                                  "problems")}  # fmt: skip
+    return f.StopTold(m.asked, Report(**fields).in_words() if m.asked else "")
+
+
+def _check(_name: str, m: FlightCheck) -> f.Fact:
+    return f.Check(tuple(check_messages.lines_of(m)), check_messages.patience_s(m))
+
+
+def _calibrated(_name: str, m: Epochs) -> f.Fact:
+    return f.Calibrated(tuple(zip(m.vehicles, m.epochs)), _age_s(m))
+
+
+#: topic on the control PC -> type, conversion
+OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
+    "/mission/state": (MissionState, _mission),
+    "/mission/alive": (Heartbeat, lambda _name, m: f.MissionAlive(m.instance)),
+    "/flight_check": (FlightCheck, _check),
+    "/stop_all/report": (StopReport, _stop),
+    "/map/state": (MapState, lambda _name, m: f.MapTold(m.state, m.detail, m.coverage, tuple(m.problems))),
+    "/calibration_epochs": (Epochs, _calibrated),
+    "/home": (Home, lambda _name, m: f.HomeSet(m.reference, _age_s(m))),
+    "/control/recorder/status": (RecorderStatus, lambda _name, m: _recorder("control", m)),
+}
+
+
+def radios(m: DiagnosticArray) -> List[f.Radio]:
+    """Of what the relay tells of its links."""
+    found = []
+    for status in m.status:
+        values = {v.key: v.value for v in status.values}
+        if status.name.startswith("link control-"):
+            wrong = "" if status.level == DiagnosticStatus.OK else status.message
+            number = (_number(values.get(key, "-")) for key in ("round_trip_s", "in_loss"))
+            found.append(f.Radio(status.name[len("link control-"):], *number, wrong))
+    return found
+
+
+def _number(text: str) -> float:
+    return math.nan if text == "-" else float(text)
+
+
+def _age_s(message: Any) -> float:
+    """Of what this machine stamped by its own clock: a latched one may be old."""
+    return max(0.0, rospy.get_time() - message.header.stamp.to_sec())

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The console on a ROS master: facts in, commands out. The master may be away at the start, and later."""
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Deque, Dict, List, Sequence, Tuple
+
+import rosgraph
+import rospkg
+import rospy
+
+from fcsv_console.model import facts as f
+from fcsv_console.model.console import Console
+from fcsv_console.model.view import View
+from fcsv_console.ros.commands import Commands
+from fcsv_console.ros.hearing import NO_MASTER, Hearing
+from fcsv_geometry.vehicle import load_vehicles
+
+_LOOK_S = 0.5
+_CONTROL = ("pause", "skip", "repeat", "next", "previous", "abort")
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """``vehicles``: the column, front first; ``mission``: path of the mission file, empty: none."""
+
+    vehicles: List[str]
+    tags: Dict[str, int]
+    mission: str = ""
+
+
+def fleet(vehicles: Sequence[str] = (), mission: str = "", vehicles_dir: str = "") -> Fleet:
+    """What is given, else what the mission node was started with, else uav1 and uav2. Raises ConfigError."""
+    told = _parameters()
+    names = list(vehicles) or list(told.get("vehicles", ())) or ["uav1", "uav2"]
+    folder = vehicles_dir or told.get("vehicles_dir", "")
+    if not folder:
+        folder = str(Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/vehicles")
+    tags = {name: v.tag_id for name, v in load_vehicles(folder, names).items()}
+    return Fleet(names, tags, mission or str(told.get("mission", "")))
+
+
+def _parameters() -> dict:
+    """Of the node mission; empty where there is none, or no master."""
+    try:
+        found = rosgraph.Master("/fcsv_console").getParam("/mission")
+    except (rosgraph.MasterException, OSError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+class Shell:
+    """``view`` takes in what came meanwhile; ``do`` asks for an action by name. Both of one thread; neither waits."""
+
+    def __init__(self, console: Console, name: str):
+        self.console, self._name = console, name
+        self._hearing, self._commands = Hearing(console.names), None
+        self._over = threading.Event()
+        self._answers: Deque[Tuple[int, str, bool]] = deque()
+        self._hearing.put(f.MasterTold(NO_MASTER))
+        threading.Thread(target=self._join, name="joins the master", daemon=True).start()
+
+    def _join(self) -> None:
+        """Waits for a master as long as it takes. rospy would wait too, and then keep the process from ending."""
+        while not rosgraph.is_master_online():
+            if self._over.wait(_LOOK_S):
+                return
+        rospy.init_node(self._name, anonymous=True, disable_signals=True)
+        self._commands = Commands(self.console.names)
+        self._hearing.subscribe()
+        self._hearing.put(f.MasterTold())
+
+    def view(self) -> View:
+        """Of this moment."""
+        self.console.wall_offset_s = time.time() - time.monotonic()
+        for at_s, fact in self._hearing.take():
+            self.console.tell(at_s, fact)
+        while self._answers:
+            self.console.answer(*self._answers.popleft())
+        return self.console.view(time.monotonic())
+
+    def do(self, name: str, **given) -> None:
+        """An action of actions.TABLE, or "accept" with ``vehicle`` and ``line``; its answer becomes an event."""
+        words = f"accept {given['vehicle']} {given['line']}" if name == "accept" else ""
+        number = self.console.ask(time.monotonic(), name, words)
+
+        def answer(told: str, done: bool) -> None:
+            self._answers.append((number, told, done))
+
+        if self._commands is None:
+            answer(NO_MASTER, False)
+            return
+        self._send(self._commands, name, answer, given)
+
+    def _send(self, commands: Commands, name: str, answer, given: dict) -> None:
+        if name in ("stop_all", "land"):
+            commands.everybody("stop_all" if name == "stop_all" else "land_all", answer)
+        elif name in _CONTROL:
+            commands.control(name, answer)
+        elif name == "accept":
+            commands.accept(given["vehicle"], given["line"], answer)
+        elif name == "execute":
+            commands.execute(given.get("configurations", ()), answer)
+        elif name == "record":
+            commands.record(not self._recording(), answer)
+        else:
+            commands.proceed(self._step(name), answer)
+
+    def _step(self, name: str) -> str:
+        """Of the mission: handing over confirms whichever it waits for."""
+        told = self.console.view(time.monotonic()).mission.value
+        return (told.waits_for if told is not None else "") if name == "hand_over" else name
+
+    def _recording(self) -> bool:
+        rows = self.console.view(time.monotonic()).vehicles
+        return any(v.recorder.value is not None and v.recorder.value.pictures_on for v in rows)
+
+    def close(self) -> None:
+        """Leave the master."""
+        self._over.set()
+        self._hearing.close()
+        rospy.signal_shutdown("the console was closed")
+
+
+def open_shell(name: str, vehicles: Sequence[str], mission: str, target_m: float) -> Shell:
+    """With the fleet that is found. Raises ConfigError where a vehicle file cannot be used."""
+    found = fleet(vehicles, mission)
+    console = Console(found.vehicles, found.tags, target_m=target_m)
+    if found.mission:
+        console.load(found.mission)
+    return Shell(console, name)

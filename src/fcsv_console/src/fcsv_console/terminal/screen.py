@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A view as one screen of text. Colours help; the words say it all."""
+
+import math
+from typing import List
+
+from rich.console import Group
+from rich.rule import Rule
+from rich.table import Table
+from rich.text import Text
+
+from fcsv_console.model.hearing import Aged, clock_words
+from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
+from fcsv_console.model.view import View
+from fcsv_control.flight_check.lines import State
+
+WIDTH = 80
+_FLIERS = {PILOT: "bold cyan", MISSION: "bold blue", GUARDIAN: "bold yellow", FAILSAFE: "bold white on red", NOBODY: ""}
+_STATES = {State.GREEN: "bold blue", State.AMBER: "bold yellow", State.RED: "bold white on red",
+           State.UNKNOWN: "bold magenta"}  # fmt: skip
+_LEVELS = {"info": "", "warning": "yellow", "error": "bold red"}
+_CHECKS, _EVENTS, _PROBLEMS, _BAR = 6, 5, 3, 20
+KEYS = "S stop all   L land all   P pause   Q quit"
+
+
+def screen(view: View) -> Group:
+    """Everything that matters, in at most 24 lines with two vehicles that are well."""
+    parts: List = [_head(view), Rule(style="dim")]
+    parts += [_vehicles(view)]
+    parts += [Text(f" {a.words}", "bold yellow", no_wrap=True, overflow="ellipsis") for a in view.above]
+    parts += [Rule(style="dim"), _stereo(view), _check(view)]
+    parts += [Text(f" ! {p}", "yellow", no_wrap=True, overflow="ellipsis") for p in view.problems[:_PROBLEMS]]
+    parts += [Rule(style="dim"), *_events(view), Rule(style="dim"), Text(KEYS, "bold", justify="center")]
+    return Group(*parts)
+
+
+def _line(words: str, style: str = "") -> Text:
+    return Text(words, style, no_wrap=True, overflow="ellipsis")
+
+
+def _head(view: View) -> Group:
+    lines = [_line(view.headline, "bold" if view.mission_alive else "bold yellow")]
+    if view.stop.value is not None and view.stop.value.asked:
+        lines.append(_line(view.stop.value.words, "bold white on red"))
+    rows = view.file.rows
+    if rows:
+        done = int(round(_BAR * view.progress))
+        words = f"[{'#' * done}{'.' * (_BAR - done)}] "
+        if view.running is not None:
+            r = rows[view.running]
+            words += f"{view.running + 1}/{len(rows)} {r.title}: to {r.farthest_m:.0f} m, there +-{r.error_m:.1f} m"
+        else:
+            words += f"{len(rows)} configurations"
+        lines.append(_line(words))
+    return Group(*lines)
+
+
+def _vehicles(view: View) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), expand=False, header_style="dim", width=WIDTH)
+    columns = ("vehicle", 8, "left"), ("flown by", 32, "left"), ("battery", 13, "right"), ("pose", 7, "right"), \
+        ("pict", 6, "right"), ("radio", 7, "right")  # fmt: skip
+    for name, width, justify in columns:
+        table.add_column(name, width=width, justify=justify, no_wrap=True, overflow="ellipsis")
+    for v in view.vehicles:
+        table.add_row(
+            Text(v.name, "bold"), Text(v.flier.words, _FLIERS.get(v.flier.who, "bold magenta")), _battery(v),
+            _rate(v.pose), _rate(v.picture), _radio(v),
+        )  # fmt: skip
+        style = "bold magenta" if v.state.stale else "dim"
+        told = f"{v.connection}, {v.mode}, {'ARMED' if v.armed else 'motors off'}" if v.state.value else v.connection
+        table.add_row("", _line(told, style), _disk(v))
+        table.add_row("", _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"), _clock(v))
+        if v.said.value is not None:
+            table.add_row("", _line(f"\"{v.said.value.text}\" {v.said.words} ago", "dim"))
+    return table
+
+
+def _battery(v: VehicleRow) -> Text:
+    if v.battery.value is None or v.battery.stale or math.isnan(v.battery.value.share):
+        return Text("not known", "bold magenta")
+    enough = {True: "", False: "bold white on red", None: ""}[v.battery_enough]
+    return Text(f"{v.battery.value.share:.0%} {clock_words(v.endurance_s)}/{clock_words(v.needed_s)}", enough)
+
+
+def _rate(aged: Aged) -> Text:
+    if aged.stale:
+        return Text(aged.words, "bold magenta")
+    return Text(f"{aged.rate_hz:.0f} Hz" if aged.rate_hz >= 9.5 else f"{aged.rate_hz:.1f} Hz")
+
+
+def _radio(v: VehicleRow) -> Text:
+    r = v.radio.value
+    if r is None or v.radio.stale:
+        return Text("-", "dim")
+    return Text("BAD" if r.problem else f"{1e3 * r.round_trip_s:.0f} ms", "bold white on red" if r.problem else "")
+
+
+def _disk(v: VehicleRow) -> Text:
+    r = v.recorder.value
+    if r is None or v.recorder.stale:
+        return Text("no recorder", "bold magenta")
+    if r.problem:
+        return Text("recorder BAD", "bold white on red")
+    left = f"{r.minutes_left:.0f} min" if math.isfinite(r.minutes_left) else "disk ok"
+    return Text(f"{'REC ' if r.pictures_on else ''}{left}", "bold blue" if r.pictures_on else "dim")
+
+
+def _clock(v: VehicleRow) -> Text:
+    c = v.clock.value
+    return Text("" if c is None or v.clock.stale else f"clock {1e3 * c.offset_s:+.0f} ms", "dim")
+
+
+def _stereo(view: View) -> Text:
+    s = view.stereo
+    figures = "" if math.isnan(s.error_m) else f"  {s.baseline_m:.2f} m, {s.overlap:.0%} shared, +-{s.error_m:.1f} m"
+    return _line(f"{s.words}{figures}", "bold blue" if s.go else "dim" if view.running is None else "bold yellow")
+
+
+def _check(view: View) -> Group:
+    state = view.check_state
+    wrong = [li for li in view.check or () if li.state is not State.GREEN]
+    lines = [Text.assemble("flight check: ", (state.word, _STATES[state]), f", {len(wrong)} of {len(view.check or ())} "
+                           "lines not green" if view.check else ", not heard")]  # fmt: skip
+    for li in wrong[:_CHECKS]:
+        accepted = " (accepted)" if li.accepted else ""
+        words = f" {li.vehicle:<8}{li.name:<11}{li.state.word:<8}{li.what}{accepted}"
+        lines.append(_line(words, _STATES[li.state] if not li.passes else "dim"))
+    if len(wrong) > _CHECKS:
+        lines.append(_line(f" and {len(wrong) - _CHECKS} more: rosrun fcsv_control flight_check", "dim"))
+    return Group(*lines)
+
+
+def _events(view: View) -> List[Text]:
+    told = [
+        _line(f"{e.clock} {e.who}: {e.what}{' -> ' + e.answer if e.answer else ''}", _LEVELS[e.level])
+        for e in view.events[-_EVENTS:]
+    ]
+    return told or [_line("no events yet", "dim")]

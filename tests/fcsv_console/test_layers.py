@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The terminal view, and messages into facts, without a master."""
+
+import io
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rich.console import Console as Screen
+
+from fcsv_console.model import facts, samples
+from fcsv_console.model.console import Console
+from fcsv_console.terminal.screen import screen
+
+OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
+
+
+def printed(view, width=80):
+    out = io.StringIO()
+    Screen(file=out, width=width).print(screen(view))
+    return out.getvalue().splitlines()
+
+
+def sample(name):
+    c = samples.console(OUTDOOR)
+    samples.SAMPLES[name](c)
+    return c.view(samples.NOW_S)
+
+
+@pytest.mark.parametrize("name", samples.SAMPLES)
+def test_every_situation_fits_on_one_screen_of_80_columns(name):
+    lines = printed(sample(name))
+    assert max(len(line) for line in lines) <= 80 and len(lines) <= 30
+    assert any("S stop all" in line and "L land all" in line for line in lines)
+
+
+@pytest.mark.parametrize("name, words", [
+    ("ground", ["uav1    pre-arm    RED", "amber   38 %", "on the ground, motors off"]),
+    ("ready", ["SET_HOME, waits for EXECUTE: home is set", "pilot, LOITER", "flight check: green"]),
+    ("flying", ["3/8 horizontal 6 m: to 361 m", "GO: the pair is as planned", "REC 96 min"]),
+    ("wrong", ["stop all (the operator", "uav2 is 5.0 m above uav1", "p_odom_m holds nan", "guardian: hold"]),
+    ("silent", ["not heard for 2.4 s", "the ROS master does not answer", "no recorder"]),
+])  # fmt: skip
+def test_a_situation_is_told_in_words(name, words):
+    text = "\n".join(printed(sample(name)))
+    assert not [w for w in words if w not in text]
+
+
+def test_a_console_that_heard_nothing_shows_it():
+    text = "\n".join(printed(Console(["uav1", "uav2"]).view(0.0)))
+    assert "no mission is heard" in text and "not heard yet" in text and "flight check: unknown, not heard" in text
+
+
+def test_colours_are_never_the_only_sign():
+    """The printed text has no colours at all, and each state differs in it."""
+    assert len({"\n".join(printed(sample(name))) for name in samples.SAMPLES}) == len(samples.SAMPLES)
+
+
+# ---- messages ----------------------------------------------------------------------------------------------------
+
+
+def test_messages_become_facts():
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from sensor_msgs.msg import BatteryState, CompressedImage
+
+    from fcsv_console.ros import messages
+    from fcsv_control.mission.places import camera_place
+    from fcsv_geometry.mission import StereoConfiguration
+    from fcsv_geometry.ros import conversions
+    from mavros_msgs.msg import State
+
+    def convert(topic, message):
+        return messages.OF_VEHICLE[topic][1]("uav2", message)
+
+    told = convert("mavros/state", State(connected=True, armed=True, mode="GUIDED", system_status=5))
+    assert told == facts.AutopilotState("uav2", True, True, "GUIDED", 5)
+    assert math.isnan(convert("mavros/battery", BatteryState(percentage=-0.01)).share)
+    pose = PoseWithCovarianceStamped()
+    pose.pose.pose = conversions.transform_to_pose(camera_place(StereoConfiguration("horizontal", 4.0, 10.0)))
+    seen = convert("camera_pose", pose)
+    assert seen.p_home_m == pytest.approx((0.0, -4.0, 0.0)) and seen.heading_rad == pytest.approx(math.radians(10.0))
+    assert seen.pitch_rad == pytest.approx(0.0)
+    picture = CompressedImage(format="jpeg", data=b"\xff\xd8\xff")
+    assert convert("camera/color/image_raw/compressed", picture) == facts.PictureHeard("uav2", 0.0)
+
+
+def test_a_message_that_cannot_be_read_is_told_and_nothing_else():
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from sensor_msgs.msg import CompressedImage
+
+    from fcsv_console.ros import messages
+    from fcsv_console.ros.hearing import Hearing
+
+    hearing = Hearing(["uav2"])
+    nan = PoseWithCovarianceStamped()
+    nan.pose.pose.position.x = math.nan
+    picture = CompressedImage(format="h265", data=b"\0\0")
+    bad = ("camera_pose", nan), ("camera_pose", PoseWithCovarianceStamped()), (
+        "camera/color/image_raw/compressed", picture)  # fmt: skip
+    for topic, message in bad:
+        hearing._keep(lambda t=topic, m=message: [messages.OF_VEHICLE[t][1]("uav2", m)], "uav2", topic)
+    told = [fact for _, fact in hearing.take()]
+    assert [type(fact) for fact in told] == [facts.Unusable] * 3 and "h265" in told[2].why
+    c = Console(["uav1", "uav2"])
+    for fact in told:
+        c.tell(0.0, fact)
+    assert len(c.view(0.1).problems) == 3
+
+
+def test_links_of_the_relay_become_radios():
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+    from fcsv_console.ros import messages
+
+    values = [KeyValue("round_trip_s", "0.0062"), KeyValue("in_loss", "-")]
+    array = DiagnosticArray(status=[DiagnosticStatus(name="link control-uav1", level=b"\0", values=values),
+                                    DiagnosticStatus(name="other")])  # fmt: skip
+    (radio,) = messages.radios(array)
+    assert radio.vehicle == "uav1" and radio.round_trip_s == 0.0062 and math.isnan(radio.loss)
+
+
+def test_a_master_that_comes_back_is_told_of_everything_again(monkeypatch):
+    import rospy
+
+    from fcsv_console.ros import hearing as module
+
+    answers, again = iter([None, False, True]), []
+    hearing = module.Hearing(["uav1"])
+
+    def knows():
+        try:
+            return next(answers)
+        except StopIteration:
+            hearing._over.set()
+            return True
+
+    monkeypatch.setattr(module, "_LOOK_S", 0.001)
+    monkeypatch.setattr(module, "master_knows_us", knows)
+    monkeypatch.setattr(module, "register_again", lambda: again.append(time.monotonic()))
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: False)
+    hearing._watch_master()
+    assert len(again) == 1
+    assert [fact.problem for _, fact in hearing.take()] == [module.NO_MASTER, "", "", ""]
+
+
+def run_status(*arguments):
+    """The command as a process, on no master: nothing listens on port 1."""
+    command = "import sys; from fcsv_console.ros.status_command import main; sys.exit(main(sys.argv[1:]))"
+    env = dict(os.environ, ROS_MASTER_URI="http://127.0.0.1:1")
+    return subprocess.run([sys.executable, "-c", command, *arguments], env=env, capture_output=True, text=True,
+                          timeout=60, stdin=subprocess.DEVNULL)  # fmt: skip
+
+
+def test_without_a_master_it_says_so_and_ends():
+    done = run_status("--once", "--mission", OUTDOOR)
+    assert done.returncode == 0, done.stderr
+    assert "the ROS master does not answer" in done.stdout and "8 configurations" in done.stdout
+
+
+def test_a_vehicle_without_a_file_is_named():
+    done = run_status("--once", "--vehicles", "uav9")
+    assert done.returncode == 2 and done.stderr.startswith("status: ") and "uav9.yaml" in done.stderr
+
+
+def test_keys_are_capital_letters_and_what_is_not_enabled_is_told_and_not_sent():
+    from fcsv_console.ros.status_command import press
+
+    class Shell:
+        def __init__(self):
+            self.console, self.did = Console(["uav1", "uav2"]), []
+
+        def view(self):
+            return self.console.view(time.monotonic())
+
+        def do(self, name):
+            self.did.append(name)
+
+    shell = Shell()
+    for key in ("s", "l", "p", "x", "", "S", "L", "P"):
+        press(shell, key)
+    assert shell.did == ["stop_all", "land"]
+    assert shell.view().events[-1].answer == "not now: the mission node is not heard: start it, or mend its file"
