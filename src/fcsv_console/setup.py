@@ -3,6 +3,6 @@ from distutils.core import setup
 
 from catkin_pkg.python_setup import generate_distutils_setup
 
-PACKAGES = ["fcsv_console", "fcsv_console.model", "fcsv_console.ros", "fcsv_console.terminal"]
+PACKAGES = ["fcsv_console", *(f"fcsv_console.{name}" for name in ("model", "ros", "terminal", "qt"))]
 
 setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))

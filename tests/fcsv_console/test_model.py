@@ -51,7 +51,7 @@ def row(c, now_s, name="uav2"):
     return next(v for v in c.view(now_s).vehicles if v.name == name)
 
 
-@pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness"])
+@pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view"])
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed

@@ -76,6 +76,11 @@ class Console:
         """The file's text as an editor holds it."""
         self.file = files.parse(text, self.file.source, self.optics)
 
+    def drag(self, index: int, baseline_m: float) -> None:
+        """A goal was dragged: another baseline for one configuration of the file."""
+        if self.file.mission is not None and 0 <= index < len(self.file.rows):
+            self.edit(files.with_baseline(self.file.text, index, baseline_m))
+
     def ask(self, now_s: float, name: str, words: str = "") -> int:
         """The operator asked for an action: its event's number; until it is answered it is not asked for again."""
         number = self._event(now_s, "operator", words or name.replace("_", " "))
@@ -168,6 +173,7 @@ class Console:
             now_s, rows, mission, alive, self.file, running, self._progress(told), check, actions(situation),
             self.log.events, self._stereo(now_s, rows, running), tuple(self._above(rows)), self._recorder.at(now_s),
             self._map.at(now_s), stop, self._home.value is not None, self._problems(now_s, told, column),
+            self._master_problem,
         )  # fmt: skip
 
     def _lines(self, now_s: float):

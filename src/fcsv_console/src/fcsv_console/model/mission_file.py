@@ -171,3 +171,16 @@ def seconds_left(mission_file: MissionFile, first: int) -> float:
         total_s += row.settle_s + row.record_s + _TURN_S
         here = np.array(row.goal_m)
     return total_s
+
+
+def with_baseline(text: str, index: int, baseline_m: float) -> str:
+    """The file's text with another baseline for one configuration; all else, comments too, as it was.
+
+    >>> with_baseline("configurations: # two\\n  - {axis: vertical, baseline_m: 5.0}  # up\\n", 0, 6.5)
+    'configurations: # two\\n  - {axis: vertical, baseline_m: 6.5}  # up\\n'
+    """
+    node = yaml.compose(text)
+    listed = next(v for k, v in node.value if k.value == "configurations")
+    value = next(v for k, v in listed.value[index].value if k.value == "baseline_m")
+    return text[: value.start_mark.index] + f"{baseline_m:.3f}".rstrip("0").rstrip(".").replace(",", ".") \
+        + (".0" if baseline_m == int(baseline_m) else "") + text[value.end_mark.index :]  # fmt: skip

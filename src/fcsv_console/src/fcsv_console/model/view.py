@@ -36,6 +36,7 @@ class View:
     stop: Aged[f.StopTold]
     home_set: bool
     problems: Tuple[str, ...]
+    master_problem: str = ""
 
     @property
     def check_state(self) -> State:

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Geometry of the plan view: home as seen from above, x up, y to the left. No toolkit."""
+
+import math
+from dataclasses import dataclass
+from typing import Optional, Sequence, Tuple
+
+from fcsv_console.model.mission_file import ConfigurationRow
+from fcsv_console.model.view import View
+
+_LEAST_M, _MARGIN = 6.0, 1.25
+_PICK_PX = 14.0
+_BAR_MARGIN_PX = 16.0
+_STEP_M = 0.1  # goals are dragged in whole steps
+
+
+@dataclass(frozen=True)
+class Scale:
+    """From home (m) to a picture (px) of ``width`` x ``height``; ``middle_m`` (x, y) is in its middle."""
+
+    width: float
+    height: float
+    px_per_m: float
+    middle_m: Tuple[float, float] = (0.0, 0.0)
+
+    def to_px(self, x_m: float, y_m: float) -> Tuple[float, float]:
+        """
+        >>> Scale(200, 100, 10.0).to_px(2.0, -3.0)
+        (130.0, 30.0)
+        """
+        return (
+            self.width / 2.0 - (y_m - self.middle_m[1]) * self.px_per_m,
+            self.height / 2.0 - (x_m - self.middle_m[0]) * self.px_per_m,
+        )
+
+    def to_m(self, u_px: float, v_px: float) -> Tuple[float, float]:
+        """
+        >>> Scale(200, 100, 10.0).to_m(130.0, 30.0)
+        (2.0, -3.0)
+        """
+        return (
+            (self.height / 2.0 - v_px) / self.px_per_m + self.middle_m[0],
+            (self.width / 2.0 - u_px) / self.px_per_m + self.middle_m[1],
+        )
+
+
+def fitted(view: View, width: float, height: float, zoom: float = 1.0) -> Scale:
+    """Goals, home and vehicles in the picture."""
+    points = [(0.0, 0.0), *((r.goal_m[0], r.goal_m[1]) for r in view.file.rows)]
+    points += [(v.place.value.p_home_m[0], v.place.value.p_home_m[1]) for v in view.vehicles if v.place.value]
+    xs, ys = [p[0] for p in points], [p[1] for p in points]
+    high_m, wide_m = (max(_LEAST_M, _MARGIN * (max(s) - min(s))) for s in (xs, ys))
+    per_m = min(height / (high_m + 2.0), width / (wide_m + 2.0)) * zoom
+    return Scale(width, height, max(per_m, 0.1), ((max(xs) + min(xs)) / 2.0, (max(ys) + min(ys)) / 2.0))
+
+
+def heights(view: View) -> Tuple[float, float]:
+    """(lowest, highest) of the height bar, m in home."""
+    zs = [0.0, *(r.goal_m[2] for r in view.file.rows)]
+    zs += [v.place.value.p_home_m[2] for v in view.vehicles if v.place.value]
+    return min(zs) - 1.0, max(max(zs), min(zs) + 4.0) + 1.0
+
+
+@dataclass(frozen=True)
+class HeightBar:
+    """From heights in home (m) to a picture of ``height`` px."""
+
+    low_m: float
+    high_m: float
+    height: float
+
+    @property
+    def px_per_m(self) -> float:
+        return (self.height - 2.0 * _BAR_MARGIN_PX) / (self.high_m - self.low_m)
+
+    def to_px(self, z_m: float) -> float:
+        """
+        >>> HeightBar(-1.0, 9.0, 232.0).to_px(4.0)
+        116.0
+        """
+        return _BAR_MARGIN_PX + (self.high_m - z_m) * self.px_per_m
+
+    def picked(self, rows: Sequence[ConfigurationRow], v_px: float) -> Optional[int]:
+        """The vertical configuration whose line is under the mouse."""
+        distances = {r.index: abs(self.to_px(r.goal_m[2]) - v_px) for r in rows if r.axis == "vertical"}
+        near = [i for i, d in distances.items() if d <= _PICK_PX]
+        return min(near, key=lambda i: distances[i]) if near else None
+
+
+def picked(rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float) -> Optional[int]:
+    """The horizontal configuration whose goal is under the mouse; of several the nearest."""
+    distances = {r.index: math.dist(scale.to_px(r.goal_m[0], r.goal_m[1]), (u_px, v_px))
+                 for r in rows if r.axis == "horizontal"}  # fmt: skip
+    near = [i for i, d in distances.items() if d <= _PICK_PX]
+    return min(near, key=lambda i: distances[i]) if near else None
+
+
+def dragged(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> float:
+    """The baseline (m) of a horizontal configuration whose goal is dragged there; a vertical one keeps its own."""
+    return stepped(-scale.to_m(u_px, v_px)[1]) if row.axis == "horizontal" else row.baseline_m
+
+
+def stepped(baseline_m: float) -> float:
+    """In whole steps, never under one of them.
+
+    >>> stepped(3.04), stepped(-2.0)
+    (3.0, 0.1)
+    """
+    return round(max(_STEP_M, round(baseline_m / _STEP_M) * _STEP_M), 3)
+
+
+def wheeled(row: ConfigurationRow, notches: float) -> float:
+    """The baseline of a vertical configuration after the wheel; a horizontal one keeps its own."""
+    return stepped(row.baseline_m + 5.0 * _STEP_M * notches) if row.axis == "vertical" else row.baseline_m

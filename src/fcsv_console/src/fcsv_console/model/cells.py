@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A view as rows of words with a tone: what a table shows, whichever toolkit draws it."""
+
+import math
+from dataclasses import dataclass
+from typing import List, Tuple
+
+from fcsv_console.model.hearing import Aged, clock_words
+from fcsv_console.model.mission_file import ConfigurationRow
+from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
+from fcsv_console.model.view import View
+from fcsv_control.flight_check.lines import Line, State
+
+PLAIN, QUIET, GOOD, CARE, BAD, GONE = "plain", "quiet", "good", "care", "bad", "gone"  # tones
+_OF_FLIER = {PILOT: GOOD, MISSION: GOOD, GUARDIAN: CARE, FAILSAFE: BAD, UNKNOWN: GONE}
+_OF_STATE = {State.GREEN: QUIET, State.AMBER: CARE, State.RED: BAD, State.UNKNOWN: GONE}
+_FROM_THE_WORST = (State.RED, State.UNKNOWN, State.AMBER, State.GREEN)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """``tone``: one of the words above; the text alone says it too."""
+
+    text: str
+    tone: str = PLAIN
+
+
+def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
+    """(label, one cell per vehicle)."""
+    table = (
+        ("flown by", lambda v: Cell(v.flier.words, _OF_FLIER.get(v.flier.who, PLAIN))),
+        ("connection", lambda v: Cell(v.connection, GONE if v.state.stale else PLAIN)),
+        ("mode", _mode),
+        ("pose", lambda v: _rate(v.pose)),
+        ("in home", lambda v: _place(v)),
+        ("picture", lambda v: _rate(v.picture)),
+        ("battery", _battery),
+        ("radio", _radio),
+        ("recorder", _recorder),
+        ("clock", _clock),
+        ("calibration", lambda v: Cell(v.calibration, BAD if v.calibration.startswith("OUT") else PLAIN)),
+        ("epoch", lambda v: Cell("-" if v.epoch is None else str(v.epoch), QUIET)),
+        ("it said", lambda v: Cell(f"{v.said.value.text} ({v.said.words})" if v.said.value else "-", QUIET)),
+    )
+    return [(label, [cell(v) for v in view.vehicles]) for label, cell in table]
+
+
+def _mode(v: VehicleRow) -> Cell:
+    if v.state.value is None:
+        return Cell("-", QUIET)
+    return Cell(f"{v.mode}, {'ARMED' if v.armed else 'motors off'}", GONE if v.state.stale else PLAIN)
+
+
+def _rate(aged: Aged) -> Cell:
+    if aged.value is None:
+        return Cell("never", GONE)
+    if aged.stale:
+        return Cell(f"stopped {aged.words} ago", GONE)
+    return Cell(f"{aged.rate_hz:.0f} Hz" if aged.rate_hz >= 9.5 else f"{aged.rate_hz:.1f} Hz")
+
+
+def _place(v: VehicleRow) -> Cell:
+    if v.place.value is None:
+        return Cell("not known", GONE)
+    x, y, z = v.place.value.p_home_m
+    return Cell(f"{x:+.1f}  {y:+.1f}  {z:+.1f} m", GONE if v.place.stale else PLAIN)
+
+
+def _battery(v: VehicleRow) -> Cell:
+    b = v.battery.value
+    if b is None or v.battery.stale or math.isnan(b.share):
+        return Cell("not known", GONE)
+    if v.battery_enough is None:
+        return Cell(f"{b.share:.0%}")
+    tone = PLAIN if v.battery_enough else BAD
+    return Cell(f"{b.share:.0%}: {clock_words(v.endurance_s)} left, {clock_words(v.needed_s)} needed", tone)
+
+
+def _radio(v: VehicleRow) -> Cell:
+    r = v.radio.value
+    if r is None or v.radio.stale:
+        return Cell("not measured", GONE if r else QUIET)
+    if r.problem:
+        return Cell(r.problem, BAD)
+    loss = "" if math.isnan(r.loss) else f", {r.loss:.0%} lost"
+    return Cell(f"{1e3 * r.round_trip_s:.0f} ms{loss}")
+
+
+def _recorder(v: VehicleRow) -> Cell:
+    r = v.recorder.value
+    if r is None or v.recorder.stale:
+        return Cell("not heard", GONE)
+    if r.problem:
+        return Cell(r.problem, BAD)
+    left = f", disk {r.minutes_left:.0f} min" if math.isfinite(r.minutes_left) else ""
+    dropped = f", {r.dropped} DROPPED" if r.dropped else ""
+    words = f"{'RECORDS' if r.pictures_on else 'ready'}{dropped}{left}"
+    return Cell(words, CARE if r.dropped else GOOD if r.pictures_on else PLAIN)
+
+
+def _clock(v: VehicleRow) -> Cell:
+    c = v.clock.value
+    if c is None or v.clock.stale:
+        return Cell("not known", GONE)
+    return Cell(f"{1e3 * c.offset_s:+.1f} ms ±{1e3 * c.uncertainty_s:.1f}")
+
+
+CONFIGURATION_HEADS = ("", "axis", "baseline", "tilt", "hold", "record", "from", "to", "error there")
+
+
+def configuration_cells(row: ConfigurationRow, running: bool) -> List[Cell]:
+    """One per head."""
+    tone = GOOD if running else PLAIN
+    number = f"> {row.index + 1}" if running else str(row.index + 1)
+    words = (
+        number, row.axis, f"{row.baseline_m:g} m", f"{row.tilt_deg:g}°", f"{row.settle_s:g} s", f"{row.record_s:g} s",
+        f"{row.nearest_m:.0f} m", f"{row.farthest_m:.0f} m", f"±{row.error_m:.1f} m",
+    )  # fmt: skip
+    return [Cell(w, tone) for w in words]
+
+
+CHECK_HEADS = ("who", "line", "state", "found", "what to do")
+
+
+def check_lines(view: View) -> List[Line]:
+    """Of the flight check what is not green, the worst first; that is what an operator must act on."""
+    wrong = [li for li in view.check or () if li.state is not State.GREEN]
+    return sorted(wrong, key=lambda li: _FROM_THE_WORST.index(li.state))
+
+
+def check_words(view: View) -> Cell:
+    """The verdict, and how many lines are green."""
+    if view.check is None:
+        return Cell("flight check: NOT HEARD", GONE)
+    green = sum(li.state is State.GREEN for li in view.check)
+    verdict = f"flight check: {view.check_state.word}, {green} of {len(view.check)} lines green"
+    return Cell(verdict, GOOD if view.check_state is State.GREEN else _OF_STATE[view.check_state])
+
+
+def check_cells(line: Line) -> List[Cell]:
+    """One per head."""
+    tone = CARE if line.accepted else _OF_STATE[line.state]
+    word = f"{line.state.word}, accepted" if line.accepted else line.state.word
+    since = "" if line.state is State.GREEN else f" ({clock_words(line.since_s)})"
+    return [Cell(line.vehicle, tone), Cell(line.name, tone), Cell(word, tone), Cell(line.what + since, tone),
+            Cell(line.remedy, QUIET)]  # fmt: skip
+
+
+def stereo_cell(view: View) -> Cell:
+    """Go or no-go, then the figures."""
+    s = view.stereo
+    figures = [] if math.isnan(s.overlap) else [f"{s.overlap:.0%} seen by both at {s.target_m:.0f} m"]
+    figures += [] if math.isnan(s.error_m) else [f"error there ±{s.error_m:.1f} m", f"baseline {s.baseline_m:.2f} m",
+                                                 f"turned {s.turn_deg:.1f}°"]  # fmt: skip
+    figures += [] if math.isnan(s.skew_s) else [f"skew {1e3 * s.skew_s:.0f} ms"]
+    tone = QUIET if math.isnan(s.overlap) else GOOD if s.go else CARE
+    return Cell("\n".join([s.words, ", ".join(figures)]) if figures else s.words, tone)

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A button of an action: a click, or held for so long; its reason in the tooltip; the key does the same."""
+
+import time
+
+from python_qt_binding.QtCore import QRectF, QTimer, Signal
+from python_qt_binding.QtGui import QColor, QPainter
+from python_qt_binding.QtWidgets import QPushButton
+
+from fcsv_console.model.actions import Action
+
+_PAINT_MS = 33
+
+
+class ActionButton(QPushButton):
+    """Emits ``asked`` with the action's name. Begin and end of holding come from mouse and keys alike."""
+
+    asked = Signal(str)
+
+    def __init__(self, action: Action, parent=None):
+        super().__init__(action.title, parent)
+        self.action, self._since_s = action, None  # type: Action, Optional[float]
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self._tick)
+        self.pressed.connect(self.begin)
+        self.released.connect(self.end)
+        self.show_action(action)
+
+    def show_action(self, action: Action) -> None:
+        """Enabled or not, and why not."""
+        self.action = action
+        if self.isEnabled() != action.enabled:
+            self.setEnabled(action.enabled)
+        if self.toolTip() != action.tooltip:
+            self.setToolTip(action.tooltip)
+            self.setStatusTip(action.tooltip.replace("\n", " "))
+            hold = f" {action.hold_s:g} s" if action.hold_s else ""
+            self.setText(f"{action.title}\n[{action.key}{hold}]")
+            self.setAccessibleName(action.title)
+            self.setAccessibleDescription(action.tooltip)
+        if not action.enabled:
+            self.end()
+
+    def begin(self) -> None:
+        """Mouse or key went down."""
+        if not self.action.enabled or self._since_s is not None:
+            return
+        if not self.action.hold_s:
+            self.asked.emit(self.action.name)
+            return
+        self._since_s = time.monotonic()
+        self._timer.start(_PAINT_MS)
+
+    def end(self) -> None:
+        """It was let go of; too early is nothing."""
+        self._tick()
+        self._since_s = None
+        self._timer.stop()
+        self.update()
+
+    @property
+    def share(self) -> float:
+        """How much of the time it was held, 0..1."""
+        if self._since_s is None:
+            return 0.0
+        return min(1.0, (time.monotonic() - self._since_s) / self.action.hold_s)
+
+    def _tick(self) -> None:
+        if self._since_s is not None and self.share >= 1.0:
+            self._since_s = None
+            self._timer.stop()
+            self.asked.emit(self.action.name)
+        self.update()
+
+    def paintEvent(self, event) -> None:
+        super().paintEvent(event)
+        if self._since_s is not None:
+            painter = QPainter(self)
+            bar = QRectF(2.0, self.height() - 7.0, (self.width() - 4.0) * self.share, 5.0)
+            painter.fillRect(bar, QColor("#ffffff") if self.action.name == "stop_all" else QColor("#E69F00"))

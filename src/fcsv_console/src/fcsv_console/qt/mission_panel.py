@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The configurations: a table, the file's text beside it, and what is wrong in which line."""
+
+from pathlib import Path
+
+from python_qt_binding.QtCore import Signal
+from python_qt_binding.QtGui import QFontDatabase, QTextCursor
+from python_qt_binding.QtWidgets import (
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QPlainTextEdit,
+    QPushButton,
+    QTabWidget,
+    QTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
+
+from fcsv_console.model import cells
+from fcsv_console.model.mission_file import MissionFile
+from fcsv_console.model.view import View
+from fcsv_console.qt import colours
+from fcsv_console.qt.tables import CellTable
+
+
+class MissionPanel(QWidget):
+    """``edited`` with the whole text, ``opened`` with a path."""
+
+    edited, opened = Signal(str), Signal(str)
+
+    def __init__(self, parent=None):
+        super().__init__(parent)
+        self.table = CellTable("Configurations", cells.CONFIGURATION_HEADS, 8, (2, 3, 4, 5, 6, 7, 8))
+        self.text = QPlainTextEdit()
+        self.text.setAccessibleName("Text of the mission file")
+        self.text.setFont(QFontDatabase.systemFont(QFontDatabase.FixedFont))
+        self.text.textChanged.connect(self._changed)
+        self.note = QLabel()
+        self.note.setWordWrap(True)
+        self.note.setAccessibleName("Mission file")
+        self.save = self._button("&Save", "Write the file; the mission node reads it when it starts", self._save)
+        open_ = self._button("&Open", "Open another mission file", self._open)
+        self._tabs = QTabWidget()
+        self._tabs.setAccessibleName("Configurations as table or text")
+        self._tabs.addTab(self.table, "&Table")
+        self._tabs.addTab(self.text, "Te&xt")
+        self._source, self._saved, self._shown, self._quiet = "", "", None, False
+        line = QHBoxLayout()
+        line.addWidget(self.note, 1)
+        line.addWidget(open_)
+        line.addWidget(self.save)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self._tabs, 1)
+        layout.addLayout(line)
+
+    def _button(self, title: str, what: str, call) -> QPushButton:
+        button = QPushButton(title)
+        button.setToolTip(what)
+        button.setAccessibleName(title.replace("&", ""))
+        button.clicked.connect(call)
+        return button
+
+    def show_view(self, view: View) -> None:
+        """Table, text, error."""
+        rows = [cells.configuration_cells(r, r.index == view.running) for r in view.file.rows]
+        self.table.show_cells(rows)
+        if view.file is not self._shown:
+            self._shown = view.file
+            self._show_file(view.file)
+
+    def _show_file(self, file: MissionFile) -> None:
+        if file.source != self._source:
+            self._source, self._saved = file.source, file.text
+        if self.text.toPlainText() != file.text:
+            self._quiet = True
+            self.text.setPlainText(file.text)
+            self._quiet = False
+        changed = file.text != self._saved
+        name = Path(file.source).name or "no file"
+        words = file.error.words if file.error else f"{name}, changed and not saved" if changed else name
+        self.note.setText(words)
+        tone = cells.BAD if file.error else cells.CARE if changed else cells.QUIET
+        self.note.setStyleSheet(f"color: {colours.tone(tone, self.palette()).name()}")
+        self.save.setEnabled(changed and file.mission is not None)
+        self._mark(file.error.line if file.error else 0)
+
+    def _mark(self, line: int) -> None:
+        """The line of the error, from 1 on; 0: none."""
+        marks = []
+        if line:
+            mark = QTextEdit.ExtraSelection()
+            mark.cursor = QTextCursor(self.text.document().findBlockByNumber(line - 1))
+            mark.cursor.select(QTextCursor.LineUnderCursor)
+            mark.format.setUnderlineStyle(mark.format.WaveUnderline)
+            mark.format.setUnderlineColor(colours.tone(cells.BAD, self.palette()))
+            marks.append(mark)
+        self.text.setExtraSelections(marks)
+
+    def _changed(self) -> None:
+        if not self._quiet:
+            self.edited.emit(self.text.toPlainText())
+
+    def _save(self) -> None:
+        try:
+            Path(self._source).write_text(self.text.toPlainText())
+        except OSError as error:
+            self.note.setText(f"not saved: {error.strerror}")
+            return
+        self._saved, self._shown = self.text.toPlainText(), None
+
+    def _open(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "Mission file", str(Path(self._source).parent), "*.yaml")
+        if path:
+            self.opened.emit(path)

@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The window: it shows a view and tells which action was asked for."""
+
+from typing import Dict, Optional
+
+from python_qt_binding.QtCore import Qt, Signal
+from python_qt_binding.QtGui import QFont
+from python_qt_binding.QtWidgets import (
+    QFileDialog,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QMainWindow,
+    QProgressBar,
+    QPushButton,
+    QSplitter,
+    QVBoxLayout,
+    QWidget,
+)
+
+from fcsv_console.model import actions as model_actions
+from fcsv_console.model import cells
+from fcsv_console.model.view import View
+from fcsv_console.qt import colours
+from fcsv_console.qt.hold import ActionButton
+from fcsv_console.qt.keys import Keys
+from fcsv_console.qt.mission_panel import MissionPanel
+from fcsv_console.qt.plan_view import PlanView
+from fcsv_console.qt.rviz_view import RvizDock
+from fcsv_console.qt.tables import CellTable
+from fcsv_control.flight_check.lines import Line
+
+_GROUPS = (("calibrate", "set_home", "hand_over", "execute"), ("previous", "next", "pause", "skip", "repeat"),
+           ("record", "abort", "land"))  # fmt: skip
+_EVENTS = 200
+_LEVELS = {"info": cells.PLAIN, "warning": cells.CARE, "error": cells.BAD}
+
+
+class ConsoleWindow(QMainWindow):
+    """``asked`` (name, arguments); the goal that is dragged and the text that is edited go out as the others do."""
+
+    asked = Signal(str, dict)
+    edited, opened, goal_changed = Signal(str), Signal(str), Signal(int, float)
+
+    def __init__(self, view: View, fov_rad: float, rviz_config: str = ""):
+        super().__init__()
+        self.setWindowTitle("fcsv console")
+        self._view, self._lines = view, []  # type: View, List[Line]
+        self.buttons: Dict[str, ActionButton] = {}
+        for action in view.actions.values():
+            self.buttons[action.name] = ActionButton(action)
+            self.buttons[action.name].asked.connect(self._ask)
+        self.accept = QPushButton("Accept line [Enter]")
+        self.accept.clicked.connect(self._accept)
+        self._make_parts(view, fov_rad)
+        self._lay_out()
+        self.rviz = RvizDock(rviz_config, self)
+        self.addDockWidget(Qt.BottomDockWidgetArea, self.rviz)
+        self.rviz.hide()
+        self.keys = Keys(self, self.buttons, {
+            Qt.Key_Return: self._accept, Qt.Key_Enter: self._accept, Qt.Key_D: self.drag.toggle,
+            Qt.Key_F2: self._toggle_rviz, Qt.Key_F3: self._export, Qt.Key_Plus: lambda: self.plan.zoom(1.15),
+            Qt.Key_Minus: lambda: self.plan.zoom(1 / 1.15),
+        })  # fmt: skip
+        self.resize(1366, 740)
+        self.show_view(view)
+
+    # ---- parts ---------------------------------------------------------------------------------------------------
+
+    def _make_parts(self, view: View, fov_rad: float) -> None:
+        self.headline, self.stop_words, self.problems = QLabel(), QLabel(), QLabel()
+        self.stereo, self.verdict = QLabel(), QLabel()
+        named = ((self.headline, "What the mission does"), (self.stop_words, "What stop-all did"),
+                 (self.problems, "Problems"), (self.verdict, "Flight check"), (self.stereo, "Stereo pair"))  # fmt: skip
+        for label, name in named:
+            label.setAccessibleName(name)
+            label.setWordWrap(True)
+            label.setTextFormat(Qt.PlainText)
+        big = QFont(self.headline.font())
+        big.setPointSizeF(1.35 * big.pointSizeF())
+        big.setBold(True)
+        self.headline.setFont(big)
+        self.progress = QProgressBar()
+        self.progress.setAccessibleName("Progress of the list")
+        self.progress.setRange(0, 100)
+        self.progress.setFixedHeight(8)
+        self.progress.setTextVisible(False)
+        self.plan = PlanView(fov_rad)
+        self.plan.goal_changed.connect(self.goal_changed)
+        self.drag = QPushButton("Drag goals [D]")
+        self.drag.setCheckable(True)
+        self.drag.setToolTip("Change baselines: goals sideways with the mouse, vertical ones with the wheel")
+        self.drag.setAccessibleName("Drag goals")
+        self.drag.toggled.connect(lambda on: setattr(self.plan, "editable", on))
+        self.vehicles = CellTable("Vehicles", ["", *(v.name for v in view.vehicles)], 1, rows=False)
+        for k in range(1, len(view.vehicles) + 1):
+            self.vehicles.horizontalHeader().setSectionResizeMode(k, self.vehicles.horizontalHeader().Stretch)
+            self.vehicles.horizontalHeaderItem(k).setIcon(colours.disc(k - 1))
+        self.check = CellTable("Flight check", cells.CHECK_HEADS, 4)
+        self.check.horizontalHeader().setSectionResizeMode(3, self.check.horizontalHeader().Stretch)
+        self.check.itemSelectionChanged.connect(self._show_accept)
+        self.mission = MissionPanel()
+        self.mission.edited.connect(self.edited)
+        self.mission.opened.connect(self.opened)
+        self.events = CellTable("Events", ("time", "who", "what", "answer"), 2)
+        self.export = QPushButton("Export events [F3]")
+        self.export.setToolTip("All events as a table (CSV, times in UTC)")
+        self.export.clicked.connect(self._export)
+        self.show_rviz = QPushButton("Map in rviz [F2]")
+        self.show_rviz.setToolTip("Show or hide the map, embedded from rviz")
+        self.show_rviz.clicked.connect(self._toggle_rviz)
+        for button, name in ((self.export, "Export events"), (self.show_rviz, "Map in rviz"),
+                             (self.accept, "Accept line")):  # fmt: skip
+            button.setAccessibleName(name)
+
+    def _lay_out(self) -> None:
+        stop = self.buttons["stop_all"]
+        stop.setMinimumSize(170, 62)
+        stop.setStyleSheet(f"background-color: {colours.STOP}; color: white; font-weight: bold; border-radius: 6px")
+        head = QHBoxLayout()
+        head.addLayout(_column(self.headline, self.stop_words, self.progress), 1)
+        head.addWidget(stop)
+        below = QHBoxLayout()
+        below.addWidget(self.stereo, 1)
+        below.addWidget(self.drag, 0, Qt.AlignTop)
+        left = _panel(self.plan, below, stretch=self.plan)
+        check_line = QHBoxLayout()
+        check_line.addWidget(self.verdict, 1)
+        check_line.addWidget(self.accept)
+        middle = QSplitter(Qt.Vertical)
+        middle.addWidget(self.vehicles)
+        middle.addWidget(_panel(check_line, self.check, self.problems, stretch=self.check))
+        middle.setSizes([330, 230])
+        lower = QHBoxLayout()
+        lower.addStretch(1)
+        lower.addWidget(self.show_rviz)
+        lower.addWidget(self.export)
+        right = QSplitter(Qt.Vertical)
+        right.addWidget(self.mission)
+        right.addWidget(_panel(self.events, lower, stretch=self.events))
+        across = QSplitter(Qt.Horizontal)
+        for part in (left, middle, right):
+            across.addWidget(part)
+        across.setSizes([430, 470, 466])
+        for splitter, name in ((across, "Panels"), (middle, "Vehicles and check"), (right, "Mission and events")):
+            splitter.setAccessibleName(name)
+            splitter.setChildrenCollapsible(False)
+        whole = QWidget()
+        layout = QVBoxLayout(whole)
+        layout.setContentsMargins(8, 8, 8, 8)
+        layout.addLayout(head)
+        layout.addWidget(across, 1)
+        layout.addLayout(self._action_line())
+        self.setCentralWidget(whole)
+
+    def _action_line(self) -> QHBoxLayout:
+        line = QHBoxLayout()
+        line.setSpacing(4)
+        for k, group in enumerate(_GROUPS):
+            if k:
+                rule = QFrame()
+                rule.setFrameShape(QFrame.VLine)
+                line.addWidget(rule)
+            for name in group:
+                self.buttons[name].setMinimumHeight(40)
+                line.addWidget(self.buttons[name], 1)
+        return line
+
+    # ---- what is shown -------------------------------------------------------------------------------------------
+
+    def show_view(self, view: View) -> None:
+        """Everything, ten times a second: only what changed is touched."""
+        self._view = view
+        self._say(self.headline, view.headline, cells.PLAIN if view.mission_alive else cells.GONE)
+        stop = view.stop.value
+        self._say(self.stop_words, stop.words if stop and stop.asked else "", cells.BAD)
+        self.stop_words.setVisible(bool(self.stop_words.text()))
+        share = int(round(100.0 * view.progress))
+        if self.progress.value() != share:
+            self.progress.setValue(share)
+        self.plan.show_view(view)
+        stereo = cells.stereo_cell(view)
+        self._say(self.stereo, stereo.text, stereo.tone)
+        rows = cells.vehicle_rows(view)
+        self.vehicles.show_cells([[cells.Cell(label, cells.QUIET), *of] for label, of in rows])
+        self._lines = cells.check_lines(view)
+        self.check.show_cells([cells.check_cells(li) for li in self._lines])
+        verdict = cells.check_words(view)
+        self._say(self.verdict, verdict.text, verdict.tone)
+        self._say(self.problems, "\n".join(view.problems[:4]), cells.CARE)
+        self.problems.setVisible(bool(view.problems))
+        self.mission.show_view(view)
+        self.events.show_cells([
+            [cells.Cell(e.clock, cells.QUIET), cells.Cell(e.who), cells.Cell(e.what, _LEVELS[e.level]),
+             cells.Cell(e.answer, _LEVELS[e.level])] for e in reversed(view.events[-_EVENTS:])
+        ])  # fmt: skip
+        for name, action in view.actions.items():
+            self.buttons[name].show_action(action)
+        self._show_accept()
+
+    def _say(self, label: QLabel, text: str, tone: str) -> None:
+        if label.text() != text:
+            label.setText(text)
+        style = f"color: {colours.tone(tone, self.palette()).name()}"
+        if label.styleSheet() != style:
+            label.setStyleSheet(style)
+
+    def _chosen_line(self) -> Optional[Line]:
+        chosen = self.check.chosen()
+        return self._lines[chosen[0]] if len(chosen) == 1 and chosen[0] < len(self._lines) else None
+
+    def _show_accept(self) -> None:
+        line = self._chosen_line()
+        action = model_actions.accept(line) if line is not None else None
+        self.accept.setEnabled(action is not None and action.enabled)
+        self.accept.setToolTip(action.tooltip if action else "Choose one amber line of the flight check first")
+
+    # ---- what is asked -------------------------------------------------------------------------------------------
+
+    def _ask(self, name: str) -> None:
+        self.asked.emit(name, {"configurations": self.mission.table.chosen()} if name == "execute" else {})
+
+    def _accept(self) -> None:
+        line = self._chosen_line()
+        if line is not None and self.accept.isEnabled():
+            self.asked.emit("accept", {"vehicle": line.vehicle, "line": line.name})
+
+    def _toggle_rviz(self) -> None:
+        if self.rviz.isVisible():
+            self.rviz.hide()
+        else:
+            self.rviz.open(self._view.master_problem)
+
+    def _export(self) -> None:
+        path, _ = QFileDialog.getSaveFileName(self, "Export events", "events.csv", "*.csv")
+        if path:
+            self.asked.emit("export", {"path": path})
+
+
+def _column(*widgets) -> QVBoxLayout:
+    layout = QVBoxLayout()
+    layout.setSpacing(2)
+    for widget in widgets:
+        layout.addWidget(widget)
+    return layout
+
+
+def _panel(*parts, stretch=None) -> QWidget:
+    panel = QWidget()
+    layout = QVBoxLayout(panel)
+    layout.setContentsMargins(0, 0, 0, 0)
+    layout.setSpacing(4)
+    for part in parts:
+        if isinstance(part, QWidget):
+            layout.addWidget(part, 1 if part is stretch else 0)
+        else:
+            layout.addLayout(part)
+    return panel

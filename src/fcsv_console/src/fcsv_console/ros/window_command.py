@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""rosrun fcsv_console console: the operator's window. It may be closed and opened in flight: nothing depends on it."""
+
+import argparse
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Optional, Sequence
+
+import rospkg
+import rospy
+from python_qt_binding.QtCore import QTimer
+from python_qt_binding.QtWidgets import QApplication
+
+from fcsv_console.qt import colours
+from fcsv_console.qt.window import ConsoleWindow
+from fcsv_console.ros.shell import Shell, open_shell
+from fcsv_geometry.errors import FcsvError
+
+_REFRESH_MS = 100
+THEMES = {"dark": colours.dark, "light": colours.light}
+
+
+def main(argv: Optional[Sequence[str]] = None) -> int:
+    """Exit status: 0; 2 where a vehicle file cannot be used."""
+    parser = argparse.ArgumentParser(prog="console", description=__doc__)
+    parser.add_argument("--vehicles", default="", help="the column, front first; default: the mission node's")
+    parser.add_argument("--mission", default="", help="mission file; default: the mission node's")
+    parser.add_argument("--target-m", type=float, default=0.0, help="range wanted; default: the configuration's")
+    parser.add_argument("--theme", choices=("system", *THEMES), default="system", help="colours; else the desktop's")
+    arguments = parser.parse_args(argv if argv is not None else rospy.myargv()[1:])
+    names = [n for n in arguments.vehicles.split(",") if n]
+    try:
+        shell = open_shell("console", names, arguments.mission, arguments.target_m)
+    except FcsvError as error:
+        print(f"console: {error}", file=sys.stderr)
+        return 2
+    app = application(arguments.theme)
+    window = connected(shell, app)
+    window.show()
+    signal.signal(signal.SIGINT, lambda *_: app.quit())
+    signal.signal(signal.SIGTERM, lambda *_: app.quit())
+    status = app.exec_()
+    shell.close()
+    return int(status)
+
+
+def application(theme: str = "system") -> QApplication:
+    """With the palette that is wanted."""
+    app = QApplication.instance() or QApplication(["fcsv_console"])
+    if theme in THEMES:
+        app.setStyle("Fusion")
+        app.setPalette(THEMES[theme]())
+    return app
+
+
+def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
+    """A window that shows what the shell hears, and asks it for what the operator asks for."""
+    console = shell.console
+    config = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "rviz/map.rviz"
+    window = ConsoleWindow(shell.view(), console.optics.fov_rad("horizontal"), str(config))
+    app.installEventFilter(window.keys)
+
+    def ask(name: str, given: dict) -> None:
+        if name == "export":
+            export(shell, given["path"])
+        else:
+            shell.do(name, **given)
+
+    window.asked.connect(ask)
+    window.edited.connect(console.edit)
+    window.opened.connect(console.load)
+    window.goal_changed.connect(console.drag)
+    window.timer = QTimer(window)
+    window.timer.timeout.connect(lambda: window.show_view(shell.view()))
+    window.timer.start(_REFRESH_MS)
+    return window
+
+
+def export(shell: Shell, path: str) -> None:
+    """All events as a table; what became of it is an event too."""
+    number = shell.console.ask(time.monotonic(), "export", f"export events to {path}")
+    try:
+        Path(path).write_text(shell.console.log.as_csv())
+        shell.console.answer(number, "written", True)
+    except OSError as error:
+        shell.console.answer(number, f"not written: {error.strerror}", False)

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The real window without a screen: clicks, held keys, drags; names for a screen reader; reasons in tooltips."""
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+pytest.importorskip("python_qt_binding")
+
+from python_qt_binding import QtCore, QtGui, QtWidgets
+from python_qt_binding.QtTest import QTest
+
+from fcsv_console.model import above_view, actions, mission_file, samples
+
+OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
+KEYS = QtCore.Qt
+
+
+@pytest.fixture(scope="module")
+def app():
+    from fcsv_console.ros.window_command import application
+
+    return application("dark")
+
+
+@pytest.fixture
+def shown(app):
+    """shown(situation) -> (window, console, what it asked for); closed after the test."""
+    from fcsv_console.qt.window import ConsoleWindow
+
+    windows = []
+
+    def show(situation):
+        console = samples.console(OUTDOOR)
+        samples.SAMPLES[situation](console)
+        window = ConsoleWindow(console.view(samples.NOW_S), console.optics.fov_rad("horizontal"))
+        asked = []
+        window.asked.connect(lambda name, given: asked.append((name, given)))
+        app.installEventFilter(window.keys)
+        window.show()
+        window.activateWindow()
+        window.setFocus()
+        app.processEvents()
+        windows.append(window)
+        return window, console, asked
+
+    yield show
+    for window in windows:
+        app.removeEventFilter(window.keys)
+        window.close()
+
+
+def hold(app, widget, key, seconds):
+    """Press, wait with the event loop running, let go; a window gives keys to what has the focus."""
+    widget = (QtWidgets.QApplication.focusWidget() or widget) if widget.isWindow() else widget
+    QTest.keyPress(widget, key)
+    until_s = time.monotonic() + seconds
+    while time.monotonic() < until_s:
+        app.processEvents()
+        time.sleep(0.005)
+    QTest.keyRelease(widget, key)
+    app.processEvents()
+
+
+def test_every_control_has_a_name_for_a_screen_reader(shown):
+    window, _, _ = shown("flying")
+    kinds = (QtWidgets.QPushButton, QtWidgets.QTableWidget, QtWidgets.QPlainTextEdit, QtWidgets.QProgressBar,
+             QtWidgets.QTabWidget, QtWidgets.QDockWidget)  # fmt: skip
+    controls = [c for kind in kinds for c in window.findChildren(kind)]
+    controls += [window.plan, window.headline, window.problems, window.stereo, window.verdict]
+    own = [c for c in controls if not isinstance(c.parent(), QtWidgets.QDockWidget)]
+    assert len(own) > 20 and not [type(c).__name__ for c in own if not c.accessibleName()]
+
+
+def test_every_action_has_a_button_a_key_of_its_own_and_a_reason_where_it_is_not_enabled(shown):
+    window, console, _ = shown("ground")
+    assert set(window.buttons) == {row[0] for row in actions.TABLE}
+    assert len({b.action.key for b in window.buttons.values()}) == len(window.buttons)
+    for name, action in console.view(samples.NOW_S).actions.items():
+        button = window.buttons[name]
+        assert button.isEnabled() == action.enabled and (action.why_not in button.toolTip())
+        assert action.why_not in button.accessibleDescription()
+
+
+@pytest.mark.parametrize("name, key", [("pause", KEYS.Key_P), ("skip", KEYS.Key_K), ("abort", KEYS.Key_A)])
+def test_an_action_by_mouse_and_by_key(shown, app, name, key):
+    window, _, asked = shown("flying")
+    QTest.mouseClick(window.buttons[name], KEYS.LeftButton)
+    assert asked == [(name, {})]
+    hold(app, window, key, 0.0)
+    assert asked == [(name, {})] * 2
+
+
+def test_what_is_not_enabled_is_not_asked_for(shown, app):
+    window, _, asked = shown("ground")
+    for key in (KEYS.Key_C, KEYS.Key_P, KEYS.Key_G, KEYS.Key_X):
+        hold(app, window, key, 0.0)
+    QTest.mouseClick(window.buttons["calibrate"], KEYS.LeftButton)
+    assert asked == []
+
+
+def test_handing_over_needs_a_second(shown, app):
+    window, _, asked = shown("ready")
+    hold(app, window, KEYS.Key_G, 0.3)
+    assert asked == [] and window.buttons["hand_over"].share == 0.0
+    hold(app, window, KEYS.Key_G, 1.2)
+    assert asked == [("hand_over", {})]
+
+
+@pytest.mark.parametrize("focus", ["window", "check", "text", "pause"])
+def test_space_stops_all_wherever_the_focus_is(shown, app, focus):
+    window, _, asked = shown("wrong")
+    window.mission._tabs.setCurrentIndex(1)
+    widget = {"window": window, "check": window.check, "text": window.mission.text,
+              "pause": window.buttons["skip"]}[focus]  # fmt: skip
+    widget.setFocus()
+    app.processEvents()
+    hold(app, widget, KEYS.Key_Space, 0.1)
+    assert asked == [], "a tap is a slip, and clicks no button"
+    hold(app, widget, KEYS.Key_Space, 0.7)
+    assert asked == [("stop_all", {})]
+
+
+def test_stop_all_by_the_mouse_and_without_a_master(shown, app):
+    window, _, asked = shown("silent")
+    button = window.buttons["stop_all"]
+    QTest.mousePress(button, KEYS.LeftButton)
+    until_s = time.monotonic() + 0.7
+    while time.monotonic() < until_s:
+        app.processEvents()
+        time.sleep(0.005)
+    QTest.mouseRelease(button, KEYS.LeftButton)
+    assert asked == [("stop_all", {})]
+
+
+def test_letters_in_the_editor_write(shown, app):
+    window, console, asked = shown("flying")
+    window.edited.connect(console.edit)
+    window.mission._tabs.setCurrentIndex(1)
+    text = window.mission.text
+    text.setFocus()
+    app.processEvents()
+    text.moveCursor(QtGui.QTextCursor.End)
+    QTest.keyClicks(text, "pa: 1")
+    assert asked == [] and text.toPlainText().endswith("pa: 1")
+    window.show_view(console.view(samples.NOW_S))
+    assert window.mission.note.text() == "line 13: pa: is not known"
+    (mark,) = text.extraSelections()
+    assert mark.cursor.blockNumber() == 12 and not window.mission.save.isEnabled()
+
+
+def test_a_changed_file_is_saved_and_one_with_an_error_is_not(shown, tmp_path):
+    window, console, _ = shown("flying")
+    path = tmp_path / "mine.yaml"
+    path.write_text(Path(OUTDOOR).read_text())
+    console.load(str(path))
+    window.edited.connect(console.edit)
+    window.show_view(console.view(samples.NOW_S))
+    assert not window.mission.save.isEnabled()
+    console.drag(0, 3.0)
+    window.show_view(console.view(samples.NOW_S))
+    assert window.mission.note.text() == "mine.yaml, changed and not saved"
+    window.mission.save.click()
+    assert mission_file.load(path).rows[0].baseline_m == 3.0
+    window.show_view(console.view(samples.NOW_S))
+    assert window.mission.note.text() == "mine.yaml" and not window.mission.save.isEnabled()
+
+
+def test_a_goal_is_dragged_only_while_it_is_allowed(shown, app):
+    window, console, _ = shown("flying")
+    window.goal_changed.connect(console.drag)
+    plan, row = window.plan, console.file.rows[3]
+
+    def drag():
+        scale = plan.scale
+        begin, end = (QtCore.QPoint(*(int(round(v)) for v in scale.to_px(0.0, -y))) for y in (row.baseline_m, 9.0))
+        QTest.mousePress(plan, KEYS.LeftButton, KEYS.NoModifier, begin)
+        QTest.mouseMove(plan, end)
+        QTest.mouseRelease(plan, KEYS.LeftButton, KEYS.NoModifier, end)
+
+    drag()
+    assert console.file.rows[3].baseline_m == 8.0
+    hold(app, window, KEYS.Key_D, 0.0)
+    assert plan.editable
+    drag()
+    assert console.file.rows[3].baseline_m == pytest.approx(9.0, abs=0.1), "a pixel is 4 cm here, a step 10 cm"
+    assert console.file.mission is not None and "# Thesis 6.7" in console.file.text
+
+
+def test_the_wheel_on_the_height_bar_changes_a_vertical_goal_while_it_is_allowed(shown, app):
+    window, console, _ = shown("flying")
+    window.goal_changed.connect(console.drag)
+    plan = window.plan
+    at = QtCore.QPoint(plan.width() - 20, int(round(plan.bar.to_px(7.0))))
+
+    def wheel(position, notches=2):
+        QTest.mouseMove(plan, position)
+        where = QtCore.QPointF(position)
+        plan._mouse = where
+        event = QtGui.QWheelEvent(where, where, QtCore.QPoint(), QtCore.QPoint(0, 120 * notches), KEYS.NoButton,
+                                  KEYS.NoModifier, KEYS.NoScrollPhase, False)  # fmt: skip
+        app.sendEvent(plan, event)
+
+    before = [r.baseline_m for r in console.file.rows]
+    wheel(at)
+    assert [r.baseline_m for r in console.file.rows] == before
+    window.drag.click()
+    wheel(at)
+    assert [r.baseline_m for r in console.file.rows] == [*before[:6], 8.0, 10.0]
+    scale = plan.scale.px_per_m
+    wheel(QtCore.QPoint(40, 40))
+    assert plan.scale.px_per_m > scale, "elsewhere it zooms"
+    rows = console.file.rows
+    assert above_view.wheeled(rows[5], -100.0) == 0.1 and above_view.wheeled(rows[0], 2.0) == rows[0].baseline_m
+
+
+def test_an_amber_line_is_accepted_by_its_name(shown, app):
+    window, _, asked = shown("ground")
+    assert not window.accept.isEnabled()
+    names = [window.check.item(i, 1).text() for i in range(window.check.rowCount())]
+    window.check.selectRow(names.index("pre-arm"))
+    assert not window.accept.isEnabled() and "it is RED" in window.accept.toolTip()
+    window.check.selectRow(names.index("battery"))
+    assert window.accept.isEnabled()
+    hold(app, window, KEYS.Key_Return, 0.0)
+    assert asked == [("accept", {"vehicle": "uav2", "line": "battery"})]
+
+
+def test_execute_takes_the_configurations_that_are_chosen(shown, app):
+    window, _, asked = shown("ready")
+    window.mission.table.selectRow(2)
+    hold(app, window, KEYS.Key_X, 1.2)
+    assert asked == [("execute", {"configurations": [2]})]
+
+
+def test_a_vehicle_that_vanishes_is_shown_and_nothing_is_lost_on_the_way_back(shown):
+    window, console, _ = shown("flying")
+    window.show_view(console.view(samples.NOW_S + 1.2))
+    flown = [window.vehicles.item(0, k).text() for k in (1, 2)]
+    assert all(words.startswith("not heard for 1.2 s") for words in flown), flown
+    samples.flying(console)
+    window.show_view(console.view(samples.NOW_S))
+    assert window.vehicles.item(0, 1).text() == "mission"
+
+
+@pytest.mark.parametrize("situation", samples.SAMPLES)
+@pytest.mark.parametrize("size", [(1366, 740), (960, 540)])
+def test_every_situation_is_drawn_at_a_small_size_too(shown, app, situation, size):
+    """960 x 540 is a screen of 1920 x 1080 at 200 %."""
+    window, _, _ = shown(situation)
+    window.resize(*size)
+    app.processEvents()
+    picture = window.grab().toImage()
+    assert picture.width() >= size[0] and len({picture.pixel(x, 200) for x in range(0, picture.width(), 3)}) > 3
+    stop = window.buttons["stop_all"]
+    assert stop.isVisible() and stop.visibleRegion().boundingRect().size() == stop.size()
