@@ -5,6 +5,7 @@
 import argparse
 import os
 import statistics
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -19,6 +20,7 @@ def main() -> int:
     """Prints three figures."""
     parser = argparse.ArgumentParser(prog="bench_console", description=__doc__)
     parser.add_argument("--refreshes", type=int, default=600, help="refreshes to measure (default: a minute's)")
+    parser.add_argument("--clicks", type=int, default=0, help="clicks on stop-all until its topic is heard elsewhere")
     arguments = parser.parse_args()
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     from fcsv_console.model import facts, samples
@@ -50,7 +52,58 @@ def main() -> int:
           f"{1e3 * took_s[int(0.99 * len(took_s))]:.1f} ms")  # fmt: skip
     half = memory[len(memory) // 2 :]
     print(f"memory: {memory[-1]:.0f} MiB, {half[-1] - half[0]:+.1f} MiB in the second half of {len(memory)} refreshes")
+    if arguments.clicks:
+        clicks(arguments.clicks)
     return 0
+
+
+LISTENER = """
+import sys, time, rospy
+from std_msgs.msg import String
+rospy.init_node("listener", anonymous=True)
+rospy.Subscriber("/stop_all", String, lambda m: print(time.monotonic(), flush=True), tcp_nodelay=True)
+rospy.spin()
+"""
+
+
+def clicks(number: int) -> None:
+    """From a click that was held long enough to its topic in another process, on a master of its own."""
+    import tempfile
+
+    from fcsv_console.model.console import Console
+    from fcsv_console.ros.shell import Shell
+    from fcsv_console.ros.window_command import application, connected
+    from fcsv_sim.machines.machines import Machine
+
+    app = application("dark")
+    with tempfile.TemporaryDirectory() as folder, Machine("bench", folder) as machine:
+        os.environ.update({k: v for k, v in machine.env.items() if k.startswith("ROS_")})
+        listener = subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True, env=os.environ)
+        try:
+            shell = Shell(Console(["uav1", "uav2"]), "bench_console")
+            window = connected(shell, app)
+            window.show()
+            ready_s = time.monotonic() + 15.0
+            while time.monotonic() < ready_s:
+                app.processEvents()
+                publisher = shell._commands and shell._commands._all["stop_all"]
+                if publisher and publisher.get_num_connections():
+                    break
+                time.sleep(0.01)
+            took_s = []
+            for _ in range(number):
+                for _ in range(20):
+                    app.processEvents()
+                    time.sleep(0.005)
+                begun_s = time.monotonic()
+                window.buttons["stop_all"].asked.emit("stop_all")
+                took_s.append(float(listener.stdout.readline()) - begun_s)
+            shell.close()
+        finally:
+            listener.kill()
+    took_s.sort()
+    median_ms = 1e3 * statistics.median(took_s)
+    print(f"click to topic: median {median_ms:.1f} ms, longest {1e3 * took_s[-1]:.1f} ms of {number}")
 
 
 if __name__ == "__main__":

@@ -103,10 +103,26 @@ def test_a_vehicle_that_vanishes_is_stale_within_a_second_and_comes_back():
     c = flying(console(), 10.0)
     assert not row(c, 10.9).pose.stale and not row(c, 10.9).state.stale
     late = row(c, 11.1)
-    assert late.pose.stale and late.place.stale and late.state.stale and late.connection == "NOT HEARD for 1.1 s"
+    assert late.pose.stale and late.place.stale and late.heard.stale and late.connection == "NOT HEARD for 1.1 s"
     assert late.flier.who == UNKNOWN and late.flier.words == "not heard for 1.1 s (was GUIDED)"
     assert late.mode == "GUIDED" and late.armed, "what was known stays readable"
     assert row(flying(c, 20.0), 20.1).flier.who == MISSION
+
+
+def test_a_state_once_a_second_does_not_flicker_and_one_that_stops_is_told():
+    """As ArduPilot's heartbeat comes; poses thirty times."""
+    c = flying(console(), 10.0)
+    for k in range(90):
+        at_s = 10.0 + k / 30.0
+        c.tell(at_s, facts.OdometryHeard("uav2", (0.0, 0.0, 8.0)))
+        c.tell(at_s, facts.Agent("uav2", "mission-1-2"))
+        if k in (30, 60):
+            c.tell(at_s, facts.AutopilotState("uav2", True, True, "GUIDED"))
+        if k < 75:
+            assert row(c, at_s).flier.who == MISSION and row(c, at_s).connection == "connected"
+    for k in range(90, 150):
+        c.tell(10.0 + k / 30.0, facts.OdometryHeard("uav2", (0.0, 0.0, 8.0)))
+    assert row(c, 14.9).flier.words == "no state for 2.9 s (was GUIDED)"
 
 
 def test_rates_are_of_the_last_seconds():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The console on a master: what it hears of a vehicle, and that what it asks for arrives and is answered."""
 
+import signal
 import time
 
 import pytest
@@ -142,3 +143,29 @@ def test_execute_answers_what_the_mission_says(shell):
     shell.do("execute", configurations=[2, 0])
     until(lambda: last(shell).answer == "'execute' is not waited for in COLUMN", what="the answer")
     assert asked == [[2, 0]]
+
+
+@pytest.mark.slow
+def test_the_window_ends_well_when_told_to_and_may_be_killed_and_opened_again(ros_master):
+    import rosnode
+
+    def opened(known, log):
+        command = ["env", "QT_QPA_PLATFORM=offscreen", "rosrun", "fcsv_console", "console"]
+        process = ros_master.run(command, log)
+        until(lambda: ours() - known, 60.0, f"the window: {process.tail()}")
+        return process
+
+    def ours():
+        return {n for n in rosnode.get_node_names() if n.startswith("/console_")}
+
+    before, processes = ours(), []
+    try:
+        processes.append(opened(before, "console-1"))
+        processes[0].kill()
+        processes.append(opened(ours(), "console-2"))
+        time.sleep(1.0)
+        processes[1].signal(signal.SIGTERM)
+        assert processes[1].wait(20.0) == 0, processes[1].tail()
+    finally:
+        for process in processes:
+            process.kill()

@@ -90,7 +90,7 @@ def _why_not(name: str, s: Situation) -> str:
     if name in s.pending:
         return "it was asked for; the answer has not come yet"
     if name == "land":
-        down = bool(s.vehicles) and all(v.state.value is not None and not v.state.stale and not v.armed
+        down = bool(s.vehicles) and all(v.state.value is not None and not v.heard.stale and not v.armed
                                         for v in s.vehicles)  # fmt: skip
         return "all stand with their motors off" if down else ""
     if name == "record":

@@ -29,7 +29,7 @@ def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
     """(label, one cell per vehicle)."""
     table = (
         ("flown by", lambda v: Cell(v.flier.words, _OF_FLIER.get(v.flier.who, PLAIN))),
-        ("connection", lambda v: Cell(v.connection, GONE if v.state.stale else PLAIN)),
+        ("connection", lambda v: Cell(v.connection, PLAIN if v.connection == "connected" else GONE)),
         ("mode", _mode),
         ("pose", lambda v: _rate(v.pose)),
         ("in home", lambda v: _place(v)),
@@ -48,7 +48,7 @@ def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
 def _mode(v: VehicleRow) -> Cell:
     if v.state.value is None:
         return Cell("-", QUIET)
-    return Cell(f"{v.mode}, {'ARMED' if v.armed else 'motors off'}", GONE if v.state.stale else PLAIN)
+    return Cell(f"{v.mode}, {'ARMED' if v.armed else 'motors off'}", PLAIN if v.connection == "connected" else GONE)
 
 
 def _rate(aged: Aged) -> Cell:
@@ -62,7 +62,7 @@ def _rate(aged: Aged) -> Cell:
 def _place(v: VehicleRow) -> Cell:
     if v.place.value is None:
         return Cell("not known", GONE)
-    x, y, z = v.place.value.p_home_m
+    x, y, z = (round(m, 1) + 0.0 for m in v.place.value.p_home_m)  # no minus before a zero
     return Cell(f"{x:+.1f}  {y:+.1f}  {z:+.1f} m", GONE if v.place.stale else PLAIN)
 
 
@@ -73,7 +73,7 @@ def _battery(v: VehicleRow) -> Cell:
     if v.battery_enough is None:
         return Cell(f"{b.share:.0%}")
     tone = PLAIN if v.battery_enough else BAD
-    return Cell(f"{b.share:.0%}: {clock_words(v.endurance_s)} left, {clock_words(v.needed_s)} needed", tone)
+    return Cell(f"{b.share:.0%}: {clock_words(v.endurance_s)}, needs {clock_words(v.needed_s)}", tone)
 
 
 def _radio(v: VehicleRow) -> Cell:

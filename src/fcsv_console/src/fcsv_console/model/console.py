@@ -151,14 +151,16 @@ class Console:
         elif isinstance(fact, f.StopTold):
             self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
         elif isinstance(fact, f.MasterTold):
-            self._changed(now_s, "master", "console", fact.problem or "the ROS master answers",
-                          "error" if fact.problem else "info")  # fmt: skip
+            if fact.problem or self._master_problem:
+                words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
+                self._changed(now_s, "master", "console", words, level)
 
     # ---- what is shown -----------------------------------------------------------------------------------------
 
     def view(self, now_s: float) -> View:
         """Everything, at monotonic time ``now_s``."""
-        mission, alive = self._mission.at(now_s), not self._alive.at(now_s).stale
+        mission = self._mission.at(now_s)
+        alive = mission.age_s <= _ALIVE_S or not self._alive.at(now_s).stale  # a bag has no sign of life but the state
         told = mission.value if alive else None
         stop = self._stop.at(now_s)
         flown = told is not None and told.phase in FLOWN

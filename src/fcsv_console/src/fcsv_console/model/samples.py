@@ -35,6 +35,8 @@ def _lines(**wrong: Tuple[State, str, str]) -> Tuple[Line, ...]:
 def _streams(c: Console, now_s: float, mode: str, armed: bool, places: Sequence[Tuple[float, float, float]],
              share: float = 0.82, quiet: Sequence[str] = ()) -> None:  # fmt: skip
     """Three seconds of all streams of both vehicles; those that are quiet stop 2.4 s before."""
+    for name in _NAMES:
+        c.tell(now_s - 3.0, f.EpochHeard(name, 1))
     for k in range(30):
         at_s = now_s - 2.9 + 0.1 * k
         for name, place in zip(_NAMES, places):
@@ -55,8 +57,6 @@ def _streams(c: Console, now_s: float, mode: str, armed: bool, places: Sequence[
                 c.tell(at_s, f.Tags(name, (1,) if name == "uav2" else ()))
             c.tell(at_s, f.Captured(name, at_s + (0.012 if name == "uav2" else 0.0)))
         c.tell(at_s, f.MissionAlive("mission-812-1"))
-    for name in _NAMES:
-        c.tell(now_s - 2.9, f.EpochHeard(name, 1))
 
 
 def on_the_ground(c: Console) -> None:

@@ -25,10 +25,12 @@ class Flier:
 
 @dataclass(frozen=True)
 class VehicleRow:
-    """A vehicle at one moment; times in s. ``endurance_s``: until its battery is at the mission's lowest share."""
+    """A vehicle at one moment; times in s. ``heard``: anything of it at all; its state comes once a second only, other
+    streams five to thirty times. ``endurance_s``: until its battery is at the mission's lowest share."""
 
     name: str
     flier: Flier
+    heard: Aged[str]
     state: Aged[f.AutopilotState]
     pose: Aged[f.OdometryHeard]
     place: Aged[f.CameraInHome]
@@ -49,10 +51,12 @@ class VehicleRow:
     @property
     def connection(self) -> str:
         """In words."""
-        if not math.isfinite(self.state.age_s):
+        if not math.isfinite(self.heard.age_s):
             return "never heard"
+        if self.heard.stale:
+            return f"NOT HEARD for {self.heard.words}"
         if self.state.stale:
-            return f"NOT HEARD for {self.state.words}"
+            return f"no state for {self.state.words}"
         return "connected" if self.state.value.connected else "no autopilot"
 
     @property
@@ -81,13 +85,15 @@ class VehicleRow:
         return self.endurance_s >= self.needed_s
 
 
-def who_flies(state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "") -> Flier:
+def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "") -> Flier:
     """Who has the vehicle now, highest first as in docs/safety.md: pilot, failsafe, guardian, mission."""
     if state.value is None:
         return Flier(UNKNOWN, "not heard yet")
     s: f.AutopilotState = state.value
+    if heard.stale:
+        return Flier(UNKNOWN, f"not heard for {heard.words} (was {s.mode})")
     if state.stale:
-        return Flier(UNKNOWN, f"not heard for {state.words} (was {s.mode})")
+        return Flier(UNKNOWN, f"no state for {state.words} (was {s.mode})")
     g: f.Guardian = guardian.value if guardian.value is not None and not guardian.stale else f.Guardian("")
     if g.uncontrolled:
         return Flier(FAILSAFE, "COMES DOWN WITHOUT A POSITION: keep away")
@@ -119,15 +125,18 @@ class Vehicle:
     def __init__(self, name: str):
         self.name = name
         self.epoch: Optional[int] = None
+        self._any: Heard[str] = Heard()
         self.heard: Dict[Type, Heard] = {
-            f.AutopilotState: Heard(), f.OdometryHeard: Heard(), f.CameraInHome: Heard(), f.Guardian: Heard(),
-            f.Agent: Heard(), f.Battery: Heard(SLOW_STALE_S), f.PictureHeard: Heard(SLOW_STALE_S),
+            f.AutopilotState: Heard(SLOW_STALE_S), f.OdometryHeard: Heard(), f.CameraInHome: Heard(),
+            f.Guardian: Heard(), f.Agent: Heard(), f.Battery: Heard(SLOW_STALE_S), f.PictureHeard: Heard(SLOW_STALE_S),
             f.Recorder: Heard(SLOW_STALE_S), f.Clock: Heard(10.0), f.Radio: Heard(SLOW_STALE_S),
             f.Said: Heard(math.inf), f.Captured: Heard(SLOW_STALE_S), f.Tags: Heard(SLOW_STALE_S),
         }  # fmt: skip
 
     def tell(self, now_s: float, fact: Any) -> None:
-        """A fact of it that was found sound."""
+        """A fact of it that was found sound. What this machine makes of it, or says about it, is no sign of life."""
+        if not isinstance(fact, (f.CameraInHome, f.Radio, f.Clock)):
+            self._any.tell(now_s, self.name)
         if isinstance(fact, f.EpochHeard):
             self.epoch = fact.epoch
         elif type(fact) in self.heard:
@@ -139,11 +148,11 @@ class Vehicle:
     ) -> VehicleRow:  # fmt: skip
         """``calibrated``: epoch and age (s) of the calibration; ``lasts``: seconds that a battery share lasts."""
         at = {kind: heard.at(now_s) for kind, heard in self.heard.items()}
-        battery = at[f.Battery]
+        battery, anything = at[f.Battery], self._any.at(now_s)
         share = battery.value.share if battery.value is not None and not battery.stale else math.nan
         return VehicleRow(
-            self.name, who_flies(at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
-            at[f.AutopilotState], at[f.OdometryHeard], at[f.CameraInHome], at[f.PictureHeard], battery,
+            self.name, who_flies(anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
+            anything, at[f.AutopilotState], at[f.OdometryHeard], at[f.CameraInHome], at[f.PictureHeard], battery,
             at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.Said],
             self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s,
         )  # fmt: skip

@@ -60,12 +60,12 @@ class Shell:
         self._hearing, self._commands = Hearing(console.names), None
         self._over = threading.Event()
         self._answers: Deque[Tuple[int, str, bool]] = deque()
-        self._hearing.put(f.MasterTold(NO_MASTER))
         threading.Thread(target=self._join, name="joins the master", daemon=True).start()
 
     def _join(self) -> None:
         """Waits for a master as long as it takes. rospy would wait too, and then keep the process from ending."""
         while not rosgraph.is_master_online():
+            self._hearing.put(f.MasterTold(NO_MASTER))
             if self._over.wait(_LOOK_S):
                 return
         rospy.init_node(self._name, anonymous=True, disable_signals=True)

@@ -2,6 +2,7 @@
 """rosrun fcsv_console console: the operator's window. It may be closed and opened in flight: nothing depends on it."""
 
 import argparse
+import os
 import signal
 import sys
 import time
@@ -42,8 +43,11 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     signal.signal(signal.SIGINT, lambda *_: app.quit())
     signal.signal(signal.SIGTERM, lambda *_: app.quit())
     status = app.exec_()
+    window.timer.stop()
+    window.close()
     shell.close()
-    return int(status)
+    sys.stdout.flush()
+    os._exit(int(status))  # threads of rospy and rviz still run: Qt would be torn down beneath them
 
 
 def application(theme: str = "system") -> QApplication:

@@ -9,6 +9,7 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
+from fcsv_console.model.cells import check_lines
 from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
 from fcsv_console.model.view import View
@@ -66,7 +67,7 @@ def _vehicles(view: View) -> Table:
             Text(v.name, "bold"), Text(v.flier.words, _FLIERS.get(v.flier.who, "bold magenta")), _battery(v),
             _rate(v.pose), _rate(v.picture), _radio(v),
         )  # fmt: skip
-        style = "bold magenta" if v.state.stale else "dim"
+        style = "dim" if v.connection == "connected" else "bold magenta"
         told = f"{v.connection}, {v.mode}, {'ARMED' if v.armed else 'motors off'}" if v.state.value else v.connection
         table.add_row("", _line(told, style), _disk(v))
         table.add_row("", _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"), _clock(v))
@@ -118,7 +119,7 @@ def _stereo(view: View) -> Text:
 
 def _check(view: View) -> Group:
     state = view.check_state
-    wrong = [li for li in view.check or () if li.state is not State.GREEN]
+    wrong = check_lines(view)
     lines = [Text.assemble("flight check: ", (state.word, _STATES[state]), f", {len(wrong)} of {len(view.check or ())} "
                            "lines not green" if view.check else ", not heard")]  # fmt: skip
     for li in wrong[:_CHECKS]:
