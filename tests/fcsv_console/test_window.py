@@ -257,3 +257,13 @@ def test_every_situation_is_drawn_at_a_small_size_too(shown, app, situation, siz
     assert picture.width() >= size[0] and len({picture.pixel(x, 200) for x in range(0, picture.width(), 3)}) > 3
     stop = window.buttons["stop_all"]
     assert stop.isVisible() and stop.visibleRegion().boundingRect().size() == stop.size()
+
+
+@pytest.mark.parametrize("x", [10.0, 150.0, 400.0])
+def test_a_name_is_never_cut_by_the_height_bar(shown, x):
+    plan = shown("flying")[0].plan
+    picture = QtGui.QPixmap(plan.size())
+    painter = QtGui.QPainter(picture)
+    box = plan._label(painter, QtCore.QPointF(min(x, plan.width()), 100.0), "uav2  +10.0 m, 12.3 s old")
+    painter.end()
+    assert box.width() > 60.0 and box.right() < plan.width() - 64.0

@@ -176,16 +176,20 @@ class PlanView(QWidget):
         painter.drawLine(at, at + forward * (radius + 12.0))
         age = f", {v.place.words} old" if v.place.stale else ""
         beside = QPointF(radius + 5.0, radius + 10.0 if k % 2 else -radius)  # one of a pair below: none is hidden
-        self._label(painter, at + beside, f"{v.name}  {place.p_home_m[2]:+.1f} m{age}")
+        self._label(painter, at + beside, f"{v.name}  {round(place.p_home_m[2], 1) + 0.0:+.1f} m{age}")
 
-    def _label(self, painter: QPainter, at: QPointF, words: str) -> None:
-        """On a ground of its own, so that it can be read over goals and rings."""
+    def _label(self, painter: QPainter, at: QPointF, words: str) -> QRectF:
+        """On a ground of its own, so that it can be read over goals and rings; where it was written."""
         box = painter.boundingRect(QRectF(at.x(), at.y() - 13.0, 1.0, 1.0), Qt.AlignLeft | Qt.TextDontClip, words)
+        over_px = box.right() + 6.0 - (self.width() - _BAR_PX)
+        if over_px > 0.0:
+            box.translate(-over_px, 0.0)
         ground = QColor(self.palette().color(QPalette.Base))
         ground.setAlpha(210)
         painter.fillRect(box.adjusted(-3.0, 0.0, 3.0, 0.0), ground)
         painter.setPen(self._ink(255))
         painter.drawText(box, Qt.AlignLeft | Qt.TextDontClip, words)
+        return box
 
     def _fall(self, painter: QPainter, scale: geometry.Scale) -> None:
         for k, a in enumerate(self._view.above):
