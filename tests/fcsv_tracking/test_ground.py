@@ -7,7 +7,7 @@ import pytest
 from fcsv_geometry import transforms as tf
 from fcsv_tracking.ground import GroundTrack, LevelFrame, LevelRules
 
-KNOWN_RAD = np.radians(0.2)
+KNOWN_RAD = np.radians(0.15)
 
 
 def leaning(deg):
@@ -16,7 +16,7 @@ def leaning(deg):
 
 def test_it_is_fixed_once_level_is_known_and_stays():
     """It stands still while vehicles fly by it, however much better level is known later."""
-    frame = LevelFrame(LevelRules(sigma_deg=0.5, leans_deg=2.5))
+    frame = LevelFrame(LevelRules(sigma_deg=0.2, leans_deg=2.5))
     assert not frame.offer(leaning(0.0), np.radians(0.6)) and frame.T_tracker_level is None
     assert frame.offer(leaning(0.4), KNOWN_RAD)
     first = frame.T_tracker_level.copy()

@@ -21,7 +21,7 @@ _GAP_S = 1.0  # after so long without a pose the velocity is found anew
 class LevelRules:
     """``sigma_deg``: how well level must be known before the frame is fixed. ``leans_deg``: then it is wrong."""
 
-    sigma_deg: float = 0.5
+    sigma_deg: float = 0.2
     leans_deg: float = 2.5
 
     def __post_init__(self):
