@@ -14,6 +14,7 @@ from sensor_msgs.msg import Joy
 
 from fcsv_control.ros.command_services import Commands, CommandServices
 from fcsv_control.ros.tello_messages import TelloMessages
+from fcsv_control.ros.tello_video import TelloVideo, VideoParameters
 from fcsv_control.tello.core import TelloCore
 from fcsv_control.tello.library import Hears, RadioParameters, TelloRadio, where
 from fcsv_control.tello.messages import EstimateMoved, GiveSticks, LandNow, Output, Said, TakeOffNow
@@ -41,6 +42,7 @@ class TelloLinkParameters:
     gains: str
     joy_axes: List[int] = field(default_factory=lambda: [0, 1, 2, 3])
     radio: RadioParameters = field(default_factory=RadioParameters)
+    video: VideoParameters = field(default_factory=VideoParameters)
     rules: TelloRules = field(default_factory=TelloRules)
     observer: ObserverRules = field(default_factory=ObserverRules)
 
@@ -69,7 +71,9 @@ class TelloLinkNode:
             Said: lambda o: self._out.text(o.severity, o.text),
             EstimateMoved: lambda o: self._out.moved(o.step_m),
         }
-        hears = Hears(self._on_flight, self._on_imu, self._on_packet, lambda _now_s, _data: None)
+        self._video = TelloVideo(p.vehicle, p.video, self._health) if p.video.calibration else None
+        on_video = self._video.datagram if self._video else lambda _now_s, _data: None
+        hears = Hears(self._on_flight, self._on_imu, self._on_packet, on_video)
         self._radio = TelloRadio(p.vehicle, p.radio, hears)
         rospy.on_shutdown(self._radio.close)
         rospy.loginfo("%s: looks for a Tello at %s %s", p.vehicle, *where(p.radio))
@@ -172,7 +176,7 @@ class TelloLinkNode:
 
     def _slowly(self, _event) -> None:
         now_s, name, radio = time.monotonic(), self._name, self._radio
-        radio.mind(now_s, video=False)
+        radio.mind(now_s, video=self._video is not None)
         with self._lock:
             state, unread_s = self._core.state(now_s), self._unread_since_s
             refused = self._core.tracking.observer.refused
@@ -182,6 +186,8 @@ class TelloLinkNode:
         for key, value in (("mode", state.mode), ("in the air", state.in_the_air), ("Wi-Fi (%)", radio.wifi_percent),
                            ("tellopy is connected", radio.connected), ("poses refused", refused)):  # fmt: skip
             self._health.value(key, value)
+        if self._video:
+            self._video.report()
 
     # ---- what the services ask for -------------------------------------------------------------------------------
 
