@@ -12,6 +12,7 @@ from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.flight_limits import PauseLimits
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
+from fcsv_geometry.separation import SeparationRules
 from fcsv_msgs.msg import MissionState
 
 
@@ -130,6 +131,14 @@ def test_a_tag_that_is_lost_again_takes_the_button_away(flight):
     f.fleet["uav2"].sees_front_s = 0.0
     f.wait(0.2)
     assert f.machine.waits_for == ""
+
+
+def test_a_tracker_on_the_ground_calibrates_without_tags(flight):
+    f = flight(mission(tracker="ground"))
+    f.line_up()
+    f.fleet["uav2"].sees_front_s = 0.0
+    f.wait(0.2)
+    assert f.machine.waits_for == "calibrate" and "tag" not in f.machine.detail
 
 
 def test_a_refused_mode_is_said_and_asked_again(flight):
@@ -363,6 +372,16 @@ def test_vehicles_that_meet_are_held(flying):
     flying.fleet["uav2"].T_home_body[:3, 3] = place
     flying.wait(0.2)
     paused(flying, "uav1 and uav2 are too near")
+
+
+def test_small_vehicles_are_held_where_their_own_air_begins(flight):
+    """Of Tellos' size (0.63 m of air, as tall as wide): 1 m above each other is far enough, 0.4 m is not."""
+    f = flight(mission(("vertical", 1.2), air=SeparationRules(0.63, 1.0), min_separation_m=1.0, home_height_m=2.0))
+    f.up_to_configurations()
+    for height_m, found in ((1.0, []), (0.4, ["uav1 and uav2 are too near to each other; move them apart by hand"])):
+        above = f.fleet["uav1"].T_home_body[:3, 3] + np.array([0.0, 0.0, height_m])
+        f.fleet["uav2"].T_home_body[:3, 3] = above
+        assert watch.problems(f.machine.mission, "CONFIGURATIONS", f.snapshot()) == found
 
 
 def test_a_gust_while_recording_is_recorded_again(flying):

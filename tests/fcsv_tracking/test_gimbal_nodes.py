@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from support.ground_topics import GroundTopics
 from support.waiting import within
 
 from fcsv_geometry import transforms as tf
@@ -76,6 +77,7 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
     subscribers = [rospy.Subscriber("/diagnostics", DiagnosticArray, on_diagnostics)]
     for n in NAMES:
         subscribers.append(rospy.Subscriber(f"/{n}/camera_pose", PoseWithCovarianceStamped, got[n].append))
+    ground = GroundTopics(NAMES)
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer)
     for n in NAMES:
@@ -104,6 +106,8 @@ def test_both_are_followed_and_their_cameras_known(swaying, start_node, root, ro
     )
     until(lambda: all(len(got[n]) > 5 for n in NAMES), 120, "camera poses of both")
     check(got, vehicles, tmp_path)
+    ground.check(vehicles, 1e-6)
+    ground.close()
     until(lambda: int(diagnostics.get("dropped: tello1 joints: wrong frame", 0)) == 1, what="the wrong joints counted")
     until(lambda: int(diagnostics.get("dropped: tello1 joints: not angles", 0)) == 1, what="half joints counted")
     until(

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from support.ground_topics import GroundTopics
 from support.waiting import within
 
 from fcsv_geometry import transforms as tf
@@ -99,6 +100,7 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     for n in NAMES:
         subscribers.append(rospy.Subscriber(f"/{n}/camera_pose", PoseWithCovarianceStamped, got[n].append))
         subscribers.append(rospy.Subscriber(f"/{n}/tello/odom", Odometry, heard[n].append))
+    ground = GroundTopics(NAMES)
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer)
     start_node("fcsv_sim", "mocap", name="sim_mocap", params={"vehicles": list(NAMES), "sim_dir": str(tmp_path)})
@@ -125,6 +127,8 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     poses_up_to(got, stamp_s(got["tello1"][-1]) + 4.0)
     print(diagnostics)
     check(got, heard, vehicles, tmp_path, 0.02)
+    ground.check(vehicles, 1e-6)
+    ground.close()
     hovering.leave()
     poses_up_to(got, hovering.leaves_s + 7.0 - AHEAD_S)
     print(diagnostics)

@@ -14,6 +14,9 @@ from fcsv_geometry.separation import SeparationRules
 
 AXES = ("horizontal", "vertical")
 _MOST_BASELINE_M = 100.0  # ten times the thesis's longest; beyond, a metre was meant as something else
+AIR_M = 0.95  # horizontally, of a vehicle of 0.6 m; guardians keep what is theirs of it (SeparationRules)
+ON_BOARD, GROUND = "on_board", "ground"
+TRACKERS = (ON_BOARD, GROUND)
 _RECORD_S = (0.5, 600.0)
 _MOST_PICTURES = 1000
 _MOST_TILT_DEG = 30.0
@@ -95,7 +98,8 @@ class Mission:
     configurations: List[StereoConfiguration]
     reference: str = "uav1"
     min_separation_m: float = 1.5  # between cameras; what no way and no configuration may undercut
-    air: SeparationRules = field(default_factory=lambda: SeparationRules(0.95))  # of a vehicle, with its downwash
+    air: SeparationRules = field(default_factory=lambda: SeparationRules(AIR_M))  # of a vehicle, with its downwash
+    tracker: str = ON_BOARD  # "ground": one on the ground gives all in one frame, and no tag is needed to calibrate
     low_battery_share: float = 0.2  # below: everybody holds until the operator decides
     empty_battery_share: float = 0.1  # below: everybody lands
     home_height_m: float = 8.0  # a hint for the operators: above the take-off place
@@ -108,6 +112,8 @@ class Mission:
     def __post_init__(self):
         if not self.configurations:
             raise ValueError("configurations: the list is empty; give at least one {axis, baseline_m}")
+        if self.tracker not in TRACKERS:
+            raise ValueError(f"tracker: '{self.tracker}' is not one of {', '.join(TRACKERS)}")
         if not self.min_separation_m > 0:
             raise ValueError(f"min_separation_m: {self.min_separation_m} must be positive")
         for i, c in enumerate(self.configurations):

@@ -19,7 +19,7 @@ from fcsv_control.mission.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.mission import GROUND, ON_BOARD, Mission
 
 PHASES = (
     "WAIT_VEHICLES", "TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS", "LAND",
@@ -28,6 +28,7 @@ PHASES = (
 _FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS", "LAND")
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")  # people fly
 _SEEN_S = 2.0
+_LINE_UP = {ON_BOARD: "operators: line up, every tag in view", GROUND: "operators: where the tracker sees everybody"}
 _AIRBORNE_M = 1.5
 
 
@@ -213,10 +214,11 @@ class MissionMachine(Operated):
         views = snapshot.vehicles.values()
         up = all(v.armed and v.height_m > _AIRBORNE_M and v.mode == "LOITER" for v in views)
         if up and not self.problems:
-            self._enter("COLUMN", "operators: line up, every tag in view")
+            self._enter("COLUMN", _LINE_UP[self.mission.tracker])
 
     def _column(self, snapshot: Snapshot) -> None:
-        blind = [n for n in self.vehicles[1:] if snapshot.vehicles[n].sees_front_s < _SEEN_S]
+        by_tags = self.mission.tracker == ON_BOARD
+        blind = [n for n in self.vehicles[1:] if by_tags and snapshot.vehicles[n].sees_front_s < _SEEN_S]
         self.waits_for = "" if self.problems or blind else "calibrate"
 
     def _guided(self, snapshot: Snapshot) -> None:

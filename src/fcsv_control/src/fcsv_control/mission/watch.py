@@ -10,14 +10,14 @@ from fcsv_control.mission.patience import Pause
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.mission import AIR_M, Mission
 from fcsv_geometry.separation import SeparationRules
 
 _POSE_STALE_S = 2.0
 _STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio
 _RECORDER_STALE_S = 5.0
 _TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses explains
-_SEPARATION = SeparationRules()  # as the guardians have it
+_GUARDED = SeparationRules().horizontal_m / AIR_M  # of the air that the mission keeps, guardians keep so much
 _IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS")
 _RECORDED = ("WAIT_VEHICLES", "GUIDED", "CONFIGURATIONS")
 _FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS")
@@ -84,8 +84,9 @@ def _of_recorder(recorder: RecorderView) -> Iterator[str]:
 
 
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:
+    air = SeparationRules(_GUARDED * mission.air.horizontal_m, mission.air.vertical_factor)
     known = [n for n, v in snapshot.vehicles.items() if v.T_home_cam is not None]
     for a, b in combinations(known, 2):
         offset_m = snapshot.p_home_cam(a) - snapshot.p_home_cam(b)
-        if Keep(_TOO_NEAR * mission.min_separation_m, _SEPARATION).share(offset_m) < 1.0:
+        if Keep(_TOO_NEAR * mission.min_separation_m, air).share(offset_m) < 1.0:
             yield f"{a} and {b} are too near to each other; move them apart by hand"

@@ -11,21 +11,18 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger, TriggerResponse
 
-from fcsv_control.errors import CommandRefused, ControlError
-from fcsv_control.flight.commands import ACCEPTED, FAILED
 from fcsv_control.flight.feed import FeedParameters
 from fcsv_control.flight.feed_check import FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.profile import load_profile
 from fcsv_control.flight.watchdog import WatchdogParameters
+from fcsv_control.ros.command_services import Commands, CommandServices
 from fcsv_control.ros.link_health import LinkHealthReport
 from fcsv_control.ros.pose_feed import WATCH_S, PoseFeed
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Refusal
 from mavros_msgs.msg import State, StatusText
-from mavros_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
 _STATE_PERIOD_S = 1.0
 
@@ -62,7 +59,6 @@ class FlightLinkNode:
         self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
-        self._refusals = rospy.Publisher("flight_link/refusal", Refusal, queue_size=5)
         self._link = FlightLink(
             self._parameters.fcu_url,
             self._link_parameters(),
@@ -75,10 +71,8 @@ class FlightLinkNode:
             on_estimate_moved=self._told.estimate_moved,
         )
         rospy.on_shutdown(self._link.close)
-        rospy.Service("mavros/set_mode", SetMode, self._set_mode)
-        rospy.Service("mavros/cmd/arming", CommandBool, self._arm)
-        rospy.Service("mavros/cmd/takeoff", CommandTOL, self._take_off)
-        rospy.Service("mavros/cmd/land", CommandTOL, self._land)
+        link = self._link
+        self._services = CommandServices(Commands(link.set_mode, link.arm, link.take_off), self._on_text)
         rospy.Service("~odometry_reset", Trigger, self._odometry_reset)
         self._feed.begin(self._link)
         self._timer = node.every(WATCH_S, self._watch)
@@ -139,38 +133,9 @@ class FlightLinkNode:
 
     # ---- services ------------------------------------------------------------------------------------------
 
-    def _set_mode(self, request) -> SetModeResponse:
-        return SetModeResponse(self._attempt(lambda: self._link.set_mode(request.custom_mode)) == ACCEPTED)
-
-    def _arm(self, request) -> CommandBoolResponse:
-        result = self._attempt(lambda: self._link.arm(request.value))
-        return CommandBoolResponse(result == ACCEPTED, result)
-
-    def _take_off(self, request) -> CommandTOLResponse:
-        result = self._attempt(lambda: self._link.take_off(request.altitude))
-        return CommandTOLResponse(result == ACCEPTED, result)
-
-    def _land(self, _request) -> CommandTOLResponse:
-        result = self._attempt(lambda: self._link.set_mode("LAND"))
-        return CommandTOLResponse(result == ACCEPTED, result)
-
     def _odometry_reset(self, _request) -> TriggerResponse:
         self._feed.begin_again()
         return TriggerResponse(True, "the next pose is adopted at once; the set-point has to be issued again")
-
-    def _attempt(self, action) -> int:
-        """MAV_RESULT: 0 accepted, 4 failed. Before the service answers, the reason goes to the agent (refusal) and to
-        people (status text)."""
-        try:
-            action()
-            return ACCEPTED
-        except CommandRefused as error:
-            severity, reason = StatusText.ERROR, str(error)
-        except ControlError as error:
-            severity, reason = StatusText.CRITICAL, str(error)
-        self._refusals.publish(Refusal(conversions.header(rospy.get_time(), ""), reason))
-        self._on_text(severity, reason)
-        return FAILED
 
 
 def main() -> int:

@@ -12,21 +12,20 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Joy
 
-from fcsv_control.errors import CommandRefused
-from fcsv_control.flight.commands import ACCEPTED, FAILED
+from fcsv_control.ros.command_services import Commands, CommandServices
 from fcsv_control.ros.tello_messages import TelloMessages
+from fcsv_control.ros.tello_video import TelloVideo, VideoParameters
 from fcsv_control.tello.core import TelloCore
 from fcsv_control.tello.library import Hears, RadioParameters, TelloRadio, where
 from fcsv_control.tello.messages import EstimateMoved, GiveSticks, LandNow, Output, Said, TakeOffNow
 from fcsv_control.tello.observer import ObserverRules
 from fcsv_control.tello.pid import PidConfig, Sticks
-from fcsv_control.tello.rules import LAND, TelloRules
+from fcsv_control.tello.rules import TelloRules
 from fcsv_control.tello.telemetry import OwnOdometry, flight_report
 from fcsv_geometry import config, frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from mavros_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
 _STEP_S = 0.04
 _UNREAD_S = 2.0  # flight data that cannot be read for so long: said
@@ -43,6 +42,7 @@ class TelloLinkParameters:
     gains: str
     joy_axes: List[int] = field(default_factory=lambda: [0, 1, 2, 3])
     radio: RadioParameters = field(default_factory=RadioParameters)
+    video: VideoParameters = field(default_factory=VideoParameters)
     rules: TelloRules = field(default_factory=TelloRules)
     observer: ObserverRules = field(default_factory=ObserverRules)
 
@@ -71,14 +71,13 @@ class TelloLinkNode:
             Said: lambda o: self._out.text(o.severity, o.text),
             EstimateMoved: lambda o: self._out.moved(o.step_m),
         }
-        hears = Hears(self._on_flight, self._on_imu, self._on_packet, lambda _now_s, _data: None)
+        self._video = TelloVideo(p.vehicle, p.video, self._health) if p.video.calibration else None
+        on_video = self._video.datagram if self._video else lambda _now_s, _data: None
+        hears = Hears(self._on_flight, self._on_imu, self._on_packet, on_video)
         self._radio = TelloRadio(p.vehicle, p.radio, hears)
         rospy.on_shutdown(self._radio.close)
         rospy.loginfo("%s: looks for a Tello at %s %s", p.vehicle, *where(p.radio))
-        rospy.Service("mavros/set_mode", SetMode, self._set_mode)
-        rospy.Service("mavros/cmd/arming", CommandBool, self._arm)
-        rospy.Service("mavros/cmd/takeoff", CommandTOL, self._take_off)
-        rospy.Service("mavros/cmd/land", CommandTOL, self._land)
+        self._services = CommandServices(self._commands(), self._out.text)
         self._timers = node.every(_STEP_S, self._step), node.every(1.0, self._slowly)
         rospy.Subscriber("mavros/vision_pose/pose", PoseStamped, self._on_pose, queue_size=5, tcp_nodelay=True)
         rospy.Subscriber("pilot/joy", Joy, self._on_joy, queue_size=1, tcp_nodelay=True)
@@ -177,7 +176,7 @@ class TelloLinkNode:
 
     def _slowly(self, _event) -> None:
         now_s, name, radio = time.monotonic(), self._name, self._radio
-        radio.mind(now_s, video=False)
+        radio.mind(now_s, video=self._video is not None)
         with self._lock:
             state, unread_s = self._core.state(now_s), self._unread_since_s
             refused = self._core.tracking.observer.refused
@@ -187,34 +186,23 @@ class TelloLinkNode:
         for key, value in (("mode", state.mode), ("in the air", state.in_the_air), ("Wi-Fi (%)", radio.wifi_percent),
                            ("tellopy is connected", radio.connected), ("poses refused", refused)):  # fmt: skip
             self._health.value(key, value)
+        if self._video:
+            self._video.report()
 
-    # ---- services ------------------------------------------------------------------------------------------------
+    # ---- what the services ask for -------------------------------------------------------------------------------
 
-    def _set_mode(self, request) -> SetModeResponse:
-        return SetModeResponse(self._attempt(lambda now_s: self._core.set_mode(now_s, request.custom_mode)) == ACCEPTED)
+    def _commands(self) -> Commands:
+        core, at_once = self._core, self._at_once
+        return Commands(
+            set_mode=lambda mode: at_once(lambda now_s: core.set_mode(now_s, mode)),
+            arm=lambda flag: at_once(lambda _now_s: core.arm(flag)),
+            take_off=lambda altitude_m: at_once(lambda now_s: core.take_off(now_s, altitude_m)),
+        )
 
-    def _arm(self, request) -> CommandBoolResponse:
-        result = self._attempt(lambda _now_s: self._core.arm(request.value))
-        return CommandBoolResponse(result == ACCEPTED, result)
-
-    def _take_off(self, request) -> CommandTOLResponse:
-        result = self._attempt(lambda now_s: self._core.take_off(now_s, request.altitude))
-        return CommandTOLResponse(result == ACCEPTED, result)
-
-    def _land(self, _request) -> CommandTOLResponse:
-        result = self._attempt(lambda now_s: self._core.set_mode(now_s, LAND))
-        return CommandTOLResponse(result == ACCEPTED, result)
-
-    def _attempt(self, action: Callable[[float], None]) -> int:
-        """MAV_RESULT; the reason goes to the agent and to people before the service answers."""
-        try:
-            with self._lock:
-                action(time.monotonic())
-                self._do()
-        except CommandRefused as error:
-            self._out.refused(str(error))
-            return FAILED
-        return ACCEPTED
+    def _at_once(self, action: Callable[[float], None]) -> None:
+        with self._lock:
+            action(time.monotonic())
+            self._do()
 
 
 def main() -> int:

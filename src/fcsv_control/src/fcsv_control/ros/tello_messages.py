@@ -19,7 +19,7 @@ from fcsv_control.tello.tracking import Tracking
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions
-from fcsv_msgs.msg import LinkHealth, Refusal
+from fcsv_msgs.msg import LinkHealth
 from mavros_msgs.msg import RCIn, State, StatusText
 
 _STANDBY, _ACTIVE = 3, 4  # MAV_STATE
@@ -40,7 +40,6 @@ class TelloMessages:
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
         self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5)
-        self._refusals = rospy.Publisher("flight_link/refusal", Refusal, queue_size=5)
         self._health = rospy.Publisher("flight_link/health", LinkHealth, queue_size=5)
         self._moved = rospy.Publisher("flight_link/estimate_moved", Vector3Stamped, queue_size=20)
         self._own = rospy.Publisher("tello/odom", Odometry, queue_size=20, tcp_nodelay=True)
@@ -110,8 +109,3 @@ class TelloMessages:
         log = rospy.loginfo if severity >= StatusText.NOTICE else rospy.logwarn
         log("Tello: %s", text)
         self._texts.publish(StatusText(conversions.header(rospy.get_time(), ""), severity, text))
-
-    def refused(self, reason: str) -> None:
-        """Why the service that answers next does so with a failure."""
-        self._refusals.publish(Refusal(conversions.header(rospy.get_time(), ""), reason))
-        self.text(StatusText.ERROR, reason)

@@ -66,7 +66,7 @@ class TelloSensorsNode:
         name, T, stamp_s = self._name, sample.T_O_D, sample.arrival_s  # not now: this process may be kept waiting
         q = Quaternion(*transforms.fast_quaternion_xyzw(T))
         odometry = Odometry(
-            header=conversions.header(stamp_s, frames.odom(name)), child_frame_id=frames.base_link(name)
+            header=conversions.header(stamp_s, frames.tello_odom(name)), child_frame_id=frames.base_link(name)
         )
         odometry.pose.pose = Pose(Point(*T[:3, 3]), q)
         odometry.twist.twist = Twist(Vector3(*(T[:3, :3].T @ sample.v_O_mps)), Vector3(*sample.gyro_radps))

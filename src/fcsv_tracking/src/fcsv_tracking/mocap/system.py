@@ -71,8 +71,11 @@ class MocapSystem:
         R_M_W = equations.level_horizon([f.state.R_M_O for f in filters], sigmas)
         return R_M_W, float(sum(s**-2.0 for s in sigmas)) ** -0.5
 
-    def set_home(self, reference: str, now_s: float) -> np.ndarray:
-        """T_odom_home of the reference: its camera's place, level, its heading. Raises HomeRefused with the reason."""
+    def set_home(self, reference: str, now_s: float, R_M_W: Optional[np.ndarray] = None) -> np.ndarray:
+        """T_odom_home of the reference: its camera's place, level, its heading. Raises HomeRefused with the reason.
+
+        ``R_M_W``: what counts as level; None: what is held for it now.
+        """
         pose = self.trackers[reference].pose(now_s)
         if pose is None:
             raise HomeRefused(f"{reference} has no pose: {self.trackers[reference].absent_because}")
@@ -81,7 +84,7 @@ class MocapSystem:
             raise HomeRefused(
                 f"{reference}'s pose is known to {sigma[:3].max():.2f} m only: fly it into the mocap's view"
             )
-        R_M_W, _ = self.level()
+        R_M_W = self.level()[0] if R_M_W is None else R_M_W
         T_M_W = transforms.transform(R_M_W, np.zeros(3))
         T_W_cam = transforms.invert(T_M_W) @ pose.T_M_D @ self._T_body_cam[reference]
         T_M_home = T_M_W @ home_of(T_W_cam)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tracker of thesis chapter 4 on the ground robot: pictures and joints of its gimbals in, commands to them and
-T_home_cam of every vehicle out, on the same topics and frames as with the other trackers."""
+"""The tracker of thesis chapter 4 on the ground robot: pictures and joints of its gimbals in, commands to them,
+odometry in one level frame and T_home_cam of every vehicle out, on the same topics and frames as with others."""
 
 import threading
 from dataclasses import dataclass, field
@@ -20,6 +20,7 @@ from fcsv_tracking.gimbal.system import GimbalSystem
 from fcsv_tracking.gimbal.tracker import GimbalRules, GimbalTracker, GroundPose
 from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.gimbal_channel import GimbalChannel
+from fcsv_tracking.ros.ground_odometry import GroundOdometryPublisher
 from fcsv_tracking.ros.home_service import HomeService
 from fcsv_tracking.ros.static_frames import fixed_parts
 
@@ -40,9 +41,10 @@ class GimbalTrackerParameters:
 
 
 class GimbalTrackerNode:
-    """/NAME/gimbal/{camera,joint_states} -> /NAME/gimbal/command, /NAME/camera_pose, tf, /home; service /set_home.
+    """/NAME/gimbal/{camera,joint_states} -> /NAME/gimbal/command, /NAME/odometry/..., /NAME/camera_pose, tf, /home;
+    services /calibrate and /set_home.
 
-    A vehicle's odometry frame is the ground robot's: there is no other.
+    A vehicle's odometry frame is the ground robot's, which stands level: there is no other.
     """
 
     def __init__(self):
@@ -58,6 +60,8 @@ class GimbalTrackerNode:
                  (("joints", 20.0), ("pictures", 5.0), ("pose", 1.0))}  # fmt: skip
         self._health = Health("gimbals", flows)
         self._tf = tf2_ros.TransformBroadcaster()
+        self._ground = GroundOdometryPublisher(p.vehicles, frames.GROUND)
+        self._ground.level(np.eye(3), 0.0)
         fixed = [t for v in vehicles.values() for t in fixed_parts(v)]
         self._cameras = {
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in p.vehicles
@@ -77,20 +81,17 @@ class GimbalTrackerNode:
     def _on_pose(self, name: str, pose: GroundPose) -> None:
         with self._lock:
             camera = self._system.add(name, pose)
-        odom, body = frames.odom(name), frames.base_link(name)
-        self._tf.sendTransform(
-            [
-                conversions.transform_stamped(pose.T_G_D, pose.stamp_s, odom, body),
-                conversions.transform_stamped(np.eye(4), pose.stamp_s, frames.GROUND, odom),
-            ]
-        )
+        self._tf.sendTransform(self._ground.pose(name, pose.stamp_s, pose.T_G_D, pose.covariance))
         self._health.tick(f"{name} pose")
         if camera is not None:
             self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
 
     def _set_home(self, reference: str, now_s: float) -> Tuple[np.ndarray, np.ndarray]:
+        self._ground.require_nobody_flies_by_it("a new home")
         with self._lock:  # the odometry frame is the ground robot's
-            return self._system.set_home(reference, now_s), self._system.T_home_ground
+            found = self._system.set_home(reference, now_s), self._system.T_home_ground
+        self._ground.home_set()
+        return found
 
     def _report(self, _event) -> None:
         for channel in self._channels:

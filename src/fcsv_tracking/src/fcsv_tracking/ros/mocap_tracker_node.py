@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The control PC's tracker of thesis chapter 5: mocap_optitrack's poses and the vehicles' odometry and IMU in,
-T_home_cam of every vehicle out, on the same topics and frames as with the other trackers."""
+"""The control PC's tracker of thesis chapter 5: mocap_optitrack's poses and the vehicles' odometry and IMU in, their
+odometry in one level frame and T_home_cam of every vehicle out, on the same topics and frames as with others."""
 
 import threading
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
-from fcsv_geometry import frames
+from fcsv_geometry import frames, transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
@@ -23,6 +23,7 @@ from fcsv_tracking.mocap.rules import TrackerRules
 from fcsv_tracking.mocap.system import CameraPose, MocapSystem
 from fcsv_tracking.mocap.tracker import TrackedPose
 from fcsv_tracking.ros.camera_message import camera_message
+from fcsv_tracking.ros.ground_odometry import GroundOdometryPublisher
 from fcsv_tracking.ros.home_service import HomeService
 from fcsv_tracking.ros.static_frames import fixed_parts
 
@@ -45,7 +46,8 @@ class MocapTrackerParameters:
 
 
 class MocapTrackerNode:
-    """/mocap/NAME/pose, /NAME/tello/odom, /NAME/tello/imu -> /NAME/camera_pose, tf, /home; service /set_home."""
+    """/mocap/NAME/pose, /NAME/tello/odom, /NAME/tello/imu -> /NAME/odometry/..., /NAME/camera_pose, tf, /home; services
+    /calibrate and /set_home."""
 
     def __init__(self):
         self._parameters = parameters = node.parameters(MocapTrackerParameters)
@@ -56,6 +58,7 @@ class MocapTrackerNode:
         self._stamps_s: Dict[str, float] = dict.fromkeys(self._names, 0.0)
         self._health = Health("mocap", {f"{n} {s}": 1.0 for n in self._names for s in ("mocap", "odometry", "pose")})
         self._tf = tf2_ros.TransformBroadcaster()
+        self._ground = GroundOdometryPublisher(self._names, parameters.mocap_frame)
         fixed = [t for v in vehicles.values() for t in fixed_parts(v)]
         self._cameras = {
             n: rospy.Publisher(f"/{n}/camera_pose", PoseWithCovarianceStamped, queue_size=5) for n in self._names
@@ -89,7 +92,7 @@ class MocapTrackerNode:
         self._health.tick(f"{name} mocap")
 
     def _on_packet(self, odometry: Odometry, imu: Imu, name: str) -> None:
-        expected = (frames.odom(name), frames.base_link(name), frames.base_link(name))
+        expected = (frames.tello_odom(name), frames.base_link(name), frames.base_link(name))
         found = (odometry.header.frame_id, odometry.child_frame_id, imu.header.frame_id)
         if found != expected:
             self._health.drop(f"{name} odometry: wrong frames", f"{found}, expected {expected}")
@@ -110,6 +113,8 @@ class MocapTrackerNode:
 
     def _publish(self, _event) -> None:
         now_s = rospy.get_time()
+        if self._ground.T_tracker_level is None:
+            self._find_level()
         for name in self._names:
             with self._lock:
                 pose, camera = self._system.trackers[name].pose(now_s), self._system.camera(name, now_s)
@@ -118,18 +123,33 @@ class MocapTrackerNode:
                 self._publish_pose(name, pose, camera)
 
     def _publish_pose(self, name: str, pose: TrackedPose, camera: Optional[CameraPose]) -> None:
-        odom, body = frames.odom(name), frames.base_link(name)
+        own, mocap = frames.tello_odom(name), self._parameters.mocap_frame
         self._tf.sendTransform([
-            conversions.transform_stamped(pose.T_M_O, pose.stamp_s, self._parameters.mocap_frame, odom),
-            conversions.transform_stamped(pose.T_O_D, pose.stamp_s, odom, body),
+            conversions.transform_stamped(pose.T_M_O, pose.stamp_s, mocap, own),
+            *self._ground.pose(name, pose.stamp_s, pose.T_M_D, pose.covariance),
         ])  # fmt: skip
         self._health.tick(f"{name} pose")
         if camera is not None:
             self._cameras[name].publish(camera_message(camera.stamp_s, camera.T_home_cam, camera.covariance))
 
     def _set_home(self, reference: str, now_s: float) -> Tuple[np.ndarray, np.ndarray]:
+        self._ground.require_nobody_flies_by_it("a new home")
+        T_M_odom = self._ground.require_level()
         with self._lock:
-            return self._system.set_home(reference, now_s), self._system.T_home_mocap
+            self._system.set_home(reference, now_s, T_M_odom[:3, :3])
+            T_home_M = self._system.T_home_mocap
+        self._ground.home_set()
+        return transforms.invert(T_home_M @ T_M_odom), T_home_M
+
+    def _find_level(self) -> str:
+        """The standard deviation of level (deg), in words."""
+        try:
+            with self._lock:
+                R_M_W, sigma_rad = self._system.level()
+        except GeometryError as error:
+            return str(error)
+        self._ground.level(R_M_W, sigma_rad)
+        return f"{np.degrees(sigma_rad):.3f}"
 
     def _report(self, _event) -> None:
         """Counts and states for diagnostics: what was rejected and why there is no pose."""
@@ -142,10 +162,7 @@ class MocapTrackerNode:
                 self._health.problem(name, f"{name}: no pose, {tracker.absent_because}" if missing else "")
                 if tracker.filter is not None:
                     self._health.value(f"{name} odometry delay [s]", f"{tracker.filter.state.delay_s:.3f}")
-            try:
-                self._health.value("level sigma [deg]", f"{np.degrees(self._system.level()[1]):.3f}")
-            except GeometryError as error:
-                self._health.value("level sigma [deg]", str(error))
+        self._health.value("level sigma [deg]", self._find_level())
 
 
 def main() -> int:
