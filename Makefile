@@ -11,7 +11,7 @@ OUT ?= out/demo
 OVERWRITE ?=
 export SYSTEM MISSION SEED WORLD RVIZ LIVE SPEED OUT OVERWRITE
 
-.PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study
+.PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
 setup build:
 	@tools/setup.sh
 demo: setup
@@ -32,3 +32,5 @@ rehearse: setup
 	@tools/run rehearse
 study: setup
 	@tools/run study
+docs:
+	@tools/docs/site.sh

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/reference/ is as the code has it, and reads what it should out of the code."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ROOT / "docs" / "reference"
+
+
+def test_the_pages_are_as_the_code_has_them():
+    env = dict(os.environ, ROS_MASTER_URI="http://127.0.0.1:9")  # nobody is asked
+    done = subprocess.run([sys.executable, str(ROOT / "tools/docs/reference.py"), "--check"], env=env,
+                          capture_output=True, text=True, timeout=240)  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
+
+
+def test_every_executable_stands_in_one_page():
+    commands, nodes = ((PAGES / n).read_text().splitlines() for n in ("commands.md", "nodes.md"))
+    for path in ROOT.glob("src/fcsv_*/nodes/*"):
+        command, node = f"## {path.name}" in commands, f"## {path.parents[1].name}/{path.name}" in nodes
+        assert path.is_dir() or command != node, path
+
+
+def test_topics_are_read_through_loops_helpers_and_names(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "tools" / "docs"))
+    from node_topics import End, ends
+
+    (tmp_path / "m.py").write_text("""
+ANSWER = "/answer"
+def go(self, name, names):
+    at = f"/{name}/camera"
+    rospy.Publisher(ANSWER, String, queue_size=1)
+    self._p = {n: rospy.Publisher(f"{at}/{what}", Image) for what in ("left", "right")}
+    for topic, kind in (("a", Odometry), ("b", Pose)):
+        rospy.Subscriber(topic, kind, go)
+    hear = lambda topic, kind: rospy.Subscriber(f"/{name}/{topic}", kind, go)
+    hear("c", Joy)
+    tf2_ros.TransformBroadcaster()
+""")
+    assert ends(tmp_path / "m.py") == {
+        End("publishes", "/answer", "String"), End("publishes", "/VEHICLE/camera/left", "Image"),
+        End("publishes", "/VEHICLE/camera/right", "Image"), End("publishes", "/VEHICLE/camera/WHAT", "Image"),
+        End("hears", "a", "Odometry"), End("hears", "b", "Pose"), End("hears", "/VEHICLE/c", "Joy"),
+        End("publishes", "/tf", "tf2_msgs/TFMessage"),
+    }  # fmt: skip

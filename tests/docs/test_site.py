@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Links of a page of the checkout, as `make docs` puts them into the site."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("page, written, shown", [
+    ("start.md", "[x](docs/safety.md#a)", "[x](safety.md#a)"),
+    ("start.md", "![x](docs/pictures/rviz.png)", "![x](pictures/rviz.png)"),
+    ("start.md", "[x](LICENSE)", "x"),
+    ("safety.md", "[x](../README.md)", "[x](start.md)"),
+    ("safety.md", "[x](#below)", "[x](#below)"),
+    ("decisions/0009-slow-motion.md", "[x](../joint.md)", "[x](../joint.md)"),
+    ("reference/nodes.md", "[x](../architecture.md#a)", "[x](../architecture.md#a)"),
+])  # fmt: skip
+def test_a_link_leads_to_the_same_page(page, written, shown, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "tools" / "docs"))
+    import site_links
+
+    class Page:
+        class file:
+            src_uri = page
+
+    assert site_links.on_page_markdown(written, Page, None, None) == shown
+    sys.modules.pop("site_links")
