@@ -11,7 +11,7 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.core import STOP_REPEAT_S, LinkCore, LinkParameters
-from fcsv_control.flight.listener import PoseHeard, StateHeard, TextHeard
+from fcsv_control.flight.listener import BarometerHeard, PoseHeard, StateHeard, TextHeard
 from fcsv_control.flight.requests import Outcome
 
 M = mavutil.mavlink
@@ -198,7 +198,7 @@ def test_only_streams_that_stop_are_asked_for_again(line):
         sent = [m for m in line.run(1.0) if m.get_type() == "COMMAND_LONG"]
         return {int(m.param1) for m in sent if m.command == M.MAV_CMD_SET_MESSAGE_INTERVAL} - {0}  # 0: the heartbeat
 
-    assert len(asked()) == 6
+    assert len(asked()) == 7
     again = []
     for second in range(1, 13):
         line.hear("attitude", 1000 * second, *[0.0] * 6)
@@ -208,6 +208,7 @@ def test_only_streams_that_stop_are_asked_for_again(line):
         line.hear("sys_status", *[0] * 13)
         line.hear("ekf_status_report", 0, *[0.0] * 5)
         line.hear("extended_sys_state", 0, 1)
+        line.hear("scaled_pressure", 1000 * second, 1013.25, 0.0, 2500)
         line.beat(STABILIZE)
         again.append(asked())
     assert set().union(*again) == {M.MAVLINK_MSG_ID_LOCAL_POSITION_NED} and not any([*again[:5], *again[9:]])
@@ -248,3 +249,12 @@ def test_ten_thousand_odd_messages_end_nothing(line):
         line.core.outgoing(), line.core.events()
     line.beat(GUIDED)
     assert line.core.state.mode == "GUIDED"
+
+
+def test_the_barometer_is_heard_as_a_height(line):
+    line.beat(STABILIZE)
+    line.core.events()
+    for hpa in (1013.25, 1001.3, float("nan"), 0.0):
+        line.hear("scaled_pressure", 1000, hpa, 0.0, 2500)
+    heard = [e.height_m for e in line.core.events() if isinstance(e, BarometerHeard)]
+    assert heard == pytest.approx([0.0, 100.0], abs=0.1)

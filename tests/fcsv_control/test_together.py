@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from fcsv_control.mission import plan_check, traffic
+from fcsv_control.mission.convoy import Convoy
 from fcsv_control.mission.dropouts import Dropouts
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory
+from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.task_list import TaskList, tasks
 from fcsv_control.mission.timed_way import EARLY_S, LATE_S, STEP_S, timed_way
-from fcsv_geometry import config
+from fcsv_geometry import config, transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_geometry.mission import Mission, StereoConfiguration
@@ -77,7 +79,7 @@ def test_plans_keep_apart_whatever_each_vehicles_delay_within_its_band():
         apart = [KEEP.share(p[m] - p[n]) for p in (starts, goals) for m, n in combinations("abc", 2)]
         if min(apart) < 1.0:
             continue
-        plan = traffic.plan(starts, goals, [], KEEP, BOUNDS)
+        plan = traffic.plan(starts, goals, [], KEEP, BOUNDS).at_once()
         if plan.departures is None:
             continue
         flown += 1
@@ -92,16 +94,49 @@ def test_plans_keep_apart_whatever_each_vehicles_delay_within_its_band():
     assert flown >= 8 and waited
 
 
+def crowd():
+    """Four who go through the same middle, past two that stand."""
+    starts = places(a=(-9, 0, 0), b=(9, 1, 0), c=(0, -9, 0), d=(1, 9, 0))
+    goals = places(a=(9, -2, 0), b=(-9, -2, 0), c=(0, 7, 0), d=(3, -9, 0))
+    return starts, goals, [np.array([0.0, 0.0, 0.0]), np.array([4.0, 4.0, 0.0])]
+
+
+def test_a_plan_in_slices_is_the_one_that_is_made_at_once():
+    starts, goals, standing = crowd()
+    whole = traffic.plan(starts, goals, standing, KEEP, BOUNDS).at_once()
+    planning, made, slices = traffic.plan(starts, goals, standing, KEEP, BOUNDS), None, 0
+    while made is None:
+        made, slices = planning.step(1), slices + 1
+    assert slices > 20 and (made.order, made.ends_s) == (whole.order, whole.ends_s)
+    assert {n: d.timed.begins_s for n, d in made.departures.items()} == {
+        n: d.timed.begins_s for n, d in whole.departures.items()
+    }
+
+
+def test_a_convoy_of_four_plans_over_several_steps_and_nobody_moves_before():
+    starts, goals, standing = crowd()
+    outbox, T = Outbox(), transforms.from_xyz_yaw
+    convoy = Convoy(outbox, mission(), {n: T(p, 0.0) for n, p in goals.items()})
+    others = {f"s{k}": p for k, p in enumerate(standing)}
+    views = {n: VehicleView(T_home_cam=T(p, 0.0), mode="GUIDED") for n, p in {**starts, **others}.items()}
+    steps, eye = 0, {n: np.eye(4) for n in views}
+    while not outbox.due(0.1 * steps):
+        steps += 1
+        assert not convoy.step(Snapshot(0.1 * steps, views, eye, eye), list(others))
+        assert steps < 400
+    assert steps > 4
+
+
 def test_two_that_change_places_are_refused():
     starts, goals = places(a=(0, 0, 0), b=(6, 0, 0)), places(a=(6, 0, 0), b=(0, 0, 0))
     with pytest.raises(MissionError, match="0.0 m from another vehicle, at least 1.5 m are needed"):
-        traffic.plan(starts, goals, [], KEEP, BOUNDS)
+        traffic.plan(starts, goals, [], KEEP, BOUNDS).at_once()
 
 
 def test_goals_too_near_to_each_other_are_refused():
     with pytest.raises(MissionError, match="b and c would be 1.0 m apart, at least 1.5 m are needed"):
         goals = places(a=(0, 9, 0), b=(0, 0, 0), c=(1, 0, 0))
-        traffic.plan(places(a=(9, 0, 0), b=(0, 5, 0), c=(5, 0, 0)), goals, [], KEEP, BOUNDS)
+        traffic.plan(places(a=(9, 0, 0), b=(0, 5, 0), c=(5, 0, 0)), goals, [], KEEP, BOUNDS).at_once()
 
 
 # ---- the mission file and the plan -------------------------------------------------------------------------------

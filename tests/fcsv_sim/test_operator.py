@@ -329,3 +329,18 @@ def test_what_runs_off_in_land_is_brought_down_in_alt_hold():
     assert pilot.sticks(79.0, "LAND", sight).mode == "ALT_HOLD"
     s = pilot.sticks(80.0, "LAND", sight)
     assert s.pitch < -0.1 and s.throttle < 0.0
+
+
+def test_a_resume_is_confirmed_wherever_they_stand_still():
+    ground = Ground().airborne()
+    ground.phase = "CONFIGURATIONS"
+    ground.vehicles["uav2"].p = ground.vehicles["uav2"].p + [2.0, -5.0, 3.0]  # out at a configuration, or moved aside
+    sights = {n: ground.sight(n) for n in ground.vehicles}
+    moving = dict(sights, uav1=replace(sights["uav1"], v_world_mps=np.array([0.8, 0.0, 0.0])))
+
+    def pressed(seen):
+        presser = ButtonPresser()
+        return [k for k in range(40) if presser.press(0.1 * k, "resume", "CONFIGURATIONS", seen, ground.pilots)]
+
+    assert pressed(sights)[0] == pytest.approx(15, abs=1) and pressed(moving) == []
+    assert pressed(dict(moving, uav2=replace(sights["uav2"], armed=False)))  # one is down: no use to wait

@@ -29,8 +29,9 @@ class StopDesk:
     def __call__(self, flight):
         now_s = flight.now_s
         for name, heard in flight.control.heard.items():
-            if heard.state_s > -np.inf:
-                self.core.state(heard.state_s, name, heard.mode, heard.armed)
+            view = heard.view(now_s, None)
+            if np.isfinite(view.state_age_s):
+                self.core.state(now_s - view.state_age_s, name, view.mode, view.armed)
         if self.called_s is None and now_s >= self.at_s:
             self.called_s = now_s
             self.core.begin(now_s, STOP, "a test")

@@ -9,11 +9,12 @@ once, so that the filter does not learn from it; when such poses go on, the feed
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Deque, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_control.flight.height_check import HeightCheck, HeightCheckRules
 from fcsv_geometry.config import require_positive
 
 _CLOCK_STEP_S = 0.15  # between the sender's clock and ours
@@ -40,6 +41,7 @@ class FeedCheckRules:
     apart_m: float = 0.5  # between estimate and feed, beyond what is flown in apart_lag_s
     apart_lag_s: float = 0.2
     apart_s: float = 0.5  # for so long
+    height: HeightCheckRules = field(default_factory=HeightCheckRules)
 
     def __post_init__(self):
         require_positive(self)
@@ -56,6 +58,7 @@ class FeedCheck:
         self._clock_s: Optional[float] = None
         self._skew_s = 0.0
         self._settled_s = -math.inf
+        self._height = HeightCheck(self._rules.height)
         self.begin_again()
 
     def begin_again(self) -> None:
@@ -66,6 +69,8 @@ class FeedCheck:
         self._withheld_since_s: Optional[float] = None
         self._apart_since_s: Optional[float] = None
         self._off_m = 0.0
+        self._tracker_m: Optional[float] = None  # its height
+        self._height.begin_again()
         self.doubt = ""
 
     def estimate(self, now_s: float, T_odom_body: np.ndarray, v_odom_mps: Sequence[float]) -> None:
@@ -81,6 +86,12 @@ class FeedCheck:
         while self._way[0][0] < now_s - 2.0 * _GAP_S:
             self._way.popleft()
 
+    def barometer(self, now_s: float, height_m: float) -> None:
+        """The autopilot's, of a flying vehicle: only how it changes counts."""
+        if self._tracker_m is not None:
+            off_m = self._height.barometer(now_s, height_m, self._tracker_m)
+            self.doubt = self.doubt or self._height.doubt(off_m)
+
     def judge(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """Whether a pose of a flying vehicle may go to the autopilot.
 
@@ -90,6 +101,7 @@ class FeedCheck:
         self._continue(now_s, stamp_s)
         rows = T_odom_body.tolist()
         p_m = (rows[0][3], rows[1][3], rows[2][3])
+        self._tracker_m = p_m[2]
         pose = (*p_m, rows[0][0], rows[1][0], rows[2][0], rows[0][1], rows[1][1], rows[2][1])
         repeats = bool(self._samples) and pose == self._samples[-1][1]  # to the last bit: no news
         self._samples.append((stamp_s, pose))
@@ -113,9 +125,9 @@ class FeedCheck:
                 self._settled_s = now_s + _SETTLE_S
                 self._gaps += 1
             if abs(step_s - arrived_s) > _CLOCK_STEP_S or not 0.0 < step_s < _GAP_S:
-                doubt, gaps = self.doubt, self._gaps
+                doubt, gaps, lowest_m = self.doubt, self._gaps, self._height.lowest_m
                 self.begin_again()
-                self.doubt, self._gaps = doubt, gaps
+                self.doubt, self._gaps, self._height.lowest_m = doubt, gaps, lowest_m
         self._clock_s, self._skew_s = stamp_s, now_s - stamp_s
 
     # ---- against the velocity --------------------------------------------------------------------------------

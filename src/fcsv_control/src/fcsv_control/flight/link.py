@@ -15,6 +15,7 @@ from fcsv_control.errors import LinkError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.firmware import COPTER
 from fcsv_control.flight.listener import (
+    BarometerHeard,
     BatteryHeard,
     EstimateMoved,
     Event,
@@ -40,8 +41,9 @@ _POLL_S = 0.05
 
 
 class FlightLink:
-    """Callbacks, from the reading thread: on_state(), on_pose(T_odom_body, v_odom_mps), on_battery(), on_rc(),
-    on_text(severity, text), on_estimate_moved(step_m), on_refused(reason), on_home(above_origin_m).
+    """Callbacks, from the reading thread: on_state(), on_pose(T_odom_body, v_odom_mps), on_barometer(height_m),
+    on_battery(), on_rc(), on_text(severity, text), on_estimate_moved(step_m), on_refused(reason),
+    on_home(above_origin_m).
 
     ``line`` is an address as Transport has it, or what has Transport's ``receive``, ``send`` and ``close``. ``core``
     is made of ``parameters`` and ``profile`` where there is none. Raises LinkError where the address cannot be opened.
@@ -200,6 +202,8 @@ class FlightLink:
     def _tell(self, event: Event) -> None:
         if isinstance(event, PoseHeard):
             self._call("on_pose", event.T_odom_body, event.v_odom_mps)
+        elif isinstance(event, BarometerHeard):
+            self._call("on_barometer", event.height_m)
         elif isinstance(event, TextHeard):
             self._call("on_text", event.severity, event.text)
         elif isinstance(event, EstimateMoved):

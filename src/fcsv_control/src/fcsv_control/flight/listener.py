@@ -10,6 +10,7 @@ import numpy as np
 from pymavlink import mavutil
 
 from fcsv_control.flight import conversion, firmware
+from fcsv_control.flight.height_check import height_m
 from fcsv_control.flight.keeper import ConnectionKeeper
 from fcsv_control.flight.parameters import ParameterCheck
 from fcsv_control.flight.profile import Profile, Rule
@@ -23,7 +24,7 @@ _LOG = logging.getLogger(__name__)
 #: What is asked for, and how often (Hz; 0: as often as poses are wanted). Those that stop are asked for again.
 STREAMS_HZ = {
     "ATTITUDE": 0.0, "LOCAL_POSITION_NED": 0.0, "SYS_STATUS": 1.0, "EXTENDED_SYS_STATE": 2.0, "EKF_STATUS_REPORT": 5.0,
-    "RC_CHANNELS": 5.0, "HEARTBEAT": 2.0,
+    "RC_CHANNELS": 5.0, "HEARTBEAT": 2.0, "SCALED_PRESSURE": 5.0,
 }  # fmt: skip
 
 
@@ -43,6 +44,13 @@ class PoseHeard:
 
     T_odom_body: np.ndarray
     v_odom_mps: Tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class BarometerHeard:
+    """The autopilot's first barometer, as a height in the standard atmosphere: only differences mean something."""
+
+    height_m: float
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,9 @@ class HomeHeard:
     above_origin_m: float
 
 
-Event = Union[StateHeard, BatteryHeard, PoseHeard, TextHeard, RcHeard, EstimateMoved, Refused, HomeHeard]
+Event = Union[
+    StateHeard, BatteryHeard, PoseHeard, BarometerHeard, TextHeard, RcHeard, EstimateMoved, Refused, HomeHeard,
+]  # fmt: skip
 
 
 class Listener:
@@ -204,6 +214,10 @@ class Listener:
         if self._rpy_ned is not None and all(map(math.isfinite, (m.x, m.y, m.z, *self._rpy_ned))):
             T_odom_body = conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned)
             self._events.append(PoseHeard(T_odom_body, (m.vy, m.vx, -m.vz)))
+
+    def _on_scaled_pressure(self, _now_s: float, m) -> None:
+        if math.isfinite(m.press_abs) and m.press_abs > 0.0:
+            self._events.append(BarometerHeard(height_m(m.press_abs)))
 
     def _on_gps_global_origin(self, now_s: float, m) -> None:
         self.altitudes_mm["origin"] = m.altitude

@@ -15,16 +15,18 @@ from fcsv_geometry.mission import Mission
 
 _OFF_M = 0.8  # from where a vehicle may be at a time: it is not on its timed way
 _CALM_MPS = 0.3
+_SLICES = 3  # of a plan in one step
 
 
 class Convoy:
-    """Planned at the first step, from where everybody is then. All watch the clock: a vehicle that leaves the band of
-    its timed way stops everybody of the convoy, and they go on one after the other."""
+    """Planned in the first steps, from where everybody is at the first. All watch the clock: a vehicle that leaves the
+    band of its timed way stops everybody of the convoy, and they go on one after the other."""
 
     def __init__(self, outbox: Outbox, mission: Mission, places: Mapping[str, np.ndarray]):
         self._outbox, self._mission = outbox, mission
         self._keep = Keep(mission.min_separation_m, mission.air)
         self._places = dict(places)  # T_home_cam by vehicle
+        self._planning: Optional[traffic.Planning] = None
         self._plan: Optional[traffic.Traffic] = None
         self._journeys: Dict[str, Journey] = {}
         self._began_s = 0.0
@@ -36,8 +38,8 @@ class Convoy:
         """Whether all are there. ``others`` stand. Raises MissionError where there is no way, or it is not flown."""
         if self._stopping is not None and not self._stand_still(snapshot):
             return False
-        if not self._journeys:
-            self._begin(snapshot, others)
+        if not self._journeys and not self._begin(snapshot, others):
+            return False
         if self._single_file:
             return self._one_after_the_other(snapshot, others)
         now_s = snapshot.now_s - self._began_s
@@ -51,20 +53,28 @@ class Convoy:
 
     # ---- how -----------------------------------------------------------------------------------------------
 
-    def _begin(self, snapshot: Snapshot, others: Sequence[str]) -> None:
-        """A vehicle alone needs no times, and neither do those who go one after the other."""
-        self._began_s, names = snapshot.now_s, tuple(self._places)
+    def _begin(self, snapshot: Snapshot, others: Sequence[str]) -> bool:
+        """Whether it is planned. A vehicle alone needs no times, and neither do those who go one after the other."""
+        names, departures = tuple(self._places), {}
         self._single_file |= len(names) == 1
-        departures: Dict[str, traffic.Departure] = {}
         if len(names) > 1:
-            starts = {n: snapshot.p_home_cam(n) for n in names}
-            goals = {n: T[:3, 3] for n, T in self._places.items()}
-            standing = [snapshot.p_home_cam(n) for n in others]
-            how = traffic.one_after_the_other if self._single_file else traffic.plan
-            self._plan = how(starts, goals, standing, self._keep, self._mission.flight)
-            names, departures = self._plan.order, self._plan.departures or {}
+            self._planning = self._planning or self._plan_from(snapshot, others)
+            self._plan = self._planning.step(_SLICES)
+            if self._plan is None:
+                return False
+            self._planning, names, departures = None, self._plan.order, self._plan.departures or {}
             self._single_file |= not departures
+        self._began_s = snapshot.now_s
         self._journeys = {n: self._journey(n, departures[n].way if departures else None) for n in names}
+        return True
+
+    def _plan_from(self, snapshot: Snapshot, others: Sequence[str]) -> traffic.Planning:
+        """All stand where they hold until it is made."""
+        starts = {n: snapshot.p_home_cam(n) for n in self._places}
+        goals = {n: T[:3, 3] for n, T in self._places.items()}
+        standing = [snapshot.p_home_cam(n) for n in others]
+        how = traffic.one_after_the_other if self._single_file else traffic.plan
+        return how(starts, goals, standing, self._keep, self._mission.flight)
 
     def _journey(self, name: str, way: Optional[List[np.ndarray]]) -> Journey:
         return Journey(self._outbox, name, self._places[name], self._keep, self._mission.settle.timeout_s, way)

@@ -103,7 +103,7 @@ def _legs(
             ways = {name: timed_way(starts[name], route(starts[name], goal, standing, keep), mission.flight)}
             ends_s = ways[name].ends_s
         else:
-            planned = traffic.plan(starts, goals, standing, keep, mission.flight)
+            planned = traffic.plan(starts, goals, standing, keep, mission.flight).at_once()
             ways = {n: d.timed for n, d in (planned.departures or {}).items()}
             ends_s = planned.ends_s
     except MissionError as error:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways of several vehicles at once: checked against each other in time, delayed where they would meet."""
 
+import math
 from dataclasses import dataclass
 from itertools import combinations, islice, permutations
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Generator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,8 +18,10 @@ _DELAY_STEP_S = 1.0
 _MOST_DELAY_S = 30.0
 _ORDERS = 6  # of the vehicles are tried: all of three
 _EPSILON = 1e-6
+_MANY = 1000  # slices
 
 Places = Mapping[str, np.ndarray]
+Slices = Generator[None, None, "Traffic"]
 
 
 @dataclass(frozen=True)
@@ -52,9 +55,44 @@ def clear(a: TimedWay, b: TimedWay, keep: Keep) -> bool:
     return True
 
 
-def plan(starts: Places, goals: Places, standing: Sequence[np.ndarray], keep: Keep, bounds: FlightBounds) -> Traffic:
+class Planning:
+    """A plan that is made in slices: whoever flies must not wait for it. ``step`` until there is one; nobody moves
+    meanwhile. One slice is one way, or one delay of one vehicle held against those before it: some milliseconds."""
+
+    def __init__(self, slices: Slices):
+        self._slices = slices
+
+    def step(self, slices: int) -> Optional[Traffic]:
+        """Go on by so many slices; the plan once it is made. Raises MissionError where there is none."""
+        for _ in range(slices):
+            try:
+                next(self._slices)
+            except StopIteration as made:
+                return made.value
+        return None
+
+    def at_once(self) -> Traffic:
+        """To its end."""
+        while True:
+            made = self.step(_MANY)
+            if made is not None:
+                return made
+
+
+def plan(starts: Places, goals: Places, standing: Sequence[np.ndarray], keep: Keep, bounds: FlightBounds) -> Planning:
     """Ways of all vehicles from starts to goals (3,) past those that stand; together where that is free, else delayed
-    in the shortest way found, else one after the other. Raises MissionError where not even that can be flown."""
+    in the shortest way found, else one after the other. A MissionError where not even that can be flown."""
+    return Planning(_together(starts, goals, standing, keep, bounds))
+
+
+def one_after_the_other(
+    starts: Places, goals: Places, standing: Sequence[np.ndarray], keep: Keep, bounds: FlightBounds
+) -> Planning:
+    """In the first order in which each has a way past all others; else a MissionError."""
+    return Planning(_single_file(starts, goals, standing, keep, bounds))
+
+
+def _together(starts: Places, goals: Places, standing, keep: Keep, bounds: FlightBounds) -> Slices:
     for a, b in combinations(goals, 2):
         if keep.share(goals[a] - goals[b]) < 1.0 - _EPSILON:
             away_m = float(np.linalg.norm(goals[a] - goals[b]))
@@ -63,25 +101,20 @@ def plan(starts: Places, goals: Places, standing: Sequence[np.ndarray], keep: Ke
     for order in islice(permutations(goals), _ORDERS):
         for around in (False, True):
             try:
-                ways = _ways(order, starts, goals, standing, keep, around)
+                ways = yield from _ways(order, starts, goals, standing, keep, around)
             except MissionError:
                 continue
-            found = _delayed(order, starts, ways, keep, bounds)
-            if found is not None and (best is None or found.ends_s < best.ends_s - _EPSILON):
-                best = found
+            best = (yield from _delayed(order, starts, ways, keep, bounds, best)) or best
         if best is not None and _nobody_waits(best):
             break
-    return best or one_after_the_other(starts, goals, standing, keep, bounds)
+    return best or (yield from _single_file(starts, goals, standing, keep, bounds))
 
 
-def one_after_the_other(
-    starts: Places, goals: Places, standing: Sequence[np.ndarray], keep: Keep, bounds: FlightBounds
-) -> Traffic:
-    """In the first order in which each has a way past all others. Raises MissionError."""
+def _single_file(starts: Places, goals: Places, standing, keep: Keep, bounds: FlightBounds) -> Slices:
     why = ""
     for order in islice(permutations(goals), _ORDERS):
         try:
-            ways = _ways(order, starts, goals, standing, keep, around=True)
+            ways = yield from _ways(order, starts, goals, standing, keep, around=True)
         except MissionError as error:
             why = why or str(error)
             continue
@@ -90,22 +123,32 @@ def one_after_the_other(
     raise MissionError(why)
 
 
-def _ways(order, starts: Places, goals: Places, standing, keep: Keep, around: bool) -> Dict[str, List[np.ndarray]]:
+def _ways(
+    order, starts: Places, goals: Places, standing, keep: Keep, around: bool
+) -> Generator[None, None, Dict[str, List[np.ndarray]]]:
     """``around``: those before at their goals, those after at their starts, as when they go one after the other."""
     ways = {}
     for k, name in enumerate(order):
         others = [*(goals[n] for n in order[:k]), *(starts[n] for n in order[k + 1 :])] if around else []
         ways[name] = route(starts[name], goals[name], [*standing, *others], keep)
+        yield
     return ways
 
 
-def _delayed(order, starts: Places, ways, keep: Keep, bounds: FlightBounds) -> Optional[Traffic]:
-    """Each as early as those before it in the order allow; None where that is never."""
+def _delayed(
+    order, starts: Places, ways, keep: Keep, bounds: FlightBounds, best: Optional[Traffic]
+) -> Generator[None, None, Optional[Traffic]]:
+    """Each as early as those before it in the order allow; None where that is never, or not before the best ends."""
     departures: Dict[str, Departure] = {}
+    before_s = math.inf if best is None else best.ends_s - _EPSILON
     for name in order:
         for delay_s in np.arange(0.0, _MOST_DELAY_S, _DELAY_STEP_S):
             timed = timed_way(starts[name], ways[name], bounds, float(delay_s))
-            if all(clear(timed, d.timed, keep) for d in departures.values()):
+            if timed.ends_s >= before_s:
+                return None
+            free = all(clear(timed, d.timed, keep) for d in departures.values())
+            yield
+            if free:
                 departures[name] = Departure(ways[name], timed)
                 break
         else:

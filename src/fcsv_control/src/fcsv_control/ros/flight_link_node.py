@@ -65,6 +65,7 @@ class FlightLinkNode:
             load_profile(self._parameters.autopilot_profile),
             on_state=self._on_state,
             on_pose=self._on_pose,
+            on_barometer=lambda height_m: self._feed.barometer(height_m),
             on_battery=self._on_battery,
             on_text=self._on_text,
             on_rc=lambda: self._told.rc(self._link),

@@ -59,8 +59,8 @@ class MavrosCompanionNode:
         self._line = MavrosLine()
         self._core = MavrosCore(link, load_profile(p.autopilot_profile), p.component)
         self._link = FlightLink(
-            self._line, link, core=self._core, on_pose=self._on_pose, on_refused=self._on_refused,
-            on_home=self._on_home, on_estimate_moved=self._told.estimate_moved,
+            self._line, link, core=self._core, on_pose=self._on_pose, on_barometer=self._feed.barometer,
+            on_refused=self._on_refused, on_home=self._on_home, on_estimate_moved=self._told.estimate_moved,
         )  # fmt: skip
         rospy.on_shutdown(self._link.close)
         rospy.Service("~odometry_reset", Trigger, self._odometry_reset)

@@ -54,6 +54,10 @@ class PoseFeed:
         """The autopilot's estimate came."""
         self._check.estimate(time.monotonic(), T_odom_body, v_odom_mps)
 
+    def barometer(self, height_m: float) -> None:
+        """The autopilot's barometer was heard."""
+        self._check.barometer(time.monotonic(), height_m)
+
     def begin_again(self) -> None:
         """The odometry's frame was begun anew: the next pose is adopted at once."""
         self._link.note_reset()

@@ -9,6 +9,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_sim.autopilot import modes
+from fcsv_sim.autopilot.barometer import Barometer
 from fcsv_sim.autopilot.controller import Controller
 from fcsv_sim.autopilot.estimator import READY_S, Estimator
 from fcsv_sim.autopilot.ground import LandDetector, PreArmTalk, StickArming
@@ -30,6 +31,7 @@ class Autopilot(FlightLaws):
         self.armed = False
         self.boots = 1  # how often it was started: whoever speaks for it begins anew
         self._origin = Origin()
+        self.barometer = Barometer(seed)
         self.battery_v = 16.8
         self.battery_share = 1.0
         self.texts: List[Tuple[int, str]] = []

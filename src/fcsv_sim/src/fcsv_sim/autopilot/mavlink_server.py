@@ -56,6 +56,7 @@ class MavlinkServer:
             _M.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._version,
             _M.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
             _M.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            _M.MAVLINK_MSG_ID_SCALED_PRESSURE: self._pressure,
         }
 
     def _start(self) -> None:
@@ -267,6 +268,10 @@ class MavlinkServer:
             return
         good, ratio = estimator.position_ok(self._now_s), estimator.innovation_ratio
         self._send("ekf_status_report", _FLAGS_OK if good else 0x0A7, 0.6 * ratio, ratio, 0.05, 0.0, 0.0)
+
+    def _pressure(self) -> None:
+        hpa = self._pilot.barometer.pressure_hpa(self._now_s, self._pilot.armed)
+        self._send("scaled_pressure", self._milliseconds(), hpa, 0.0, 2500)
 
     def _origin(self) -> None:
         if self._pilot.origin is not None:

@@ -29,6 +29,7 @@ _FLICK_S = 0.3
 _NO_LANDING_S = 60.0  # who is in LAND for so long and still flies runs after a lost position: down in ALT_HOLD
 _RUNS_OFF_M = 30.0  # from where he wants it, in LOITER: likewise
 _LOW_M = 0.5
+_CALM_MPS = 0.25
 
 
 @dataclass(frozen=True)
@@ -259,10 +260,10 @@ class ButtonPresser:
         self, now_s: float, waits_for: str, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]
     ) -> bool:
         """Whether to press the button now."""
-        without_one = waits_for == "resume" and not all(sight.armed for sight in sights.values())  # which is down
-        right = bool(waits_for) and (
-            waits_for == "execute" or without_one or self._in_place(now_s, phase, sights, pilots)
-        )
+        if waits_for == "resume":  # wherever they are: the mission brings them back; or one is down
+            right = self._all_calm(sights) or not all(sight.armed for sight in sights.values())
+        else:
+            right = bool(waits_for) and (waits_for == "execute" or self._in_place(now_s, phase, sights, pilots))
         if not right:
             self._right_since_s = None
             return False
@@ -273,10 +274,14 @@ class ButtonPresser:
         return True
 
     @staticmethod
+    def _all_calm(sights: Dict[str, Sight]) -> bool:
+        return all(math.hypot(*sight.v_world_mps.tolist()) < _CALM_MPS for sight in sights.values())
+
+    @staticmethod
     def _in_place(now_s: float, phase: str, sights: Dict[str, Sight], pilots: Sequence[Pilot]) -> bool:
         for sight, pilot in zip(sights.values(), pilots):
             goal, _ = pilot.goal(now_s, phase)
             far = math.dist(goal.tolist(), sight.T_world_body[:3, 3].tolist()) > 0.3
-            if far or math.hypot(*sight.v_world_mps.tolist()) > 0.25:
+            if far or math.hypot(*sight.v_world_mps.tolist()) > _CALM_MPS:
                 return False
         return True

@@ -13,7 +13,7 @@ from fcsv_control.errors import ControlError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.feed_check import FeedCheck
-from fcsv_control.flight.listener import BatteryHeard, EstimateMoved, PoseHeard, StateHeard
+from fcsv_control.flight.listener import BarometerHeard, BatteryHeard, EstimateMoved, PoseHeard, StateHeard
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
 from fcsv_control.guardian.core import Guardian
@@ -142,6 +142,8 @@ class OnBoard:
         for event in self.link.events():
             if isinstance(event, PoseHeard):
                 self._estimate(now_s, event)
+            elif isinstance(event, BarometerHeard):
+                self._check.barometer(now_s, event.height_m)
             elif isinstance(event, EstimateMoved):
                 self.agent.estimate_moved(now_s, event.step_m)
             elif isinstance(event, (StateHeard, BatteryHeard)):

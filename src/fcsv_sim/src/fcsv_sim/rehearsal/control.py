@@ -4,21 +4,22 @@
 import dataclasses
 import json
 import math
-from typing import Dict, Optional
+from typing import Callable, Dict, Optional, Tuple
 
 import numpy as np
 
 from fcsv_control.agent.messages import Ack, Instruction, Kind
-from fcsv_control.mission.heard import FrameEpochs
+from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry import config, transforms
-from fcsv_geometry.home import camera_in_home, home_of
+from fcsv_geometry.home import home_of
 from fcsv_geometry.mission import Mission
 from fcsv_sim.rehearsal.radio import Radio
-from fcsv_sim.rehearsal.vehicle import Heard, RehearsedVehicle
+from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
+from fcsv_tracking.odometry import EpochBegan
 
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
 _CALIBRATES_S = 8.0
@@ -37,41 +38,71 @@ class ControlPc:
         self.battery_share: Dict[str, float] = {}  # overrides what a vehicle says
         self._mission, self._fleet, self._radios = mission, fleet, radios
         self._random = np.random.default_rng([seed, 22])
-        self.heard: Dict[str, Heard] = {n: Heard() for n in fleet}
-        self._sees_since_s: Dict[str, Optional[float]] = dict.fromkeys(fleet)
+        self._cameras = {n: v.geometry.T_body_cam for n, v in fleet.items()}
+        self._now_s = 0.0
+        self._hear_nobody()
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
         self._T_ref_odom: Dict[str, np.ndarray] = {}  # T_odom1_odomN by the calibration
         self.T_home_odom: Dict[str, np.ndarray] = {}
         self._epochs: Dict[str, int] = {}  # of the calibration
         self._service: Optional[str] = None
         self._service_ends_s = math.inf
-        self._cameras = {n: v.geometry.T_body_cam for n, v in fleet.items()}
+
+    def _hear_nobody(self) -> None:
+        """Of what was told before, nothing counts."""
+        self.heard = {n: VehicleHeard(T_body_cam) for n, T_body_cam in self._cameras.items()}
+        self._newest_s: Dict[Tuple[str, Callable], float] = {}  # when what was taken last was sent, by vehicle and kind
+        self._states: Dict[str, Tuple] = {}  # that arrived
 
     # ---- what the vehicles tell --------------------------------------------------------------------------------
 
     def listen(self, now_s: float) -> None:
         """Every vehicle sends what is due over its radio."""
+        self._now_s = now_s
         for name, vehicle in self._fleet.items():
-            due, heard, radio = self._due_s[name], self.heard[name], self._radios[name]
+            due, radio, state = self._due_s[name], self._radios[name], vehicle.link.state
             for ack in vehicle.acks:
                 radio.send(now_s, self._acknowledged(name), ack)
             vehicle.acks = []
             if now_s >= due[0] and vehicle.odometry is not None:
                 due[0] = now_s + _POSE_EVERY_S
-                speed = math.hypot(*vehicle.odometry.linear_mps)
-                fields = {"pose": vehicle.T_odom_body, "speed_mps": speed, "height_m": vehicle.height_m}
-                radio.send(now_s, _update(heard, "pose_s"), {**fields, "epoch": vehicle.epoch, "pose_s": now_s})
-            state = vehicle.link.state
+                speed_mps = math.hypot(*vehicle.odometry.linear_mps)
+                self._send(now_s, name, self._pose, (vehicle.T_odom_body, speed_mps, vehicle.height_m, vehicle.epoch))
             verdict = vehicle.guardian.verdict
-            told = {"mode": state.mode, "armed": state.armed, "guarded": verdict.in_words, "lost": verdict.lost}
-            if now_s >= due[1] or any(getattr(heard, k) != v for k, v in told.items()):
+            told = (state.mode, state.armed, vehicle.link.connected(now_s), verdict.in_words, verdict.lost)
+            if now_s >= due[1] or self._states.get(name) != told:
                 due[1] = now_s + _STATE_EVERY_S
-                fields = {**told, "connected": vehicle.link.connected(now_s)}
-                radio.send(now_s, _update(heard, "state_s"), {**fields, "state_s": now_s})
+                self._send(now_s, name, self._state, told)
             if now_s >= due[2]:
                 due[2] = now_s + _SLOW_EVERY_S
-                fields = {"battery_share": state.battery_share, "pictures": vehicle.pictures}
-                radio.send(now_s, _update(heard, "recorder_s"), {**fields, "recorder_s": now_s})
+                share = self.battery_share.get(name, state.battery_share)
+                self._send(now_s, name, self._slow, (share, vehicle.pictures))
+
+    def _send(self, now_s: float, name: str, take: Callable, told: Tuple) -> None:
+        """``take`` it when it arrives, unless something newer of the kind came before."""
+        heard = self.heard
+
+        def arrived(what: Tuple) -> None:
+            if heard is self.heard and now_s >= self._newest_s.get((name, take), 0.0):
+                self._newest_s[name, take] = now_s
+                take(name, *what)
+
+        self._radios[name].send(now_s, arrived, told)
+
+    def _pose(self, name: str, T_odom_body: np.ndarray, speed_mps: float, height_m: float, epoch: EpochBegan) -> None:
+        heard = self.heard[name]
+        heard.odometry(self._now_s, T_odom_body, speed_mps)
+        heard.position(height_m)
+        heard.epochs.now, heard.epochs.reason = epoch.number, epoch.reason
+
+    def _state(self, name: str, mode: str, armed: bool, connected: bool, guarded: str, lost: bool) -> None:
+        self._states[name] = (mode, armed, connected, guarded, lost)
+        self.heard[name].state(self._now_s, mode, armed, connected)
+        self.heard[name].guardian(self._now_s, guarded, lost)
+
+    def _slow(self, name: str, battery_share: float, pictures: int) -> None:
+        self.heard[name].battery(battery_share)
+        self.heard[name].recorder(self._now_s, "", pictures)
 
     def _acknowledged(self, name: str):
         return lambda ack: self._take_ack(name, ack)
@@ -110,7 +141,7 @@ class ControlPc:
         if self._memory is not None:
             saved = json.loads(json.dumps(dataclasses.asdict(self._memory)))
             self.machine.restore(config.from_mapping(saved, Memory, FILE))
-        self.heard = {n: Heard() for n in self._fleet}
+        self._hear_nobody()
         self._service = None
         self._runs += 1
         self.alive = True
@@ -120,34 +151,20 @@ class ControlPc:
         return Snapshot(now_s, views, dict(self.T_home_odom), self._cameras)
 
     def _view(self, now_s: float, name: str) -> VehicleView:
-        h, T_home_odom = self.heard[name], self.T_home_odom.get(name)
-        known = h.pose is not None and T_home_odom is not None
-        return VehicleView(
-            guarded=h.guarded, lost=h.lost,
-            pose_age_s=now_s - h.pose_s, speed_mps=h.speed_mps, height_m=h.height_m, state_age_s=now_s - h.state_s,
-            connected=h.connected, armed=h.armed, mode=h.mode, sees_front_s=self._sees(now_s, name),
-            T_home_cam=camera_in_home(T_home_odom, h.pose, self._cameras[name]) if known else None,
-            battery_share=self.battery_share.get(name, h.battery_share), recorder_age_s=now_s - h.recorder_s,
-            pictures=h.pictures, frame_problem=self._frame_problem(name),
-        )  # fmt: skip
+        heard = self.heard[name]
+        heard.epochs.calibration = self._epochs.get(name)
+        if self._sees_front(name):
+            heard.front_tag(now_s)
+        return heard.view(now_s, self.T_home_odom.get(name))
 
-    def _frame_problem(self, name: str) -> str:
-        epoch = self.heard[name].epoch
-        return "" if epoch is None else FrameEpochs(epoch.number, epoch.reason, self._epochs.get(name)).problem
-
-    def _sees(self, now_s: float, name: str) -> float:
-        """For how long a vehicle has seen the tag in front, by where they truly are."""
+    def _sees_front(self, name: str) -> bool:
+        """Whether a vehicle sees the tag in front, by where they truly are."""
         names = list(self._fleet)
         front = names.index(name) - 1
         if front < 0:
-            return 0.0
+            return False
         step = self._fleet[names[front]].p_world_m - self._fleet[name].p_world_m
-        if not (_TAG_M[0] < step[0] < _TAG_M[1] and abs(step[1]) < 0.5 * step[0] and abs(step[2]) < 0.4 * step[0]):
-            self._sees_since_s[name] = None
-            return 0.0
-        if self._sees_since_s[name] is None:
-            self._sees_since_s[name] = now_s
-        return now_s - self._sees_since_s[name]
+        return _TAG_M[0] < step[0] < _TAG_M[1] and abs(step[1]) < 0.5 * step[0] and abs(step[2]) < 0.4 * step[0]
 
     # ---- calibration and home ----------------------------------------------------------------------------------
 
@@ -189,15 +206,3 @@ def _instruction(order: Order, sender: str, now_s: float) -> Instruction:
         order.expires_s - order.ordered_s, a.get("mode", ""), a.get("flag", False), 0.0, a.get("target"),
         a.get("frame", ""),
     )  # fmt: skip
-
-
-def _update(heard: Heard, newest: str):
-    """Take fields that were sent, unless newer ones came before."""
-
-    def take(fields: dict) -> None:
-        if fields[newest] >= getattr(heard, newest):
-            for name, value in fields.items():
-                if name != "pose" or not heard.lost:  # a place that is lost stays the last that was believed
-                    setattr(heard, name, value)
-
-    return take

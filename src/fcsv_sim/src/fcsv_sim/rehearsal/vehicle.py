@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One vehicle of a rehearsal: airframe, autopilot, tracker and transmitter of the simulation, and what is on board."""
 
-import math
 from dataclasses import dataclass, field
 from typing import Optional, Sequence, Tuple
 
@@ -21,32 +20,11 @@ from fcsv_sim.rehearsal.board import OnBoard
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.vehicles.dynamics import STEP_S, Airframe, Quadrotor
 from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
-from fcsv_tracking.odometry import EpochBegan
 
 _SUBSTEPS = int(round(PASS_S / STEP_S))
 _BOARD_EVERY = 2  # passes between two steps of link and agent
 _READY_S = 2.0  # until the autopilot may be armed; 20 s in a real one, in which nothing happens on the ground
 _TRACKER_EVERY = 3  # passes between two samples of the tracker: 33 Hz, what goes to the autopilot of its 200 Hz
-
-
-@dataclass
-class Heard:
-    """What the control PC was sent of a vehicle last, and when it arrived."""
-
-    pose: Optional[np.ndarray] = None  # T_odom_body
-    epoch: Optional[EpochBegan] = None
-    speed_mps: float = math.inf
-    pose_s: float = -math.inf
-    mode: str = ""
-    armed: bool = False
-    guarded: str = ""
-    lost: bool = False
-    connected: bool = False
-    state_s: float = -math.inf
-    height_m: float = 0.0
-    battery_share: float = math.nan
-    pictures: int = 0
-    recorder_s: float = -math.inf
 
 
 @dataclass(frozen=True)

@@ -156,6 +156,12 @@ class Quadrotor:
         return self._state[_V].copy()
 
     @property
+    def air_mps(self) -> float:
+        """Speed through the air."""
+        state = self._state.tolist()
+        return math.dist(state[_V], state[_WIND])
+
+    @property
     def T_world_body(self) -> np.ndarray:
         """Without vibration."""
         if self._T_world_body is None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bodies stepped in real time; among them a vehicle: airframe, autopilot, RC receiver and MAVLink link."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Tuple
 
@@ -88,6 +89,7 @@ class Piloted:
         before = self._v_before
         acc = ((v[0] - before[0]) / PASS_S, (v[1] - before[1]) / PASS_S, (v[2] - before[2]) / PASS_S)
         self._v_before = v
+        self._autopilot.barometer.feel(s[2], math.dist(v, s[14:17]))
         self._autopilot.estimator.predict(now_s, PASS_S, acc, rpy_rad[2], s[12], s[2])
         return rpy_rad
 
