@@ -5,4 +5,6 @@ from catkin_pkg.python_setup import generate_distutils_setup
 
 PACKAGES = ["fcsv_geometry", "fcsv_geometry.bags", "fcsv_geometry.ros"]
 
-setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}))
+DATA = {"fcsv_geometry.bags": ["definitions/*.msg"]}
+
+setup(**generate_distutils_setup(packages=PACKAGES, package_dir={"": "src"}, package_data=DATA))

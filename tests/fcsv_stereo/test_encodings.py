@@ -6,14 +6,16 @@ import doctest
 import cv2
 import numpy as np
 import pytest
+from sensor_msgs.msg import Image
 from support.photographs import model
 from support.scenes import CAMERA, photograph
 from support.sessions import T_HOME_CAM, write_session
 
+from fcsv_geometry.ros import conversions
 from fcsv_stereo import colmap, exposure
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.ros.session_bags import read_session
-from fcsv_stereo.ros.session_pictures import ENCODINGS
+from fcsv_stereo.sessions.pictures import ENCODINGS, rgb_of
+from fcsv_stereo.sessions.read import read_session
 
 TINT = np.array([1.0, 0.8, 0.5])  # so that a wrong order of colours shows
 
@@ -102,3 +104,34 @@ def test_photographs_of_other_numbers_are_named(tmp_path):
     (tmp_path / "a.tiff").rename(folder / "images" / "a.png")
     with pytest.raises(InputError, match=r"a\.png: holds float32 values; save it with 8 or 16 bits"):
         colmap.read_photographs(folder)
+
+
+@pytest.mark.parametrize("big", [0, 1])
+@pytest.mark.parametrize("encoding", [e for names in ENCODINGS.values() for e in names])
+def test_pictures_are_what_cv_bridge_makes_of_them(encoding, big):
+    """To the last bit, with lines that are padded and samples of either order of bytes."""
+    bits = 16 if encoding.endswith("16") else 8
+    random = np.random.default_rng(1)
+    rgb = random.integers(0, 1 << (bits if bits == 8 else 12), (CAMERA.height, CAMERA.width, 3)).astype(np.uint8)
+    array = encode(rgb, encoding)
+    plain = conversions.array_to_image(array, encoding, 1.0, "cam")
+    rows = array.astype(array.dtype.newbyteorder(">" if big else "<")).reshape(CAMERA.height, -1).view(np.uint8)
+    padded = Image(plain.header, plain.height, plain.width, encoding, big, rows.shape[1] + 6, b"")
+    padded.data = np.hstack([rows, np.full((CAMERA.height, 6), 77, np.uint8)]).tobytes()
+    expected = conversions.image_to_array(plain, f"rgb{bits}")
+    for message in (plain, padded):
+        found = rgb_of("a.bag, topic /image_raw", message, CAMERA)
+        assert found.dtype == expected.dtype and np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("change, words", [
+    ({"data": b"123"}, "image has 3 bytes where height x step is"),
+    ({"step": 10, "data": bytes(10 * CAMERA.height)}, "image has lines of 10 bytes where mono8 needs"),
+    ({"width": 7}, "picture is 7x"),
+])  # fmt: skip
+def test_pictures_that_are_not_what_they_say_are_named(change, words):
+    message = conversions.array_to_image(np.zeros((CAMERA.height, CAMERA.width), np.uint8), "mono8", 1.0, "cam")
+    for name, value in change.items():
+        setattr(message, name, value)
+    with pytest.raises(InputError, match=words):
+        rgb_of("a.bag, topic /image_raw", message, CAMERA)

@@ -21,7 +21,7 @@ from fcsv_stereo import pipeline
 from fcsv_stereo.errors import InputError, MatchingError, OutputError, StereoError
 from fcsv_stereo.joint import JointOptions, map_joint
 from fcsv_stereo.model import Picture
-from fcsv_stereo.ros.session_bags import read_session
+from fcsv_stereo.sessions.read import read_session
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import MATCHERS
 

@@ -6,6 +6,8 @@ import subprocess
 import numpy as np
 import pytest
 import rosbag
+import rospy
+from std_msgs.msg import String
 from support.scenes import true_depth
 from support.sessions import T0, T_HOME_CAM, write_session
 
@@ -14,7 +16,7 @@ from fcsv_stereo.cli import main
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.output import read_ply
-from fcsv_stereo.ros.session_bags import read_session
+from fcsv_stereo.sessions.read import read_session
 from fcsv_stereo.thesis import ThesisOptions
 
 OPTIONS = ThesisOptions(threshold=ErrorThreshold(5.0, False))
@@ -134,6 +136,48 @@ def test_bad_sessions_are_named_in_one_line(tmp_path, changes, words):
         pipeline.run(session, tmp_path / "map", "thesis", OPTIONS, None, lambda *_: None)
     assert "\n" not in str(error.value) and all(w in str(error.value) for w in words), str(error.value)
     assert [p.name for p in tmp_path.iterdir()] == ["session"]
+
+
+@pytest.mark.parametrize("topic", ["/home", "/uav2/odometry/body", "/uav1/camera/color/image_raw"])
+def test_another_message_under_a_name_that_is_read_is_named(tmp_path, topic):
+    session = write_session(tmp_path / "session", drop=(topic,))
+    with rosbag.Bag(str(session / "control.bag"), "a") as bag:
+        bag.write(topic, String("elsewhere"), rospy.Time.from_sec(T0))
+    with pytest.raises(InputError, match=rf"control\.bag, topic {topic}: is of type std_msgs/String, not \w+/\w+"):
+        read_session(session)
+
+
+class Odd(String):
+    __slots__ = String.__slots__
+    _full_text = "this is no definition"
+
+
+def test_topics_that_are_not_read_may_hold_anything(tmp_path):
+    session = write_session(tmp_path / "session")
+    with rosbag.Bag(str(session / "control.bag"), "a") as bag:
+        bag.write("/notes", Odd("..."), rospy.Time.from_sec(T0))
+    assert len(read_session(session).configurations[0].others) == 4
+
+
+def test_an_empty_bag_lacks_its_topics(tmp_path):
+    session = write_session(tmp_path / "session")
+    with rosbag.Bag(str(session / "uav2.bag"), "w"):
+        pass
+    with pytest.raises(InputError, match=r"/uav2/odometry/body is missing"):
+        read_session(session)
+
+
+@pytest.mark.parametrize("compression", ["bz2", "lz4"])
+def test_compressed_bags_are_read(tmp_path, compression):
+    session = write_session(tmp_path / "session")
+    whole = read_session(session).configurations[0].others
+    with rosbag.Bag(str(session / "uav2.bag")) as bag:
+        messages = list(bag.read_messages())
+    with rosbag.Bag(str(session / "uav2.bag"), "w", compression=compression) as bag:
+        for topic, message, t in messages:
+            bag.write(topic, message, t)
+    found = read_session(session).configurations[0].others
+    assert len(found) == 4 and all(np.array_equal(a.image, b.image) for a, b in zip(found, whole))
 
 
 def cut(path, share):

@@ -2,6 +2,7 @@
 """OUT/: map.ply, depth.npy, sigma.npy, kind.npy, reference.png, report.json, report.html; all of it, or none."""
 
 import json
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -18,22 +19,18 @@ from fcsv_stereo.model.kinds import masks
 from fcsv_stereo.products import names
 
 FILES = ("map.ply", "depth.npy", "sigma.npy", "kind.npy", "reference.png", "report.json", "report.html")
-#: Attributes of map.ply in open3d's terms. It writes them as float x, y, z, uchar red, green, blue, float sigma,
-#: uchar baseline, which is what readers know.
-_TYPES = {"positions": np.float32, "colors": np.uint8, "sigma": np.float32, "baseline": np.uint8}
-_EMPTY_PLY = """ply
-format binary_little_endian 1.0
-element vertex 0
-property float x
-property float y
-property float z
-property uchar red
-property uchar green
-property uchar blue
-property float sigma
-property uchar baseline
-end_header
-"""
+#: map.ply's vertices: the names and types that readers know
+_VERTEX = np.dtype([
+    ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("sigma", "<f4"),
+    ("baseline", "u1"),
+])  # fmt: skip
+_COLUMNS = (("x", "y", "z"), ("red", "green", "blue"))
+_PLY_NAMES = {"<f4": "float", "|u1": "uchar"}
+_MOST_HEADER_BYTES = 4096
+_HEADER = re.compile(
+    rb"ply\r?\nformat binary_little_endian 1\.0\r?\n((?:comment[^\n]*\n)*)element vertex (\d+)\r?\n"
+    rb"((?:property [^\n]*\n)*)end_header\r?\n"
+)
 
 
 def check_out(out: Path) -> None:
@@ -86,31 +83,38 @@ def write_ply(cloud: Cloud, path: Path) -> None:
 
     Raises OutputError where the disk does not take it.
     """
-    import open3d as o3d  # a heavy import: not for commands that write no map
+    vertices = np.empty(len(cloud), _VERTEX)
+    for columns, values in zip(_COLUMNS, (cloud.points_home_m, cloud.colors)):
+        for name, column in zip(columns, values.T):
+            vertices[name] = column
+    vertices["sigma"], vertices["baseline"] = cloud.sigma_m, cloud.baseline_index
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n{_properties()}end_header\n"
+    try:
+        with path.open("wb") as file:
+            file.write(head.encode())
+            file.write(vertices.tobytes())
+    except OSError as error:
+        raise OutputError(in_words(error, path)) from error
 
-    if not len(cloud):  # open3d writes no cloud without points
-        path.write_text(_EMPTY_PLY)
-        return
-    points = o3d.t.geometry.PointCloud()
-    for name, values in zip(_TYPES, (cloud.points_home_m, cloud.colors, cloud.sigma_m, cloud.baseline_index)):
-        columns = np.ascontiguousarray(values, _TYPES[name]).reshape(len(cloud), -1)
-        points.point[name] = o3d.core.Tensor(columns)
-    if not o3d.t.io.write_point_cloud(str(path), points):
-        raise OutputError(f"{path}: cannot be written; is the disk full?")
+
+def _properties() -> str:
+    return "".join(f"property {_PLY_NAMES[_VERTEX[name].str]} {name}\n" for name in _VERTEX.names)
 
 
 def read_ply(path: Path) -> Cloud:
     """What write_ply wrote. Raises OutputError where there is none, and on another layout."""
-    import open3d as o3d
-
     if not Path(path).is_file():
         raise OutputError(f"{path}: does not exist")
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        points = o3d.t.io.read_point_cloud(str(path), format="ply").point
-    found = {name: points[name].numpy() for name in points}
-    if {name: values.dtype for name, values in found.items()} != _TYPES:
+    content = Path(path).read_bytes()
+    head = _HEADER.match(content[:_MOST_HEADER_BYTES])
+    if head is None or head.group(3).replace(b"\r", b"") != _properties().encode():
         raise OutputError(f"{path}: is not a map.ply of this program")
-    return Cloud(found["positions"], found["colors"], found["sigma"].ravel(), found["baseline"].ravel())
+    count = int(head.group(2))
+    if len(content) - head.end() != count * _VERTEX.itemsize:
+        raise OutputError(f"{path}: is cut: {count} points do not fit into its size")
+    v = np.frombuffer(content, _VERTEX, count, head.end())
+    points, colors = (np.stack([v[n] for n in columns], axis=-1) for columns in _COLUMNS)
+    return Cloud(points, colors, v["sigma"].copy(), v["baseline"].copy())
 
 
 def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) -> dict:

@@ -8,7 +8,7 @@ from typing import Any, Dict, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry.writing import require_folder
-from fcsv_stereo import colmap, output, session_files
+from fcsv_stereo import colmap, output
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import Joint
@@ -17,6 +17,7 @@ from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
 from fcsv_stereo.report import write_report
+from fcsv_stereo.sessions import is_session, read_session
 from fcsv_stereo.thesis import Thesis
 from fcsv_stereo.truth import Truth, load_truth
 
@@ -28,14 +29,12 @@ _LEAST_MIB = 20  # a small map's
 
 def load(path: Path, reference: Optional[str] = None) -> MapInput:
     """A session folder, a bag, or posed photographs. Raises InputError."""
-    from fcsv_stereo.ros import session_bags  # photographs are mapped where ROS is not
-
     if not path.exists():
         raise InputError(f"{path}: does not exist")
-    if session_files.is_session(path):
+    if is_session(path):
         if reference is not None:
             raise InputError("--reference chooses among photographs; a session has its reference vehicle")
-        return session_bags.read_session(path)
+        return read_session(path)
     if path.is_dir() and colmap.is_model(path):
         return colmap.read_photographs(path, reference)
     raise InputError(f"{path}: is neither a session (session.yaml or bags) nor posed photographs (images/, images.txt)")

@@ -33,7 +33,10 @@ class Truth:
 
     def depth(self, reference: Reference) -> np.ndarray:
         """True depth (H,W float32, m along the optical axis, NaN where the sky is) of the reference picture."""
-        import open3d as o3d  # only where truth is: a heavy import
+        try:
+            import open3d as o3d  # only where truth is: a heavy import, which the wheel does without
+        except ImportError as error:
+            raise InputError("open3d is not installed: pip install open3d") from error
 
         if not self.mesh_path.is_file():
             raise InputError(f"{self.mesh_path}: does not exist; truth/ needs scene.ply and cameras.csv")

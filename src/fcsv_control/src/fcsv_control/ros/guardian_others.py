@@ -11,10 +11,10 @@ import rospy
 from nav_msgs.msg import Odometry
 
 from fcsv_control.guardian.air import Other
-from fcsv_geometry import transforms
+from fcsv_geometry import home_messages, transforms
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
-from fcsv_geometry.ros import conversions, home_messages
+from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Calibration, GuardianState, Home
 from mavros_msgs.msg import State
 

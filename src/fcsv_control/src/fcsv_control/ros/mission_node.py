@@ -20,10 +20,11 @@ from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.ros.mission_desk import MissionDesk
 from fcsv_control.ros.mission_inputs import RecorderInput, VehicleInputs
 from fcsv_control.ros.mission_memory import MissionMemory, Restored
+from fcsv_geometry import home_messages
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.mission import Mission, load_mission
-from fcsv_geometry.ros import conversions, home_messages, node
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import (
     Calibration,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to arrays and back: the only place where it is done."""
+"""Messages to arrays and back, with fcsv_geometry.messages, which needs no ROS: the only places where it is done."""
 
 import math
 from functools import lru_cache
@@ -13,6 +13,12 @@ from std_msgs.msg import Header
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.messages import camera_from_info, pose_to_transform, transform_from_msg
+
+__all__ = [
+    "array_to_image", "battery_share", "camera_from_info", "header", "image_to_array", "info_from_camera",
+    "pose_stamped", "pose_to_transform", "transform_from_msg", "transform_stamped", "transform_to_pose",
+]  # fmt: skip
 
 
 @lru_cache(maxsize=1)
@@ -27,12 +33,6 @@ def header(stamp_s: float, frame_id: str) -> Header:
     return Header(stamp=rospy.Time.from_sec(stamp_s), frame_id=frame_id)
 
 
-def pose_to_transform(pose: Pose) -> np.ndarray:
-    """T from geometry_msgs/Pose. Raises GeometryError on NaN or a quaternion that is not one."""
-    p, q = pose.position, pose.orientation
-    return transforms.from_xyz_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
-
-
 def transform_to_pose(T_a_b: np.ndarray) -> Pose:
     return Pose(Point(*T_a_b[:3, 3]), Quaternion(*transforms.fast_quaternion_xyzw(T_a_b)))
 
@@ -44,22 +44,6 @@ def pose_stamped(T_a_b: np.ndarray, stamp_s: float, frame_a: str) -> PoseStamped
 def transform_stamped(T_a_b: np.ndarray, stamp_s: float, frame_a: str, frame_b: str) -> TransformStamped:
     q = Quaternion(*transforms.fast_quaternion_xyzw(T_a_b))
     return TransformStamped(header(stamp_s, frame_a), frame_b, Transform(Vector3(*T_a_b[:3, 3]), q))
-
-
-def transform_from_msg(message: Transform) -> np.ndarray:
-    """T from geometry_msgs/Transform. Raises GeometryError like pose_to_transform."""
-    p, q = message.translation, message.rotation
-    return transforms.from_xyz_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
-
-
-def camera_from_info(info: CameraInfo) -> PinholeCamera:
-    """Intrinsics from sensor_msgs/CameraInfo. Raises GeometryError where it is not calibrated plumb_bob."""
-    if info.distortion_model not in ("plumb_bob", "") or (not info.distortion_model and any(info.D)):
-        raise GeometryError(f"camera_info has distortion model '{info.distortion_model}'; only plumb_bob is known")
-    if info.K[0] == 0:
-        raise GeometryError("camera_info is not calibrated (K is zero)")
-    distortion = tuple(info.D) if info.D else (0.0,) * 5
-    return PinholeCamera(info.width, info.height, info.K[0], info.K[4], info.K[2], info.K[5], distortion)
 
 
 def info_from_camera(camera: PinholeCamera, stamp_s: float, frame_id: str) -> CameraInfo:

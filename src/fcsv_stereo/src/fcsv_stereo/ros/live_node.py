@@ -11,10 +11,10 @@ import tf2_ros
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from fcsv_geometry import frames
+from fcsv_geometry import frames, home_messages
 from fcsv_geometry.errors import FcsvError, GeometryError
 from fcsv_geometry.home import HomeFrames
-from fcsv_geometry.ros import conversions, home_messages, node
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
 from fcsv_stereo.live import Corrections, LiveSession, MapStage
@@ -22,7 +22,7 @@ from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
-from fcsv_stereo.ros.session_messages import camera_covariance, window_of
+from fcsv_stereo.sessions.messages import camera_covariance, window_of
 from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0

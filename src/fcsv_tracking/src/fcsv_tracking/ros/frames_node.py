@@ -11,11 +11,11 @@ import tf2_ros
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
-from fcsv_geometry import frames
+from fcsv_geometry import frames, home_messages
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.flow import RateGate
 from fcsv_geometry.home import HomeFrames, Place, camera_in_home
-from fcsv_geometry.ros import conversions, home_messages, node
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.tracker import load_profile
 from fcsv_msgs.msg import Calibration, Home

@@ -3,7 +3,8 @@
 
 import numpy as np
 
-from fcsv_geometry.ros import conversions, home_messages
+from fcsv_geometry import home_messages
+from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import CalibrationLink
 from fcsv_tracking.calibration import Link
 

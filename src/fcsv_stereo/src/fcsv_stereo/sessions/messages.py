@@ -6,6 +6,7 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry import frames
+from fcsv_geometry.messages import seconds
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.live import Window
 from fcsv_stereo.model import Axis, Configuration
@@ -16,7 +17,7 @@ def camera_covariance(message, vehicle: str) -> Tuple[float, np.ndarray]:
     """Stamp (s) and covariance (6, 6) of a camera_pose, as trackers publish it. Raises InputError where it is none."""
     if message.header.frame_id != frames.HOME:
         raise InputError(f"covariance of the pose of {vehicle} is of frame '{message.header.frame_id}', not home")
-    return message.header.stamp.to_sec(), checked(message.pose.covariance, vehicle)
+    return seconds(message.header.stamp), checked(message.pose.covariance, vehicle)
 
 
 def window_of(capture) -> Window:
@@ -24,5 +25,5 @@ def window_of(capture) -> Window:
     c = capture.configuration
     axis = Axis.VERTICAL if c.axis == c.VERTICAL else Axis.HORIZONTAL
     configuration = Configuration(axis, c.baseline_m, c.tilt_rad, c.name)
-    start_s, stop_s = capture.start.to_sec(), capture.stop.to_sec()
+    start_s, stop_s = seconds(capture.start), seconds(capture.stop)
     return Window(capture.index, configuration, capture.reference, capture.vehicle, start_s, stop_s)

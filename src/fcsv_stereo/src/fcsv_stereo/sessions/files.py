@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bags of a session: all parts of every machine, repaired where they were not closed; what is missing is said."""
+"""The bags of a session: all parts of every machine, repaired where they were not closed; what is missing is said.
+
+Bags of ROS 2 are opened as they are.
+"""
 
 from pathlib import Path
 from typing import List
@@ -7,6 +10,7 @@ from typing import List
 import yaml
 
 from fcsv_geometry.bags.parts import part_number, parts_in
+from fcsv_geometry.bags.reading import METADATA, ROS2_FILES, is_ros2
 from fcsv_geometry.bags.repair import ACTIVE, KEPT, recording_of, repaired
 from fcsv_geometry.errors import BagError
 from fcsv_stereo.errors import InputError
@@ -14,7 +18,8 @@ from fcsv_stereo.errors import InputError
 
 def is_session(path: Path) -> bool:
     """Whether a path looks like a session folder or a bag."""
-    return path.suffix in (".bag", ACTIVE) or (path / "session.yaml").exists() or any(_bags_in(path))
+    a_bag = path.suffix in (".bag", ACTIVE) or is_ros2(path)
+    return a_bag or (path / "session.yaml").exists() or any(_bags_in(path))
 
 
 def bags_of(path: Path, warnings: List[str]) -> List[Path]:
@@ -31,12 +36,14 @@ def bags_of(path: Path, warnings: List[str]) -> List[Path]:
 
 
 def _bags_in(folder: Path) -> List[Path]:
-    return sorted({recording_of(p) for pattern in ("*.bag", f"*.bag{ACTIVE}") for p in folder.glob(pattern)})
+    found = {recording_of(p) for pattern in ("*.bag", f"*.bag{ACTIVE}") for p in folder.glob(pattern)}
+    found |= {p.parent for p in folder.glob(f"*/{METADATA}")}
+    return sorted(found | {p for suffix in ROS2_FILES for p in folder.glob(f"*{suffix}")})
 
 
 def _listed(path: Path) -> List[Path]:
     """Those of session.yaml and further parts that lie beside them, or all where there is no session.yaml."""
-    if not path.is_dir():
+    if not path.is_dir() or is_ros2(path):
         return [path]
     description = path / "session.yaml"
     if not description.exists():
@@ -45,8 +52,10 @@ def _listed(path: Path) -> List[Path]:
     try:
         document = yaml.safe_load(description.read_text())
         for machine, first in document["bags"].items():
-            parts = {first, *(document.get("parts") or {}).get(machine, ()), *(p.name for p in parts_in(path, first))}
-            names += sorted(parts, key=lambda name: part_number(name, first))
+            parts = [first, *(document.get("parts") or {}).get(machine, ())]
+            if first.endswith(".bag"):
+                parts = sorted({*parts, *(p.name for p in parts_in(path, first))}, key=lambda n: part_number(n, first))
+            names += parts
     except (yaml.YAMLError, TypeError, KeyError, AttributeError) as error:
         raise InputError(
             f"{description}: not a session description ('bags' is missing or unreadable): {error}"
@@ -61,6 +70,8 @@ def _opened(bag: Path, said: List[str]) -> List[Path]:
     if not source.exists():
         said.append(f"{bag} is missing: copy it from its machine into the session")
         return []
+    if is_ros2(source):
+        return [source]
     try:
         target, salvaged = repaired(source)
     except BagError as error:

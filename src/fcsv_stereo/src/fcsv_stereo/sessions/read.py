@@ -7,24 +7,30 @@ from pathlib import Path
 from typing import Dict, List, Optional
 
 import numpy as np
-import rosbag
-from genpy import MessageException
-from rosbag.bag import ROSBagException
 
-from fcsv_geometry import frames
+from fcsv_geometry import frames, home_messages
+from fcsv_geometry.bags import reading
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.errors import GeometryError, PoseUnavailable
+from fcsv_geometry.errors import BagError, GeometryError, PoseUnavailable
 from fcsv_geometry.home import HomeFrames, camera_in_home
-from fcsv_geometry.ros import conversions, home_messages
+from fcsv_geometry.messages import camera_from_info, pose_to_transform, seconds, transform_from_msg
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pose_covariance import KnownCovariances, turned, unknown_warning
-from fcsv_stereo.ros.session_messages import camera_covariance, window_of
-from fcsv_stereo.ros.session_pictures import read_pictures
-from fcsv_stereo.session_files import bags_of
+from fcsv_stereo.sessions.files import bags_of
+from fcsv_stereo.sessions.messages import camera_covariance, window_of
+from fcsv_stereo.sessions.pictures import read_pictures
 
-_UNREADABLE = (ROSBagException, MessageException, EOFError, OSError, ValueError, AssertionError)
+#: what is read but for pictures: topics of the control PC, then those of a vehicle, with their types
+_TYPES = {
+    "/mission/capture": "fcsv_msgs/Capture", "/calibration": "fcsv_msgs/Calibration", "/home": "fcsv_msgs/Home",
+    "/tf_static": "tf2_msgs/TFMessage",
+}  # fmt: skip
+_VEHICLE_TYPES = {
+    "camera/color/camera_info": "sensor_msgs/CameraInfo", "odometry/body": "nav_msgs/Odometry",
+    "camera_pose": "geometry_msgs/PoseWithCovarianceStamped",
+}  # fmt: skip
 
 
 @dataclass
@@ -58,12 +64,19 @@ def read_session(path: Path) -> MapInput:
 def _read_bag(path: Path, recorded: _Recorded, warnings: List[str]) -> None:
     """Everything but pictures, in one pass; of a bag that cannot be read on, what came before."""
     try:
-        with rosbag.Bag(str(path)) as bag:
-            topics = [t for t in bag.get_type_and_topic_info().topics if not t.endswith("image_raw")]
-            for topic, message, _ in bag.read_messages(topics=topics):
-                _take(path, topic, message, recorded)
-    except _UNREADABLE as error:
-        warnings.append(f"{path}: cannot be read as a bag ({error}); what follows there is left out")
+        for topic, message in reading.messages(path, lambda topic, kind: _wanted(path, topic, kind)):
+            _take(path, topic, message, recorded)
+    except BagError as error:
+        warnings.append(f"{error}; what follows there is left out")
+
+
+def _wanted(path: Path, topic: str, kind: str) -> bool:
+    """Whether a topic is read. Raises InputError where something else was recorded under its name."""
+    vehicle, _, name = topic.strip("/").partition("/")
+    expected = _TYPES.get(topic) or (_VEHICLE_TYPES.get(name) if vehicle else None)
+    if expected not in (None, kind):
+        raise InputError(f"{path}, topic {topic}: is of type {kind}, not {expected}")
+    return expected is not None
 
 
 def _take(path: Path, topic: str, message, recorded: _Recorded) -> None:
@@ -78,21 +91,24 @@ def _take(path: Path, topic: str, message, recorded: _Recorded) -> None:
         elif topic == "/tf_static":
             _take_extrinsics(message, recorded)
         elif name == "camera/color/camera_info":
-            recorded.cameras.setdefault(vehicle, conversions.camera_from_info(message))
+            recorded.cameras.setdefault(vehicle, camera_from_info(message))
         elif name == "odometry/body":
             track = recorded.tracks.setdefault(vehicle, Trajectory(gap_s=0.1))
-            track.add(message.header.stamp.to_sec(), conversions.pose_to_transform(message.pose.pose))
+            track.add(seconds(message.header.stamp), pose_to_transform(message.pose.pose))
         elif name == "camera_pose":
             _take_covariance(message, vehicle, recorded.covariances[vehicle])
     except GeometryError as error:
         raise InputError(f"{path}, topic {topic}: {error}") from error
+    except AttributeError as error:
+        what = f"was recorded with another version of its message ({error})"
+        raise InputError(f"{path}, topic {topic}: {what}") from error
 
 
 def _take_covariance(message, vehicle: str, known: KnownCovariances) -> None:
     """About the camera's axes: a pair before a tracker flies in another home than its session's."""
     try:
         stamp_s, covariance = camera_covariance(message, vehicle)
-        R_home_cam = conversions.pose_to_transform(message.pose.pose)[:3, :3]
+        R_home_cam = pose_to_transform(message.pose.pose)[:3, :3]
         known.add(stamp_s, turned(covariance, R_home_cam.T))
     except InputError as error:  # the map can do without, and says so
         known.refused = str(error)
@@ -102,7 +118,7 @@ def _take_extrinsics(message, recorded: _Recorded) -> None:
     for t in message.transforms:
         vehicle = t.header.frame_id.split("/")[0]
         if (t.header.frame_id, t.child_frame_id) == (frames.base_link(vehicle), frames.camera_optical(vehicle)):
-            recorded.T_body_cam[vehicle] = conversions.transform_from_msg(t.transform)
+            recorded.T_body_cam[vehicle] = transform_from_msg(t.transform)
 
 
 def _require(path: Path, recorded: _Recorded, warnings: List[str]) -> None:

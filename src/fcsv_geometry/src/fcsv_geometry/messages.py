@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What messages say, as arrays: messages of ROS 1 and of bags read without ROS alike. No ROS is needed."""
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.errors import GeometryError
+
+
+def seconds(stamp) -> float:
+    """A time of ROS 1 (secs, nsecs) or of ROS 2 (sec, nanosec) in seconds."""
+    return stamp.to_sec() if hasattr(stamp, "to_sec") else stamp.sec + stamp.nanosec / 1e9
+
+
+def pose_to_transform(pose) -> np.ndarray:
+    """T from geometry_msgs/Pose. Raises GeometryError on NaN or a quaternion that is not one."""
+    p, q = pose.position, pose.orientation
+    return transforms.from_xyz_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
+
+
+def transform_from_msg(message) -> np.ndarray:
+    """T from geometry_msgs/Transform. Raises GeometryError like pose_to_transform."""
+    p, q = message.translation, message.rotation
+    return transforms.from_xyz_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
+
+
+def camera_from_info(info) -> PinholeCamera:
+    """Intrinsics from sensor_msgs/CameraInfo. Raises GeometryError where it is not calibrated plumb_bob."""
+    K, D = (_field(info, name) for name in "KD")
+    if info.distortion_model not in ("plumb_bob", "") or (not info.distortion_model and any(D)):
+        raise GeometryError(f"camera_info has distortion model '{info.distortion_model}'; only plumb_bob is known")
+    if K[0] == 0:
+        raise GeometryError("camera_info is not calibrated (K is zero)")
+    distortion = tuple(float(d) for d in D) if len(D) else (0.0,) * 5
+    fx, fy, cx, cy = (float(K[i]) for i in (0, 4, 2, 5))
+    return PinholeCamera(info.width, info.height, fx, fy, cx, cy, distortion)
+
+
+def _field(info, name: str):
+    """ROS 2 writes the matrices of camera_info in lower case."""
+    return getattr(info, name) if hasattr(info, name) else getattr(info, name.lower())

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``fcsv map|plan ...`` of an installation without ROS: each is what ``rosrun fcsv_stereo`` runs."""
+
+import importlib
+import sys
+from typing import List, Optional
+
+#: by name: the module whose ``main(arguments)`` it is, and what it does
+COMMANDS = {
+    "map": ("fcsv_stereo.cli", "depth, a cloud and a report from a session, a bag or posed photographs"),
+    "plan": ("fcsv_stereo.planning.command", "the baselines to fly, their ranges and errors"),
+}
+_HELP = ("-h", "--help")
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """Exit status of the command; 2 with one line on stderr where there is none of that name."""
+    name, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
+    if name in COMMANDS:
+        return importlib.import_module(COMMANDS[name][0]).main(rest)
+    if name in _HELP:
+        print(usage())
+        return 0
+    print(f"fcsv: there is no command '{name}'; there are {', '.join(COMMANDS)}", file=sys.stderr)
+    return 2
+
+
+def usage() -> str:
+    lines = [f"  {name:8} {words}" for name, (_, words) in COMMANDS.items()]
+    return "\n".join(["usage: fcsv COMMAND ...   (fcsv COMMAND --help tells its options)", *lines])
