@@ -56,8 +56,9 @@ def main(argv: Optional[List[str]] = None) -> int:
         products = parse_products(args.products)
         poi = Path(args.poi) if args.poi else None
         document = pipeline.run(
-            Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress, poi, products
-        )
+            Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress, poi, products,
+            _instant(args.instant),
+        )  # fmt: skip
     except (FcsvError, ValueError) as error:
         print(f"map: {error}", file=sys.stderr)
         return 2
@@ -71,6 +72,16 @@ def main(argv: Optional[List[str]] = None) -> int:
     written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]
     print(f"wrote {args.out}: {', '.join(written + [f for p in products for f in PRODUCTS[p]])}")
     return 0
+
+
+def _instant(word: Optional[str]) -> Optional[str]:
+    """Raises InputError where it is neither ``last`` nor a time."""
+    try:
+        if word in (None, "last") or math.isfinite(float(word)):
+            return word
+    except ValueError:
+        pass
+    raise InputError(f"--instant {word}: is neither a stamp in seconds nor 'last'")
 
 
 def _options(args) -> Union[JointOptions, ThesisOptions]:
@@ -131,6 +142,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("-o", "--out", required=True, help="folder for the map; an earlier map in it is replaced")
     parser.add_argument("--method", choices=sorted(pipeline.METHODS), default=pipeline.DEFAULT_METHOD)
     parser.add_argument("--reference", help="photographs: name of the reference picture (default: first in images.txt)")
+    parser.add_argument(
+        "--instant", nargs="?", const="last", metavar="STAMP",
+        help="sessions: only the pictures of one instant (within 20 ms), so that what moves is mapped where it was; "
+        "by default that of the middle of the last recording",
+    )  # fmt: skip
     parser.add_argument("--products", default="", metavar="LIST", help=f"also: {','.join(PRODUCTS)} (or all)")
     parser.add_argument("--matcher", choices=sorted(MATCHERS), help="thesis: default quasi-dense")
     parser.add_argument(

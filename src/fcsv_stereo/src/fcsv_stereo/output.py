@@ -140,6 +140,7 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
                 "tilt_deg": float(np.degrees(p.configuration.tilt_rad)),
                 "effective_range_m": [round(float(x), 3) for x in p.effective_range_m],
                 "match_rate": p.match_rate, "pair": [p.reference_name, p.other_name],
+                "skew_ms": round(1e3 * result.skews_s[p.other_name], 1) if p.other_name in result.skews_s else None,
             }
             for p in result.pairs
         ],

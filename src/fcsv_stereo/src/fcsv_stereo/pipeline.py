@@ -2,13 +2,14 @@
 """From an input to OUT/: load, map with a method, evaluate against truth where there is one, write."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_geometry.writing import require_folder
-from fcsv_stereo import colmap, output
+from fcsv_stereo import colmap, instants, output
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import Joint
@@ -49,19 +50,22 @@ def run(
     progress: Progress,
     poi: Optional[Path] = None,
     products: Sequence[str] = (),
+    instant: Optional[str] = None,
 ) -> dict:
     """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written.
 
     ``options`` are of the method's ``options`` class. ``poi`` names a file of points of interest; a session may hold
-    one (poi.yaml). ``products`` are written besides.
+    one (poi.yaml). ``products`` are written besides. ``instant``: only pictures of one, ``last`` or a stamp (s).
     """
     started = time.perf_counter()
     output.check_out(out)
     require_folder(out.absolute().parent, _LEAST_MIB)
     points = load_points(poi or path / POI_FILE) if poi or (path / POI_FILE).is_file() else []
     given = load(path, reference)
+    if instant is not None:
+        given = instants.of_one_instant(given, None if instant == "last" else float(instant))
     loaded = time.perf_counter()
-    result = METHODS[method].map(given, options, progress)
+    result = replace(METHODS[method].map(given, options, progress), skews_s=instants.skews(given))
     result.timing_s["load"] = loaded - started
     truth, true_depth = _truth(given, result)
     with output.StagedOutput(out) as staged:

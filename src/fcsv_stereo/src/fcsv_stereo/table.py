@@ -5,10 +5,11 @@
 def demo_table(document: dict) -> str:
     """Text of a report.json: configurations, coverage, seconds, and, where truth is, the errors by range."""
     lines = [f"method {document['method']}, reference {document['reference']['image']}, {document['points']} points"]
-    lines.append(f"{'configuration':<40} {'effective range':>18} {'matched':>8}")
+    lines.append(f"{'configuration':<40} {'effective range':>18} {'matched':>8} {'skew':>8}")
     for c in document["configurations"]:
         near, far = c["effective_range_m"]
-        lines.append(f"{c['name'][:40]:<40} {f'{near:.0f} to {far:.0f} m':>18} {c['match_rate']:>8.0%}")
+        skew = "-" if c.get("skew_ms") is None else f"{c['skew_ms']:.0f} ms"
+        lines.append(f"{c['name'][:40]:<40} {f'{near:.0f} to {far:.0f} m':>18} {c['match_rate']:>8.0%} {skew:>8}")
     timing = document["timing_s"]
     steps = ", ".join(f"{k} {timing[k]:.1f}" for k in ("load", "refine", "match", "fuse", "write") if k in timing)
     lines.append(f"coverage {document['coverage']:.0%} of the picture; processed in {timing['total']:.1f} s ({steps})")

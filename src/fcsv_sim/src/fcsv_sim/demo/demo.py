@@ -138,7 +138,9 @@ def _plan(system: System, args) -> FleetPlan:
     rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
-    return FleetPlan(out, mission, args.seed, args.world, vehicles, rviz=rviz, live=live)
+    return FleetPlan(
+        out, mission, args.seed, args.world, vehicles, rviz=rviz, live=live, flight_link=args.flight_link
+    )  # fmt: skip
 
 
 def _require_free(out: Path, overwrite: bool) -> None:
@@ -173,6 +175,10 @@ def _parse(argv):
     parser.add_argument(
         "--speed", default=slow_motion.AUTO,
         help="share of real time at which all is simulated; default: auto: 1, or less where the machine cannot keep up",
+    )  # fmt: skip
+    parser.add_argument(
+        "--flight-link", choices=("mavlink", "mavros"), default="mavlink",
+        help="system tags: what flies the autopilots; mavros: MAVROS's node, which must be installed (docs/mavros.md)",
     )  # fmt: skip
     parser.add_argument("--fly-only", action="store_true", help="leave the session, make no map")
     return parser.parse_args(argv)

@@ -39,6 +39,7 @@ class FleetPlan:
     column_spacing_m: float = 3.5
     rviz: bool = False
     live: bool = False
+    flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
 
     @property
     def run_folder(self) -> Path:
@@ -170,6 +171,7 @@ class SimulatedFleet(Machines):
             **self._common_args(vehicle),
             "uav": vehicle,
             "world": self.plan.world,
+            "flight_link": self.plan.flight_link,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
             "sim_mavlink_port": self._mavlink_ports[vehicle],
             "sim_rc_port": self._rc_ports[vehicle],

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other vehicles in the picture: hull, arms, motors, spinning rotors and the tag, with occlusion both ways."""
+"""Other vehicles in the picture: hull, arms, motors, spinning rotors and the tag; and things of boxes that move; with
+occlusion both ways."""
 
 import math
 from dataclasses import dataclass
-from typing import Sequence
+from typing import Sequence, Union
 
 import numpy as np
 
@@ -29,6 +30,18 @@ class Body:
 
     geometry: VehicleGeometry
     T_world_body: np.ndarray
+
+
+@dataclass(frozen=True)
+class BoxedThing:
+    """Boxes (K, 11) of any thing at a place: T_world_body; all of it within ``radius_m`` of its origin."""
+
+    boxes: np.ndarray
+    T_world_body: np.ndarray
+    radius_m: float
+
+
+Drawn = Union[Body, BoxedThing]
 
 
 def _parts() -> np.ndarray:
@@ -74,15 +87,21 @@ def sample_offsets(count: int = _SAMPLES) -> np.ndarray:
 _OFFSETS = sample_offsets()
 
 
-def draw_bodies(bodies: Sequence[Body], T_world_cam: np.ndarray, camera: PinholeCamera, directions: np.ndarray,
+def draw_bodies(bodies: Sequence[Drawn], T_world_cam: np.ndarray, camera: PinholeCamera, directions: np.ndarray,
                 exposure: float, values: np.ndarray, depth: np.ndarray) -> None:  # fmt: skip
     """Draw into values (H,W,3) and depth (H,W; NaN where there is nothing), farthest first."""
     placed = [(transforms.invert(T_world_cam) @ b.T_world_body, b) for b in bodies]
     for T_cam_body, body in sorted(placed, key=lambda p: -p[0][2, 3]):
-        if T_cam_body[2, 3] < 2 * body.geometry.radius_m:
+        thing = isinstance(body, BoxedThing)
+        if T_cam_body[2, 3] < 2 * (body.radius_m if thing else body.geometry.radius_m):
             continue  # behind the camera, or in it
+        if thing:
+            _draw_thing(body, T_cam_body, camera, directions, exposure, values, depth)
+            continue
         T_body_tag, size_m = body.geometry.T_body_tag, body.geometry.tag_size_m
-        windows = _windows(T_cam_body, T_body_tag, size_m, camera)
+        plate = transforms.apply(T_body_tag, _SQUARE * size_m * 0.625)
+        corners = np.concatenate([_BOX_CORNERS, np.tile(plate, (1, 2, 1)), _ROTOR_CORNERS[None]])
+        windows = _windows(T_cam_body, corners, camera)
         if windows is None:
             continue
         _draw(
@@ -91,12 +110,22 @@ def draw_bodies(bodies: Sequence[Body], T_world_cam: np.ndarray, camera: Pinhole
         )  # fmt: skip
 
 
-def _windows(T_cam_body, T_body_tag, tag_size_m: float, camera: PinholeCamera):
-    """Pixel rectangles (u0, v0, u1, v1) of every box, the tag, the rotors, and all together, or None where the
-    body is not in the picture: what cannot be seen in a pixel is not tried there."""
-    plate = transforms.apply(T_body_tag, _SQUARE * tag_size_m * 0.625)
-    corners = np.concatenate([_BOX_CORNERS, _ROTOR_CORNERS[None], np.tile(plate, (1, 2, 1))])
-    corners = corners[[*range(len(_BOXES)), -1, -2]]
+def _draw_thing(thing: BoxedThing, T_cam_body, camera, directions, exposure, values, depth) -> None:
+    """As a body without rotors and tag: their windows are empty."""
+    windows = _windows(T_cam_body, _box_corners(thing.boxes), camera)
+    if windows is None:
+        return
+    windows = np.concatenate([windows[:-1], np.zeros((2, 4), np.int64), windows[-1:]])
+    nowhere, blank = np.eye(4), np.zeros((10, 10), np.float32)
+    _draw(
+        values, depth, directions, windows, _OFFSETS, transforms.invert(T_cam_body), thing.T_world_body[:3, :3].copy(),
+        nowhere, thing.boxes, blank, 1.0, exposure,
+    )  # fmt: skip
+
+
+def _windows(T_cam_body, corners, camera: PinholeCamera):
+    """Pixel rectangles (u0, v0, u1, v1) of every part's corners (K, 8, 3), and all together, or None where the body is
+    not in the picture: what cannot be seen in a pixel is not tried there."""
     p_cam = transforms.apply(T_cam_body, corners.reshape(-1, 3))
     uv = camera.project(p_cam).reshape(len(corners), -1, 2)
     low, high = np.floor(uv.min(1)) - 1, np.ceil(uv.max(1)) + 2

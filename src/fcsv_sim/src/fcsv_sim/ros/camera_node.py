@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated colour camera under realsense2_camera's topic and frame names."""
 
+import math
 import threading
 import time
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RecorderStatus
 from fcsv_sim.render.renderer import require_samples
+from fcsv_sim.sensors import trigger
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.sensors.photographer import Photographer
 from fcsv_sim.world.town import Town
@@ -55,7 +57,7 @@ class CameraNodeParameters:
 
 
 class CameraNode:
-    """One picture a period; a period that is missed is skipped."""
+    """One picture a period, in phase with the other vehicles' cameras; a period that is missed is skipped."""
 
     def __init__(self):
         parameters = self._parameters = node.parameters(CameraNodeParameters)
@@ -82,21 +84,30 @@ class CameraNode:
 
     def spin(self) -> None:
         """Take pictures at the wished rate, or as fast as it goes."""
-        due_s = time.time()
+        due_s, taken_s = time.time(), -math.inf
         while not rospy.is_shutdown():
             now_s = time.time()
             if now_s < due_s and self._rate_changed.wait(due_s - now_s):
                 self._rate_changed.clear()
-                due_s = time.time()
+                due_s = self._due(taken_s)
+                continue
             period_s, started_s = 1.0 / self._rate_hz, time.time()
-            late = (started_s - due_s) / period_s
-            due_s = max(due_s + (max(0, int(late)) + 1) * period_s, started_s + _LEAST_GAP * period_s)
-            self._catch_up = _CATCH_UP if late > _LATE else max(0, self._catch_up - 1)
+            stamp_s = trigger.newest(started_s - _LATENCY_S, self._rate_hz)
+            if stamp_s <= taken_s:  # the rate just fell
+                due_s = self._due(taken_s)
+                continue
+            self._catch_up = _CATCH_UP if started_s - due_s > _LATE * period_s else max(0, self._catch_up - 1)
+            taken_s = stamp_s
             try:
-                self._take(time.time() - _LATENCY_S)
+                self._take(taken_s)
             except PoseUnavailable as error:
                 self._health.drop("no truth", str(error))
                 time.sleep(0.1)
+            due_s = max(self._due(taken_s), started_s + _LEAST_GAP * period_s)
+
+    def _due(self, taken_s: float) -> float:
+        """When the picture after the one of ``taken_s`` is to be made."""
+        return trigger.after(max(taken_s, time.time() - 1.0 / self._rate_hz), self._rate_hz) + _LATENCY_S
 
     def _take(self, stamp_s: float) -> None:
         started_s = time.perf_counter()

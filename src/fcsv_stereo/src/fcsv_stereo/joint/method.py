@@ -7,6 +7,7 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
+from fcsv_stereo import instants
 from fcsv_stereo.depth import points_from_depth
 from fcsv_stereo.equations import ErrorThreshold, farthest
 from fcsv_stereo.errors import InputError, MatchingError
@@ -157,14 +158,15 @@ def _prior(given: MapInput, options: JointOptions) -> Optional[PosePrior]:
 
 
 def choose_pictures(configurations: List[ConfigurationInput]) -> Tuple[Picture, List[Picture]]:
-    """One reference picture for all, and one other of each configuration, each from the middle of its recording.
+    """One reference picture for all, and one other of each configuration, each from the middle of its recording; the
+    others with a reference picture of their instant, where there is one (``instants.middle``).
 
     The scene stands still while vehicles move from one configuration to the next, and every picture has its own pose:
     there is no need for a reference picture of each configuration.
     """
     references = configurations[0].references
     reference = references[len(references) // 2]
-    return reference, [c.others[len(c.others) // 2] for c in configurations]
+    return reference, [instants.middle(c) for c in configurations]
 
 
 def _refine(

@@ -2,7 +2,7 @@
 """What a mapping method gives back: the map, and everything a person needs to judge it."""
 
 from dataclasses import dataclass, field
-from typing import Callable, Dict, List, Optional, Sequence
+from typing import Callable, Dict, List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -55,6 +55,7 @@ class MapResult:
     warnings: List[str] = field(default_factory=list)
     kind: Optional[np.ndarray] = None  # uint8 HxW, ``model.kinds``; by default one pair where there is a depth
     watched: List[str] = field(default_factory=list)  # other pictures before which nothing can have moved unseen
+    skews_s: Mapping[str, float] = field(default_factory=dict)  # of sessions, by other picture (instants.skews)
 
     def __post_init__(self):
         if self.kind is None and self.depth is not None:

@@ -97,17 +97,22 @@ def configurations(data: ReportData) -> List[Part]:
             p.configuration.name, p.configuration.axis, f"{p.configuration.baseline_m:.2f} m",
             f"{tracked:.2f} m", f"{np.degrees(p.configuration.tilt_rad):.1f}°", f"{e.overlap:.0%}",
             number(e.epipolar_rms_px, "{:.2f} px"), f"{p.match_rate:.1%}", f"{near:.0f} to {far:.0f} m", carried,
-            f"{e.points:,}",
+            f"{e.points:,}", _skew(data.result.skews_s.get(p.other_name)),
         ))  # fmt: skip
     head = ("configuration", "axis", "baseline", "tracked", "tilt", "overlap", "epipolar rms", "matched",
-            "effective range", "depths it gave", "points")  # fmt: skip
+            "effective range", "depths it gave", "points", "skew")  # fmt: skip
     said = (
         "Overlap: share of the reference's view that the other camera sees. Epipolar rms: how far corresponding "
         "corners lie off the line on which they are looked for, in the rectified pictures; below 1 px is good. Depths "
-        "it gave: 5th to 95th percentile of the points that the map took from this baseline."
+        "it gave: 5th to 95th percentile of the points that the map took from this baseline. Skew: between its picture "
+        "and the reference camera's nearest one of the same recording; what moved in it is not where it was."
     )
     parts = [Table(head, rows), note(said)]
     return parts + ([image(charts.ranges(data.result, data.evidence))] if rows else [])
+
+
+def _skew(skew_s: Optional[float]) -> str:
+    return "–" if skew_s is None else f"{1e3 * skew_s:.0f} ms"
 
 
 def poses(data: ReportData) -> List[Part]:

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What moves in a town: a car that drives along the first crossing street, and a walker at its kerb."""
+
+import math
+from dataclasses import dataclass
+from typing import List, Tuple
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_sim.world.plan import TownPlan
+
+_PANEL_M = 0.45  # of a car's livery
+_FROM_MIDDLE_M = {"car": -0.4, "walker": -2.6}  # of the crossing street, towards the vehicles
+
+
+@dataclass(frozen=True)
+class Mover:
+    """Boxes (K, 11), as bodies have them, that go to and fro along y at one speed and turn around at the ends."""
+
+    name: str
+    boxes: np.ndarray
+    x_m: float
+    z_m: float
+    reach_m: Tuple[float, float]  # from y to y
+    speed_mps: float
+    phase_s: float = 0.0
+
+    @property
+    def radius_m(self) -> float:
+        """Of a ball about its origin that holds it."""
+        return float(np.linalg.norm(np.abs(self.boxes[:, :3]) + self.boxes[:, 3:6], axis=1).max())
+
+    def y_m(self, stamp_s: float) -> Tuple[float, float]:
+        """Where it is along y, and which way (-1 or 1) it goes."""
+        low, high = self.reach_m
+        there_s = (high - low) / self.speed_mps
+        round_s = math.fmod(stamp_s + self.phase_s, 2.0 * there_s)
+        back = round_s > there_s
+        way_m = self.speed_mps * (2.0 * there_s - round_s if back else round_s)
+        return low + way_m, -1.0 if back else 1.0
+
+    def T_world_body(self, stamp_s: float) -> np.ndarray:
+        """Its place on the ground at a time; its x points to where it goes."""
+        y, way = self.y_m(stamp_s)
+        return transforms.from_xyz_yaw([self.x_m, y, self.z_m], way * np.pi / 2)
+
+
+def movers(plan: TownPlan) -> List[Mover]:
+    """Of a town; they keep to the road, clear of the cars that are parked at its far side."""
+    middle = float(plan.crossings_s[0])
+    places = {name: middle + off for name, off in _FROM_MIDDLE_M.items()}
+    z = {name: float(plan.height(x, 0.0)) for name, x in places.items()}
+    return [
+        Mover("car", _car(), places["car"], z["car"], (-8.0, 8.0), 4.0),
+        Mover("walker", _walker(), places["walker"], z["walker"], (-5.0, 5.0), 1.4, phase_s=3.0),
+    ]
+
+
+def _row(centre, half, colour) -> List[float]:
+    return [*centre, *half, 1.0, 0.0, *colour]
+
+
+def _car() -> np.ndarray:
+    """A delivery van, 4.2 m long: painted panels, glass, wheels; something to be matched on every side."""
+    rows, random = [], np.random.default_rng(4)  # panels that repeated themselves would match at other depths, too
+    colours = ((0.75, 0.75, 0.72), (0.45, 0.04, 0.03), (0.05, 0.10, 0.30), (0.30, 0.28, 0.05))
+    for x in np.arange(-2.1 + _PANEL_M / 2, 2.1, _PANEL_M):
+        for z in np.arange(0.30 + _PANEL_M / 2, 1.9 if x < 1.0 else 1.2, _PANEL_M):
+            colour = np.array(colours[random.integers(4)]) * random.uniform(0.6, 1.2)
+            rows.append(_row((x, 0.0, z), (_PANEL_M / 2, 0.88, _PANEL_M / 2), colour))
+    for x in (-1.35, 1.35):
+        for y in (-0.85, 0.85):
+            rows.append(_row((x, y, 0.31), (0.31, 0.06, 0.31), (0.02, 0.02, 0.02)))
+    rows.append(_row((1.1, 0.0, 1.3), (0.25, 0.80, 0.22), (0.03, 0.04, 0.05)))
+    return np.array(rows)
+
+
+def _walker() -> np.ndarray:
+    """1.8 m tall: boots, trousers, a jacket in bands, a rucksack, a head, a cap."""
+    dark, skin = (0.04, 0.05, 0.09), (0.40, 0.24, 0.17)
+    bands = ((0.60, 0.45, 0.05), (0.05, 0.07, 0.20), (0.65, 0.62, 0.58))
+    rows = [_row((0.1 * s, 0.11 * s, 0.42), (0.10, 0.08, 0.42), dark) for s in (-1, 1)]
+    rows += [_row((0.0, 0.0, 0.84 + 0.11 * (2 * k + 1)), (0.14, 0.26, 0.11), bands[k]) for k in range(3)]
+    rows.append(_row((-0.22, 0.0, 1.22), (0.10, 0.17, 0.24), (0.30, 0.02, 0.02)))
+    rows.append(_row((0.0, 0.0, 1.63), (0.10, 0.10, 0.13), skin))
+    rows.append(_row((0.02, 0.0, 1.77), (0.13, 0.12, 0.03), (0.02, 0.02, 0.02)))
+    return np.array(rows)

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether what moves is mapped where it was: PYTHONPATH=tools python -m bench.instants --instants 20
+
+Three vehicles hold (horizontal 4 m, vertical 8 m) while a car and a walker pass. Each instant is mapped as in
+monitoring, from pictures at most 20 ms apart; and once, as a session, from pictures of different seconds.
+"""
+
+import argparse
+import sys
+from dataclasses import dataclass
+from typing import List, Sequence, Tuple
+
+import numpy as np
+
+from bench.scenes import FOV_DEG, R_BODY_CAM, T_WORLD_HOME
+from fcsv_geometry import transforms
+from fcsv_sim.render.bodies import BoxedThing
+from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
+from fcsv_sim.world.movers import Mover, movers
+from fcsv_sim.world.town import Town
+from fcsv_stereo.instants import MOST_SKEW_S
+from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, MapResult, Picture
+from fcsv_stereo.pipeline import METHODS
+
+MOST_ERROR = 0.05  # of the distance, of the median pixel of what moves
+LEAST_PIXELS = 60  # of a mover that is seen
+SECONDS_APART_S = 7.0  # between the recordings of a session
+PLACES = {"uav1": (0.0, 0.0, 0.0), "uav2": (0.0, -4.0, 0.0), "uav3": (0.0, 0.0, 8.0)}
+PAIRS = (("uav2", "horizontal", 4.0), ("uav3", "vertical", 8.0))
+NOISE_RAD, NOISE_SHARE = np.radians(0.15), 0.01
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A mover in a reference picture and what a map says of it; ``error``: of its median answered pixel."""
+
+    name: str
+    pixels: int
+    distance_m: float
+    answered: float
+    error: float
+    wrong: float  # share of its pixels that are answered, and off by more than a tenth
+
+
+class Stage:
+    """The town, what moves in it, and a camera on each vehicle."""
+
+    def __init__(self, seed: int):
+        town = Town.generate(seed)
+        self._movers, self._renderer = movers(town.plan), Renderer(town)
+        parameters = CameraParameters(horizontal_fov_deg=FOV_DEG, distortion=(0.0,) * 5, mount_deg=0.0)
+        self._model = parameters.model
+        self._cameras = {v: SimulatedCamera(self._renderer, R_BODY_CAM, parameters, i) for i, v in enumerate(PLACES)}
+        self._random = np.random.default_rng([seed, 11])
+
+    def take(self, vehicle: str, stamp_s: float) -> Picture:
+        """What a vehicle sees, with a pose as tags and odometry tell it; the reference's is home's."""
+        hover = transforms.from_xyz_rpy(
+            self._random.normal(0.0, 0.03, 3) + PLACES[vehicle], self._random.normal(0.0, np.radians(1.0), 3)
+        )
+        shot = self._cameras[vehicle].shoot(stamp_s, T_WORLD_HOME @ hover, things(self._movers, stamp_s))
+        away = vehicle != "uav1"
+        sigma_m = away * NOISE_SHARE * np.linalg.norm(PLACES[vehicle])
+        noise = transforms.from_xyz_rpy(
+            self._random.normal(0.0, 1.0, 3) * sigma_m, self._random.normal(0.0, 1.0, 3) * away * NOISE_RAD
+        )
+        T_home_cam = transforms.invert(T_WORLD_HOME) @ shot.T_world_cam @ noise
+        return Picture(f"{vehicle}/{stamp_s:.3f}", vehicle, stamp_s, shot.rgb, self._model, T_home_cam)
+
+    def judge(self, result: MapResult) -> List[Seen]:
+        """Movers that stand in the reference picture (its pose is exact), nearest surface of all."""
+        reference = result.reference
+        T_world_cam, stamp_s = T_WORLD_HOME @ reference.T_home_cam, reference.stamp_s
+        empty = self._renderer.render(T_world_cam, reference.camera, samples=1)[1]
+        seen = []
+        for mover in self._movers:
+            depth = self._renderer.render(T_world_cam, reference.camera, 1.0, things([mover], stamp_s), 1)[1]
+            on = np.isfinite(depth) & ~(depth > 0.995 * empty)
+            if on.sum() >= LEAST_PIXELS:
+                seen.append(_seen(mover.name, result.depth[on], depth[on]))
+        return seen
+
+
+def things(moving: Sequence[Mover], stamp_s: float) -> List[BoxedThing]:
+    """As the renderer draws them, at a time."""
+    return [BoxedThing(m.boxes, m.T_world_body(stamp_s), m.radius_m) for m in moving]
+
+
+def _seen(name: str, found: np.ndarray, true: np.ndarray) -> Seen:
+    known = np.isfinite(found)
+    relative = np.abs(found[known] / true[known] - 1.0)
+    error = float(np.median(relative)) if relative.size else float("nan")
+    wrong = float((relative > 0.1).sum() / found.size)
+    return Seen(name, found.size, float(np.median(true)), float(known.mean()), error, wrong)
+
+
+def instant(stage: Stage, stamp_s: float, skews_s: Tuple[float, float]) -> MapInput:
+    """One picture of the reference, and of each other vehicle one that is off by its skew."""
+    reference = stage.take("uav1", stamp_s)
+    pairs = [
+        ConfigurationInput(Configuration(axis, b, 0.0, f"{axis} {b:g} m"), [reference], [stage.take(v, stamp_s + skew)])
+        for (v, axis, b), skew in zip(PAIRS, skews_s)
+    ]
+    return MapInput("session", pairs)
+
+
+def session(stage: Stage, stamp_s: float) -> MapInput:
+    """The same pairs one after the other, and of each other vehicle only the end of its recording: nothing was taken
+    with the reference picture, which is from the middle."""
+    pairs = []
+    for k, (v, axis, b) in enumerate(PAIRS):
+        stamps_s = [stamp_s + (2 * k + part) * SECONDS_APART_S for part in (0.0, 0.5, 1.0)]
+        pictures = [stage.take("uav1", t) for t in stamps_s], [stage.take(v, stamps_s[-1])]
+        pairs.append(ConfigurationInput(Configuration(axis, b, 0.0, f"{axis} {b:g} m"), *pictures))
+    return MapInput("session", pairs)
+
+
+def main() -> int:
+    """Exit status 1 where in any instant the median of a mover's answered pixels is off by more than is wanted."""
+    parser = argparse.ArgumentParser(prog="bench.instants", description=__doc__.split("\n")[0])
+    parser.add_argument("--instants", type=int, default=20, help="two seconds apart")
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args()
+    stage, joint, random = Stage(args.seed), METHODS["joint"], np.random.default_rng(args.seed)
+    off = 0
+    print(f"{'t':>5} {'of':<8} {'m':>5} {'pixels':>7} {'answered':>9} {'error':>7} {'wrong':>6}")
+    for k in range(args.instants):
+        skews_s = tuple(random.uniform(-MOST_SKEW_S, MOST_SKEW_S, 2))
+        for s in stage.judge(joint.map(instant(stage, 2.0 * k, skews_s))):
+            wrong = s.answered > 0.0 and s.error > MOST_ERROR
+            off += wrong
+            print(f"{2 * k:>5} {_row(s)}{'  off' if wrong else ''}", flush=True)
+    print(f"pictures of different seconds ({SECONDS_APART_S:g} s)")
+    result = joint.map(session(stage, 0.0))
+    for s in stage.judge(result):
+        print(f"{result.reference.stamp_s:>5.1f} {_row(s)}")
+    print("\n".join(result.warnings))
+    return int(off > 0)
+
+
+def _row(s: Seen) -> str:
+    return f"{s.name:<8} {s.distance_m:>5.1f} {s.pixels:>7} {s.answered:>9.0%} {s.error:>7.1%} {s.wrong:>6.0%}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
