@@ -39,6 +39,7 @@ def test_every_topic_is_one_of_the_page_and_no_vehicle_is_named_that_may_not_fly
 
 @pytest.mark.ros
 @pytest.mark.slow
+@pytest.mark.xdist_group("rviz")
 @pytest.mark.parametrize("name", CONFIGURATIONS)
 def test_it_opens_without_a_warning_before_anything_is_known(name, root, ros_master, start_node, tmp_path):
     """On a screen of its own; the displays that are on find their fixed frame."""
@@ -52,7 +53,10 @@ def test_it_opens_without_a_warning_before_anything_is_known(name, root, ros_mas
         settings = [f"DISPLAY=:{number}", "LIBGL_ALWAYS_SOFTWARE=1", f"HOME={tmp_path}", f"XDG_RUNTIME_DIR={tmp_path}"]
         command = ["env", *settings, "rviz", "-d", str(root / "rviz" / f"{name}.rviz"), f"__name:=rviz_{name}"]
         rviz = ros_master.run(command, f"rviz-{name}")
-        until(lambda: "OpenGl version" in rviz.tail(100) or "Stereo is" in rviz.tail(100), what="rviz")
+        try:
+            until(lambda: "OpenGl version" in rviz.tail(100) or "Stereo is" in rviz.tail(100))
+        except AssertionError:
+            pytest.fail(f"rviz did not open; it said: {rviz.tail(30)}\nits screen: {screen.tail(5)}")
         time.sleep(3.0)
         said = [s for s in rviz.tail(100).splitlines() if re.search("warn|error", s, re.I)]
         assert rviz.returncode is None and not [s for s in said if not any(f in s for f in FOREIGN)]

@@ -269,3 +269,17 @@ def test_a_second_abort_is_not_refused(flying):
 def test_a_limit_that_is_none_is_refused(field, value):
     with pytest.raises(ValueError, match=field):
         PauseLimits(**{field: value})
+
+
+@pytest.mark.parametrize("heard_first, height_m", [("disarmed", 8.0), ("armed", 8.3), ("height", 8.3)])
+def test_height_of_one_that_flew_before_anything_was_heard_is_that_of_its_estimate(heard_first, height_m):
+    """Its estimate began at 0.3 m on the ground where it was heard there."""
+    heard = VehicleHeard(np.eye(4))
+    if heard_first == "disarmed":
+        heard.state(0.0, "LOITER", False, True)
+        heard.position(0.3)
+    if heard_first != "height":
+        heard.state(0.5, "LOITER", True, True)
+    heard.position(8.3)
+    heard.state(1.0, "LOITER", True, True)
+    assert heard.view(1.0, None).height_m == pytest.approx(height_m)

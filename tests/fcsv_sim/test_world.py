@@ -117,6 +117,6 @@ def test_command_refuses_what_it_cannot_do(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert world_command.main(["--ply", str(tmp_path / "file" / "scene.ply")]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 2 and "--seed" in lines[0] and "scene.ply" in lines[1]
+    assert len(lines) == 2 and "--seed" in lines[0] and f"{tmp_path / 'file'}: a file stands" in lines[1]
     with pytest.raises(SimulationError, match="png"):
         world_command._write_picture(str(tmp_path / "a.txt"), np.zeros((2, 2, 3), np.uint8))

@@ -60,9 +60,10 @@ class VehicleHeard:
         self._speed_mps, self._odometry_s = speed_mps, now_s
 
     def position(self, z_m: float) -> None:
-        """Height by the autopilot's estimate; the ground is where it was when it was not armed."""
+        """Height by the autopilot's estimate. The ground is where it was last known not to be armed; of one that flew
+        before anything was heard (a mission that began anew), where the estimate began."""
         self._z_m = z_m
-        if not self._armed:
+        if self._state_s > _NEVER_S and not self._armed:
             self._ground_z_m = z_m
 
     def state(self, now_s: float, mode: str, armed: bool, connected: bool) -> None:
