@@ -17,6 +17,15 @@ def test_the_pages_are_as_the_code_has_them():
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
 
 
+def test_the_drawings_are_as_the_code_draws_them():
+    command = [sys.executable, str(ROOT / "tools/docs/figures.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
+    page = (ROOT / "docs/concepts.md").read_text()
+    drawn = [p.name for p in (ROOT / "docs/figures").glob("*.svg")]
+    assert drawn and not [name for name in drawn if f"(figures/{name})" not in page]
+
+
 def test_every_executable_stands_in_one_page():
     commands, nodes = ((PAGES / n).read_text().splitlines() for n in ("commands.md", "nodes.md"))
     for path in ROOT.glob("src/fcsv_*/nodes/*"):
