@@ -45,9 +45,18 @@ def is_command(words: List[str]) -> bool:
     return script or (words[0] in HEADS[:4] and len(words) > 1)
 
 
+def _begins(line: str) -> bool:
+    """Whether a block that begins with this line holds commands: one of HEADS, or a script of tools/."""
+    try:
+        head = Command("", re.sub(r"(^|\s)#.*", "", line), True).head
+    except ValueError:  # what a program printed
+        return False
+    return head in HEADS or head.startswith("tools/")
+
+
 def _of_block(where: str, block: str) -> Iterator[Command]:
     lines = [line for line in block.replace("\\\n", " ").splitlines() if line.strip()]
-    if not lines or lines[0].split()[0] not in HEADS:
+    if not lines or not _begins(lines[0]):
         return
     for line in lines:
         bare = re.sub(r"(^|\s)#.*", "", line)
