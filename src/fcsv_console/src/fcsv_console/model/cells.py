@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import List, Tuple
 
+from fcsv_console.model import rehearsal
 from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
@@ -144,6 +145,12 @@ def check_cells(line: Line) -> List[Cell]:
     since = "" if line.state is State.GREEN else f" ({clock_words(line.since_s)})"
     return [Cell(line.vehicle, tone), Cell(line.name, tone), Cell(word, tone), Cell(line.what + since, tone),
             Cell(line.remedy, QUIET)]  # fmt: skip
+
+
+def rehearsal_cell(view: View) -> Cell:
+    """What became of the rehearsal of the list that is shown."""
+    tones = {rehearsal.PASSED: GOOD, rehearsal.BROKEN: BAD, rehearsal.IMPOSSIBLE: CARE}
+    return Cell(view.rehearsal.told, tones.get(view.rehearsal.state, QUIET))
 
 
 def stereo_cell(view: View) -> Cell:

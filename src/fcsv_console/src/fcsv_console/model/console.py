@@ -6,11 +6,12 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model import mission_file as files
-from fcsv_console.model import stereo
+from fcsv_console.model import planning, stereo
 from fcsv_console.model.actions import FLOWN, Situation, actions, column_problems
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.hearing import STALE_S, Heard
+from fcsv_console.model.rehearsal import RUNS, Rehearsals
 from fcsv_console.model.soundness import unsound
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
@@ -48,6 +49,7 @@ class Console:
         self._recorder: Heard[f.Recorder] = Heard(2.5 * STALE_S)
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
+        self._rehearsals = Rehearsals()
         self._master_problem = ""
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
         self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
@@ -81,6 +83,20 @@ class Console:
         if self.file.mission is not None and 0 <= index < len(self.file.rows):
             self.edit(files.with_baseline(self.file.text, index, baseline_m))
 
+    def plan(self, wanted: planning.Wanted) -> planning.Planned:
+        """Another list from range and error, in the text that is edited; a plan with a problem changes nothing."""
+        found = planning.planned(wanted, self.file.text, self.optics)
+        if not found.problem:
+            self.edit(found.text)
+        return found
+
+    def waive(self, now_s: float) -> None:
+        """The list that is shown is flown though its rehearsal did not pass: this is told."""
+        self._rehearsals.waive(self.file.text)
+        self.answer(
+            self.ask(now_s, "waive", "fly the list unrehearsed"), self._rehearsals.of(self.file.text).told, True
+        )
+
     def ask(self, now_s: float, name: str, words: str = "") -> int:
         """The operator asked for an action: its event's number; until it is answered it is not asked for again."""
         number = self._event(now_s, "operator", words or name.replace("_", " "))
@@ -103,6 +119,8 @@ class Console:
             (self._calibrated if isinstance(fact, f.Calibrated) else self._home).tell(now_s, fact, fact.age_s)
         elif isinstance(fact, f.MasterTold):
             self._master_problem = fact.problem
+        elif isinstance(fact, f.RehearsalTold):
+            self._rehearsals.tell(fact)
         elif fact.vehicle == CONTROL:
             if isinstance(fact, f.Recorder):
                 self._recorder.tell(now_s, fact)
@@ -150,6 +168,9 @@ class Console:
             self._event(now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning")
         elif isinstance(fact, f.StopTold):
             self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
+        elif isinstance(fact, f.RehearsalTold) and fact.state != RUNS:
+            level = "info" if fact.state in ("passed", "stopped") else "warning"
+            self._event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
         elif isinstance(fact, f.MasterTold):
             if fact.problem or self._master_problem:
                 words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
@@ -170,11 +191,15 @@ class Console:
         self._pending = {n: p for n, p in self._pending.items() if now_s - p[0] < _PENDING_S}
         sees = [self._sightings.sees(now_s, b, a) for a, b in zip(self.names, self.names[1:])]
         column = column_problems(self.names, sees)
-        situation = Situation(self._master_problem, told, check, rows, column, tuple(self._pending))
+        rehearsal = self._rehearsals.of(self.file.text)
+        situation = Situation(
+            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal
+        )
         return View(
             now_s, rows, mission, alive, self.file, running, self._progress(told), check, actions(situation),
             self.log.events, self._stereo(now_s, rows, running), tuple(self._above(rows)), self._recorder.at(now_s),
-            self._map.at(now_s), stop, self._home.value is not None, self._problems(now_s, told, column),
+            self._map.at(now_s), stop, self._home.value is not None, rehearsal,
+            self._problems(now_s, told, column),
             self._master_problem,
         )  # fmt: skip
 

@@ -226,6 +226,17 @@ class Unusable:
 
 
 @dataclass(frozen=True)
+class RehearsalTold:
+    """Of a mission file's ``text``; ``state``: "runs", "passed", "broken", "impossible", "stopped"; ``share`` (0..1) of
+    one that runs, NaN: not known."""
+
+    text: str
+    state: str
+    share: float = math.nan
+    words: str = ""
+
+
+@dataclass(frozen=True)
 class MasterTold:
     """Whether the ROS master answers."""
 
@@ -234,4 +245,5 @@ class MasterTold:
 
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
                   EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
-Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, Unusable, MasterTold]
+Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, RehearsalTold,
+             Unusable, MasterTold]  # fmt: skip

@@ -59,6 +59,11 @@ def _streams(c: Console, now_s: float, mode: str, armed: bool, places: Sequence[
         c.tell(at_s, f.MissionAlive("mission-812-1"))
 
 
+def _rehearsed(c: Console) -> None:
+    words = "8 of 8 recorded in 2:41, never nearer than 1.7 m"
+    c.tell(NOW_S - 40.0, f.RehearsalTold(c.file.text, "passed", words=words))
+
+
 def on_the_ground(c: Console) -> None:
     """Before take-off: one line red, one amber."""
     places = ((0.0, 0.0, -8.0), (-3.5, 0.0, -8.0))
@@ -69,6 +74,7 @@ def on_the_ground(c: Console) -> None:
     c.tell(NOW_S - 0.1, f.MissionTold("WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows),
                                       ("flight check: uav1 pre-arm is RED",)))  # fmt: skip
     c.tell(NOW_S - 1.0, f.Said("uav1", "autopilot", "PreArm: Compass not calibrated", 2))
+    c.tell(NOW_S - 5.0, f.RehearsalTold(c.file.text, "runs", 0.38))
 
 
 def ready(c: Console) -> None:
@@ -78,6 +84,7 @@ def ready(c: Console) -> None:
     c.tell(NOW_S - 60.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
     c.tell(NOW_S - 20.0, f.HomeSet("uav1"))
     c.tell(NOW_S - 0.1, f.MissionTold("SET_HOME", "home is set", "execute", 0, len(c.file.rows)))
+    _rehearsed(c)
 
 
 def flying(c: Console) -> None:
@@ -90,6 +97,7 @@ def flying(c: Console) -> None:
     c.tell(NOW_S - 150.0, f.HomeSet("uav1"))
     c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", f"recording {row.title}", "", 2, len(c.file.rows)))
     c.tell(NOW_S - 4.0, f.MapTold("partial", "2 configurations", 0.71))
+    _rehearsed(c)
     number = c.ask(NOW_S - 30.0, "hand_over")
     c.answer(number, "confirmed: execute", True)
 

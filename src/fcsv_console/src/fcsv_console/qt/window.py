@@ -40,7 +40,7 @@ class ConsoleWindow(QMainWindow):
     """``asked`` (name, arguments); the goal that is dragged and the text that is edited go out as the others do."""
 
     asked = Signal(str, dict)
-    edited, opened, goal_changed = Signal(str), Signal(str), Signal(int, float)
+    edited, opened, goal_changed, planned = Signal(str), Signal(str), Signal(int, float), Signal(object)
 
     def __init__(self, view: View, fov_rad: float, rviz_config: str = ""):
         super().__init__()
@@ -99,7 +99,8 @@ class ConsoleWindow(QMainWindow):
         self.check = CellTable("Flight check", cells.CHECK_HEADS, 4)
         self.check.horizontalHeader().setSectionResizeMode(3, self.check.horizontalHeader().Stretch)
         self.check.itemSelectionChanged.connect(self._show_accept)
-        self.mission = MissionPanel()
+        self.mission = MissionPanel([self.buttons["rehearse"], self.buttons["waive"]])
+        self.mission.planned.connect(self.planned)
         self.mission.edited.connect(self.edited)
         self.mission.opened.connect(self.opened)
         self.events = CellTable("Events", ("time", "who", "what", "answer"), 2)
@@ -116,6 +117,7 @@ class ConsoleWindow(QMainWindow):
     def _lay_out(self) -> None:
         stop = self.buttons["stop_all"]
         stop.setMinimumSize(170, 62)
+        stop.setFont(self.font())
         stop.setStyleSheet(f"background-color: {colours.STOP}; color: white; font-weight: bold; border-radius: 6px")
         head = QHBoxLayout()
         head.addLayout(_column(self.headline, self.stop_words, self.progress), 1)
@@ -162,7 +164,7 @@ class ConsoleWindow(QMainWindow):
                 rule.setFrameShape(QFrame.VLine)
                 line.addWidget(rule)
             for name in group:
-                self.buttons[name].setMinimumHeight(40)
+                self.buttons[name].setMinimumSize(64, 40)  # narrower than its own hint: 960 px are enough
                 line.addWidget(self.buttons[name], 1)
         return line
 

@@ -12,8 +12,10 @@ import rosgraph
 import rospkg
 import rospy
 
+from fcsv_console.children.rehearse import Rehearser
 from fcsv_console.model import facts as f
 from fcsv_console.model.console import Console
+from fcsv_console.model.rehearsal import RUNS
 from fcsv_console.model.view import View
 from fcsv_console.ros.commands import Commands
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
@@ -58,6 +60,7 @@ class Shell:
     def __init__(self, console: Console, name: str):
         self.console, self._name = console, name
         self._hearing, self._commands = Hearing(console.names), None
+        self._rehearser = Rehearser(self._hearing.put, console.names)
         self._over = threading.Event()
         self._answers: Deque[Tuple[int, str, bool]] = deque()
         threading.Thread(target=self._join, name="joins the master", daemon=True).start()
@@ -84,6 +87,12 @@ class Shell:
 
     def do(self, name: str, **given) -> None:
         """An action of actions.TABLE, or "accept" with ``vehicle`` and ``line``; its answer becomes an event."""
+        if name == "rehearse":
+            self._rehearse()
+            return
+        if name == "waive":
+            self.console.waive(time.monotonic())
+            return
         words = f"accept {given['vehicle']} {given['line']}" if name == "accept" else ""
         number = self.console.ask(time.monotonic(), name, words)
 
@@ -94,6 +103,13 @@ class Shell:
             answer(NO_MASTER, False)
             return
         self._send(self._commands, name, answer, given)
+
+    def _rehearse(self) -> None:
+        """The list that is shown; or end the one that runs."""
+        if self.console.view(time.monotonic()).rehearsal.state == RUNS:
+            self._rehearser.cancel()
+        else:
+            self._rehearser.start(self.console.file.text)
 
     def _send(self, commands: Commands, name: str, answer, given: dict) -> None:
         if name in ("stop_all", "land"):
@@ -121,6 +137,7 @@ class Shell:
     def close(self) -> None:
         """Leave the master."""
         self._over.set()
+        self._rehearser.close()
         self._hearing.close()
         rospy.signal_shutdown("the console was closed")
 
