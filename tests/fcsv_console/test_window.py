@@ -246,6 +246,16 @@ def test_a_vehicle_that_vanishes_is_shown_and_nothing_is_lost_on_the_way_back(sh
     assert window.vehicles.item(0, 1).text() == "mission"
 
 
+def test_the_docks_open_and_close_by_key(shown, app):
+    """rviz says in its place what is missing: without a master it is not started."""
+    window, _, _ = shown("silent")
+    for key, dock in ((KEYS.Key_F2, window.rviz), (KEYS.Key_F4, window.pictures)):
+        hold(app, window, key, 0.0)
+        assert dock.isVisible()
+        hold(app, window, key, 0.0)
+        assert not dock.isVisible()
+
+
 def test_a_plan_from_the_form_stands_in_the_list_and_its_rehearsal_is_asked_for(shown, app):
     window, console, asked = shown("ready")
     form = window.mission.plan

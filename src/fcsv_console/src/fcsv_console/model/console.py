@@ -11,6 +11,7 @@ from fcsv_console.model.actions import FLOWN, Situation, actions, column_problem
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.hearing import STALE_S, Heard
+from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import RUNS, Rehearsals
 from fcsv_console.model.soundness import unsound
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
@@ -49,7 +50,7 @@ class Console:
         self._recorder: Heard[f.Recorder] = Heard(2.5 * STALE_S)
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
-        self._rehearsals = Rehearsals()
+        self._rehearsals, self._pictures = Rehearsals(), Pictures()
         self._master_problem = ""
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
         self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
@@ -66,8 +67,11 @@ class Console:
         if wrong:
             subject = f"{'' if name == CONTROL else name} {getattr(fact, 'topic', type(fact).__name__)}".strip()
             self._note_bad(now_s, f"{subject}: {wrong}")
+            if isinstance(fact, f.Unusable):
+                self._pictures.tell(fact)
             return
         self._remember(now_s, fact)
+        self._pictures.tell(fact)
         self._take(now_s, fact)
 
     def load(self, path) -> None:
@@ -121,6 +125,8 @@ class Console:
             self._master_problem = fact.problem
         elif isinstance(fact, f.RehearsalTold):
             self._rehearsals.tell(fact)
+        elif isinstance(fact, f.MapPicture):
+            pass  # Pictures keeps it
         elif fact.vehicle == CONTROL:
             if isinstance(fact, f.Recorder):
                 self._recorder.tell(now_s, fact)
@@ -199,8 +205,8 @@ class Console:
             now_s, rows, mission, alive, self.file, running, self._progress(told), check, actions(situation),
             self.log.events, self._stereo(now_s, rows, running), tuple(self._above(rows)), self._recorder.at(now_s),
             self._map.at(now_s), stop, self._home.value is not None, rehearsal,
-            self._problems(now_s, told, column),
-            self._master_problem,
+            self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
+            self._problems(now_s, told, column), self._master_problem,
         )  # fmt: skip
 
     def _lines(self, now_s: float):
