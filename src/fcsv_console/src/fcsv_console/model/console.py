@@ -47,6 +47,7 @@ class Console:
         self._check: Heard[f.Check] = Heard(math.inf)
         self._map: Heard[f.MapTold] = Heard(math.inf)
         self._stop: Heard[f.StopTold] = Heard(2.5 * STALE_S)
+        self._epipolar: Heard[f.EpipolarTold] = Heard(4.0)  # measured once a second
         self._recorder: Heard[f.Recorder] = Heard(2.5 * STALE_S)
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
@@ -115,7 +116,7 @@ class Console:
     def _take(self, now_s: float, fact: Any) -> None:
         whole = {
             f.MissionTold: self._mission, f.MissionAlive: self._alive, f.Check: self._check, f.MapTold: self._map,
-            f.StopTold: self._stop,
+            f.StopTold: self._stop, f.EpipolarTold: self._epipolar,
         }.get(type(fact))  # fmt: skip
         if whole is not None:
             whole.tell(now_s, fact)
@@ -250,7 +251,12 @@ class Console:
             return stereo.StereoHealth(pair, reasons=(f"{moving} is not one of {', '.join(self.names)}",))
         stamps = tuple(self._stamp_s(now_s, by_name[n]) for n in pair)
         target_m = self._target_m or row.farthest_m
-        return stereo.judge(row, pair, by_name[pair[0]].place, by_name[moving].place, stamps, target_m, self.optics)
+        return stereo.judge(row, pair, by_name[pair[0]].place, by_name[moving].place, stamps, target_m, self.optics,
+                            self._epipolar_px(now_s, pair))  # fmt: skip
+
+    def _epipolar_px(self, now_s: float, pair: Tuple[str, str]) -> float:
+        told = self._epipolar.at(now_s)
+        return math.nan if told.value is None or told.stale or told.value.pair != pair else told.value.error_px
 
     def _stamp_s(self, now_s: float, row: VehicleRow) -> float:
         """Of the newest picture that was taken while recording, by the control PC's clock; NaN: none of now."""

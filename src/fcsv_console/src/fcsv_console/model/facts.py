@@ -228,6 +228,15 @@ class Unusable:
 
 
 @dataclass(frozen=True)
+class EpipolarTold:
+    """Of a pair's newest pictures: median distance from the epipolar lines of their places, NaN: too few matches."""
+
+    pair: Tuple[str, str]
+    error_px: float
+    matches: int
+
+
+@dataclass(frozen=True)
 class MapPicture:
     """``kind`` "reference": RGB, 8 bits, three octets a pixel; "depth": metres, float32, NaN where there is none."""
 
@@ -257,5 +266,5 @@ class MasterTold:
 
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
                   EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
-Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, MapPicture,
-             RehearsalTold, Unusable, MasterTold]  # fmt: skip
+Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, EpipolarTold,
+             MapPicture, RehearsalTold, Unusable, MasterTold]  # fmt: skip

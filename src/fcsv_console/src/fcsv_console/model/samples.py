@@ -128,6 +128,7 @@ def flying(c: Console) -> None:
     c.tell(NOW_S - 4.0, f.MapTold("partial", "2 configurations", 0.71))
     _rehearsed(c)
     _mapped(c)
+    c.tell(NOW_S - 0.5, f.EpipolarTold(("uav1", "uav2"), 1.4, 212))
     number = c.ask(NOW_S - 30.0, "hand_over")
     c.answer(number, "confirmed: execute", True)
 

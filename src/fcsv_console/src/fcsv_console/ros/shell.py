@@ -18,6 +18,7 @@ from fcsv_console.model.console import Console
 from fcsv_console.model.rehearsal import RUNS
 from fcsv_console.model.view import View
 from fcsv_console.ros.commands import Commands
+from fcsv_console.ros.epipolar import EpipolarHearing
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_geometry.vehicle import load_vehicles
 
@@ -61,6 +62,7 @@ class Shell:
         self.console, self._name = console, name
         self._hearing, self._commands = Hearing(console.names), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
+        self._epipolar = EpipolarHearing(console.names, self._hearing.put)
         self._over = threading.Event()
         self._answers: Deque[Tuple[int, str, bool]] = deque()
         threading.Thread(target=self._join, name="joins the master", daemon=True).start()
@@ -74,6 +76,7 @@ class Shell:
         rospy.init_node(self._name, anonymous=True, disable_signals=True)
         self._commands = Commands(self.console.names)
         self._hearing.subscribe()
+        self._epipolar.subscribe()
         self._hearing.put(f.MasterTold())
 
     def view(self) -> View:
@@ -83,7 +86,9 @@ class Shell:
             self.console.tell(at_s, fact)
         while self._answers:
             self.console.answer(*self._answers.popleft())
-        return self.console.view(time.monotonic())
+        view = self.console.view(time.monotonic())
+        self._epipolar.pair = view.stereo.pair
+        return view
 
     def do(self, name: str, **given) -> None:
         """An action of actions.TABLE, or "accept" with ``vehicle`` and ``line``; its answer becomes an event."""
@@ -138,6 +143,7 @@ class Shell:
         """Leave the master."""
         self._over.set()
         self._rehearser.close()
+        self._epipolar.close()
         self._hearing.close()
         rospy.signal_shutdown("the console was closed")
 
