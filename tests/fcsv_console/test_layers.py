@@ -85,7 +85,7 @@ def test_messages_become_facts():
     assert seen.p_home_m == pytest.approx((0.0, -4.0, 0.0)) and seen.heading_rad == pytest.approx(math.radians(10.0))
     assert seen.pitch_rad == pytest.approx(0.0)
     picture = CompressedImage(format="jpeg", data=b"\xff\xd8\xff")
-    assert convert("camera/color/image_raw/compressed", picture) == facts.PictureHeard("uav2", 0.0)
+    assert convert("camera/color/image_raw/compressed", picture) == facts.PictureHeard("uav2", 0.0, b"\xff\xd8\xff")
 
 
 def test_a_message_that_cannot_be_read_is_told_and_nothing_else():

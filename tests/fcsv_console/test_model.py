@@ -29,6 +29,12 @@ def console():
     return c
 
 
+def rehearsed(c, state="passed"):
+    """Its list was rehearsed."""
+    c.tell(0.0, facts.RehearsalTold(c.file.text, state, words="8 of 8 recorded"))
+    return c
+
+
 def flying(c, now_s, phase="CONFIGURATIONS", waits_for="", lines=GREEN, configuration=1):
     """Both vehicles in the air under the mission, all streams alive."""
     for name, y in (("uav1", 0.0), ("uav2", -4.0)):
@@ -51,7 +57,8 @@ def row(c, now_s, name="uav2"):
     return next(v for v in c.view(now_s).vehicles if v.name == name)
 
 
-@pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view"])
+@pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view",
+                                  "rehearsal", "planning"])  # fmt: skip
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed
@@ -159,8 +166,9 @@ def test_stop_all_can_always_be_asked_for():
     ("DONE", "", {"record"}),
 ])  # fmt: skip
 def test_what_is_enabled_in_each_phase(phase, waits_for, enabled):
-    view = flying(console(), 10.0, phase, waits_for).view(10.1)
-    assert {n for n, a in view.actions.items() if a.enabled} == enabled | {"stop_all", "land"}
+    view = flying(rehearsed(console()), 10.0, phase, waits_for).view(10.1)
+    at_the_desk = set() if phase == "CONFIGURATIONS" else {"rehearse"}
+    assert {n for n, a in view.actions.items() if a.enabled} == enabled | at_the_desk | {"stop_all", "land"}
     assert all(a.why_not for a in view.actions.values() if not a.enabled)
 
 
@@ -182,7 +190,7 @@ def test_the_reason_says_what_is_missing():
 ])  # fmt: skip
 def test_guided_is_locked_by_the_flight_check_as_the_mission_locks_it(state, accepted, first, again):
     line = Line("uav1", "battery", state, "31 %", accepted=accepted)
-    assert why(flying(console(), 10.0, "SET_HOME", "execute", [line]), 10.1, "hand_over") == first
+    assert why(flying(rehearsed(console()), 10.0, "SET_HOME", "execute", [line]), 10.1, "hand_over") == first
     assert why(flying(console(), 10.0, "CONFIGURATIONS", "resume", [line]), 10.1, "hand_over") == again
 
 

@@ -246,6 +246,37 @@ def test_a_vehicle_that_vanishes_is_shown_and_nothing_is_lost_on_the_way_back(sh
     assert window.vehicles.item(0, 1).text() == "mission"
 
 
+def test_the_docks_open_and_close_by_key(shown, app):
+    """rviz says in its place what is missing: without a master it is not started."""
+    window, _, _ = shown("silent")
+    for key, dock in ((KEYS.Key_F2, window.rviz), (KEYS.Key_F4, window.pictures)):
+        hold(app, window, key, 0.0)
+        assert dock.isVisible()
+        hold(app, window, key, 0.0)
+        assert not dock.isVisible()
+
+
+def test_a_plan_from_the_form_stands_in_the_list_and_its_rehearsal_is_asked_for(shown, app):
+    window, console, asked = shown("ready")
+    form = window.mission.plan
+    window.planned.connect(lambda wanted: form.show_planned(console.plan(wanted)))
+    form.range.setValue(240)
+    form.number.setValue(2)
+    form.error.setText("much")
+    form.go.click()
+    assert "'much' is not understood" in form.note.text() and len(console.file.rows) == 8
+    form.error.setText("10%")
+    form.go.click()
+    assert "2 configurations, to 240 m" in form.note.text() and len(console.file.rows) == 2
+    window.show_view(console.view(samples.NOW_S))
+    assert window.mission.note.text() == "outdoor.yaml, changed and not saved"
+    assert window.mission.rehearsal.text() == "not rehearsed" and not window.buttons["execute"].isEnabled()
+    assert "it reads its file when it starts" in window.buttons["execute"].toolTip()
+    hold(app, window, KEYS.Key_V, 0.0)
+    hold(app, window, KEYS.Key_W, 1.2)
+    assert asked == [("rehearse", {}), ("waive", {})]
+
+
 @pytest.mark.parametrize("situation", samples.SAMPLES)
 @pytest.mark.parametrize("size", [(1366, 740), (960, 540)])
 def test_every_situation_is_drawn_at_a_small_size_too(shown, app, situation, size):
@@ -254,7 +285,8 @@ def test_every_situation_is_drawn_at_a_small_size_too(shown, app, situation, siz
     window.resize(*size)
     app.processEvents()
     picture = window.grab().toImage()
-    assert picture.width() >= size[0] and len({picture.pixel(x, 200) for x in range(0, picture.width(), 3)}) > 3
+    assert (picture.width(), picture.height()) == size, "the window takes no more than it is given"
+    assert len({picture.pixel(x, 200) for x in range(0, picture.width(), 3)}) > 3
     stop = window.buttons["stop_all"]
     assert stop.isVisible() and stop.visibleRegion().boundingRect().size() == stop.size()
 

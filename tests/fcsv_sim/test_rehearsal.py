@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whole flights without ROS: that they go as real ones do, that faults are felt, and that a seed gives one flight."""
 
+import json
 import os
 from collections import Counter
 from multiprocessing import Pool
@@ -122,7 +123,12 @@ def test_the_command_says_what_is_wrong(tmp_path, capsys):
 def test_the_command_flies_tells_and_draws(tmp_path, capsys):
     path, picture = tmp_path / "m.yaml", tmp_path / "trace.png"
     path.write_text("name: m\nconfigurations: [{axis: vertical, baseline_m: 4.0, record_s: 1.0}]")
-    assert main([str(path), "--flights", "1", "--faults", "abort", "--jobs", "1"]) == 0
+    told_to = tmp_path / "flown.json"
+    asked = [str(path), "--flights", "1", "--faults", "abort", "--jobs", "1", "--json"]
+    assert main([*asked, str(path / "flown.json")]) == 2 and "a file stands there" in capsys.readouterr().err
+    assert main([*asked, str(told_to)]) == 0
+    (flown,) = json.loads(told_to.read_text())
+    assert (flown["faults"], flown["wanted"], flown["violations"]) == ("abort", 1, []) and flown["flown_s"] > 10.0
     told = capsys.readouterr().out
     assert "| abort | 1 | 0 |" in told and "simulated seconds per second of one processor" in told
     asked = [str(path), "--faults", "mission dies", "--seed", "3", "--longest", "70"]

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Dict, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
+from fcsv_console.model.mission_file import MissionFile
+from fcsv_console.model.rehearsal import RUNS, Rehearsal
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_control.flight_check.lines import Line, State
 
@@ -40,6 +42,8 @@ TABLE = (
     ("set_home", "Set home", "H", "Set home at the reference camera", 0.0),
     ("hand_over", "Hand over", "G", "Hand the vehicles over to the mission: GUIDED", 1.0),
     ("execute", "Execute", "X", "Hand over and fly the chosen configurations; none chosen: all", 1.0),
+    ("rehearse", "Rehearse", "V", "Fly the list as it is shown in simulation; while that runs: stop it", 0.0),
+    ("waive", "Unrehearsed", "W", "Fly the list as it is shown though its rehearsal did not pass", 1.0),
     ("previous", "Previous", "B", "Fly the configuration before once more", 0.0),
     ("next", "Next", "N", "Fly another configuration first, this one last", 0.0),
     ("pause", "Pause", "P", "Everybody holds", 0.0),
@@ -62,6 +66,8 @@ class Situation:
     vehicles: Sequence[VehicleRow]
     column: Sequence[str]  # why not every tag is seen, a line per vehicle
     pending: Sequence[str]  # asked for and not answered yet
+    file: MissionFile
+    rehearsal: Rehearsal
 
 
 def actions(s: Situation) -> Dict[str, Action]:
@@ -85,6 +91,8 @@ def accept(line: Line, master_problem: str = "") -> Action:
 def _why_not(name: str, s: Situation) -> str:
     if name == "stop_all":
         return ""
+    if name in ("rehearse", "waive"):
+        return _of_rehearsal(name, s)
     if s.master_problem:
         return s.master_problem
     if name in s.pending:
@@ -113,8 +121,31 @@ def _of_mission(name: str, s: Situation, m: f.MissionTold) -> str:
     if m.waits_for not in wanted:
         return _not_waited_for(name, s, m)
     if name in ("hand_over", "execute"):
-        return locked_by(s.lines, amber_too=m.waits_for == "execute")
+        first = m.waits_for == "execute"
+        return locked_by(s.lines, amber_too=first) or (_of_list(s, m) if first else "")
     return ""
+
+
+def _of_list(s: Situation, m: f.MissionTold) -> str:
+    """Why the list is not flown as it is shown."""
+    if s.file.error is not None:
+        return f"mission file: {s.file.error.words}"
+    if m.configurations and s.file.rows and m.configurations != len(s.file.rows):
+        return (f"the mission has {m.configurations} configurations, the list shown {len(s.file.rows)}: it reads its "
+                "file when it starts")  # fmt: skip
+    return s.rehearsal.locks
+
+
+def _of_rehearsal(name: str, s: Situation) -> str:
+    if s.file.error is not None:
+        return f"mission file: {s.file.error.words}"
+    if s.rehearsal.state == RUNS:
+        return "" if name == "rehearse" else "it is rehearsed just now"
+    if s.mission is not None and s.mission.phase in FLOWN:
+        return "the mission flies its list"
+    if s.file.mission is None:
+        return "no mission file is shown"
+    return "the list may be flown" if name == "waive" and not s.rehearsal.locks else ""
 
 
 def _not_waited_for(name: str, s: Situation, m: f.MissionTold) -> str:

@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import List, Tuple
 
+from fcsv_console.model import rehearsal
 from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
@@ -146,12 +147,19 @@ def check_cells(line: Line) -> List[Cell]:
             Cell(line.remedy, QUIET)]  # fmt: skip
 
 
+def rehearsal_cell(view: View) -> Cell:
+    """What became of the rehearsal of the list that is shown."""
+    tones = {rehearsal.PASSED: GOOD, rehearsal.BROKEN: BAD, rehearsal.IMPOSSIBLE: CARE}
+    return Cell(view.rehearsal.told, tones.get(view.rehearsal.state, QUIET))
+
+
 def stereo_cell(view: View) -> Cell:
     """Go or no-go, then the figures."""
     s = view.stereo
     figures = [] if math.isnan(s.overlap) else [f"{s.overlap:.0%} seen by both at {s.target_m:.0f} m"]
     figures += [] if math.isnan(s.error_m) else [f"error there ±{s.error_m:.1f} m", f"baseline {s.baseline_m:.2f} m",
                                                  f"turned {s.turn_deg:.1f}°"]  # fmt: skip
+    figures += [] if math.isnan(s.epipolar_px) else [f"epipolar error {s.epipolar_px:.1f} px"]
     figures += [] if math.isnan(s.skew_s) else [f"skew {1e3 * s.skew_s:.0f} ms"]
     tone = QUIET if math.isnan(s.overlap) else GOOD if s.go else CARE
     return Cell("\n".join([s.words, ", ".join(figures)]) if figures else s.words, tone)

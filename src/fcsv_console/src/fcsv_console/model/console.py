@@ -6,11 +6,13 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model import mission_file as files
-from fcsv_console.model import stereo
+from fcsv_console.model import planning, stereo
 from fcsv_console.model.actions import FLOWN, Situation, actions, column_problems
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.hearing import STALE_S, Heard
+from fcsv_console.model.pictures import Pictures
+from fcsv_console.model.rehearsal import RUNS, Rehearsals
 from fcsv_console.model.soundness import unsound
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
@@ -45,9 +47,11 @@ class Console:
         self._check: Heard[f.Check] = Heard(math.inf)
         self._map: Heard[f.MapTold] = Heard(math.inf)
         self._stop: Heard[f.StopTold] = Heard(2.5 * STALE_S)
+        self._epipolar: Heard[f.EpipolarTold] = Heard(4.0)  # measured once a second
         self._recorder: Heard[f.Recorder] = Heard(2.5 * STALE_S)
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
+        self._rehearsals, self._pictures = Rehearsals(), Pictures()
         self._master_problem = ""
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
         self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
@@ -64,8 +68,11 @@ class Console:
         if wrong:
             subject = f"{'' if name == CONTROL else name} {getattr(fact, 'topic', type(fact).__name__)}".strip()
             self._note_bad(now_s, f"{subject}: {wrong}")
+            if isinstance(fact, f.Unusable):
+                self._pictures.tell(fact)
             return
         self._remember(now_s, fact)
+        self._pictures.tell(fact)
         self._take(now_s, fact)
 
     def load(self, path) -> None:
@@ -81,6 +88,20 @@ class Console:
         if self.file.mission is not None and 0 <= index < len(self.file.rows):
             self.edit(files.with_baseline(self.file.text, index, baseline_m))
 
+    def plan(self, wanted: planning.Wanted) -> planning.Planned:
+        """Another list from range and error, in the text that is edited; a plan with a problem changes nothing."""
+        found = planning.planned(wanted, self.file.text, self.optics)
+        if not found.problem:
+            self.edit(found.text)
+        return found
+
+    def waive(self, now_s: float) -> None:
+        """The list that is shown is flown though its rehearsal did not pass: this is told."""
+        self._rehearsals.waive(self.file.text)
+        self.answer(
+            self.ask(now_s, "waive", "fly the list unrehearsed"), self._rehearsals.of(self.file.text).told, True
+        )
+
     def ask(self, now_s: float, name: str, words: str = "") -> int:
         """The operator asked for an action: its event's number; until it is answered it is not asked for again."""
         number = self._event(now_s, "operator", words or name.replace("_", " "))
@@ -95,7 +116,7 @@ class Console:
     def _take(self, now_s: float, fact: Any) -> None:
         whole = {
             f.MissionTold: self._mission, f.MissionAlive: self._alive, f.Check: self._check, f.MapTold: self._map,
-            f.StopTold: self._stop,
+            f.StopTold: self._stop, f.EpipolarTold: self._epipolar,
         }.get(type(fact))  # fmt: skip
         if whole is not None:
             whole.tell(now_s, fact)
@@ -103,6 +124,10 @@ class Console:
             (self._calibrated if isinstance(fact, f.Calibrated) else self._home).tell(now_s, fact, fact.age_s)
         elif isinstance(fact, f.MasterTold):
             self._master_problem = fact.problem
+        elif isinstance(fact, f.RehearsalTold):
+            self._rehearsals.tell(fact)
+        elif isinstance(fact, f.MapPicture):
+            pass  # Pictures keeps it
         elif fact.vehicle == CONTROL:
             if isinstance(fact, f.Recorder):
                 self._recorder.tell(now_s, fact)
@@ -150,6 +175,9 @@ class Console:
             self._event(now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning")
         elif isinstance(fact, f.StopTold):
             self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
+        elif isinstance(fact, f.RehearsalTold) and fact.state != RUNS:
+            level = "info" if fact.state in ("passed", "stopped") else "warning"
+            self._event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
         elif isinstance(fact, f.MasterTold):
             if fact.problem or self._master_problem:
                 words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
@@ -170,12 +198,16 @@ class Console:
         self._pending = {n: p for n, p in self._pending.items() if now_s - p[0] < _PENDING_S}
         sees = [self._sightings.sees(now_s, b, a) for a, b in zip(self.names, self.names[1:])]
         column = column_problems(self.names, sees)
-        situation = Situation(self._master_problem, told, check, rows, column, tuple(self._pending))
+        rehearsal = self._rehearsals.of(self.file.text)
+        situation = Situation(
+            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal
+        )
         return View(
             now_s, rows, mission, alive, self.file, running, self._progress(told), check, actions(situation),
             self.log.events, self._stereo(now_s, rows, running), tuple(self._above(rows)), self._recorder.at(now_s),
-            self._map.at(now_s), stop, self._home.value is not None, self._problems(now_s, told, column),
-            self._master_problem,
+            self._map.at(now_s), stop, self._home.value is not None, rehearsal,
+            self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
+            self._problems(now_s, told, column), self._master_problem,
         )  # fmt: skip
 
     def _lines(self, now_s: float):
@@ -219,7 +251,12 @@ class Console:
             return stereo.StereoHealth(pair, reasons=(f"{moving} is not one of {', '.join(self.names)}",))
         stamps = tuple(self._stamp_s(now_s, by_name[n]) for n in pair)
         target_m = self._target_m or row.farthest_m
-        return stereo.judge(row, pair, by_name[pair[0]].place, by_name[moving].place, stamps, target_m, self.optics)
+        return stereo.judge(row, pair, by_name[pair[0]].place, by_name[moving].place, stamps, target_m, self.optics,
+                            self._epipolar_px(now_s, pair))  # fmt: skip
+
+    def _epipolar_px(self, now_s: float, pair: Tuple[str, str]) -> float:
+        told = self._epipolar.at(now_s)
+        return math.nan if told.value is None or told.stale or told.value.pair != pair else told.value.error_px
 
     def _stamp_s(self, now_s: float, row: VehicleRow) -> float:
         """Of the newest picture that was taken while recording, by the control PC's clock; NaN: none of now."""

@@ -50,11 +50,11 @@ class CameraInHome:
 
 @dataclass(frozen=True)
 class PictureHeard:
-    """``stamp_s``: when it was taken; ``problem``: why it cannot be shown."""
+    """``stamp_s``: when it was taken; ``data``: JPEG or PNG."""
 
     vehicle: str
     stamp_s: float
-    problem: str = ""
+    data: bytes = b""
 
 
 @dataclass(frozen=True)
@@ -141,10 +141,12 @@ class Answered:
 
 @dataclass(frozen=True)
 class Tags:
-    """Identities of the tags in one picture."""
+    """The tags in one picture: identities, and for each four corners (u, v) in px of the picture of ``stamp_s``."""
 
     vehicle: str
     ids: Tuple[int, ...]
+    corners_px: Tuple[Tuple[Tuple[float, float], ...], ...] = ()
+    stamp_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -226,6 +228,36 @@ class Unusable:
 
 
 @dataclass(frozen=True)
+class EpipolarTold:
+    """Of a pair's newest pictures: median distance from the epipolar lines of their places, NaN: too few matches."""
+
+    pair: Tuple[str, str]
+    error_px: float
+    matches: int
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """``kind`` "reference": RGB, 8 bits, three octets a pixel; "depth": metres, float32, NaN where there is none."""
+
+    kind: str
+    width: int
+    height: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class RehearsalTold:
+    """Of a mission file's ``text``; ``state``: "runs", "passed", "broken", "impossible", "stopped"; ``share`` (0..1) of
+    one that runs, NaN: not known."""
+
+    text: str
+    state: str
+    share: float = math.nan
+    words: str = ""
+
+
+@dataclass(frozen=True)
 class MasterTold:
     """Whether the ROS master answers."""
 
@@ -234,4 +266,5 @@ class MasterTold:
 
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
                   EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
-Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, Unusable, MasterTold]
+Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, EpipolarTold,
+             MapPicture, RehearsalTold, Unusable, MasterTold]  # fmt: skip

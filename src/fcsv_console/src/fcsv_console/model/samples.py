@@ -2,7 +2,11 @@
 """Scripted situations: what screenshots and tests of the layers show. Facts go in as they do from topics."""
 
 import math
+from functools import lru_cache
 from typing import Callable, Dict, Sequence, Tuple
+
+import cv2
+import numpy as np
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.console import Console
@@ -10,6 +14,7 @@ from fcsv_control.flight_check.lines import Line, State
 
 NOW_S = 100.0
 _NAMES = ("uav1", "uav2")
+_TAG = ((294.5, 235.5), (325.5, 235.5), (325.5, 204.5), (294.5, 204.5))
 
 
 def console(mission: str) -> Console:
@@ -50,13 +55,42 @@ def _streams(c: Console, now_s: float, mode: str, armed: bool, places: Sequence[
             c.tell(at_s, f.AutopilotState(name, True, armed, mode))
             if k % 10 == 0:
                 c.tell(at_s, f.Battery(name, share - (0.04 if name == "uav2" else 0.0), 15.3))
-                c.tell(at_s, f.PictureHeard(name, at_s))
+                c.tell(at_s, f.PictureHeard(name, at_s, _picture(name)))
                 c.tell(at_s, f.Recorder(name, mode == "GUIDED", 412, 0, 96.0))
                 c.tell(at_s, f.Radio(name, 0.006, 0.01))
                 c.tell(at_s, f.Clock(name, 0.0012, 0.0004))
-                c.tell(at_s, f.Tags(name, (1,) if name == "uav2" else ()))
+                c.tell(at_s, f.Tags(name, *(((1,), (_TAG,)) if name == "uav2" else ((), ())), at_s))
             c.tell(at_s, f.Captured(name, at_s + (0.012 if name == "uav2" else 0.0)))
         c.tell(at_s, f.MissionAlive("mission-812-1"))
+
+
+@lru_cache(None)
+def _picture(name: str) -> bytes:
+    """Ground, sky, some houses; uav2 sees the tag of the one in front."""
+    picture = np.full((480, 640, 3), (225, 190, 150), np.uint8)
+    picture[260:] = (90, 120, 105)
+    shift = 24 if name == "uav2" else 0
+    for k, depth in enumerate((4, 2, 3, 1)):
+        left, high = 40 + 150 * k - shift * depth // 2, 40 * depth
+        cv2.rectangle(picture, (left, 270 - high), (left + 90, 290), (70 + 20 * k, 80, 150 - 25 * k), -1)
+    if name == "uav2":
+        cv2.rectangle(picture, (290, 200), (330, 240), (255, 255, 255), -1)
+        cv2.rectangle(picture, (295, 205), (325, 235), (0, 0, 0), -1)
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+
+
+def _mapped(c: Console) -> None:
+    """The live map's reference picture with its depth: nothing in the sky."""
+    bgr = cv2.imdecode(np.frombuffer(_picture("uav1"), np.uint8), cv2.IMREAD_COLOR)
+    rows = np.arange(480, dtype=np.float32)[:, None] * np.ones((1, 640), np.float32)
+    depth = np.where(rows > 250.0, 3000.0 / np.maximum(rows - 240.0, 1.0), np.nan).astype("<f4")
+    c.tell(NOW_S - 4.0, f.MapPicture("reference", 640, 480, np.ascontiguousarray(bgr[:, :, ::-1]).tobytes()))
+    c.tell(NOW_S - 4.0, f.MapPicture("depth", 640, 480, depth.tobytes()))
+
+
+def _rehearsed(c: Console) -> None:
+    words = "8 of 8 recorded in 2:41, never nearer than 1.7 m"
+    c.tell(NOW_S - 40.0, f.RehearsalTold(c.file.text, "passed", words=words))
 
 
 def on_the_ground(c: Console) -> None:
@@ -69,6 +103,7 @@ def on_the_ground(c: Console) -> None:
     c.tell(NOW_S - 0.1, f.MissionTold("WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows),
                                       ("flight check: uav1 pre-arm is RED",)))  # fmt: skip
     c.tell(NOW_S - 1.0, f.Said("uav1", "autopilot", "PreArm: Compass not calibrated", 2))
+    c.tell(NOW_S - 5.0, f.RehearsalTold(c.file.text, "runs", 0.38))
 
 
 def ready(c: Console) -> None:
@@ -78,6 +113,7 @@ def ready(c: Console) -> None:
     c.tell(NOW_S - 60.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
     c.tell(NOW_S - 20.0, f.HomeSet("uav1"))
     c.tell(NOW_S - 0.1, f.MissionTold("SET_HOME", "home is set", "execute", 0, len(c.file.rows)))
+    _rehearsed(c)
 
 
 def flying(c: Console) -> None:
@@ -90,6 +126,9 @@ def flying(c: Console) -> None:
     c.tell(NOW_S - 150.0, f.HomeSet("uav1"))
     c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", f"recording {row.title}", "", 2, len(c.file.rows)))
     c.tell(NOW_S - 4.0, f.MapTold("partial", "2 configurations", 0.71))
+    _rehearsed(c)
+    _mapped(c)
+    c.tell(NOW_S - 0.5, f.EpipolarTold(("uav1", "uav2"), 1.4, 212))
     number = c.ask(NOW_S - 30.0, "hand_over")
     c.answer(number, "confirmed: execute", True)
 

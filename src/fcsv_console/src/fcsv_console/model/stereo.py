@@ -16,6 +16,7 @@ LEAST_OVERLAP = 0.5  # under it half of the reference picture gets no depth
 MOST_SKEW_S = 0.05  # at 0.15 m/s (SettleBounds.speed_mps) a camera moves 8 mm meanwhile
 MOST_TURN_DEG = 3.0  # SettleBounds.heading_deg
 MOST_APART_M = 0.15  # SettleBounds.hold_m
+MOST_EPIPOLAR_PX = 10.0  # 1 degree at 602 px: twice the largest turn with which the refinement of poses was measured
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class StereoHealth:
     overlap: float = math.nan
     skew_s: float = math.nan
     turn_deg: float = math.nan
+    epipolar_px: float = math.nan
     apart_m: float = math.nan
     baseline_m: float = math.nan
     error_m: float = math.nan
@@ -44,8 +46,10 @@ class StereoHealth:
 def judge(
     row: Optional[ConfigurationRow], pair: Tuple[str, str], reference: Aged[CameraInHome], moving: Aged[CameraInHome],
     stamps_s: Tuple[float, float], target_m: float, optics: Optics,
+    epipolar_px: float = math.nan,
 ) -> StereoHealth:  # fmt: skip
-    """``stamps_s``: of both newest pictures, by one clock (NaN: none); ``target_m``: the range that is wanted."""
+    """``stamps_s``: of both newest pictures, by one clock (NaN: none); ``target_m``: the range that is wanted;
+    ``epipolar_px``: as it was measured, NaN: not known."""
     if row is None:
         return StereoHealth(pair)
     reasons: List[str] = []
@@ -65,8 +69,10 @@ def judge(
         turn_deg = math.hypot(yaw_deg, math.degrees(moving.value.pitch_rad - reference.value.pitch_rad))
         error_m = float(depth_error(target_m, max(baseline_m, 1e-3), optics.focal_px, optics.disparity_error_px))
     reasons += _wrong(overlap, target_m, skew_s, turn_deg, apart_m)
-    return StereoHealth(pair, overlap, skew_s, turn_deg, apart_m, baseline_m, error_m, target_m, not reasons,
-                        tuple(reasons))  # fmt: skip
+    if epipolar_px > MOST_EPIPOLAR_PX:
+        reasons.append(f"pictures and places disagree by {epipolar_px:.0f} px across the epipolar lines")
+    return StereoHealth(pair, overlap, skew_s, turn_deg, epipolar_px, apart_m, baseline_m, error_m, target_m,
+                        not reasons, tuple(reasons))  # fmt: skip
 
 
 def _wrong(overlap: float, target_m: float, skew_s: float, turn_deg: float, apart_m: float) -> List[str]:

@@ -10,6 +10,8 @@ from fcsv_console.model.air import Above
 from fcsv_console.model.events import Event
 from fcsv_console.model.hearing import Aged
 from fcsv_console.model.mission_file import MissionFile
+from fcsv_console.model.pictures import CameraPicture, MapPictures
+from fcsv_console.model.rehearsal import Rehearsal
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_control.flight_check.lines import Line, State, worst
@@ -35,6 +37,9 @@ class View:
     map: Aged[f.MapTold]
     stop: Aged[f.StopTold]
     home_set: bool
+    rehearsal: Rehearsal
+    cameras: Tuple[CameraPicture, ...]
+    map_pictures: MapPictures
     problems: Tuple[str, ...]
     master_problem: str = ""
 

@@ -20,6 +20,9 @@ class ActionButton(QPushButton):
     def __init__(self, action: Action, parent=None):
         super().__init__(action.title, parent)
         self.action, self._since_s = action, None  # type: Action, Optional[float]
+        font = self.font()
+        font.setPointSizeF(0.84 * font.pointSizeF())  # twelve of them stand in 960 px
+        self.setFont(font)
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
         self.pressed.connect(self.begin)

@@ -4,7 +4,7 @@
 from typing import Callable, Dict, Optional
 
 from python_qt_binding.QtCore import QEvent, QObject, Qt
-from python_qt_binding.QtWidgets import QApplication, QLineEdit, QPlainTextEdit, QWidget
+from python_qt_binding.QtWidgets import QApplication, QDockWidget, QLineEdit, QPlainTextEdit, QWidget
 
 from fcsv_console.qt.hold import ActionButton
 
@@ -41,8 +41,10 @@ class Keys(QObject):
         return not writes  # an editor gets its blank besides
 
     def _ours(self, watched) -> bool:
-        return isinstance(watched, QWidget) and watched.window() is self._window and \
-            watched is (QApplication.focusWidget() or self._window)  # fmt: skip
+        if not isinstance(watched, QWidget) or watched is not (QApplication.focusWidget() or self._window):
+            return False
+        top = watched.window()  # a dock that was taken out is a window of its own
+        return top is self._window or (isinstance(top, QDockWidget) and top.parent() is self._window)
 
     def _other(self, event) -> bool:
         call = self._others.get(event.key())

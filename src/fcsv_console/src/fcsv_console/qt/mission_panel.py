@@ -2,6 +2,7 @@
 """The configurations: a table, the file's text beside it, and what is wrong in which line."""
 
 from pathlib import Path
+from typing import Sequence
 
 from python_qt_binding.QtCore import Signal
 from python_qt_binding.QtGui import QFontDatabase, QTextCursor
@@ -21,15 +22,19 @@ from fcsv_console.model import cells
 from fcsv_console.model.mission_file import MissionFile
 from fcsv_console.model.view import View
 from fcsv_console.qt import colours
+from fcsv_console.qt.plan_form import PlanForm
 from fcsv_console.qt.tables import CellTable
 
 
 class MissionPanel(QWidget):
-    """``edited`` with the whole text, ``opened`` with a path."""
+    """``edited`` with the whole text, ``opened`` with a path, ``planned`` with what is wanted.
 
-    edited, opened = Signal(str), Signal(str)
+    ``buttons``: those of the rehearsal, which stand beside its outcome.
+    """
 
-    def __init__(self, parent=None):
+    edited, opened, planned = Signal(str), Signal(str), Signal(object)
+
+    def __init__(self, buttons: Sequence[QPushButton] = (), parent=None):
         super().__init__(parent)
         self.table = CellTable("Configurations", cells.CONFIGURATION_HEADS, 8, (2, 3, 4, 5, 6, 7, 8))
         self.text = QPlainTextEdit()
@@ -45,14 +50,24 @@ class MissionPanel(QWidget):
         self._tabs.setAccessibleName("Configurations as table or text")
         self._tabs.addTab(self.table, "&Table")
         self._tabs.addTab(self.text, "Te&xt")
+        self.plan = PlanForm()
+        self.plan.wanted.connect(self.planned)
+        self._tabs.addTab(self.plan, "&Plan")
+        self.rehearsal = QLabel()
+        self.rehearsal.setWordWrap(True)
+        self.rehearsal.setAccessibleName("Rehearsal")
         self._source, self._saved, self._shown, self._quiet = "", "", None, False
         line = QHBoxLayout()
-        line.addWidget(self.note, 1)
-        line.addWidget(open_)
-        line.addWidget(self.save)
+        line.setSpacing(4)
+        for button in (open_, self.save, *buttons):
+            button.setMinimumWidth(60)
+            line.addWidget(button, button.sizeHint().width())
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(2)
         layout.addWidget(self._tabs, 1)
+        layout.addWidget(self.note)
+        layout.addWidget(self.rehearsal)
         layout.addLayout(line)
 
     def _button(self, title: str, what: str, call) -> QPushButton:
@@ -66,6 +81,10 @@ class MissionPanel(QWidget):
         """Table, text, error."""
         rows = [cells.configuration_cells(r, r.index == view.running) for r in view.file.rows]
         self.table.show_cells(rows)
+        told = cells.rehearsal_cell(view)
+        if self.rehearsal.text() != told.text:
+            self.rehearsal.setText(told.text)
+            self.rehearsal.setStyleSheet(f"color: {colours.tone(told.tone, self.palette()).name()}")
         if view.file is not self._shown:
             self._shown = view.file
             self._show_file(view.file)

@@ -29,7 +29,7 @@ class PlanView(QWidget):
         self._fov_rad, self._zoom, self.editable = fov_rad, 1.0, False
         self._held: Optional[int] = None
         self._mouse = QPointF(0.0, 0.0)
-        self.setMinimumSize(300, 240)
+        self.setMinimumSize(300, 120)
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.StrongFocus)
         self.setAccessibleName("Plan view from above")

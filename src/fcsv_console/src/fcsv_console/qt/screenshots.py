@@ -16,6 +16,7 @@ PICTURES = (
     ("ground", "ground", "light", (1366, 740)),
     ("ready", "ready", "light", (1366, 740)),
     ("flying", "flying", "dark", (1366, 740)),
+    ("pictures", "pictures", "dark", (1366, 740)),
     ("wrong", "wrong", "dark", (1366, 740)),
     ("silent", "silent", "light", (1366, 740)),
     ("error", "error", "light", (1366, 740)),
@@ -49,12 +50,12 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def made(situation: str, size: Tuple[int, int]):
-    """A shown window with a scripted situation; "error": a mission file that cannot be flown."""
+    """A shown window with a scripted situation; "error": a file that cannot be flown; "pictures": with them."""
     from fcsv_console.qt.window import ConsoleWindow
 
     mission = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/missions/outdoor.yaml"
     console = samples.console(str(mission))
-    samples.SAMPLES["ready" if situation == "error" else situation](console)
+    samples.SAMPLES[{"error": "ready", "pictures": "flying"}.get(situation, situation)](console)
     if situation == "error":
         console.edit(console.file.text.replace("baseline_m: 6.0", "baseline_m: -6.0"))
     window = ConsoleWindow(console.view(samples.NOW_S), console.optics.fov_rad("horizontal"))
@@ -62,4 +63,6 @@ def made(situation: str, size: Tuple[int, int]):
     if situation == "error":
         window.mission._tabs.setCurrentIndex(1)
     window.show()
+    if situation == "pictures":
+        window.show_pictures.click()
     return window

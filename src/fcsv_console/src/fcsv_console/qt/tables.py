@@ -25,6 +25,7 @@ class CellTable(QTableWidget):
         self.setSelectionBehavior(QAbstractItemView.SelectRows)
         self.setSelectionMode(QAbstractItemView.ExtendedSelection if rows else QAbstractItemView.NoSelection)
         self.setShowGrid(False)
+        self.setMinimumSize(80, 60)
         self.setAlternatingRowColors(True)
         self.setWordWrap(False)
         self.verticalHeader().hide()

@@ -25,6 +25,7 @@ from fcsv_console.qt import colours
 from fcsv_console.qt.hold import ActionButton
 from fcsv_console.qt.keys import Keys
 from fcsv_console.qt.mission_panel import MissionPanel
+from fcsv_console.qt.pictures import PicturesDock
 from fcsv_console.qt.plan_view import PlanView
 from fcsv_console.qt.rviz_view import RvizDock
 from fcsv_console.qt.tables import CellTable
@@ -40,7 +41,7 @@ class ConsoleWindow(QMainWindow):
     """``asked`` (name, arguments); the goal that is dragged and the text that is edited go out as the others do."""
 
     asked = Signal(str, dict)
-    edited, opened, goal_changed = Signal(str), Signal(str), Signal(int, float)
+    edited, opened, goal_changed, planned = Signal(str), Signal(str), Signal(int, float), Signal(object)
 
     def __init__(self, view: View, fov_rad: float, rviz_config: str = ""):
         super().__init__()
@@ -56,11 +57,14 @@ class ConsoleWindow(QMainWindow):
         self._lay_out()
         self.rviz = RvizDock(rviz_config, self)
         self.addDockWidget(Qt.BottomDockWidgetArea, self.rviz)
-        self.rviz.hide()
+        self.pictures = PicturesDock(view, self)
+        self.addDockWidget(Qt.BottomDockWidgetArea, self.pictures)
+        for dock in (self.rviz, self.pictures):
+            dock.hide()
         self.keys = Keys(self, self.buttons, {
             Qt.Key_Return: self._accept, Qt.Key_Enter: self._accept, Qt.Key_D: self.drag.toggle,
             Qt.Key_F2: self._toggle_rviz, Qt.Key_F3: self._export, Qt.Key_Plus: lambda: self.plan.zoom(1.15),
-            Qt.Key_Minus: lambda: self.plan.zoom(1 / 1.15),
+            Qt.Key_Minus: lambda: self.plan.zoom(1 / 1.15), Qt.Key_F4: self._toggle_pictures,
         })  # fmt: skip
         self.resize(1366, 740)
         self.show_view(view)
@@ -99,23 +103,28 @@ class ConsoleWindow(QMainWindow):
         self.check = CellTable("Flight check", cells.CHECK_HEADS, 4)
         self.check.horizontalHeader().setSectionResizeMode(3, self.check.horizontalHeader().Stretch)
         self.check.itemSelectionChanged.connect(self._show_accept)
-        self.mission = MissionPanel()
+        self.mission = MissionPanel([self.buttons["rehearse"], self.buttons["waive"]])
+        self.mission.planned.connect(self.planned)
         self.mission.edited.connect(self.edited)
         self.mission.opened.connect(self.opened)
         self.events = CellTable("Events", ("time", "who", "what", "answer"), 2)
-        self.export = QPushButton("Export events [F3]")
+        self.export = QPushButton("Export [F3]")
         self.export.setToolTip("All events as a table (CSV, times in UTC)")
         self.export.clicked.connect(self._export)
-        self.show_rviz = QPushButton("Map in rviz [F2]")
+        self.show_rviz = QPushButton("rviz [F2]")
         self.show_rviz.setToolTip("Show or hide the map, embedded from rviz")
         self.show_rviz.clicked.connect(self._toggle_rviz)
-        for button, name in ((self.export, "Export events"), (self.show_rviz, "Map in rviz"),
-                             (self.accept, "Accept line")):  # fmt: skip
+        self.show_pictures = QPushButton("Pictures [F4]")
+        self.show_pictures.setToolTip("Show or hide what the cameras see, and the map's depth")
+        self.show_pictures.clicked.connect(self._toggle_pictures)
+        for button, name in ((self.show_pictures, "Pictures"), (self.export, "Export events"),
+                             (self.show_rviz, "Map in rviz"), (self.accept, "Accept line")):  # fmt: skip
             button.setAccessibleName(name)
 
     def _lay_out(self) -> None:
         stop = self.buttons["stop_all"]
         stop.setMinimumSize(170, 62)
+        stop.setFont(self.font())
         stop.setStyleSheet(f"background-color: {colours.STOP}; color: white; font-weight: bold; border-radius: 6px")
         head = QHBoxLayout()
         head.addLayout(_column(self.headline, self.stop_words, self.progress), 1)
@@ -133,6 +142,7 @@ class ConsoleWindow(QMainWindow):
         middle.setSizes([330, 230])
         lower = QHBoxLayout()
         lower.addStretch(1)
+        lower.addWidget(self.show_pictures)
         lower.addWidget(self.show_rviz)
         lower.addWidget(self.export)
         right = QSplitter(Qt.Vertical)
@@ -162,7 +172,7 @@ class ConsoleWindow(QMainWindow):
                 rule.setFrameShape(QFrame.VLine)
                 line.addWidget(rule)
             for name in group:
-                self.buttons[name].setMinimumHeight(40)
+                self.buttons[name].setMinimumSize(64, 40)  # narrower than its own hint: 960 px are enough
                 line.addWidget(self.buttons[name], 1)
         return line
 
@@ -190,6 +200,7 @@ class ConsoleWindow(QMainWindow):
         self._say(self.problems, "\n".join(view.problems[:4]), cells.CARE)
         self.problems.setVisible(bool(view.problems))
         self.mission.show_view(view)
+        self.pictures.show_view(view)
         self.events.show_cells([
             [cells.Cell(e.clock, cells.QUIET), cells.Cell(e.who), cells.Cell(e.what, _LEVELS[e.level]),
              cells.Cell(e.answer, _LEVELS[e.level])] for e in reversed(view.events[-_EVENTS:])
@@ -230,6 +241,11 @@ class ConsoleWindow(QMainWindow):
             self.rviz.hide()
         else:
             self.rviz.open(self._view.master_problem)
+
+    def _toggle_pictures(self) -> None:
+        self.pictures.setVisible(not self.pictures.isVisible())
+        self.resizeDocks([self.pictures], [self.height() // 3], Qt.Vertical)
+        self.pictures.show_view(self._view)
 
     def _export(self) -> None:
         path, _ = QFileDialog.getSaveFileName(self, "Export events", "events.csv", "*.csv")

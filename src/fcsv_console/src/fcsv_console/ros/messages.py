@@ -4,11 +4,12 @@
 import math
 from typing import Any, Callable, Dict, List, Tuple
 
+import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import BatteryState, CompressedImage
+from sensor_msgs.msg import BatteryState, CompressedImage, Image
 
 from fcsv_console.model import facts as f
 from fcsv_control.mission.places import heading_rad
@@ -61,7 +62,26 @@ def _camera(name: str, m: PoseWithCovarianceStamped) -> f.Fact:
 def _picture(name: str, m: CompressedImage) -> f.Fact:
     if not m.data.startswith(_PICTURES):
         raise GeometryError(f"encoding '{m.format}' with {len(m.data)} octets is no JPEG or PNG picture")
-    return f.PictureHeard(name, m.header.stamp.to_sec())
+    return f.PictureHeard(name, m.header.stamp.to_sec(), bytes(m.data))
+
+
+def _tags(name: str, m: TagDetections) -> f.Fact:
+    corners = [tuple(zip(d.corners_px[::2], d.corners_px[1::2])) for d in m.detections]
+    if not all(math.isfinite(x) for four in corners for corner in four for x in corner):
+        raise GeometryError("a corner of a tag is not finite")
+    return f.Tags(name, tuple(d.id for d in m.detections), tuple(corners), m.header.stamp.to_sec())
+
+
+def _reference(_name: str, m: Image) -> f.Fact:
+    rgb = np.ascontiguousarray(conversions.image_to_array(m, "rgb8"))
+    return f.MapPicture("reference", rgb.shape[1], rgb.shape[0], rgb.tobytes())
+
+
+def _depth(_name: str, m: Image) -> f.Fact:
+    if m.encoding != "32FC1":
+        raise GeometryError(f"encoding '{m.encoding}' is no depth in metres (32FC1)")
+    depth = conversions.image_to_array(m)
+    return f.MapPicture("depth", depth.shape[1], depth.shape[0], depth.astype("<f4").tobytes())
 
 
 def _guardian(name: str, m: GuardianState) -> f.Fact:
@@ -98,7 +118,7 @@ OF_VEHICLE: Dict[str, Tuple[Any, Convert]] = {
     "camera_pose": (PoseWithCovarianceStamped, _camera),
     "camera/color/image_raw/compressed": (CompressedImage, _picture),
     "capture/picture": (CapturedPicture, lambda name, m: f.Captured(name, m.header.stamp.to_sec())),
-    "tags/detections": (TagDetections, lambda name, m: f.Tags(name, tuple(d.id for d in m.detections))),
+    "tags/detections": (TagDetections, _tags),
     "recorder/status": (RecorderStatus, _recorder),
     "clock/offset": (ClockOffset, lambda name, m: f.Clock(name, m.offset_s, m.uncertainty_s)),
     "command_ack": (CommandAck, _answered),
@@ -130,6 +150,8 @@ OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
     "/flight_check": (FlightCheck, _check),
     "/stop_all/report": (StopReport, _stop),
     "/map/state": (MapState, lambda _name, m: f.MapTold(m.state, m.detail, m.coverage, tuple(m.problems))),
+    "/map/reference": (Image, _reference),
+    "/map/depth": (Image, _depth),
     "/calibration_epochs": (Epochs, _calibrated),
     "/home": (Home, lambda _name, m: f.HomeSet(m.reference, _age_s(m))),
     "/control/recorder/status": (RecorderStatus, lambda _name, m: _recorder("control", m)),

@@ -12,10 +12,13 @@ import rosgraph
 import rospkg
 import rospy
 
+from fcsv_console.children.rehearse import Rehearser
 from fcsv_console.model import facts as f
 from fcsv_console.model.console import Console
+from fcsv_console.model.rehearsal import RUNS
 from fcsv_console.model.view import View
 from fcsv_console.ros.commands import Commands
+from fcsv_console.ros.epipolar import EpipolarHearing
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_geometry.vehicle import load_vehicles
 
@@ -58,6 +61,8 @@ class Shell:
     def __init__(self, console: Console, name: str):
         self.console, self._name = console, name
         self._hearing, self._commands = Hearing(console.names), None
+        self._rehearser = Rehearser(self._hearing.put, console.names)
+        self._epipolar = EpipolarHearing(console.names, self._hearing.put)
         self._over = threading.Event()
         self._answers: Deque[Tuple[int, str, bool]] = deque()
         threading.Thread(target=self._join, name="joins the master", daemon=True).start()
@@ -71,6 +76,7 @@ class Shell:
         rospy.init_node(self._name, anonymous=True, disable_signals=True)
         self._commands = Commands(self.console.names)
         self._hearing.subscribe()
+        self._epipolar.subscribe()
         self._hearing.put(f.MasterTold())
 
     def view(self) -> View:
@@ -80,10 +86,18 @@ class Shell:
             self.console.tell(at_s, fact)
         while self._answers:
             self.console.answer(*self._answers.popleft())
-        return self.console.view(time.monotonic())
+        view = self.console.view(time.monotonic())
+        self._epipolar.pair = view.stereo.pair
+        return view
 
     def do(self, name: str, **given) -> None:
         """An action of actions.TABLE, or "accept" with ``vehicle`` and ``line``; its answer becomes an event."""
+        if name == "rehearse":
+            self._rehearse()
+            return
+        if name == "waive":
+            self.console.waive(time.monotonic())
+            return
         words = f"accept {given['vehicle']} {given['line']}" if name == "accept" else ""
         number = self.console.ask(time.monotonic(), name, words)
 
@@ -94,6 +108,13 @@ class Shell:
             answer(NO_MASTER, False)
             return
         self._send(self._commands, name, answer, given)
+
+    def _rehearse(self) -> None:
+        """The list that is shown; or end the one that runs."""
+        if self.console.view(time.monotonic()).rehearsal.state == RUNS:
+            self._rehearser.cancel()
+        else:
+            self._rehearser.start(self.console.file.text)
 
     def _send(self, commands: Commands, name: str, answer, given: dict) -> None:
         if name in ("stop_all", "land"):
@@ -121,6 +142,8 @@ class Shell:
     def close(self) -> None:
         """Leave the master."""
         self._over.set()
+        self._rehearser.close()
+        self._epipolar.close()
         self._hearing.close()
         rospy.signal_shutdown("the console was closed")
 

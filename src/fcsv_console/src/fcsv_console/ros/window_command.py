@@ -76,6 +76,7 @@ def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
     window.edited.connect(console.edit)
     window.opened.connect(console.load)
     window.goal_changed.connect(console.drag)
+    window.planned.connect(lambda wanted: window.mission.plan.show_planned(console.plan(wanted)))
     window.timer = QTimer(window)
     window.timer.timeout.connect(lambda: window.show_view(shell.view()))
     window.timer.start(_REFRESH_MS)

@@ -2,12 +2,15 @@
 """`rosrun fcsv_sim rehearse`: many flights of a mission with faults, and what broke."""
 
 import argparse
+import json
 import logging
 import multiprocessing
 import os
 import sys
 from dataclasses import dataclass
-from typing import Callable, Iterable, List, Optional
+from math import isfinite
+from pathlib import Path
+from typing import Callable, Iterable, List, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
@@ -70,12 +73,16 @@ def main(argv: Optional[List[str]] = None) -> int:
         if args.trace is not None:
             require_file(args.trace)
             return _trace(jobs[0], args.trace)
+        if args.json is not None:
+            require_file(args.json)
         results = list(zip(jobs, _on_all_cores(rehearse, jobs, args.jobs)))
+        if args.json is not None:
+            _write(results, args.json)
     except FcsvError as error:
         print(f"rehearse: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"rehearse: {in_words(error, args.trace or '')}", file=sys.stderr)
+        print(f"rehearse: {in_words(error, args.trace or args.json or '')}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("rehearse: interrupted", file=sys.stderr)
@@ -90,16 +97,43 @@ def main(argv: Optional[List[str]] = None) -> int:
     return int(bool(broken))
 
 
+def _write(results: Sequence[Tuple[Job, Result]], path: str) -> None:
+    """For programs: a list with an object for each flight."""
+    told = [{
+        "seed": job.seed, "faults": job.name, "phase": r.phase, "detail": r.detail, "flown_s": round(r.flown_s, 2),
+        "captures": r.captures, "wanted": r.wanted, "nearest_m": r.nearest_m if isfinite(r.nearest_m) else None,
+        "violations": [{"kind": v.kind, "at_s": round(v.at_s, 2), "text": v.text} for v in r.violations],
+    } for job, r in results]  # fmt: skip
+    Path(path).write_text(json.dumps(told, indent=1))
+
+
 def _told(job: Job, r: Result) -> str:
     told = "; ".join(f"{v.at_s:.1f} s: {v.text}" for v in r.violations)
     return f"--faults '{job.name}' --seed {job.seed}: {told} ({r.phase}: {r.detail})"
 
 
 def _on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
+    if work is rehearse and len(jobs) == 1:
+        return [_one(jobs[0])]
     if processes == 1 or len(jobs) == 1:
         return [work(job) for job in tqdm(jobs, unit="flight", disable=None)]
     with multiprocessing.Pool(processes, _quietly) as pool:
         return list(tqdm(pool.imap(work, jobs), total=len(jobs), unit="flight", disable=None))
+
+
+def _one(job: Job) -> Result:
+    """A single flight, with a bar of its configurations."""
+    with tqdm(total=len(job.mission.configurations), unit="configuration", disable=None) as bar:
+
+        def watched(flight: Flight) -> None:
+            flight.recorder = show
+
+        def show(flight: Flight) -> None:
+            captures = len(flight.control.machine.captures)
+            if captures > bar.n:
+                bar.update(captures - bar.n)
+
+        return rehearse(job, watched)
 
 
 def _quietly() -> None:
@@ -156,4 +190,5 @@ def _parse(argv):
     parser.add_argument(
         "--trace", nargs="?", const="rehearsal.png", metavar="FILE.png", help="fly the flight of --seed and draw it"
     )
+    parser.add_argument("--json", metavar="FILE", help="write how every flight went, for programs")
     return parser.parse_args(argv)

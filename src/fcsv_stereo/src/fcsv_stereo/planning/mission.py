@@ -49,8 +49,7 @@ def write_mission(document: dict, path: Path) -> None:
     """The file, whole or not at all. Raises OutputError."""
     head = "# Planned: rosrun fcsv_stereo plan. Trim points are for rosrun fcsv_stereo map.\n"
     lines = [yaml.safe_dump({k: v}, sort_keys=False) for k, v in document.items() if k != "configurations"]
-    rows = [yaml.safe_dump(c, default_flow_style=True, sort_keys=False, width=200) for c in document["configurations"]]
-    text = head + "".join(lines) + "configurations:\n" + "".join(f"  - {r}" for r in rows)
+    text = head + "".join(lines) + "".join(configuration_lines(document))
     partial = path.with_name(path.name + ".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -58,6 +57,12 @@ def write_mission(document: dict, path: Path) -> None:
         os.replace(partial, path)
     except OSError as error:
         raise OutputError(in_words(error, path)) from error
+
+
+def configuration_lines(document: dict) -> List[str]:
+    """The list as it stands in a file, one configuration a line."""
+    rows = [yaml.safe_dump(c, default_flow_style=True, sort_keys=False, width=200) for c in document["configurations"]]
+    return ["configurations:\n", *(f"  - {r}" for r in rows)]
 
 
 def map_arguments(plan: Plan) -> List[str]:

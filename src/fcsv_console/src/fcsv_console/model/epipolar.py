@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well two cameras' pictures and their places agree: the distance of matched features from their epipolar lines.
+
+Places from tracking, pictures from the radio; nothing is refined. A turn along the baseline shows in no epipolar line.
+"""
+
+import math
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Dict, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_console.model.facts import EpipolarTold
+from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.refinement.geometry import epipolar_error
+
+_FEATURES, _LEAST = 800, 25  # ORB's; fewer matches that agree with any epipolar geometry say nothing
+_RATIO, _SHARE = 0.85, 0.5  # of the second best; of the matches, less is a geometry that chance has found
+_AGREE_PX = 2.0  # of matches with a geometry of their own: it sorts out wrong ones, whatever the places say
+_POSES, _POSE_S = 120, 0.05  # kept per vehicle, 4 s; a picture without one so near in time is left out
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A picture (JPEG or PNG) with its camera as taken and its place."""
+
+    stamp_s: float
+    data: bytes
+    camera: PinholeCamera
+    T_home_cam: np.ndarray
+
+
+def measured_px(a: Seen, b: Seen) -> Tuple[float, int]:
+    """(median distance from the epipolar lines of the places in px of b, matches). NaN: too few matches.
+
+    Raises ValueError where a picture cannot be unpacked.
+    """
+    uv_a, uv_b = _matches(_gray(a), _gray(b))
+    if len(uv_a) < _LEAST:
+        return math.nan, len(uv_a)
+    rays_a, rays_b = (np.column_stack([s.camera.normalize(uv), np.ones(len(uv))]) for s, uv in ((a, uv_a), (b, uv_b)))
+    cv2.setRNGSeed(1)
+    _, kept = cv2.findEssentialMat(rays_a[:, :2].copy(), rays_b[:, :2].copy(), np.eye(3), cv2.RANSAC, 0.999,
+                                   _AGREE_PX / b.camera.fx)  # fmt: skip
+    kept = np.zeros(len(rays_a), bool) if kept is None else kept.ravel().astype(bool)
+    if kept.sum() < max(_LEAST, _SHARE * len(kept)):
+        return math.nan, int(kept.sum())
+    error, _ = epipolar_error(transforms.invert(a.T_home_cam) @ b.T_home_cam, rays_a[kept], rays_b[kept])
+    return float(b.camera.fx * np.median(np.abs(error))), int(kept.sum())
+
+
+def _gray(seen: Seen) -> np.ndarray:
+    gray = cv2.imdecode(np.frombuffer(seen.data, np.uint8), cv2.IMREAD_GRAYSCALE) if seen.data else None
+    if gray is None:
+        raise ValueError(f"{len(seen.data)} octets are no picture")
+    if gray.shape != (seen.camera.height, seen.camera.width):
+        raise ValueError(f"the picture is {gray.shape[1]} x {gray.shape[0]}, its camera {seen.camera.width} x "
+                         f"{seen.camera.height}")  # fmt: skip
+    return gray
+
+
+def _matches(a: np.ndarray, b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Pixels (N, 2) of features that are each other's best, by far (Lowe's ratio)."""
+    orb = cv2.ORB_create(_FEATURES)
+    (points_a, of_a), (points_b, of_b) = orb.detectAndCompute(a, None), orb.detectAndCompute(b, None)
+    if of_a is None or of_b is None:
+        return np.empty((0, 2)), np.empty((0, 2))
+    forth, back = (_best(x, y) for x, y in ((of_a, of_b), (of_b, of_a)))
+    pairs = [(points_a[i].pt, points_b[k].pt) for i, k in forth.items() if back.get(k) == i]
+    uv = np.array(pairs, float).reshape(-1, 2, 2)
+    return uv[:, 0], uv[:, 1]
+
+
+def _best(a: np.ndarray, b: np.ndarray) -> Dict[int, int]:
+    found = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(a, b, k=2)
+    return {m[0].queryIdx: m[0].trainIdx for m in found if len(m) == 2 and m[0].distance < _RATIO * m[1].distance}
+
+
+class EpipolarWatch:
+    """Keeps the newest picture of each vehicle with its place. ``tell`` and ``measure`` from different threads."""
+
+    def __init__(self, vehicles: Sequence[str]):
+        self._poses: Dict[str, Deque[Tuple[float, np.ndarray]]] = {n: deque(maxlen=_POSES) for n in vehicles}
+        self._pictures: Dict[str, Deque[Tuple[float, bytes, PinholeCamera]]] = {n: deque(maxlen=4) for n in vehicles}
+        self._measured: Tuple[float, float] = (math.nan, math.nan)
+        self._lock = threading.Lock()
+
+    def tell_pose(self, name: str, stamp_s: float, T_home_cam: np.ndarray) -> None:
+        """Where a camera was."""
+        with self._lock:
+            self._poses[name].append((stamp_s, T_home_cam))
+
+    def tell_picture(self, name: str, stamp_s: float, data: bytes, camera: PinholeCamera) -> None:
+        """What it saw."""
+        with self._lock:
+            self._pictures[name].append((stamp_s, data, camera))
+
+    def measure(self, pair: Tuple[str, str]) -> Optional[EpipolarTold]:
+        """Of the newest pictures of both whose places are known; None where there is nothing new."""
+        if len(set(pair)) < 2 or not set(pair) <= set(self._poses):
+            return None
+        with self._lock:
+            a, b = (self._seen(name) for name in pair)
+        if a is None or b is None or (a.stamp_s, b.stamp_s) == self._measured:
+            return None
+        self._measured = (a.stamp_s, b.stamp_s)
+        return EpipolarTold(pair, *measured_px(a, b))
+
+    def _seen(self, name: str) -> Optional[Seen]:
+        for stamp_s, data, camera in reversed(self._pictures[name]):
+            near = min(self._poses[name], key=lambda p: abs(p[0] - stamp_s), default=None)
+            if near is not None and abs(near[0] - stamp_s) <= _POSE_S:
+                return Seen(stamp_s, data, camera, near[1])
+        return None

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The epipolar error of two pictures against places that are known to be right, and wrong by a known turn."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from support import scenes
+
+from fcsv_console.model import facts, samples, stereo
+from fcsv_console.model.epipolar import EpipolarWatch, Seen, measured_px
+
+CAMERA = scenes.CAMERA  # 301 px of focal length
+
+
+def seen(xyz, rpy_deg=(0.0, 0.0, 0.0), told_rpy_deg=None, told_xyz=None):
+    """A picture from one place, told to be from another."""
+    bgr = scenes.photograph(scenes.camera_pose(xyz, rpy_deg))[:, :, ::-1]
+    data = cv2.imencode(".png", bgr)[1].tobytes()
+    told = scenes.camera_pose(xyz if told_xyz is None else told_xyz, rpy_deg if told_rpy_deg is None else told_rpy_deg)
+    return Seen(1.0, data, CAMERA, told)
+
+
+LEFT = seen((0.0, 0.0, 0.0))
+
+
+def test_right_places_have_no_epipolar_error():
+    """ORB finds a corner again to about half a pixel; a median over hundreds lies below that."""
+    for place in ((0.0, -2.0, 0.0), (0.0, 0.0, 2.0)):
+        error_px, matches = measured_px(LEFT, seen(place))
+        assert error_px < 0.6 and matches > 100
+    assert measured_px(LEFT, seen((0.0, -2.0, 0.0), (1.0, -2.0, 3.0)))[0] < 0.8, "turned, and told so"
+
+
+@pytest.mark.parametrize("place, turn_deg", [((0.0, -2.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 2.0), (0.0, 0.0, 1.0))])
+def test_a_wrong_turn_across_the_baseline_shows_as_many_pixels_as_it_is(place, turn_deg):
+    error_px, _ = measured_px(LEFT, seen(place, told_rpy_deg=turn_deg))
+    assert error_px == pytest.approx(CAMERA.fx * math.tan(math.radians(1.0)), abs=0.8)
+
+
+def test_a_wrong_place_across_the_baseline_shows():
+    """0.4 m sideways to a baseline of 2 m turns the epipolar lines by atan(0.2)."""
+    error_px, _ = measured_px(LEFT, seen((0.0, -2.0, 0.0), told_xyz=(0.0, -2.0, 0.4)))
+    far_px, near_px = (CAMERA.fx * 2.0 / z_m * math.sin(math.atan(0.2)) for z_m in (scenes.DEPTH_M, scenes.NEAR_M))
+    assert far_px - 0.8 < error_px < near_px + 0.8, "whichever wall has more of the features"
+
+
+def test_pictures_without_anything_in_common_say_nothing():
+    blank = Seen(1.0, cv2.imencode(".png", np.full((CAMERA.height, CAMERA.width), 128, np.uint8))[1].tobytes(), CAMERA,
+                 scenes.camera_pose((0.0, -2.0, 0.0)))  # fmt: skip
+    noise = np.random.default_rng(3).integers(0, 255, (CAMERA.height, CAMERA.width), np.uint8)
+    other = Seen(1.0, cv2.imencode(".png", noise)[1].tobytes(), CAMERA, blank.T_home_cam)
+    for right in (blank, other):
+        assert math.isnan(measured_px(LEFT, right)[0])
+
+
+@pytest.mark.parametrize("data, words", [
+    (b"", "0 octets are no picture"), (b"\xff\xd8 no", "5 octets are no picture"),
+    (cv2.imencode(".png", np.zeros((9, 7), np.uint8))[1].tobytes(), "the picture is 7 x 9, its camera 320 x 240"),
+])  # fmt: skip
+def test_what_is_no_picture_is_told(data, words):
+    with pytest.raises(ValueError, match=words):
+        measured_px(LEFT, Seen(1.0, data, CAMERA, LEFT.T_home_cam))
+
+
+def test_the_watch_takes_the_newest_pictures_whose_places_are_known_and_each_pair_once():
+    watch, right = EpipolarWatch(["uav1", "uav2"]), seen((0.0, -2.0, 0.0))
+    pair = ("uav1", "uav2")
+    assert watch.measure(pair) is None and watch.measure(("", "")) is None and watch.measure(("uav1", "uav9")) is None
+    for name, one in zip(pair, (LEFT, right)):
+        watch.tell_picture(name, 10.0, one.data, one.camera)
+        watch.tell_pose(name, 9.8, np.eye(4))
+    assert watch.measure(pair) is None, "no place of that moment"
+    for name, one in zip(pair, (LEFT, right)):
+        watch.tell_pose(name, 10.01, one.T_home_cam)
+        watch.tell_picture(name, 11.0, b"later, and without a place yet", one.camera)
+    told = watch.measure(pair)
+    assert told.pair == pair and told.error_px < 0.6 and watch.measure(pair) is None
+
+
+# ---- what follows from it ----------------------------------------------------------------------------------------
+
+
+def flying(error_px, pair=("uav1", "uav2")):
+    c = samples.console("config/missions/outdoor.yaml")
+    samples.flying(c)
+    c.tell(samples.NOW_S - 0.5, facts.EpipolarTold(pair, error_px, 212))
+    return c
+
+
+def test_pictures_that_contradict_the_places_are_no_go():
+    s = flying(1.3).view(samples.NOW_S).stereo
+    assert s.go and s.epipolar_px == 1.3
+    s = flying(stereo.MOST_EPIPOLAR_PX + 2.0).view(samples.NOW_S).stereo
+    assert s.words == "NO-GO: pictures and places disagree by 12 px across the epipolar lines"
+
+
+def test_what_is_not_known_or_old_or_of_another_pair_decides_nothing():
+    for c, now_s in ((flying(math.nan), samples.NOW_S), (flying(50.0, ("uav2", "uav1")), samples.NOW_S)):
+        assert c.view(now_s).stereo.go and math.isnan(c.view(now_s).stereo.epipolar_px)
+    late = flying(50.0)
+    samples.flying(late)
+    assert math.isnan(late.view(samples.NOW_S + 5.0).stereo.epipolar_px)
