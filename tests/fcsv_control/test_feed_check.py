@@ -107,3 +107,30 @@ def test_a_tracker_that_comes_and_goes_is_doubted():
         air.now_s += 0.7
         air.run(2.0)
     assert air.check.doubt == "the tracker comes and goes"
+
+
+@pytest.mark.parametrize("gap_s, sunk_m, tells", [(2.0, 1.0, True), (2.0, 0.1, False), (0.3, 1.0, False)])
+def test_a_tracker_that_returns_elsewhere_is_told_as_a_reset(gap_s, sunk_m, tells):
+    """It goes on from where it fell silent, and the vehicle sank meanwhile. Once: what follows is no reset."""
+    air = Air()
+    air.run(3.0)
+    air.now_s += gap_s
+    air.p = air.p - [0.0, 0.0, sunk_m]
+    told = []
+    for k in range(60):
+        air.check.estimate(air.now_s, transforms.from_xyz_yaw(air.p, 0.0), np.zeros(3))
+        T = transforms.from_xyz_yaw(air.p + [0.001 * (k % 2), 0.0, sunk_m], 0.001 * (k % 3))
+        if air.check.judge(air.now_s, 1.7e9 + air.now_s, T) and air.check.came_back:
+            told.append(k)
+        air.now_s += 1.0 / HZ
+    assert told == ([0] if tells else [])
+
+
+def test_time_on_the_ground_is_no_silence():
+    air = Air()
+    for _ in range(5):
+        air.run(1.0)
+        air.check.on_ground()
+        air.now_s += 60.0
+        air.p = air.p + [3.0, 0.0, 0.0]
+    assert air.run(5.0) is None and not air.check.came_back

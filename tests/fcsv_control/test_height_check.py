@@ -49,7 +49,7 @@ def test_what_is_near_the_ground_or_silent_is_not_compared():
     check = HeightCheck()
     for k in range(200):  # 1.2 m up: the rotors' wash counts
         assert check.barometer(k / HZ, 1.2 if k else 0.0, 50.0 * (k % 2)) == 0.0
-    check.begin_again()
+    check.on_ground()
     for k in range(200):
         assert check.barometer(k / HZ, 5.0 if k else 0.0, 5.0) == pytest.approx(0.0)
     assert check.barometer(200 / HZ + 3.0, 5.0, 9.0) == 0.0  # after a silence all begins anew
@@ -61,7 +61,7 @@ def test_a_pressure_is_a_height():
 
 
 def feed(check, now_s, z_m):
-    check.estimate(now_s, transforms.from_xyz_yaw([0.0, 0.0, 0.0], 0.0), (0.0, 0.0, 0.0))
+    check.estimate(now_s, transforms.from_xyz_yaw([0.0, 0.0, z_m], 0.0), (0.0, 0.0, 0.0))  # the filter follows
     p_m = [0.001 * np.sin(9.0 * now_s), 0.001 * np.cos(7.0 * now_s), z_m]
     return check.judge(now_s, 1.7e9 + now_s, transforms.from_xyz_yaw(p_m, 0.001 * np.sin(5.0 * now_s)))
 
@@ -70,6 +70,7 @@ def feed(check, now_s, z_m):
 def test_the_feed_is_doubted_where_barometer_and_tracker_part(gap_s):
     """Also after a gap of the tracker, which begins all anew but what the ground's height was."""
     check, now_s = FeedCheck(), 50.0
+    check.on_ground()
     for k in range(1200):
         now_s += 1.0 / 30.0 + (gap_s if k == 300 else 0.0)
         feed(check, now_s, 0.0)
@@ -83,3 +84,32 @@ def test_the_feed_is_doubted_where_barometer_and_tracker_part(gap_s):
     check.begin_again()
     check.barometer(now_s, 99.0)
     assert check.doubt == ""
+
+
+def test_a_link_that_starts_in_flight_compares_heights_all_the_same():
+    """It never saw the ground, and the vehicle climbs no more."""
+    check = FeedCheck()
+    for k in range(1200):
+        now_s = 50.0 + k / 30.0
+        drift_m = 0.0 if k < 600 else 0.004 * (k - 600)
+        feed(check, now_s, 8.0 + drift_m)
+        if k % 6 == 0:
+            check.barometer(now_s, 57.0)
+        if check.doubt:
+            break
+    assert "barometer" in check.doubt and 900 < k < 1100
+
+
+def test_an_odometry_that_begins_anew_in_flight_keeps_the_height_of_the_ground():
+    check = FeedCheck()
+    check.on_ground()
+    for k in range(1500):
+        now_s = 50.0 + k / 30.0
+        feed(check, now_s, 0.0 if k < 900 else 0.004 * (k - 900))
+        if k == 300:
+            check.begin_again()
+        if k % 6 == 0:
+            check.barometer(now_s, 4.0 if k > 30 else 0.0)
+        if check.doubt:
+            break
+    assert "barometer" in check.doubt and k > 900

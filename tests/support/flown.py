@@ -111,7 +111,7 @@ class Loop:
             return True
         if self.core.state.armed and self.core.state.landed is False:
             return self.check.judge(self.t, self.t, T)
-        self.check.begin_again()
+        self.check.on_ground()
         return True
 
     def noisy(self, T):

@@ -37,6 +37,7 @@ class FeedCheckRules:
     speed_mps: float = 0.12  # of the filter's velocity
     lag_s: float = 0.04  # between both: counts while the velocity changes
     most_gaps: int = 3  # silences of more than half a second in one flight
+    returns_m: float = 0.3  # between estimate and feed after such a silence: more is not to be followed, but adopted
     withheld_s: float = 0.25  # so long nothing believable came: doubt
     apart_m: float = 0.5  # between estimate and feed, beyond what is flown in apart_lag_s
     apart_lag_s: float = 0.2
@@ -55,14 +56,15 @@ class FeedCheck:
         self._rules = rules or FeedCheckRules()
         self._way: Deque[Tuple[float, Vector, Vector]] = deque()  # time, way by velocity (m, odom), velocity
         self._estimate: Optional[Vector] = None
-        self._clock_s: Optional[float] = None
         self._skew_s = 0.0
         self._settled_s = -math.inf
         self._height = HeightCheck(self._rules.height)
+        self.came_back = False
         self.begin_again()
 
     def begin_again(self) -> None:
-        """On the ground, or the odometry frame was begun anew: nothing of before counts."""
+        """The odometry frame was begun anew: nothing of before counts."""
+        self._clock_s: Optional[float] = None
         self._gaps = 0
         self._samples: Deque[Tuple[float, Tuple[float, ...]]] = deque()  # stamp; position, forward and left axes (9,)
         self._believed: Deque[Tuple[float, Vector, Vector, Vector]] = deque()  # stamp, position, way, velocity
@@ -72,6 +74,11 @@ class FeedCheck:
         self._tracker_m: Optional[float] = None  # its height
         self._height.begin_again()
         self.doubt = ""
+
+    def on_ground(self) -> None:
+        """Not flying: nothing of before counts, and the height of the ground is here."""
+        self.begin_again()
+        self._height.on_ground()
 
     def estimate(self, now_s: float, T_odom_body: np.ndarray, v_odom_mps: Sequence[float]) -> None:
         """The autopilot's position and velocity (m/s, odom)."""
@@ -93,14 +100,17 @@ class FeedCheck:
             self.doubt = self.doubt or self._height.doubt(off_m)
 
     def judge(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
-        """Whether a pose of a flying vehicle may go to the autopilot.
+        """Whether a pose of a flying vehicle may go to the autopilot. ``came_back``: it is the first after a silence
+        and elsewhere, so that the autopilot must be told of a reset. It would take the step for flight, and meet the
+        ground too fast.
 
         Times go by the poses' own stamps: when they arrive tells how busy the computer is. A clock that was set, and
         a gap, begin anew.
         """
-        self._continue(now_s, stamp_s)
+        gap = self._continue(now_s, stamp_s)
         rows = T_odom_body.tolist()
         p_m = (rows[0][3], rows[1][3], rows[2][3])
+        self.came_back = gap and self._estimate is not None and math.dist(p_m, self._estimate) > self._rules.returns_m
         self._tracker_m = p_m[2]
         pose = (*p_m, rows[0][0], rows[1][0], rows[2][0], rows[0][1], rows[1][1], rows[2][1])
         repeats = bool(self._samples) and pose == self._samples[-1][1]  # to the last bit: no news
@@ -116,19 +126,22 @@ class FeedCheck:
         self.doubt = doubt or self._apart(now_s, p_m)
         return believed and not self.doubt
 
-    def _continue(self, now_s: float, stamp_s: float) -> None:
-        """After a step of the sender's clock, or a gap, everything but a doubt begins anew. After a gap the
+    def _continue(self, now_s: float, stamp_s: float) -> bool:
+        """After a step of the sender's clock, or a gap, everything but a doubt begins anew. After a gap (True) the
         autopilot's filter finds its way back first."""
+        gap = False
         if self._clock_s is not None:
             step_s, arrived_s = stamp_s - self._clock_s, now_s - self._skew_s - self._clock_s
-            if arrived_s > _GAP_S:
+            gap = arrived_s > _GAP_S
+            if gap:
                 self._settled_s = now_s + _SETTLE_S
                 self._gaps += 1
             if abs(step_s - arrived_s) > _CLOCK_STEP_S or not 0.0 < step_s < _GAP_S:
-                doubt, gaps, lowest_m = self.doubt, self._gaps, self._height.lowest_m
+                doubt, gaps = self.doubt, self._gaps
                 self.begin_again()
-                self.doubt, self._gaps, self._height.lowest_m = doubt, gaps, lowest_m
+                self.doubt, self._gaps = doubt, gaps
         self._clock_s, self._skew_s = stamp_s, now_s - stamp_s
+        return gap
 
     # ---- against the velocity --------------------------------------------------------------------------------
 

@@ -43,12 +43,18 @@ class HeightCheck:
 
     def __init__(self, rules: Optional[HeightCheckRules] = None):
         self._rules = rules or HeightCheckRules()
+        self._ground_seen = False
+        self._lowest_m: Optional[float] = None  # of the barometer since the take-off
         self.begin_again()
 
     def begin_again(self) -> None:
-        """On the ground, or the tracker's frame was begun anew."""
+        """The tracker's frame was begun anew."""
         self._apart: Deque[Tuple[float, float]] = deque()  # time, tracker's height less the barometer's
-        self.lowest_m: Optional[float] = None  # of the barometer since the take-off
+
+    def on_ground(self) -> None:
+        """Nothing of before counts."""
+        self.begin_again()
+        self._lowest_m, self._ground_seen = None, True
 
     def barometer(self, now_s: float, baro_m: float, tracker_m: float) -> float:
         """A sample, and the tracker's height then; by how much (m) they moved against each other, 0.0 while too little
@@ -56,8 +62,10 @@ class HeightCheck:
         r, apart = self._rules, self._apart
         if apart and now_s - apart[-1][0] > _SILENT_S:
             apart.clear()
-        self.lowest_m = baro_m if self.lowest_m is None else min(self.lowest_m, baro_m)
-        if baro_m - self.lowest_m < r.above_m:
+        if self._lowest_m is None:  # who was started in flight never saw the ground: where the tracker began
+            self._lowest_m = baro_m if self._ground_seen else baro_m - max(0.0, tracker_m)
+        self._lowest_m = min(self._lowest_m, baro_m)
+        if baro_m - self._lowest_m < r.above_m:
             return 0.0
         apart.append((now_s, tracker_m - baro_m))
         while apart[0][0] < now_s - r.apart_s - r.before_s:

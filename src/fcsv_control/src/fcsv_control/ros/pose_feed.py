@@ -93,8 +93,10 @@ class PoseFeed:
         state = self._link.state
         if state.armed and state.in_the_air:
             believed = self._check.judge(now_s, stamp_s, T_odom_body)
+            if believed and self._check.came_back:
+                self._link.note_reset()
         else:
-            self._check.begin_again()
+            self._check.on_ground()
             believed = True
         self._health.problem("tracker", f"{self._name}: {self._check.doubt}" if self._check.doubt else "")
         return believed

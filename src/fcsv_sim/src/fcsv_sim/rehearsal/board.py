@@ -128,9 +128,13 @@ class OnBoard:
             T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
             self.guardian.feed(now_s, T_odom_body)
             if not (self.link.state.armed and self.link.state.in_the_air):
-                self._check.begin_again()
-            elif not self._check.judge(now_s, stamp_s, T_odom_body):
-                return
+                self._check.on_ground()
+            else:
+                believed = self._check.judge(now_s, stamp_s, T_odom_body)
+                if not believed:
+                    return
+                if self._check.came_back:
+                    self.link.note_reset()
             self.link.send_pose(stamp_s, T_odom_body)
             self._watchdog.feed(now_s)
 
@@ -239,9 +243,11 @@ class OnBoard:
 
     # ---- processes that die ------------------------------------------------------------------------------------
 
-    def swap_link(self, link, watchdog, died: bool = False) -> None:
-        """Another link process in place of the one that runs. What was asked of one that ``died`` fails."""
+    def swap_link(self, link, watchdog, died: bool = False, knows: bool = True) -> None:
+        """Another link process in place of the one that runs. What was asked of one that ``died`` fails; a new one
+        ``knows`` nothing of what it was fed before."""
         self.link, self._watchdog, self._feed = link, watchdog, VisionFeed(FeedParameters())
+        self._check = self._check if knows else FeedCheck()
         for ask, _ in self._requests if died else []:
             self.agent.finished(ask, "the flight link died")
         self._requests = [] if died else self._requests

@@ -116,7 +116,7 @@ def start_link(vehicle: RehearsedVehicle, now_s: float) -> None:
     """A new process, which knows nothing of what was before."""
     vehicle.link_runs = True
     link = LinkCore(LinkParameters(target_system=vehicle.geometry.system_id))
-    vehicle.swap_link(link, FeedWatchdog(WatchdogParameters(), now_s))
+    vehicle.swap_link(link, FeedWatchdog(WatchdogParameters(), now_s), knows=False)
 
 
 def stop_link(vehicle: RehearsedVehicle, now_s: float) -> SleepingLink:
