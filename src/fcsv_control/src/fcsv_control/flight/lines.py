@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""UDP and TCP lines to a flight controller. Errors of a line that broke come out as OSError, whatever it is made of."""
+"""UDP, TCP and serial lines to a flight controller. Errors of a line that broke come out as OSError."""
 
 import os
 
@@ -13,6 +13,8 @@ from collections import OrderedDict, deque
 from typing import Deque, Dict, Optional, Tuple
 
 from pymavlink import mavutil
+
+from fcsv_control.flight.parser import Parser
 
 _M = mavutil.mavlink
 _LOG = logging.getLogger(__name__)
@@ -33,12 +35,6 @@ def address_of(text: str) -> Address:
     return socket.gethostbyname(host), int(port)
 
 
-def _parser() -> _M.MAVLink:
-    parser = _M.MAVLink(None)
-    parser.robust_parsing = True
-    return parser
-
-
 class UdpLine:
     """``listens``: at this address, for whoever comes; else it speaks to it.
 
@@ -57,7 +53,7 @@ class UdpLine:
             self._socket.close()
             raise
         self._socket.setblocking(False)
-        self._parsers: OrderedDict[Address, _M.MAVLink] = OrderedDict()
+        self._parsers: OrderedDict[Address, Parser] = OrderedDict()
         self._homes: Dict[int, Tuple[Address, float]] = {}  # of system ids: address, and when it was heard last
         self._refused: Dict[Tuple[int, Address], float] = {}
         self._came: Deque[object] = deque()
@@ -85,10 +81,10 @@ class UdpLine:
         except (BlockingIOError, ConnectionRefusedError):  # refused: what was sent before found nobody
             return
         if peer not in self._parsers:
-            self._parsers[peer] = _parser()
+            self._parsers[peer] = Parser()
             if len(self._parsers) > _MOST_PEERS:
                 self._parsers.popitem(last=False)
-        for message in self._parsers[peer].parse_buffer(data) or ():
+        for message in self._parsers[peer].messages(data):
             if self._fixed is not None or self._is_at_home(message, peer):
                 self._came.append(message)
 
@@ -115,7 +111,7 @@ class TcpLine:
         self._socket = socket.create_connection(address_of(address), _CONNECT_S)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(_SEND_S)
-        self._parser = _parser()
+        self._parser = Parser()
         self._came: Deque[object] = deque()
         self._heard_s = time.monotonic()
         self.mav = _M.MAVLink(self)
@@ -127,7 +123,7 @@ class TcpLine:
             if not data:
                 raise ConnectionError("closed by the other side")
             self._heard_s = time.monotonic()
-            self._came.extend(self._parser.parse_buffer(data) or ())
+            self._came.extend(self._parser.messages(data))
         elif time.monotonic() - self._heard_s > _SILENT_S:
             raise ConnectionError(f"silent for {_SILENT_S:g} s")
         return self._came.popleft() if self._came else None
@@ -143,16 +139,25 @@ class SerialLine:
     """A device and its baud rate, as DEVICE:BAUD."""
 
     def __init__(self, url: str):
+        import serial  # when first used: of a link that is started again every moment counts
+
         device, _, baud = url.rpartition(":")
-        self._link = mavutil.mavlink_connection(device, baud=int(baud), dialect="ardupilotmega")
-        self.mav = self._link.mav
+        self._port = serial.Serial(device, int(baud), timeout=0, write_timeout=_SEND_S)
+        self._parser = Parser()
+        self._came: Deque[object] = deque()
+        self.mav = _M.MAVLink(self)
 
     def receive(self, timeout_s: float):
-        """The next message, or None after about ``timeout_s``."""
+        """The next message, or None after ``timeout_s``."""
         try:
-            return self._link.recv_match(blocking=True, timeout=timeout_s)
+            if not self._came and select.select([self._port], [], [], timeout_s)[0]:
+                self._came.extend(self._parser.messages(self._port.read(_DATAGRAM)))
         except (ValueError, TypeError) as error:  # what pyserial and select raise when a device is pulled
             raise ConnectionError(str(error)) from error
+        return self._came.popleft() if self._came else None
+
+    def write(self, data: bytes) -> None:
+        self._port.write(data)
 
     def close(self) -> None:
-        self._link.close()
+        self._port.close()

@@ -211,7 +211,8 @@ class Listener:
         self._rpy_ned = (m.roll, m.pitch, m.yaw)
 
     def _on_local_position_ned(self, _now_s: float, m) -> None:
-        if self._rpy_ned is not None and all(map(math.isfinite, (m.x, m.y, m.z, *self._rpy_ned))):
+        numbers = (m.x, m.y, m.z, m.vx, m.vy, m.vz, *(self._rpy_ned or ()))
+        if self._rpy_ned is not None and all(map(math.isfinite, numbers)):
             T_odom_body = conversion.pose_from_ned((m.x, m.y, m.z), self._rpy_ned)
             self._events.append(PoseHeard(T_odom_body, (m.vy, m.vx, -m.vz)))
 

@@ -17,6 +17,7 @@ _RAMP_MPS2 = 3.0
 _MAX_LEAN_RAD = math.radians(30.0)
 _YAW_STICK_RPS = math.radians(100.0)
 _G = 9.81
+_SLOWEST, _QUICKEST = 0.1, 50.0  # m/s and m/s^2 of what a parameter asks for
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,9 @@ class WayLimits:
 
     @classmethod
     def of(cls, parameters: Dict[str, Tuple[float, int]]) -> "WayLimits":
-        """From parameters (value, type), which are in cm/s and cm/s^2."""
+        """From parameters (value, type), which are in cm/s and cm/s^2; too slow ones are as slow as it gets."""
         names = ("WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_SPEED_DN", "WPNAV_ACCEL", "WPNAV_ACCEL_Z")
-        return cls(*(0.01 * parameters[n][0] for n in names))
+        return cls(*(_clip(0.01 * parameters[n][0], _SLOWEST, _QUICKEST) for n in names))
 
     def along(self, level_m: float, up_m: float) -> Tuple[float, float]:
         """(m/s, m/s^2) on the straight way to a place so far away: horizontal and vertical share one clock."""

@@ -6,7 +6,7 @@ import os
 os.environ.setdefault("MAVLINK20", "1")
 
 import math
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, List, Optional
 
 from pymavlink import mavutil
 
@@ -14,21 +14,12 @@ from fcsv_geometry import rotations
 from fcsv_sim.autopilot import modes, parameters
 from fcsv_sim.autopilot.controller import WayLimits
 from fcsv_sim.autopilot.core import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Autopilot
+from fcsv_sim.autopilot.fields import heading, ned, usable, whole
 
 _M = mavutil.mavlink
 _PREARM_BIT = 0x10000000
 _FLAGS_OK, _UNINITIALISED = 0x33F, 0x400
 _LOCAL, _IGNORE_XYZ, _IGNORE_V, _IGNORE_A, _IGNORE_YAW = 1, 0x007, 0x038, 0x1C0, 0x400
-
-
-def ned(p_ext_m) -> Tuple[float, float, float]:
-    """East-north-up to north-east-down."""
-    return float(p_ext_m[1]), float(p_ext_m[0]), -float(p_ext_m[2])
-
-
-def heading(yaw_rad: float) -> float:
-    """Counter-clockwise from east to clockwise from north, and back: the map is its own inverse."""
-    return rotations.wrap(math.pi / 2 - yaw_rad)
 
 
 class MavlinkServer:
@@ -103,11 +94,11 @@ class MavlinkServer:
     # ---- incoming ------------------------------------------------------------------------------------------
 
     def _on_vision_position_estimate(self, m) -> None:
-        position = (m.y, m.x, -m.z)
-        self._pilot.estimator.vision(self._now_s, position, heading(m.yaw), m.reset_counter)
+        if usable(m.x, m.y, m.z, m.yaw):
+            self._pilot.estimator.vision(self._now_s, (m.y, m.x, -m.z), heading(m.yaw), m.reset_counter)
 
     def _on_odometry(self, m) -> None:
-        if (m.frame_id, m.child_frame_id) != (20, 12):
+        if (m.frame_id, m.child_frame_id) != (20, 12) or not usable(m.x, m.y, m.z, *m.q) or not any(m.q):
             return  # other frames are dropped without a word
         w, x, y, z = m.q
         yaw = rotations.yaw((x, y, z, w))
@@ -123,11 +114,12 @@ class MavlinkServer:
 
     def _on_set_position_target_local_ned(self, m) -> None:
         mask = m.type_mask
-        if m.coordinate_frame != _LOCAL:
-            return
-        yaw = None if mask & _IGNORE_YAW else heading(m.yaw)
+        yaw = None if mask & _IGNORE_YAW else m.yaw
         position = None if mask & _IGNORE_XYZ else (m.y, m.x, -m.z)
         velocity = None if mask & _IGNORE_V else (m.vy, m.vx, -m.vz)
+        if m.coordinate_frame != _LOCAL or not usable(yaw or 0.0, *(position or ()), *(velocity or ())):
+            return
+        yaw = None if yaw is None else heading(yaw)
         if position is not None and velocity is None and not mask & _IGNORE_A:
             position = self._pilot.estimator.p_ext_m.copy()  # position with acceleration, no velocity: it stops
         self._pilot.set_point(self._now_s, position, velocity, yaw)
@@ -172,20 +164,20 @@ class MavlinkServer:
     def _command(self, m) -> int:
         pilot, now_s = self._pilot, self._now_s
         if m.command == _M.MAV_CMD_DO_SET_MODE:
-            return pilot.set_mode(now_s, int(m.param2)) if int(m.param1) & 1 else DENIED
+            return pilot.set_mode(now_s, whole(m.param2)) if whole(m.param1) & 1 else DENIED
         if m.command == _M.MAV_CMD_COMPONENT_ARM_DISARM:
             force = m.param2 in (2989.0, 21196.0)
             return pilot.arm(now_s, force) if m.param1 == 1 else pilot.disarm(now_s, m.param2 == 21196.0)
         if m.command == _M.MAV_CMD_NAV_TAKEOFF:
-            return pilot.takeoff(m.param7)
+            return pilot.takeoff(m.param7) if usable(m.param7) else FAILED
         if m.command == _M.MAV_CMD_NAV_LAND:
             return pilot.set_mode(now_s, modes.LAND)
         if m.command == _M.MAV_CMD_SET_MESSAGE_INTERVAL:
-            return self._set_interval(int(m.param1), m.param2)
+            return self._set_interval(whole(m.param1), m.param2)
         if m.command == _M.MAV_CMD_REQUEST_MESSAGE:
-            if int(m.param1) not in self._streams:
+            if whole(m.param1) not in self._streams:
                 return FAILED
-            self._streams[int(m.param1)]()  # of a missing origin nothing comes, and the answer is the same
+            self._streams[whole(m.param1)]()  # of a missing origin nothing comes, and the answer is the same
             return ACCEPTED
         return UNSUPPORTED
 
