@@ -21,7 +21,7 @@ from fcsv_stereo.priors import FILE as PRIORS
 from fcsv_stereo.priors import read_priors
 
 #: Parameters of each camera model in order, as names of fx, fy, cx, cy, k1, k2, p1, p2.
-_MODELS = {
+MODELS = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),
     "PINHOLE": ("fx", "fy", "cx", "cy"),
     "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
@@ -78,15 +78,12 @@ def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
     for number, words in _lines(path):
         try:
             model, width, height = words[1], int(words[2]), int(words[3])
-            if model not in _MODELS:
-                raise InputError(f"{path}, line {number}: camera model {model} is not one of {', '.join(_MODELS)}")
-            if len(words) - 4 != len(_MODELS[model]):
-                raise InputError(f"{path}, line {number}: {model} has {len(_MODELS[model])} parameters")
-            values = dict(zip(_MODELS[model], map(float, words[4:])))
-            fx, fy = values.get("fx", values.get("f")), values.get("fy", values.get("f"))
-            distortion = tuple(values.get(k, 0.0) for k in ("k1", "k2", "p1", "p2")) + (0.0,)
-            camera = PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion)
-            cameras[int(words[0])] = camera
+            if model not in MODELS:
+                raise InputError(f"{path}, line {number}: camera model {model} is not one of {', '.join(MODELS)}")
+            if len(words) - 4 != len(MODELS[model]):
+                raise InputError(f"{path}, line {number}: {model} has {len(MODELS[model])} parameters")
+            values = dict(zip(MODELS[model], map(float, words[4:])))
+            cameras[int(words[0])] = camera_of(width, height, values)
         except (ValueError, IndexError, TypeError) as error:
             raise InputError(f"{path}, line {number}: not a camera ({error})") from error
         except GeometryError as error:
@@ -94,6 +91,13 @@ def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
     if not cameras:
         raise InputError(f"{path}: holds no camera")
     return cameras
+
+
+def camera_of(width: int, height: int, values: Dict[str, float]) -> PinholeCamera:
+    """From a camera model's parameters by name, whose pixel centres are at 0.5. Raises GeometryError."""
+    fx, fy = values.get("fx", values.get("f")), values.get("fy", values.get("f"))
+    distortion = tuple(values.get(k, 0.0) for k in ("k1", "k2", "p1", "p2")) + (0.0,)
+    return PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion)
 
 
 def read_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[PosedImage]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``fcsv map|plan ...`` of an installation without ROS: each is what ``rosrun fcsv_stereo`` runs."""
+"""The command ``fcsv map|plan|import-photos ...`` without ROS: each is what ``rosrun fcsv_stereo`` runs."""
 
 import importlib
 import sys
@@ -9,6 +9,7 @@ from typing import List, Optional
 COMMANDS = {
     "map": ("fcsv_stereo.cli", "depth, a cloud and a report from a session, a bag or posed photographs"),
     "plan": ("fcsv_stereo.planning.command", "the baselines to fly, their ranges and errors"),
+    "import-photos": ("fcsv_stereo.photos.command", "GPS-tagged photographs as a folder that map reads, in metres"),
 }
 _HELP = ("-h", "--help")
 
@@ -26,5 +27,5 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 
 def usage() -> str:
-    lines = [f"  {name:8} {words}" for name, (_, words) in COMMANDS.items()]
+    lines = [f"  {name:14} {words}" for name, (_, words) in COMMANDS.items()]
     return "\n".join(["usage: fcsv COMMAND ...   (fcsv COMMAND --help tells its options)", *lines])

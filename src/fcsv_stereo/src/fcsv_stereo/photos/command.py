@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``rosrun fcsv_stereo import_photos PHOTOS -o OUT`` (without ROS: ``fcsv import-photos``)."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import List, Optional
+
+import numpy as np
+
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.writing import in_words
+from fcsv_stereo.photos.importing import Imported, ImportOptions, import_photos
+
+_EXAMPLES = """examples:
+  import_photos DCIM/ -o photos           poses by COLMAP (pip install pycolmap), metres by the photographs' GPS
+  import_photos DCIM/ -o photos --model sparse/0     posed by COLMAP already: cameras and images, .txt or .bin
+  map photos -o out/photos --reference DJI_0031.JPG
+"""
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """Exit status 0 with a folder that ``map`` reads; 2 with one line on stderr, 130 on Ctrl-C, and nothing is left."""
+    args = _parser().parse_args(argv)
+    try:
+        options = ImportOptions(Path(args.model) if args.model else None, args.longest_px)
+        done = import_photos(Path(args.photographs), Path(args.out), options)
+    except FcsvError as error:
+        print(f"import_photos: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"import_photos: {in_words(error, args.out)}; nothing was written", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("import_photos: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    print(table(done))
+    print(f"wrote {args.out}: images/ ({len(done.names)}), cameras.txt, images.txt, priors.csv")
+    print(f"map it: map {args.out} -o OUT --reference {done.names[0]}")
+    return 0
+
+
+def table(done: Imported) -> str:
+    """Text: how far each photograph's GPS lies from where the model has it, and what that says of the scale."""
+    s = done.similarity
+    wide = max(map(len, ["photograph", *done.tagged]))
+    lines = [f"{'photograph':<{wide}}{'east':>9}{'north':>9}{'up':>9}   GPS less model (m)"]
+    for name, away_m, outlier in zip(done.tagged, s.residuals_m, s.outliers):
+        east, north, up = away_m
+        said = "   contradicts the others: not used" if outlier else ""
+        lines.append(f"{name:<{wide}}{east:>+9.2f}{north:>+9.2f}{up:>+9.2f}{said}")
+    lines += [f"{name}: left out: {why}" for name, why in done.left_out.items()]
+    lines.append(
+        f"scale {s.scale:.6g} m per unit of the model, known to {s.scale_sigma:.2%}; level and north to "
+        f"{np.degrees(s.turn_sigma_rad):.1f} degrees; GPS scatters {s.gps_factor:.2f} times as much as it says"
+    )
+    o = done.origin
+    lines.append(f"home: {o.latitude_deg:.7f}, {o.longitude_deg:.7f}, {o.height_m:.2f} m; x east, y north, z up")
+    return "\n".join(lines)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="import_photos", description="GPS-tagged photographs as a folder that map reads, in metres.",
+        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    add = parser.add_argument
+    add("photographs", help="a folder of photographs with GPS in their EXIF tags")
+    add("-o", "--out", required=True, help="new folder for images/, cameras.txt, images.txt, priors.csv")
+    add("--model", metavar="FOLDER", help="their poses by COLMAP, text or binary; by default pycolmap finds them")
+    add(
+        "--longest-px", type=int, default=ImportOptions.longest_px, metavar="PX",
+        help="longer side of the copies (default %(default)s; 0: as it is; with --model always as it is)",
+    )  # fmt: skip
+    return parser
