@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report: its figures are what they say, its warnings come when they should, and its page is whole."""
 
+import base64
+import gzip
+import json
+import re
 import warnings as python_warnings
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from plotly.offline import get_plotlyjs
+from scipy.spatial import cKDTree
 from support.scenes import CAMERA, given, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.evaluation import evaluate
-from fcsv_stereo.report import evidence, figures, page, plain_words, write_report
+from fcsv_stereo.report import cloud_view, evidence, figures, page, plain_words, write_report
 from fcsv_stereo.report.figures import _with_none
 from fcsv_stereo.report.parts import Paragraph
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
@@ -131,7 +137,8 @@ def test_the_page_has_every_section_and_says_what_is_new(result, tmp_path, monke
     text = path.read_text()
     for title, _ in (s for s in page.SECTIONS if s[0] != "Points of interest"):
         assert f">{title}</h2>" in text
-    assert "something new" in text and text.count("<img src=") > 10 and "http" not in text
+    assert "something new" in text and text.count("<img src=") > 10 and "http:" not in text and "https:" not in text
+    assert "default-src 'none'" in text  # browsers load nothing from elsewhere, whatever a script asks for
     without = write_report(result, tmp_path).read_text()
     assert "Against truth" not in without and "Points of interest" not in text
 
@@ -145,13 +152,43 @@ def test_a_map_of_hardly_anything_has_a_page(result, tmp_path):
     assert "Only 0% of the picture" in text and "not measured" in text
 
 
+def unpacked(text, name):
+    """What the browser unpacks of the page."""
+    (packed,) = re.findall(f'<script type="text/plain" id="cloud-view-{name}">([^<]*)</script>', text)
+    return gzip.decompress(base64.b64decode(packed)).decode()
+
+
+def test_the_cloud_can_be_turned_without_a_network(result, tmp_path, monkeypatch):
+    """The page holds plotly's script and points of the cloud in their colours, to a centimetre."""
+    monkeypatch.setattr(cloud_view, "MOST_POINTS", 500)
+    text = write_report(result, tmp_path).read_text()
+    assert unpacked(text, "plotly") == get_plotlyjs()
+    points, cameras = json.loads(unpacked(text, "figure"))["data"]
+    found = np.stack([np.frombuffer(base64.b64decode(points[a]["bdata"]), points[a]["dtype"]) for a in "xyz"], -1)
+    assert found.shape == (500, 3) and f"500 drawn at random of {result.points:,} points" in text
+    distance, nearest = cKDTree(result.cloud.points_home_m).query(found)
+    assert distance.max() < 0.01  # half a centimetre along each axis
+    colours = ["#" + bytes(c).hex() for c in result.cloud.colors[nearest]]
+    assert np.mean([a == b for a, b in zip(colours, points["marker"]["color"])]) > 0.9  # of neighbours within 1 cm: any
+    assert cameras["text"] == [i.name for i in result.images]
+    assert "This browser has no WebGL" in text and "needs a browser that runs scripts" in text
+
+
+def test_a_page_without_points_has_no_view(result, tmp_path):
+    nothing = type(result.cloud)(*(getattr(result.cloud, n)[:0] for n in result.cloud.__dataclass_fields__))
+    text = write_report(replace(result, cloud=nothing), tmp_path).read_text()
+    assert "In three dimensions" not in text and "<script" not in text
+
+
 def test_names_cannot_break_the_page(result, tmp_path):
     word = "<script>alert('&\"')</script>"
     pairs = [replace(p, configuration=replace(p.configuration, name=word)) for p in result.pairs]
     images = [replace(i, vehicle=word) for i in result.images]
     evil = replace(result, warnings=[word], pairs=pairs, images=images, method=word)
     text = write_report(evil, tmp_path).read_text()
-    assert "<script>" not in text and text.count("&lt;script&gt;alert(") >= 2 + 1 + 2 * len(pairs) + len(images)
+    own, scripts = re.subn(r"<script( type=\"text/plain\" id=\"[a-z-]+\")?>.*?</script>", "", text, flags=re.DOTALL)
+    assert scripts == 3 and not any(word in s for s in re.findall(r"<script.*?</script>", text, re.DOTALL))
+    assert "<script>" not in own and text.count("&lt;script&gt;alert(") >= 2 + 1 + 2 * len(pairs) + len(images)
 
 
 def test_colours_of_nothing_without_deprecated_ways():
@@ -159,6 +196,7 @@ def test_colours_of_nothing_without_deprecated_ways():
         python_warnings.simplefilter("error")
         colormap = _with_none("turbo", "#ff0000")
         assert colormap(np.ma.masked_invalid([np.nan]))[0].tolist() == [1.0, 0.0, 0.0, 1.0]
+
 
 _SPANS_M = [(95.0, 105.0), (11.0, 13.0), (2.0, 9.0), (10.0, 600.0), (0.02, 900.0), (0.001, 900.0)]
 

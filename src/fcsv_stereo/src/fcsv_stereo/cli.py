@@ -12,6 +12,7 @@ from tqdm import tqdm
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.writing import in_words
 from fcsv_stereo import pipeline
+from fcsv_stereo.cloud_bounds import CloudBounds
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
@@ -57,7 +58,7 @@ def main(argv: Optional[List[str]] = None) -> int:
         poi = Path(args.poi) if args.poi else None
         document = pipeline.run(
             Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress, poi, products,
-            _instant(args.instant),
+            _instant(args.instant), CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma),
         )  # fmt: skip
     except (FcsvError, ValueError) as error:
         print(f"map: {error}", file=sys.stderr)
@@ -148,6 +149,15 @@ def _parser() -> argparse.ArgumentParser:
         "by default that of the middle of the last recording",
     )  # fmt: skip
     parser.add_argument("--products", default="", metavar="LIST", help=f"also: {','.join(PRODUCTS)} (or all)")
+    parser.add_argument(
+        "--cloud-range-m", default="auto", metavar="M",
+        help="farthest depth of the clouds (map.ply, products); 'none': any; by default where one pixel of disparity "
+        "on the widest baseline is 20 %% of the distance",
+    )  # fmt: skip
+    parser.add_argument(
+        "--cloud-sigma", metavar="SHARE",
+        help="largest standard deviation of the clouds' points: a share of the depth (default 20%%), metres, or 'none'",
+    )  # fmt: skip
     parser.add_argument("--matcher", choices=sorted(MATCHERS), help="thesis: default quasi-dense")
     parser.add_argument(
         "--rectify", choices=sorted(r.value for r in Rectification),

@@ -150,6 +150,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "timing_s": {k: round(v, 4) for k, v in result.timing_s.items()},
         "warnings": result.warnings,
     }  # fmt: skip
+    if result.cut is not None:
+        document["cloud"] = result.cut.to_dict()
     if evaluation is not None:
         document["truth"] = evaluation.to_dict()
     return document

@@ -10,6 +10,7 @@ import numpy as np
 
 from fcsv_geometry.writing import require_folder
 from fcsv_stereo import colmap, instants, output
+from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import Joint
@@ -51,11 +52,13 @@ def run(
     poi: Optional[Path] = None,
     products: Sequence[str] = (),
     instant: Optional[str] = None,
+    bounds: Optional[CloudBounds] = None,
 ) -> dict:
     """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written.
 
     ``options`` are of the method's ``options`` class. ``poi`` names a file of points of interest; a session may hold
     one (poi.yaml). ``products`` are written besides. ``instant``: only pictures of one, ``last`` or a stamp (s).
+    ``bounds`` are those of the cloud (None: its defaults).
     """
     started = time.perf_counter()
     output.check_out(out)
@@ -66,6 +69,7 @@ def run(
         given = instants.of_one_instant(given, None if instant == "last" else float(instant))
     loaded = time.perf_counter()
     result = replace(METHODS[method].map(given, options, progress), skews_s=instants.skews(given))
+    result = bound_cloud(result, bounds or CloudBounds())
     result.timing_s["load"] = loaded - started
     truth, true_depth = _truth(given, result)
     with output.StagedOutput(out) as staged:

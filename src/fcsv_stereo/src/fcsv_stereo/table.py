@@ -10,6 +10,9 @@ def demo_table(document: dict) -> str:
         near, far = c["effective_range_m"]
         skew = "-" if c.get("skew_ms") is None else f"{c['skew_ms']:.0f} ms"
         lines.append(f"{c['name'][:40]:<40} {f'{near:.0f} to {far:.0f} m':>18} {c['match_rate']:>8.0%} {skew:>8}")
+    cut = document.get("cloud")
+    if cut and cut["beyond_range"] + cut["beyond_sigma"]:
+        lines.append(f"left out of the cloud: {cut['beyond_range']} points too far, {cut['beyond_sigma']} too unsure")
     timing = document["timing_s"]
     steps = ", ".join(f"{k} {timing[k]:.1f}" for k in ("load", "refine", "match", "fuse", "write") if k in timing)
     lines.append(f"coverage {document['coverage']:.0%} of the picture; processed in {timing['total']:.1f} s ({steps})")

@@ -6,11 +6,11 @@ from fcsv_stereo.model.inputs import FLOWN, ConfigurationInput, MapInput, PosePr
 from fcsv_stereo.model.method import Method, silent
 from fcsv_stereo.model.pairs import Pair, PairResult
 from fcsv_stereo.model.pictures import LivePicture, Picture, Reference
-from fcsv_stereo.model.results import Cloud, ImageEntry, MapResult, Progress
+from fcsv_stereo.model.results import Cloud, CloudCut, ImageEntry, MapResult, Progress
 from fcsv_stereo.model.words import AXES, Axis, InputKind, Word
 
 __all__ = [
-    "AXES", "Axis", "Cloud", "Configuration", "ConfigurationInput", "FLOWN", "ImageEntry", "LivePicture", "MapInput",
-    "MapResult", "Method", "Pair", "PairResult", "Picture", "PosePrior", "Progress", "Reference", "InputKind", "Word",
-    "silent",
+    "AXES", "Axis", "Cloud", "CloudCut", "Configuration", "ConfigurationInput", "FLOWN", "ImageEntry", "LivePicture",
+    "MapInput", "MapResult", "Method", "Pair", "PairResult", "Picture", "PosePrior", "Progress", "Reference",
+    "InputKind", "Word", "silent",
 ]  # fmt: skip

@@ -6,6 +6,7 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence
 
 import numpy as np
 
+from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.model.pairs import Pair
 from fcsv_stereo.model.pictures import Reference
 
@@ -40,6 +41,27 @@ class Cloud:
         return len(self.points_home_m)
 
 
+@dataclass(frozen=True)
+class CloudCut:
+    """Bounds of a cloud (farthest depth in m, largest sigma; None: any) and how many points lay beyond each; what was
+    too far counts as that alone."""
+
+    range_m: Optional[float]
+    sigma: Optional[ErrorThreshold]
+    beyond_range: int
+    beyond_sigma: int
+
+    def to_dict(self) -> dict:
+        """For report.json."""
+        share, metres = None, None
+        if self.sigma is not None:
+            share, metres = (self.sigma.value, None) if self.sigma.relative else (None, self.sigma.value)
+        return {
+            "range_m": self.range_m, "sigma_share": share, "sigma_m": metres, "beyond_range": self.beyond_range,
+            "beyond_sigma": self.beyond_sigma,
+        }  # fmt: skip
+
+
 @dataclass
 class MapResult:
     """A map and its evidence. ``depth`` and ``sigma`` are float32 HxW (m), NaN where there is nothing."""
@@ -56,6 +78,7 @@ class MapResult:
     kind: Optional[np.ndarray] = None  # uint8 HxW, ``model.kinds``; by default one pair where there is a depth
     watched: List[str] = field(default_factory=list)  # other pictures before which nothing can have moved unseen
     skews_s: Mapping[str, float] = field(default_factory=dict)  # of sessions, by other picture (instants.skews)
+    cut: Optional[CloudCut] = None  # what was left out of the cloud (cloud_bounds)
 
     def __post_init__(self):
         if self.kind is None and self.depth is not None:

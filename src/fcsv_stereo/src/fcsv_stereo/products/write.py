@@ -28,7 +28,9 @@ def write_products(names: Sequence[str], result: MapResult, given: MapInput, fol
         return
     cloud = merge_duplicates(result.cloud, result.reference)
     if not len(cloud):
-        raise OutputError(f"the map holds no points (only sky?): nothing to make {', '.join(names)} of")
+        cut = result.cut and result.cut.beyond_range + result.cut.beyond_sigma
+        why = "all lie beyond the cloud's bounds: --cloud-range-m, --cloud-sigma" if cut else "only sky?"
+        raise OutputError(f"the map holds no points ({why}): nothing to make {', '.join(names)} of")
     if "orthophoto" in names and not result.reference.is_level:
         result.warnings.append(
             "home's z axis does not point up in the reference picture: orthophoto and heights are along that axis all "

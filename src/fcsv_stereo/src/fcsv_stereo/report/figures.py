@@ -99,7 +99,7 @@ def from_above(result: MapResult, by_baseline: bool):
     Where home does not lie level, from above the reference camera: forward is its optical axis.
     """
     cloud = result.cloud
-    points = transforms.apply(_T_view_home(result), cloud.points_home_m)
+    points = transforms.apply(T_view_home(result), cloud.points_home_m)
     keep = np.random.default_rng(0).permutation(len(points))[:150000]
     points, index = points[keep], cloud.baseline_index[keep]
     reach = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 99.5)) if len(points) else 10.0
@@ -214,7 +214,7 @@ def _rings(axes, reach: float) -> None:
         axes.text(r * np.sin(angles[-1]) * 0.52, r * 0.995, f"{r:.0f} m", fontsize=7, color="#444444")
 
 
-def _T_view_home(result: MapResult) -> np.ndarray:
+def T_view_home(result: MapResult) -> np.ndarray:
     """From home to the frame that is drawn from above: home itself where it is level."""
     if result.reference.is_level:
         return np.eye(4)
@@ -223,7 +223,7 @@ def _T_view_home(result: MapResult) -> np.ndarray:
 
 
 def _field_of_view(axes, result: MapResult, reach: float) -> None:
-    camera, T = result.reference.camera, _T_view_home(result) @ result.reference.T_home_cam
+    camera, T = result.reference.camera, T_view_home(result) @ result.reference.T_home_cam
     for u in (0, camera.width - 1):
         d = T[:3, :3] @ np.array([(u - camera.cx) / camera.fx, 0.0, 1.0])
         d = d / np.linalg.norm(d) * reach * 1.1

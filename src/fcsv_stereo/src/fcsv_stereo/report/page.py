@@ -20,6 +20,7 @@ SECTIONS: List[Tuple[str, Callable[[ReportData], List[Part]]]] = [
     ("Summary", sections.summary),
     ("Against truth", sections.truth),
     ("Map from above", sections.from_above),
+    ("In three dimensions", sections.in_three_dimensions),
     ("Configurations", sections.configurations),
     ("Poses", sections.poses),
     ("Seams", sections.seams),

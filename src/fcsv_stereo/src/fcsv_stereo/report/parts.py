@@ -57,7 +57,18 @@ class Figures:
     kind: ClassVar[str] = "figures"
 
 
-Part = Union[Paragraph, Heading, Table, Figures]
+@dataclass(frozen=True)
+class CloudView:
+    """A cloud to be turned by hand: script and figure of plotly, each gzip in base64; ``shown`` of ``points``."""
+
+    script: str
+    figure: str
+    shown: int
+    points: int
+    kind: ClassVar[str] = "cloud_view"
+
+
+Part = Union[Paragraph, Heading, Table, Figures, CloudView]
 
 
 def note(text: str) -> Paragraph:

@@ -6,11 +6,13 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
+from fcsv_stereo.cloud_bounds import in_words
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.model.kinds import WORDS, masks
 from fcsv_stereo.poi import PoiResult
 from fcsv_stereo.report import charts, figures, poi
+from fcsv_stereo.report.cloud_view import cloud_view
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction, sigma_bands
 from fcsv_stereo.report.parts import (
     Heading,
@@ -54,6 +56,7 @@ def summary(data: ReportData) -> List[Part]:
         ("reference picture", result.reference.name),
         ("configurations", str(len(result.pairs))),
         ("points", f"{result.points:,}"),
+        *([("left out of the cloud", in_words(result.cut))] if result.cut and in_words(result.cut) else []),
         ("coverage of the picture", f"{result.coverage:.1%}"),
         ("depth, 1st to 99th percentile", span),
         ("sigma over distance, median", percent(float(np.median(relative)) if relative.size else None, 2)),
@@ -135,6 +138,19 @@ def from_above(data: ReportData) -> List[Part]:
     """The cloud from above, in colour and by configuration; how far the pixels are."""
     above = side(figures.from_above(data.result, False), figures.from_above(data.result, True))
     return [above, image(figures.histogram(data.result))]
+
+
+def in_three_dimensions(data: ReportData) -> List[Part]:
+    """The thinned cloud, to be turned by hand."""
+    if not data.result.points:
+        return []
+    view = cloud_view(data.result)
+    share = "all" if view.shown == view.points else f"{view.shown:,} drawn at random of"
+    said = (
+        f"Shown: {share} {view.points:,} points; red: the reference camera, blue: the others. Drag to turn, scroll to "
+        "come nearer, drag with the right button to move. No network is needed."
+    )
+    return [view, note(said)]
 
 
 def confidence(data: ReportData) -> List[Part]:

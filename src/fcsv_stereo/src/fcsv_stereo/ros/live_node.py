@@ -17,6 +17,7 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
+from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.live import Corrections, LiveSession, MapStage
 from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
@@ -227,7 +228,7 @@ class LiveNode:
             self._say(MapStage.MAPPING, names)
         started = time.monotonic()
         try:
-            result = method.map(given, options)
+            result = bound_cloud(method.map(given, options), CloudBounds())
         except FcsvError as error:
             self._say(MapStage.FAILED, str(error), given.warnings)
             return None
