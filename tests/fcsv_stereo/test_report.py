@@ -160,6 +160,7 @@ def test_colours_of_nothing_without_deprecated_ways():
         colormap = _with_none("turbo", "#ff0000")
         assert colormap(np.ma.masked_invalid([np.nan]))[0].tolist() == [1.0, 0.0, 0.0, 1.0]
 
+
 _SPANS_M = [(95.0, 105.0), (11.0, 13.0), (2.0, 9.0), (10.0, 600.0), (0.02, 900.0), (0.001, 900.0)]
 
 
