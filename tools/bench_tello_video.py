@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the simulated Tello's video costs: processor time to render and to encode a picture, and its bytes, by size.
 
-    .venv/bin/python tools/bench_tello_video.py        # after: . devel/setup.sh; without ROS
+.venv/bin/python tools/bench_tello_video.py        # after: . devel/setup.sh; without ROS
 """
 
 import argparse

@@ -42,16 +42,18 @@ def test_connecting_and_standing(loop):
     assert loop.core.state.filter_runs and loop.core.state.ekf_variance < 0.5
 
 
+def arrived(loop):
+    off = np.linalg.norm(loop.estimate[:3, 3] - loop.target[:3, 3])
+    turn = np.angle(np.exp(1j * (transforms.yaw(loop.estimate) - transforms.yaw(loop.target))))
+    return off < 0.3 and abs(turn) < 0.1
+
+
 def test_a_square_with_yaw(loop):
     loop.hover()
     home = loop.target.copy()
     for x, y, yaw in ((4.0, 0.0, 0.3), (4.0, 4.0, 1.8), (0.0, 4.0, -2.5), (0.0, 0.0, 0.3)):
         loop.target = transforms.from_xyz_yaw(home[:3, 3] + [x, y, 0.0], yaw)
-        there = lambda: (  # noqa: E731
-            np.linalg.norm(loop.estimate[:3, 3] - loop.target[:3, 3]) < 0.3
-            and abs(np.angle(np.exp(1j * (transforms.yaw(loop.estimate) - transforms.yaw(loop.target))))) < 0.1
-        )
-        assert loop.until(there, 20.0)
+        assert loop.until(lambda: arrived(loop), 20.0)
     assert loop.moved == []  # flight is no move of the estimate
 
 

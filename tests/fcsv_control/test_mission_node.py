@@ -322,6 +322,8 @@ def began_anew_and_stopped(pc, vehicle):
     stop.publish(String("a test"))
     until(lambda: "everybody was stopped (a test)" in pc.mission.detail, what="the mission hears of a stop")
     stop.unregister()
+
+
 @pytest.fixture
 def pair(ros_master, folder):
     """Two stand-ins in a column, and a control PC that knows them."""

@@ -238,7 +238,7 @@ def test_commands_that_fell_into_a_cut_come_after_it_in_order_and_once(net):
         n = 0
         while not rospy.is_shutdown():
             p.publish(str(n)); n += 1; time.sleep(0.1)
-    """)
+    """)  # fmt: skip
     commands.wait()
     pause(net, 1.5)  # the contact is over a second old: what comes now is not early any more
     net.radio.cut()
@@ -309,7 +309,7 @@ def test_full_send_buffers_hold_up_neither_state_nor_commands(net):
         while not rospy.is_shutdown():
             p.publish(UInt8MultiArray(data=os.urandom(200000)))
             q.publish('0 %f' % time.time()); time.sleep(0.1)
-    """)
+    """)  # fmt: skip
     acks = net.ear("control", "/uav1/command_ack", "std_msgs/String", "time.time() - float(m.data.split()[1])")
     captures = net.ear("control", "/uav1/capture", "std_msgs/UInt8MultiArray", "len(m.data)")
     captures.wait(timeout_s=40.0)
@@ -336,7 +336,7 @@ def test_strangers_get_nothing_and_a_twin_is_named(net, bench_link):
         net.run("control", """
             from std_msgs.msg import String
             p = rospy.Publisher('/home', String, queue_size=1, latch=True); p.publish('secret'); rospy.spin()
-        """)
+        """)  # fmt: skip
         outsider = net.ear("stranger", "/home", "std_msgs/String")
         insider = net.ear("uav1", "/home", "std_msgs/String")
         insider.wait()
@@ -357,7 +357,7 @@ def test_what_is_wrong_with_messages_costs_one_line(net, tmp_path):
         from std_msgs.msg import String
         p = rospy.Publisher('/uav1/large', String, queue_size=1)
         while not rospy.is_shutdown(): p.publish('x' * 9000); time.sleep(0.02)
-    """)
+    """)  # fmt: skip
     texts = net.ear("control", "/uav1/changing", "std_msgs/String")
     numbers = net.ear("control", "/uav1/changing", "std_msgs/Int32")
     changed = net.run("uav1", f"""
@@ -528,5 +528,5 @@ def test_a_hung_master_stops_nothing_and_ten_thousand_topics_cost_nothing(net):
     net.run("control", """
         from std_msgs.msg import String
         p = rospy.Publisher('/home', String, queue_size=1, latch=True); p.publish('h'); rospy.spin()
-    """)
+    """)  # fmt: skip
     fresh.wait(until=lambda word: word == "h", timeout_s=15.0)

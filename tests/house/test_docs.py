@@ -76,9 +76,7 @@ def test_every_module_of_joint_is_described():
 
 def packages_on_disk():
     """Every folder under src/*/src/* that holds Python modules."""
-    return {
-        str(module.parent.relative_to(root)) for root in ROOT.glob("src/*/src") for module in root.rglob("*.py")
-    }
+    return {str(module.parent.relative_to(root)) for root in ROOT.glob("src/*/src") for module in root.rglob("*.py")}
 
 
 def packages_in_the_page():

@@ -104,7 +104,6 @@ def test_tests_import_no_other_tests():
     assert not {name for name in loose if not name.startswith("test_") and name not in ("conftest.py", "__init__.py")}
 
 
-
 def test_bounds_come_from_measurements_and_not_from_issues():
     """A reader of the tests sees no issue; a bound names its benchmark, its equation, or what was measured and when."""
     names = {str(p.relative_to(ROOT)): p for p in tree_of_tests() if p != Path(__file__).resolve()}

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """rviz inside the window, through its Python bindings; made when it is looked at first."""
 
-
 from python_qt_binding.QtCore import Qt
 from python_qt_binding.QtWidgets import QDockWidget, QLabel, QWidget
 

@@ -166,7 +166,7 @@ def radios(m: DiagnosticArray) -> List[f.Radio]:
         if status.name.startswith("link control-"):
             wrong = "" if status.level == DiagnosticStatus.OK else status.message
             number = (_number(values.get(key, "-")) for key in ("round_trip_s", "in_loss"))
-            found.append(f.Radio(status.name[len("link control-"):], *number, wrong))
+            found.append(f.Radio(status.name[len("link control-") :], *number, wrong))
     return found
 
 

@@ -72,7 +72,7 @@ def _vehicles(view: View) -> Table:
         table.add_row("", _line(told, style), _disk(v))
         table.add_row("", _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"), _clock(v))
         if v.said.value is not None:
-            table.add_row("", _line(f"\"{v.said.value.text}\" {v.said.words} ago", "dim"))
+            table.add_row("", _line(f'"{v.said.value.text}" {v.said.words} ago', "dim"))
     return table
 
 

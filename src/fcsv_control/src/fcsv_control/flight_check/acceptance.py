@@ -43,9 +43,7 @@ class Acceptances:
         for key in gone:
             del self._green_since_s[key]  # its vehicle is not heard
         accepted = self._green_since_s
-        return [
-            replace(li, accepted=li.state is State.AMBER and (li.vehicle, li.name) in accepted) for li in lines
-        ]
+        return [replace(li, accepted=li.state is State.AMBER and (li.vehicle, li.name) in accepted) for li in lines]
 
     def _see(self, now_s: float, key: Tuple[str, str], state: State) -> None:
         if key not in self._green_since_s:

@@ -93,8 +93,11 @@ class Watches:
             age_s = min(max(0.0, now_s - other.heard_s - _USUAL_AGE_S), _MOST_AGE_S)
             if other.armed and now_s - other.heard_s < _OLD_S:
                 offset = here - other.p_home_m
-                yield name, separation.margin_m(
-                    offset, self._rules.separation, other.sigma_m, age_s, min(other.speed_mps, 2.0)
+                yield (
+                    name,
+                    separation.margin_m(
+                        offset, self._rules.separation, other.sigma_m, age_s, min(other.speed_mps, 2.0)
+                    ),
                 )
 
     def beneath(self, now_s: float, air: Air) -> Optional[str]:

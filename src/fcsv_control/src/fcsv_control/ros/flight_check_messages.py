@@ -27,9 +27,7 @@ def small(vehicle: str, lines: Sequence[Line], next_s: float) -> FlightCheck:
 
 def whole(lines: Sequence[Line], next_s: float) -> FlightCheck:
     """The fleet's table."""
-    told = [
-        FlightCheckLine(li.vehicle, li.name, li.state, li.what, li.remedy, li.since_s, li.accepted) for li in lines
-    ]
+    told = [FlightCheckLine(li.vehicle, li.name, li.state, li.what, li.remedy, li.since_s, li.accepted) for li in lines]
     return FlightCheck(conversions.header(rospy.get_time(), ""), "control", "", told, next_s)
 
 

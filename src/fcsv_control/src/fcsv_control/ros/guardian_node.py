@@ -201,8 +201,8 @@ class GuardianNode:
             GuardianState(
                 header=header, vehicle=self._name, action=v.action, holds=v.holds, uncontrolled=v.uncontrolled,
                 lost=v.lost, taken=v.taken, reasons=list(v.reasons), forbids=list(v.forbids),
-            )  # fmt: skip
-        )
+            )
+        )  # fmt: skip
 
 
 def main() -> int:

@@ -75,4 +75,3 @@ class MissionDesk:
             goal.set_canceled(result, detail)
         else:
             goal.set_aborted(result, detail)
-

@@ -245,7 +245,7 @@ class MavlinkServer:
         share = int(self._pilot.battery_share * 100)
         self._send("sys_status",
             0x1FFFFFFF, 0x1FFFFFFF, health, 200, int(self._pilot.battery_v * 1000), 1500, share, 0, 0, 0, 0, 0, 0
-        )
+        )  # fmt: skip
 
     def _battery(self) -> None:
         cell_mv = int(self._pilot.battery_v * 250)

@@ -56,8 +56,10 @@ def write_report(
     data = ReportData(result, found, evidence.seams(result), evaluation, true_depth, points)
     drawn = [Section(title, make(data)) for title, make in SECTIONS]
     count = f"{len(result.pairs)} configuration{'' if len(result.pairs) == 1 else 's'}"
-    page = _environment().get_template("report.html").render(
-        title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts]
+    page = (
+        _environment()
+        .get_template("report.html")
+        .render(title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts])
     )
     path = Path(out_dir) / "report.html"
     path.write_text(page, encoding="utf-8")

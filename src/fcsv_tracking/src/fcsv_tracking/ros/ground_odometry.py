@@ -117,9 +117,7 @@ class GroundOdometryPublisher:
         message = Calibration(header=conversions.header(rospy.get_time(), frames.odom(column[0])))
         here = conversions.transform_to_pose(np.eye(4))
         message.links = [
-            CalibrationLink(
-                parent=a, child=b, child_odom_in_parent_odom=here, covariance=_ONE_FRAME.ravel().tolist()
-            )
+            CalibrationLink(parent=a, child=b, child_odom_in_parent_odom=here, covariance=_ONE_FRAME.ravel().tolist())
             for a, b in zip(column, column[1:])
         ]
         self._calibration.publish(message)
