@@ -12,6 +12,7 @@ from tqdm import tqdm
 from fcsv_control.errors import ControlError, ProfileError
 from fcsv_control.flight import parameter_files
 from fcsv_control.flight.profile import Profile, load_profile
+from fcsv_control.flight.signing import read_key
 from fcsv_control.parameters.vehicle import Vehicle
 from fcsv_geometry.writing import in_words, require_file
 
@@ -136,7 +137,7 @@ def _save(args) -> int:
 def _vehicle(args) -> Iterator[Vehicle]:
     if "/" not in args.source and ":" not in args.source:
         raise ProfileError(f"'{args.source}' is neither a file nor a line (tcp:HOST:PORT, udpin:HOST:PORT, /dev/...)")
-    vehicle = Vehicle(args.source, args.system)
+    vehicle = Vehicle(args.source, args.system, key=read_key(args.key) if args.key else None)
     try:
         yield vehicle
     finally:
@@ -157,6 +158,7 @@ def _parser() -> argparse.ArgumentParser:
         action = actions.add_parser(name, help=words)
         action.add_argument("source", metavar="SOURCE" if name == "compare" else "LINE")
         action.add_argument("--system", type=int, default=0, help="system id (default: the first that is heard)")
+        action.add_argument("--key", metavar="FILE", help="key with which the line is signed")
         if name != "save":
             action.add_argument("--profile", default=_PROFILE, help="(default %(default)s)")
         if name == "write":

@@ -15,6 +15,8 @@ from fcsv_control.flight.feed import FeedParameters
 from fcsv_control.flight.feed_check import FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.profile import load_profile
+from fcsv_control.flight.signing import read_key
+from fcsv_control.flight.transport import Transport
 from fcsv_control.flight.watchdog import WatchdogParameters
 from fcsv_control.ros.command_services import Commands, CommandServices
 from fcsv_control.ros.link_health import LinkHealthReport
@@ -30,12 +32,14 @@ _STATE_PERIOD_S = 1.0
 @dataclass(frozen=True)
 class FlightLinkNodeParameters:
     """Parameters of the node. With ``vehicles_dir`` the system id in the vehicle's file is the one listened to.
-    ``autopilot_profile``: config/autopilot/NAME.param, what the autopilot's parameters must be."""
+    ``autopilot_profile``: config/autopilot/NAME.param, what the autopilot's parameters must be. ``signing_key``: file
+    of the key with which MAVLink is signed."""
 
     vehicle: str
     fcu_url: str
     autopilot_profile: str
     vehicles_dir: str = ""
+    signing_key: str = ""
     link: LinkParameters = field(default_factory=LinkParameters)
     feed: FeedParameters = field(default_factory=FeedParameters)
     watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
@@ -60,7 +64,7 @@ class FlightLinkNode:
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
         self._link = FlightLink(
-            self._parameters.fcu_url,
+            Transport(p.fcu_url, read_key(p.signing_key) if p.signing_key else None),
             self._link_parameters(),
             load_profile(self._parameters.autopilot_profile),
             on_state=self._on_state,
