@@ -36,6 +36,15 @@ def test_autopilots_fly_as_fast_as_ways_of_missions_are_timed():
     assert "WPNAV_SPEED is 500" in PROFILE.rule("WPNAV_SPEED").complaint(500.0)  # ArduCopter's default
 
 
+@pytest.mark.parametrize("port", [0, 1, 2])
+def test_the_stream_rates_are_those_of_the_port_that_the_companion_is_at(port):
+    """A telemetry radio at another port needs its own rates."""
+    names = {rule.name for rule in PROFILE.at_port(port)}
+    assert {name[:4] for name in names if name.startswith("SR") and name[3] == "_"} == {f"SR{port}_"}
+    assert f"SR{port}_EXTRA1 is 10" in PROFILE.at_port(port).rule(f"SR{port}_EXTRA1").complaint(10.0)
+    assert len(names) == len(PROFILE.rules) and PROFILE.at_port(port).rule("VISO_TYPE") == PROFILE.rule("VISO_TYPE")
+
+
 def test_a_ground_station_loads_the_profile_as_it_is():
     assert parameter_files.read(PROFILE_FILE) == PROFILE.values
 

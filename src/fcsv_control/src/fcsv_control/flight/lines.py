@@ -14,7 +14,8 @@ from typing import Deque, Dict, Optional, Tuple
 
 from pymavlink import mavutil
 
-from fcsv_control.flight.parser import Parser
+from fcsv_control.flight.parser import Parser, Sender
+from fcsv_control.flight.signing import Signing
 
 _M = mavutil.mavlink
 _LOG = logging.getLogger(__name__)
@@ -42,7 +43,7 @@ class UdpLine:
     second autopilot on the port would fuse the first one's poses. One with the same id at a second address is refused.
     """
 
-    def __init__(self, address: str, listens: bool):
+    def __init__(self, address: str, listens: bool, signing: Optional[Signing] = None):
         here = address_of(address)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._fixed: Optional[Address] = None if listens else here
@@ -54,10 +55,11 @@ class UdpLine:
             raise
         self._socket.setblocking(False)
         self._parsers: OrderedDict[Address, Parser] = OrderedDict()
+        self._signing = signing
         self._homes: Dict[int, Tuple[Address, float]] = {}  # of system ids: address, and when it was heard last
         self._refused: Dict[Tuple[int, Address], float] = {}
         self._came: Deque[object] = deque()
-        self.mav = _M.MAVLink(self)
+        self.mav = Sender(self, signing)
 
     def receive(self, timeout_s: float):
         """The next message, or None after ``timeout_s``."""
@@ -81,7 +83,7 @@ class UdpLine:
         except (BlockingIOError, ConnectionRefusedError):  # refused: what was sent before found nobody
             return
         if peer not in self._parsers:
-            self._parsers[peer] = Parser()
+            self._parsers[peer] = Parser(self._signing)
             if len(self._parsers) > _MOST_PEERS:
                 self._parsers.popitem(last=False)
         for message in self._parsers[peer].messages(data):
@@ -107,14 +109,14 @@ class UdpLine:
 class TcpLine:
     """Connects to HOST:PORT. ``receive`` raises OSError once the peer is gone or silent for five seconds."""
 
-    def __init__(self, address: str):
+    def __init__(self, address: str, signing: Optional[Signing] = None):
         self._socket = socket.create_connection(address_of(address), _CONNECT_S)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(_SEND_S)
-        self._parser = Parser()
+        self._parser = Parser(signing)
         self._came: Deque[object] = deque()
         self._heard_s = time.monotonic()
-        self.mav = _M.MAVLink(self)
+        self.mav = Sender(self, signing)
 
     def receive(self, timeout_s: float):
         """The next message, or None after ``timeout_s``."""
@@ -138,14 +140,14 @@ class TcpLine:
 class SerialLine:
     """A device and its baud rate, as DEVICE:BAUD."""
 
-    def __init__(self, url: str):
+    def __init__(self, url: str, signing: Optional[Signing] = None):
         import serial  # when first used: of a link that is started again every moment counts
 
         device, _, baud = url.rpartition(":")
         self._port = serial.Serial(device, int(baud), timeout=0, write_timeout=_SEND_S)
-        self._parser = Parser()
+        self._parser = Parser(signing)
         self._came: Deque[object] = deque()
-        self.mav = _M.MAVLink(self)
+        self.mav = Sender(self, signing)
 
     def receive(self, timeout_s: float):
         """The next message, or None after ``timeout_s``."""

@@ -3,7 +3,7 @@
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Dict, Iterator, Optional, Tuple
 
@@ -11,6 +11,7 @@ from fcsv_control.errors import ProfileError
 from fcsv_control.flight.parameter_files import values_of
 
 _RULE = re.compile(r"#:\s*(must|advised|by hand (?P<name>\w+))(?P<choice> [^:]*)?: *(?P<why>.+)$")
+_STREAMS = re.compile(r"^SR0_")
 _TOLERANCE = 1e-6  # parameters travel as float32
 
 
@@ -94,7 +95,26 @@ class Profile:
         return {r.name: r.value for r in self.rules if r.value is not None}
 
 
+    def at_port(self, port: int) -> "Profile":
+        """With the stream rates of another serial port of the autopilot than USB, which the file has: SR0_ is SRn_."""
+        here = tuple(replace(r, name=_STREAMS.sub(f"SR{port}_", r.name)) for r in self.rules)
+        return replace(self, rules=here)
+
+
 NOTHING = Profile()
+
+
+def port_of(url: str) -> int:
+    """The autopilot's port at the other end of a line, as its parameters count them: USB 0, TELEM1 1, TELEM2 2. A
+    serial line that is not USB is taken for TELEM2, where companions are; a network line's end is not known: 0.
+
+    >>> [port_of(url) for url in ("/dev/ttyACM0:115200", "/dev/serial/by-id/usb-Holybro:1", "/dev/ttyTHS1:921600")]
+    [0, 0, 2]
+    >>> port_of("udpin:0.0.0.0:14550")
+    0
+    """
+    usb = not url.startswith("/") or "ttyACM" in url or "/usb-" in url
+    return 0 if usb else 2
 
 
 def load_profile(path) -> Profile:

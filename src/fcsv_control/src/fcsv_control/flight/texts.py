@@ -4,12 +4,22 @@
 from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Tuple
 
+_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 PIECE = 50  # characters in a STATUSTEXT; a shorter piece is the last of its text
 WARNING = 4  # MAV_SEVERITY: this and more serious ones may be the reason of a refusal
 _PATIENCE_S = 1.0
 _GAP = "..."
 
 Text = Tuple[int, str]  # severity, text
+
+
+def severity_name(severity: int) -> str:
+    """A MAV_SEVERITY in a word.
+
+    >>> severity_name(2), severity_name(6), severity_name(200)
+    ('critical', 'info', 'severity 200')
+    """
+    return _SEVERITIES[severity] if 0 <= severity < len(_SEVERITIES) else f"severity {severity}"
 
 
 @dataclass

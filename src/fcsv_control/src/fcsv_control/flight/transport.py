@@ -8,6 +8,7 @@ from typing import Optional, Union
 
 from fcsv_control.errors import LinkError
 from fcsv_control.flight.lines import SerialLine, TcpLine, UdpLine
+from fcsv_control.flight.signing import Signing
 
 _LOG = logging.getLogger(__name__)
 _REOPEN_S = 1.0
@@ -18,18 +19,20 @@ Line = Union[UdpLine, TcpLine, SerialLine]
 
 
 class Transport:
-    """``url``: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD.
+    """``url``: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/DEVICE:BAUD. With a ``key`` of 32 bytes all
+    that is said is signed with it, and nothing else is heard.
 
     Raises LinkError where it cannot be opened at first, except where a TCP peer is only not there yet.
     """
 
-    def __init__(self, url: str):
+    def __init__(self, url: str, key: Optional[bytes] = None):
         self._url = url
+        self._signing = None if key is None else Signing(key)
         self._sending = threading.Lock()
         self._line: Optional[Line] = None
         self._closed = False
         try:
-            self._line = _opened(url)
+            self._line = _opened(url, self._signing)
         except _NOBODY_THERE as error:
             _LOG.warning("nobody is at '%s' yet (%s); trying again", url, error)
         except (OSError, ValueError) as error:
@@ -89,7 +92,7 @@ class Transport:
         if self._closed:
             return
         try:
-            line = _opened(self._url)
+            line = _opened(self._url, self._signing)
         except (OSError, ValueError) as error:
             _LOG.debug("'%s' cannot be opened: %s", self._url, error)
             return
@@ -101,13 +104,13 @@ class Transport:
             line.close()
 
 
-def _opened(url: str) -> Line:
+def _opened(url: str, signing: Optional[Signing]) -> Line:
     """Raises OSError, ValueError."""
     if url.startswith("/"):
-        return SerialLine(url)
+        return SerialLine(url, signing)
     kind, _, address = url.partition(":")
     if kind == "tcp":
-        return TcpLine(address)
+        return TcpLine(address, signing)
     if kind not in ("udpin", "udpout"):
         raise ValueError(f"'{kind}' is not a kind of line")
-    return UdpLine(address, listens=kind == "udpin")
+    return UdpLine(address, kind == "udpin", signing)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, List, Optional, Sequence, Tuple
 
 from fcsv_control import tracker_confidence
+from fcsv_control.flight_check import autopilot_line
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check.heard import Heard, PreArmTexts, Rate
 from fcsv_control.flight_check.lines import Check, Found, State
@@ -51,6 +52,7 @@ class VehicleFacts:
     relay: str = relay_keys.RELAY  # which program stands between the machines
     keys: Heard[relay_keys.Keys] = field(default_factory=Heard)
     texts: PreArmTexts = field(default_factory=PreArmTexts)
+    line: autopilot_line.AutopilotLine = field(default_factory=autopilot_line.AutopilotLine)
 
 
 def _link_now(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Optional[Any]:
@@ -228,6 +230,12 @@ def _keys(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     return relay_keys.judge(now_s, f.keys, f.relay, r.slow_silent_s)
 
 
+def _signing(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.link.fresh(now_s, r.silent_s):
+        return _U, "the flight link is not heard"
+    return autopilot_line.judge(f.line)
+
+
 def _least(value: float, red: float, amber: float) -> State:
     """Of a value that should be large."""
     return _R if not value >= red else _A if value < amber else _G
@@ -261,5 +269,6 @@ VEHICLE_CHECKS: Tuple[Check, ...] = (
     Check("guardian", "the guardian lives and forbids nothing", "do away with what it names; see its log", _guardian),
     Check("agent", "the agent lives and obeys", "end the other agent, or start uav.launch again", _agent),
     relay_keys.check(_keys),
+    autopilot_line.check(_signing),
 )  # fmt: skip
 NAMES: List[str] = [check.name for check in VEHICLE_CHECKS]

@@ -11,7 +11,8 @@ from tqdm import tqdm
 
 from fcsv_control.errors import ControlError, ProfileError
 from fcsv_control.flight import parameter_files
-from fcsv_control.flight.profile import Profile, load_profile
+from fcsv_control.flight.profile import Profile, load_profile, port_of
+from fcsv_control.flight.signing import read_key
 from fcsv_control.parameters.vehicle import Vehicle
 from fcsv_geometry.writing import in_words, require_file
 
@@ -43,8 +44,16 @@ def main(argv: Optional[List[str]] = None) -> int:
         return 130
 
 
+def _profile(args) -> Profile:
+    """With the stream rates of the autopilot's port that the option, or else the line, names; a file is no line."""
+    port = args.port
+    if port is None:
+        port = 0 if Path(args.source).is_file() else port_of(args.source)
+    return load_profile(args.profile).at_port(port)
+
+
 def _compare(args) -> int:
-    profile = load_profile(args.profile)
+    profile = _profile(args)
     values, unknown = _values(args, profile)
     return _table(profile, values, unknown)
 
@@ -78,7 +87,7 @@ def _values(args, profile: Profile) -> Tuple[Dict[str, float], List[str]]:
 
 
 def _write(args) -> int:
-    profile = load_profile(args.profile)
+    profile = _profile(args)
     wanted = parameter_files.read(args.values) if args.values else profile.values
     if args.must and not args.values:
         wanted = {n: v for n, v in wanted.items() if profile.rule(n).must}
@@ -136,7 +145,7 @@ def _save(args) -> int:
 def _vehicle(args) -> Iterator[Vehicle]:
     if "/" not in args.source and ":" not in args.source:
         raise ProfileError(f"'{args.source}' is neither a file nor a line (tcp:HOST:PORT, udpin:HOST:PORT, /dev/...)")
-    vehicle = Vehicle(args.source, args.system)
+    vehicle = Vehicle(args.source, args.system, key=read_key(args.key) if args.key else None)
     try:
         yield vehicle
     finally:
@@ -157,8 +166,11 @@ def _parser() -> argparse.ArgumentParser:
         action = actions.add_parser(name, help=words)
         action.add_argument("source", metavar="SOURCE" if name == "compare" else "LINE")
         action.add_argument("--system", type=int, default=0, help="system id (default: the first that is heard)")
+        action.add_argument("--key", metavar="FILE", help="key with which the line is signed")
         if name != "save":
             action.add_argument("--profile", default=_PROFILE, help="(default %(default)s)")
+            words = "its port whose stream rates count: 1 for SR1_ (default: 2 for a device that is not USB, else 0)"
+            action.add_argument("--port", type=int, choices=range(7), help=words)
         if name == "write":
             action.add_argument("--must", action="store_true", help="only what must be so")
             action.add_argument("--values", metavar="FILE", help="set what this file holds instead, exactly")

@@ -6,7 +6,7 @@ import os
 os.environ.setdefault("MAVLINK20", "1")
 
 import time
-from typing import Callable, Dict, Iterable, List, Mapping, Tuple
+from typing import Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
 from pymavlink import mavutil
 
@@ -24,12 +24,13 @@ Progress = Callable[[int, int], None]  # so many are there, of so many
 
 
 class Vehicle:
-    """Connects to the ArduCopter at ``url`` (as the flight link's ``fcu_url``), ``system`` 0: the first one heard.
+    """Connects to the ArduCopter at ``url`` (as the flight link's ``fcu_url``), ``system`` 0: the first one heard;
+    ``key``: with which the line is signed.
     Raises LinkError where nobody speaks, or another firmware does."""
 
-    def __init__(self, url: str, system: int = 0, patience_s: float = 10.0):
+    def __init__(self, url: str, system: int = 0, patience_s: float = 10.0, key: Optional[bytes] = None):
         self.system, self.armed, self.firmware = system, False, ""
-        self._line = Transport(url)
+        self._line = Transport(url, key)
         self._encoder = _M.MAVLink(None)
         self._values: List[object] = []
         until_s = time.monotonic() + patience_s

@@ -14,7 +14,10 @@ from std_srvs.srv import Trigger, TriggerResponse
 from fcsv_control.flight.feed import FeedParameters
 from fcsv_control.flight.feed_check import FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
-from fcsv_control.flight.profile import load_profile
+from fcsv_control.flight.profile import load_profile, port_of
+from fcsv_control.flight.signing import read_key
+from fcsv_control.flight.texts import severity_name
+from fcsv_control.flight.transport import Transport
 from fcsv_control.flight.watchdog import WatchdogParameters
 from fcsv_control.ros.command_services import Commands, CommandServices
 from fcsv_control.ros.link_health import LinkHealthReport
@@ -30,12 +33,16 @@ _STATE_PERIOD_S = 1.0
 @dataclass(frozen=True)
 class FlightLinkNodeParameters:
     """Parameters of the node. With ``vehicles_dir`` the system id in the vehicle's file is the one listened to.
-    ``autopilot_profile``: config/autopilot/NAME.param, what the autopilot's parameters must be."""
+    ``autopilot_profile``: config/autopilot/NAME.param, what the autopilot's parameters must be. ``signing_key``: file
+    of the key with which MAVLink is signed. ``autopilot_port``: its serial port at the other end, whose stream rates
+    (SRn_) the profile means; -1: by ``fcu_url`` (USB 0, another device 2)."""
 
     vehicle: str
     fcu_url: str
     autopilot_profile: str
     vehicles_dir: str = ""
+    signing_key: str = ""
+    autopilot_port: int = -1
     link: LinkParameters = field(default_factory=LinkParameters)
     feed: FeedParameters = field(default_factory=FeedParameters)
     watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
@@ -59,10 +66,11 @@ class FlightLinkNode:
         self._pose = rospy.Publisher("mavros/local_position/pose", PoseStamped, queue_size=5, tcp_nodelay=True)
         self._battery = rospy.Publisher("mavros/battery", BatteryState, queue_size=2)
         self._texts = rospy.Publisher("mavros/statustext/recv", StatusText, queue_size=20)
+        port = p.autopilot_port if p.autopilot_port >= 0 else port_of(p.fcu_url)
         self._link = FlightLink(
-            self._parameters.fcu_url,
+            Transport(p.fcu_url, read_key(p.signing_key) if p.signing_key else None),
             self._link_parameters(),
-            load_profile(self._parameters.autopilot_profile),
+            load_profile(p.autopilot_profile).at_port(port),
             on_state=self._on_state,
             on_pose=self._on_pose,
             on_barometer=lambda height_m: self._feed.barometer(height_m),
@@ -129,7 +137,7 @@ class FlightLinkNode:
 
     def _on_text(self, severity: int, text: str) -> None:
         log = rospy.loginfo if severity >= StatusText.NOTICE else rospy.logwarn
-        log("autopilot of %s: %s", self._name, text)
+        log("autopilot of %s: %s: %s", self._name, severity_name(severity), text)
         self._texts.publish(StatusText(conversions.header(rospy.get_time(), ""), severity, text))
 
     # ---- services ------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
 from fcsv_control.flight_check import keys
+from fcsv_control.flight_check.autopilot_line import AutopilotLine
 from fcsv_control.flight_check.lines import Judged, Line, State, worst
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
@@ -36,6 +37,7 @@ class VehicleCheckParameters:
 
     vehicle: str
     link: str = keys.RELAY  # as in uav.launch
+    line: AutopilotLine = field(default_factory=AutopilotLine)
     rules: VehicleCheckRules = field(default_factory=VehicleCheckRules)
 
 
@@ -45,7 +47,8 @@ class VehicleCheckNode:
     def __init__(self):
         p = node.parameters(VehicleCheckParameters)
         self._name, self._rules, self._lock = p.vehicle, p.rules, threading.Lock()
-        self._facts, self._judged, self._pace = VehicleFacts(relay=p.link), Judged(p.vehicle, VEHICLE_CHECKS), Pace()
+        self._facts = VehicleFacts(relay=p.link, line=p.line)
+        self._judged, self._pace = Judged(p.vehicle, VEHICLE_CHECKS), Pace()
         self._odometry: Optional[rospy.AnyMsg] = None
         self._states = None
         self._health = Health(p.vehicle)

@@ -57,5 +57,5 @@ DEFAULTS: Dict[str, Tuple[float, int]] = {
     "WPNAV_ACCEL": (150, REAL32),
     "WPNAV_ACCEL_Z": (100, REAL32),
     "FLTMODE_CH": (5, INT8),
-    **{f"SR0_{group}": (0, INT16) for group in _STREAM_GROUPS},
+    **{f"SR{port}_{group}": (0, INT16) for port in range(3) for group in _STREAM_GROUPS},
 }

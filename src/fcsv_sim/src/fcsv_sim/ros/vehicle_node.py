@@ -23,6 +23,7 @@ class VehicleNodeParameters:
     seed: int = 1
     start_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     wind_mps: float = 1.0
+    signing_key: str = ""
 
 
 class VehicleNode:
@@ -33,7 +34,8 @@ class VehicleNode:
         system_id = node.vehicles(p.vehicles_dir, [p.vehicle])[p.vehicle].system_id
         companion = f"127.0.0.1:{p.mavlink_port}"
         parameters = VehicleParameters(
-            p.vehicle, system_id, p.sim_dir, companion, p.rc_port, p.seed, p.start_xyz_yaw, p.wind_mps
+            p.vehicle, system_id, p.sim_dir, companion, p.rc_port, p.seed, p.start_xyz_yaw, p.wind_mps,
+            signing_key=p.signing_key,
         )
         self._vehicle = SimulatedVehicle(parameters, time.time())
 

@@ -7,6 +7,7 @@ from typing import Tuple
 
 import numpy as np
 
+from fcsv_control.flight.signing import read_key
 from fcsv_geometry import rotations, transforms
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
@@ -33,6 +34,7 @@ class VehicleParameters:
     wind_mps: float = 1.0
     ready_s: float = 2.0  # until the autopilot may be armed; 20 s in a real one, which every flown test would wait for
     airframe: Airframe = field(default_factory=Airframe)
+    signing_key: str = ""  # file of the key with which its autopilot signs
 
 
 class SteppedBody:
@@ -110,7 +112,8 @@ class SimulatedVehicle(SteppedBody):
         self.autopilot = Autopilot(self.body.hover_thrust, seed, parameters.ready_s)
         self._rc = RcReceiver(parameters.rc_port)
         server = MavlinkServer(self.autopilot, parameters.system_id)
-        self._line = UdpLine(server, parameters.companion, parameters.system_id)
+        key = read_key(parameters.signing_key) if parameters.signing_key else None
+        self._line = UdpLine(server, parameters.companion, parameters.system_id, key)
         self._piloted = Piloted(body, self.autopilot)
 
     def _decide(self, state: np.ndarray):
