@@ -126,6 +126,29 @@ def test_a_tracker_that_returns_elsewhere_is_told_as_a_reset(gap_s, sunk_m, tell
     assert told == ([0] if tells else [])
 
 
+@pytest.mark.parametrize("ground_seen", [True, False])
+def test_a_link_that_starts_in_flight_tells_a_reset_where_the_place_is_another(ground_seen):
+    """Nobody fed while its process was gone, and the tracker drifts."""
+    check = FeedCheck()
+    if ground_seen:
+        check.on_ground()
+    check.estimate(50.0, transforms.from_xyz_yaw([0.0, 0.0, 8.0], 0.0), np.zeros(3))
+    told = []
+    for k in range(20):
+        T = transforms.from_xyz_yaw([0.8 + 0.001 * (k % 2), 0.0, 8.0], 0.001 * (k % 3))
+        told += [k] if check.judge(50.0 + k / HZ, 1.7e9 + k / HZ, T) and check.came_back else []
+    assert told == ([] if ground_seen else [0])
+
+
+def test_a_link_that_just_started_holds_poses_back_until_it_knows_whether_it_flies():
+    check = FeedCheck()
+    assert check.waits(50.0, None) and check.waits(50.1, True)
+    assert not check.waits(50.1, False)
+    check.estimate(50.2, np.eye(4), np.zeros(3))
+    assert check.waits(50.2, None) and not check.waits(50.2, True)
+    assert not check.waits(51.6, None), "an autopilot that never says is fed all the same"
+
+
 def test_time_on_the_ground_is_no_silence():
     air = Air()
     for _ in range(5):

@@ -20,6 +20,7 @@ from fcsv_geometry.config import require_positive
 _CLOCK_STEP_S = 0.15  # between the sender's clock and ours
 _GAP_S = 0.5  # silence after which nothing of before counts
 _SETTLE_S = 1.5  # so long the autopilot's filter needs after one
+_HEARS_S = 1.5  # until a link that was just started has heard from the autopilot
 
 Vector = Tuple[float, float, float]
 
@@ -59,6 +60,7 @@ class FeedCheck:
         self._skew_s = 0.0
         self._settled_s = -math.inf
         self._height = HeightCheck(self._rules.height)
+        self._first_s: Optional[float] = None
         self.came_back = False
         self.begin_again()
 
@@ -79,6 +81,13 @@ class FeedCheck:
         """Not flying: nothing of before counts, and the height of the ground is here."""
         self.begin_again()
         self._height.on_ground()
+
+    def waits(self, now_s: float, in_the_air: Optional[bool]) -> bool:
+        """Whether a pose is held back because a link that was just started does not know yet whether it flies, and
+        where the autopilot believes to be: what is elsewhere must be told as a reset. Not for long."""
+        self._first_s = now_s if self._first_s is None else self._first_s
+        knows = in_the_air is False or (in_the_air is True and self._estimate is not None)
+        return not knows and now_s - self._first_s < _HEARS_S
 
     def estimate(self, now_s: float, T_odom_body: np.ndarray, v_odom_mps: Sequence[float]) -> None:
         """The autopilot's position and velocity (m/s, odom)."""
@@ -129,8 +138,10 @@ class FeedCheck:
     def _continue(self, now_s: float, stamp_s: float) -> bool:
         """After a step of the sender's clock, or a gap, everything but a doubt begins anew. After a gap (True) the
         autopilot's filter finds its way back first."""
-        gap = False
-        if self._clock_s is not None:
+        gap = self._clock_s is None and not self._height.ground_seen  # of whoever fed before
+        if gap:
+            self._settled_s = now_s + _SETTLE_S
+        elif self._clock_s is not None:
             step_s, arrived_s = stamp_s - self._clock_s, now_s - self._skew_s - self._clock_s
             gap = arrived_s > _GAP_S
             if gap:

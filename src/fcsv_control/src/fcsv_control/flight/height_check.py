@@ -43,7 +43,7 @@ class HeightCheck:
 
     def __init__(self, rules: Optional[HeightCheckRules] = None):
         self._rules = rules or HeightCheckRules()
-        self._ground_seen = False
+        self.ground_seen = False  # by this process
         self._lowest_m: Optional[float] = None  # of the barometer since the take-off
         self.begin_again()
 
@@ -54,7 +54,7 @@ class HeightCheck:
     def on_ground(self) -> None:
         """Nothing of before counts."""
         self.begin_again()
-        self._lowest_m, self._ground_seen = None, True
+        self._lowest_m, self.ground_seen = None, True
 
     def barometer(self, now_s: float, baro_m: float, tracker_m: float) -> float:
         """A sample, and the tracker's height then; by how much (m) they moved against each other, 0.0 while too little
@@ -63,7 +63,7 @@ class HeightCheck:
         if apart and now_s - apart[-1][0] > _SILENT_S:
             apart.clear()
         if self._lowest_m is None:  # who was started in flight never saw the ground: where the tracker began
-            self._lowest_m = baro_m if self._ground_seen else baro_m - max(0.0, tracker_m)
+            self._lowest_m = baro_m if self.ground_seen else baro_m - max(0.0, tracker_m)
         self._lowest_m = min(self._lowest_m, baro_m)
         if baro_m - self._lowest_m < r.above_m:
             return 0.0

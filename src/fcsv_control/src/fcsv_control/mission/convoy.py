@@ -15,7 +15,7 @@ from fcsv_geometry.mission import Mission
 
 _OFF_M = 0.8  # from where a vehicle may be at a time: it is not on its timed way
 _CALM_MPS = 0.3
-_SLICES = 3  # of a plan in one step
+SLICES = 3  # of a plan in one step
 
 
 class Convoy:
@@ -59,7 +59,7 @@ class Convoy:
         self._single_file |= len(names) == 1
         if len(names) > 1:
             self._planning = self._planning or self._plan_from(snapshot, others)
-            self._plan = self._planning.step(_SLICES)
+            self._plan = self._planning.step(SLICES)
             if self._plan is None:
                 return False
             self._planning, names, departures = None, self._plan.order, self._plan.departures or {}

@@ -83,7 +83,9 @@ class PoseFeed:
         T_odom_body = self.converted(message, "pose feed")
         if T_odom_body is not None:
             now_s, stamp_s = time.monotonic(), self._feed.stamp_s
-            if self._believed(now_s, stamp_s, T_odom_body):
+            if self._check.waits(now_s, self._link.state.in_the_air):
+                self._watchdog.feed(now_s)
+            elif self._believed(now_s, stamp_s, T_odom_body):
                 self._link.send_pose(stamp_s, T_odom_body)
                 self._watchdog.feed(now_s)
                 self._health.tick("pose feed")
@@ -96,7 +98,7 @@ class PoseFeed:
             if believed and self._check.came_back:
                 self._link.note_reset()
         else:
-            self._check.on_ground()
+            (self._check.begin_again if state.in_the_air is None else self._check.on_ground)()
             believed = True
         self._health.problem("tracker", f"{self._name}: {self._check.doubt}" if self._check.doubt else "")
         return believed

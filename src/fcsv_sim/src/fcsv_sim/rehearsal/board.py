@@ -127,7 +127,13 @@ class OnBoard:
         if self._feed.judge(now_s, stamp_s)[0] is FeedVerdict.SEND:
             T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
             self.guardian.feed(now_s, T_odom_body)
-            if not (self.link.state.armed and self.link.state.in_the_air):
+            in_the_air = self.link.state.in_the_air
+            if self._check.waits(now_s, in_the_air):
+                self._watchdog.feed(now_s)
+                return
+            if in_the_air is None:
+                self._check.begin_again()
+            elif not (self.link.state.armed and in_the_air):
                 self._check.on_ground()
             else:
                 believed = self._check.judge(now_s, stamp_s, T_odom_body)
