@@ -54,7 +54,7 @@ def test_what_is_not_named_locks(places, name, words):
 def test_what_is_not_there_locks():
     c = landed()
     c.tell(1.0, facts.PlacesFound(False, False))
-    assert step(c, "map").why_not == "there is no session.yaml in out/flight: gather first"
+    assert step(c, "map").why_not == "there is neither session.yaml nor a bag in out/flight: gather first"
     assert step(c, "report").why_not == "there is no report in out/map" and step(c, "gather").why_not == ""
 
 
@@ -115,6 +115,9 @@ print("wrote", os.path.basename(out))
     assert ended() and jobs(heard)[-1].state == "done"
     assert jobs(heard)[-1].words == "wrote my map" and {0.0, 0.5, 1.0} <= {j.share for j in jobs(heard)}
     assert heard[-1] == facts.PlacesFound(False, True)
+    (tmp_path / "uav1.bag").write_bytes(b"")
+    one.look(places)
+    assert heard[-1] == facts.PlacesFound(True, True), "bags alone are mapped too"
 
 
 def test_machines_are_split_as_a_shell_does(runner, tmp_path):

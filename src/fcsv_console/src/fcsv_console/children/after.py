@@ -23,7 +23,8 @@ class AfterRunner:
 
     def look(self, places: after.Places) -> None:
         """What is on the disk."""
-        session = bool(places.session) and (Path(places.session).expanduser() / "session.yaml").is_file()
+        folder = Path(places.session).expanduser()
+        session = bool(places.session) and ((folder / "session.yaml").is_file() or any(folder.glob("*.bag")))
         self._put(f.PlacesFound(session, bool(places.out) and report_of(places).is_file()))
 
     def start(self, job: str, places: after.Places) -> None:

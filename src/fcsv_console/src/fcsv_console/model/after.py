@@ -95,7 +95,8 @@ class AfterFlight:
             return "" if "=" in self.places.sources else "name the machines: NAME=HOST:FOLDER, or NAME=FOLDER"
         if not self.places.out:
             return "name a folder for the map"
-        return "" if self._found.session else f"there is no session.yaml in {self.places.session}: gather first"
+        missing = f"there is neither session.yaml nor a bag in {self.places.session}: gather first"
+        return "" if self._found.session else missing
 
 
 def judged(job: str, status: int, last: str) -> f.JobTold:
