@@ -8,6 +8,7 @@ from fcsv_console.model import facts as f
 from fcsv_console.model import mission_file as files
 from fcsv_console.model import planning, stereo
 from fcsv_console.model.actions import FLOWN, Situation, actions, column_problems
+from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.hearing import STALE_S, Heard
@@ -51,7 +52,7 @@ class Console:
         self._recorder: Heard[f.Recorder] = Heard(2.5 * STALE_S)
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
-        self._rehearsals, self._pictures = Rehearsals(), Pictures()
+        self._rehearsals, self._pictures, self.after = Rehearsals(), Pictures(), AfterFlight()
         self._master_problem = ""
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
         self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
@@ -126,6 +127,8 @@ class Console:
             self._master_problem = fact.problem
         elif isinstance(fact, f.RehearsalTold):
             self._rehearsals.tell(fact)
+        elif isinstance(fact, (f.JobTold, f.PlacesFound)):
+            self.after.tell(fact)
         elif isinstance(fact, f.MapPicture):
             pass  # Pictures keeps it
         elif fact.vehicle == CONTROL:
@@ -178,6 +181,10 @@ class Console:
         elif isinstance(fact, f.RehearsalTold) and fact.state != RUNS:
             level = "info" if fact.state in ("passed", "stopped") else "warning"
             self._event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
+        elif isinstance(fact, f.JobTold):
+            words = f"{fact.state}: {fact.words}".rstrip(": ")
+            level = "error" if fact.state == "failed" else "info"
+            self._changed(now_s, f"job {fact.job}", fact.job, "runs" if fact.state == "runs" else words, level)
         elif isinstance(fact, f.MasterTold):
             if fact.problem or self._master_problem:
                 words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
@@ -207,6 +214,7 @@ class Console:
             self.log.events, self._stereo(now_s, rows, running), tuple(self._above(rows)), self._recorder.at(now_s),
             self._map.at(now_s), stop, self._home.value is not None, rehearsal,
             self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
+            self.after.steps([v.name for v in rows if v.armed]), self.after.places,
             self._problems(now_s, told, column), self._master_problem,
         )  # fmt: skip
 

@@ -16,7 +16,6 @@ import numpy as np
 from fcsv_console.model.facts import EpipolarTold
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.refinement.geometry import epipolar_error
 
 _FEATURES, _LEAST = 800, 25  # ORB's; fewer matches that agree with any epipolar geometry say nothing
 _RATIO, _SHARE = 0.85, 0.5  # of the second best; of the matches, less is a geometry that chance has found
@@ -39,6 +38,8 @@ def measured_px(a: Seen, b: Seen) -> Tuple[float, int]:
 
     Raises ValueError where a picture cannot be unpacked.
     """
+    from fcsv_stereo.refinement.geometry import epipolar_error  # it loads all of refinement: not at the window's start
+
     uv_a, uv_b = _matches(_gray(a), _gray(b))
     if len(uv_a) < _LEAST:
         return math.nan, len(uv_a)

@@ -7,7 +7,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
-from typing import Deque, Tuple
+from typing import Deque, Sequence, Tuple
 
 _MOST = 2000  # a flight of an hour has some hundreds; memory must not grow
 
@@ -41,6 +41,7 @@ class EventLog:
     def __init__(self) -> None:
         self._events: Deque[Event] = deque(maxlen=_MOST)
         self._number = 0
+        self.changes = 0  # grows with every one
 
     @property
     def events(self) -> Tuple[Event, ...]:
@@ -49,6 +50,7 @@ class EventLog:
     def add(self, wall_s: float, who: str, what: str, answer: str = "", level: str = "info") -> int:
         """Its number, by which it is answered."""
         self._number += 1
+        self.changes += 1
         self._events.append(Event(self._number, wall_s, who, what, answer, level))
         return self._number
 
@@ -56,6 +58,7 @@ class EventLog:
         """What became of it; one that is too old to be kept is left alone."""
         for i, event in enumerate(self._events):
             if event.number == number:
+                self.changes += 1
                 self._events[i] = replace(event, answer=answer, level=event.level if done else "error")
 
     def as_csv(self) -> str:
@@ -67,3 +70,14 @@ class EventLog:
             stamp = datetime.fromtimestamp(e.wall_s, timezone.utc).isoformat(timespec="milliseconds")
             writer.writerow([stamp, e.who, e.what, e.answer, e.level])
         return out.getvalue()
+
+
+def calls_for_a_sound(events: Sequence[Event], number: int) -> bool:
+    """Whether something newer than event ``number`` is a warning or an error.
+
+    >>> log = EventLog()
+    >>> first = log.add(0.0, "a", "fails", level="error")
+    >>> calls_for_a_sound(log.events, 0), calls_for_a_sound(log.events, first)
+    (True, False)
+    """
+    return any(e.level != "info" for e in events if e.number > number)

@@ -258,6 +258,24 @@ class RehearsalTold:
 
 
 @dataclass(frozen=True)
+class JobTold:
+    """Of "gather" or "map"; ``state``: "runs", "done", "failed", "stopped"; ``share`` (0..1) of it, NaN: not known."""
+
+    job: str
+    state: str
+    share: float = math.nan
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class PlacesFound:
+    """Whether there is a session, and a map's report, where they are looked for."""
+
+    session: bool
+    report: bool
+
+
+@dataclass(frozen=True)
 class MasterTold:
     """Whether the ROS master answers."""
 
@@ -267,4 +285,4 @@ class MasterTold:
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
                   EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
 Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, EpipolarTold,
-             MapPicture, RehearsalTold, Unusable, MasterTold]  # fmt: skip
+             MapPicture, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from fcsv_console.model import facts as f
+from fcsv_console.model.after import Places
 from fcsv_console.model.console import Console
 from fcsv_control.flight_check.lines import Line, State
 
@@ -152,6 +153,19 @@ def silent(c: Console) -> None:
     c.tell(NOW_S - 0.1, f.MasterTold("the ROS master does not answer"))
 
 
+def landed(c: Console) -> None:
+    """The list is flown, the bags are gathered, the map is made."""
+    _streams(c, NOW_S, "LAND", False, ((0.0, 0.0, -8.0), (0.4, -3.6, -8.0)), 0.41)
+    c.tell(NOW_S - 0.1, f.MissionTold("DONE", "all configurations flown", "", 8, len(c.file.rows)))
+    home = "~/fcsv"
+    sources = f"uav1=uav1:fcsv/session uav2=uav2:fcsv/session control={home}/session"
+    c.after.places = Places(sources, f"{home}/flight", f"{home}/map")
+    c.tell(NOW_S - 60.0, f.PlacesFound(True, False))
+    c.tell(NOW_S - 60.0, f.JobTold("gather", "done", words=f"wrote {home}/flight/session.yaml"))
+    c.tell(NOW_S - 5.0, f.JobTold("map", "runs", 0.62))
+
+
 SAMPLES: Dict[str, Callable[[Console], None]] = {
     "ground": on_the_ground, "ready": ready, "flying": flying, "wrong": wrong, "silent": silent,
+    "landed": landed,
 }  # fmt: skip

@@ -6,6 +6,7 @@ from typing import Dict, Optional, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.actions import Action
+from fcsv_console.model.after import Places, Step
 from fcsv_console.model.air import Above
 from fcsv_console.model.events import Event
 from fcsv_console.model.hearing import Aged
@@ -40,6 +41,8 @@ class View:
     rehearsal: Rehearsal
     cameras: Tuple[CameraPicture, ...]
     map_pictures: MapPictures
+    after: Tuple[Step, ...]
+    places: Places
     problems: Tuple[str, ...]
     master_problem: str = ""
 

@@ -19,6 +19,7 @@ PICTURES = (
     ("pictures", "pictures", "dark", (1366, 740)),
     ("wrong", "wrong", "dark", (1366, 740)),
     ("silent", "silent", "light", (1366, 740)),
+    ("landed", "landed", "light", (1366, 740)),
     ("error", "error", "light", (1366, 740)),
 )
 
@@ -65,4 +66,6 @@ def made(situation: str, size: Tuple[int, int]):
     window.show()
     if situation == "pictures":
         window.show_pictures.click()
+    if situation == "landed":
+        window.show_after.click()
     return window

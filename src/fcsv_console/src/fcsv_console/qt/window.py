@@ -6,6 +6,8 @@ from typing import Dict, Optional
 from python_qt_binding.QtCore import Qt, Signal
 from python_qt_binding.QtGui import QFont
 from python_qt_binding.QtWidgets import (
+    QApplication,
+    QCheckBox,
     QFileDialog,
     QFrame,
     QHBoxLayout,
@@ -20,8 +22,10 @@ from python_qt_binding.QtWidgets import (
 
 from fcsv_console.model import actions as model_actions
 from fcsv_console.model import cells
+from fcsv_console.model.events import calls_for_a_sound
 from fcsv_console.model.view import View
 from fcsv_console.qt import colours
+from fcsv_console.qt.after_dock import AfterDock
 from fcsv_console.qt.hold import ActionButton
 from fcsv_console.qt.keys import Keys
 from fcsv_console.qt.mission_panel import MissionPanel
@@ -59,12 +63,15 @@ class ConsoleWindow(QMainWindow):
         self.addDockWidget(Qt.BottomDockWidgetArea, self.rviz)
         self.pictures = PicturesDock(view, self)
         self.addDockWidget(Qt.BottomDockWidgetArea, self.pictures)
-        for dock in (self.rviz, self.pictures):
+        self.after = AfterDock(view, self)
+        self.addDockWidget(Qt.BottomDockWidgetArea, self.after)
+        for dock in (self.rviz, self.pictures, self.after):
             dock.hide()
         self.keys = Keys(self, self.buttons, {
             Qt.Key_Return: self._accept, Qt.Key_Enter: self._accept, Qt.Key_D: self.drag.toggle,
             Qt.Key_F2: self._toggle_rviz, Qt.Key_F3: self._export, Qt.Key_Plus: lambda: self.plan.zoom(1.15),
             Qt.Key_Minus: lambda: self.plan.zoom(1 / 1.15), Qt.Key_F4: self._toggle_pictures,
+            Qt.Key_F5: self._toggle_after,
         })  # fmt: skip
         self.resize(1366, 740)
         self.show_view(view)
@@ -108,16 +115,23 @@ class ConsoleWindow(QMainWindow):
         self.mission.edited.connect(self.edited)
         self.mission.opened.connect(self.opened)
         self.events = CellTable("Events", ("time", "who", "what", "answer"), 2)
-        self.export = QPushButton("Export [F3]")
+        self.export = QPushButton("Export\n[F3]")
         self.export.setToolTip("All events as a table (CSV, times in UTC)")
         self.export.clicked.connect(self._export)
-        self.show_rviz = QPushButton("rviz [F2]")
+        self.show_rviz = QPushButton("rviz\n[F2]")
         self.show_rviz.setToolTip("Show or hide the map, embedded from rviz")
         self.show_rviz.clicked.connect(self._toggle_rviz)
-        self.show_pictures = QPushButton("Pictures [F4]")
+        self.show_pictures = QPushButton("Pictures\n[F4]")
         self.show_pictures.setToolTip("Show or hide what the cameras see, and the map's depth")
         self.show_pictures.clicked.connect(self._toggle_pictures)
-        for button, name in ((self.show_pictures, "Pictures"), (self.export, "Export events"),
+        self.sound = QCheckBox("Sound")
+        self.sound.setToolTip("A beep with every warning and error")
+        self._sounded = 0
+        self.show_after = QPushButton("After\n[F5]")
+        self.show_after.setToolTip("After the flight: gather, map, open the report")
+        self.show_after.clicked.connect(self._toggle_after)
+        for button, name in ((self.show_pictures, "Pictures"), (self.show_after, "After the flight"),
+                             (self.sound, "Sound"), (self.export, "Export events"),
                              (self.show_rviz, "Map in rviz"), (self.accept, "Accept line")):  # fmt: skip
             button.setAccessibleName(name)
 
@@ -141,10 +155,11 @@ class ConsoleWindow(QMainWindow):
         middle.addWidget(_panel(check_line, self.check, self.problems, stretch=self.check))
         middle.setSizes([330, 230])
         lower = QHBoxLayout()
-        lower.addStretch(1)
-        lower.addWidget(self.show_pictures)
-        lower.addWidget(self.show_rviz)
-        lower.addWidget(self.export)
+        lower.addWidget(self.sound)
+        for button in (self.show_after, self.show_pictures, self.show_rviz, self.export):
+            button.setFont(self.buttons["pause"].font())
+            button.setMinimumWidth(50)
+            lower.addWidget(button, 1)
         right = QSplitter(Qt.Vertical)
         right.addWidget(self.mission)
         right.addWidget(_panel(self.events, lower, stretch=self.events))
@@ -201,6 +216,11 @@ class ConsoleWindow(QMainWindow):
         self.problems.setVisible(bool(view.problems))
         self.mission.show_view(view)
         self.pictures.show_view(view)
+        self.after.show_view(view)
+        if view.events and view.events[-1].number > self._sounded:
+            if self.sound.isChecked() and calls_for_a_sound(view.events, self._sounded):
+                QApplication.beep()
+            self._sounded = view.events[-1].number
         self.events.show_cells([
             [cells.Cell(e.clock, cells.QUIET), cells.Cell(e.who), cells.Cell(e.what, _LEVELS[e.level]),
              cells.Cell(e.answer, _LEVELS[e.level])] for e in reversed(view.events[-_EVENTS:])
@@ -246,6 +266,9 @@ class ConsoleWindow(QMainWindow):
         self.pictures.setVisible(not self.pictures.isVisible())
         self.resizeDocks([self.pictures], [self.height() // 3], Qt.Vertical)
         self.pictures.show_view(self._view)
+
+    def _toggle_after(self) -> None:
+        self.after.setVisible(not self.after.isVisible())
 
     def _export(self) -> None:
         path, _ = QFileDialog.getSaveFileName(self, "Export events", "events.csv", "*.csv")

@@ -1,24 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """The console on a ROS master: facts in, commands out. The master may be away at the start, and later."""
 
+import shlex
 import threading
 import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Deque, Dict, List, Sequence, Tuple
+from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import rosgraph
 import rospkg
 import rospy
 
+from fcsv_console.children.after import AfterRunner
 from fcsv_console.children.rehearse import Rehearser
 from fcsv_console.model import facts as f
+from fcsv_console.model.after import Places
 from fcsv_console.model.console import Console
 from fcsv_console.model.rehearsal import RUNS
 from fcsv_console.model.view import View
 from fcsv_console.ros.commands import Commands
 from fcsv_console.ros.epipolar import EpipolarHearing
+from fcsv_console.ros.event_file import EventFile
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_geometry.vehicle import load_vehicles
 
@@ -33,6 +37,7 @@ class Fleet:
     vehicles: List[str]
     tags: Dict[str, int]
     mission: str = ""
+    session_dir: str = ""
 
 
 def fleet(vehicles: Sequence[str] = (), mission: str = "", vehicles_dir: str = "") -> Fleet:
@@ -43,7 +48,7 @@ def fleet(vehicles: Sequence[str] = (), mission: str = "", vehicles_dir: str = "
     if not folder:
         folder = str(Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/vehicles")
     tags = {name: v.tag_id for name, v in load_vehicles(folder, names).items()}
-    return Fleet(names, tags, mission or str(told.get("mission", "")))
+    return Fleet(names, tags, mission or str(told.get("mission", "")), str(told.get("memory_dir", "")))
 
 
 def _parameters() -> dict:
@@ -62,6 +67,8 @@ class Shell:
         self.console, self._name = console, name
         self._hearing, self._commands = Hearing(console.names), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
+        self.events: Optional[EventFile] = None
+        self._after = AfterRunner(self._hearing.put)
         self._epipolar = EpipolarHearing(console.names, self._hearing.put)
         self._over = threading.Event()
         self._answers: Deque[Tuple[int, str, bool]] = deque()
@@ -87,6 +94,8 @@ class Shell:
         while self._answers:
             self.console.answer(*self._answers.popleft())
         view = self.console.view(time.monotonic())
+        if self.events is not None:
+            self.events.keep(view.now_s, self.console.log)
         self._epipolar.pair = view.stereo.pair
         return view
 
@@ -108,6 +117,20 @@ class Shell:
             answer(NO_MASTER, False)
             return
         self._send(self._commands, name, answer, given)
+
+    def keep_events(self, folder: str) -> None:
+        """In a file of that folder."""
+        self.events = EventFile(Path(folder), self._hearing.put, time.time())
+
+    def name_places(self, places: Places) -> None:
+        """Where things are after the flight."""
+        self.console.after.places = places
+        self._after.look(places)
+
+    def after(self, step: str, places: Places) -> None:
+        """Begin "gather" or "map", or stop the one that runs."""
+        runs = next((s.state == RUNS for s in self.console.view(time.monotonic()).after if s.name == step), False)
+        self._after.cancel(step) if runs else self._after.start(step, places)
 
     def _rehearse(self) -> None:
         """The list that is shown; or end the one that runs."""
@@ -143,15 +166,33 @@ class Shell:
         """Leave the master."""
         self._over.set()
         self._rehearser.close()
+        self._after.close()
+        if self.events is not None:
+            self.events.close(self.console.log)
         self._epipolar.close()
         self._hearing.close()
         rospy.signal_shutdown("the console was closed")
 
 
-def open_shell(name: str, vehicles: Sequence[str], mission: str, target_m: float) -> Shell:
-    """With the fleet that is found. Raises ConfigError where a vehicle file cannot be used."""
+def open_shell(name: str, vehicles: Sequence[str], mission: str, target_m: float, keeps: bool = False) -> Shell:
+    """With the fleet that is found; ``keeps`` its events with the mission node's session.
+
+    Raises ConfigError where a vehicle file cannot be used.
+    """
     found = fleet(vehicles, mission)
     console = Console(found.vehicles, found.tags, target_m=target_m)
     if found.mission:
         console.load(found.mission)
-    return Shell(console, name)
+    shell = Shell(console, name)
+    shell.name_places(usual_places(found))
+    if keeps and found.session_dir:
+        shell.keep_events(found.session_dir)
+    return shell
+
+
+def usual_places(found: Fleet) -> Places:
+    """Each vehicle by its name as a host, with what ``uav.launch`` records there; the map stands beside the session."""
+    own = found.session_dir or str(Path.home() / "fcsv/session")
+    sources = [f"{name}={name}:fcsv/session" for name in found.vehicles] + [f"control={shlex.quote(own)}"]
+    beside = Path(own).parent
+    return Places(" ".join(sources), str(beside / "flight"), str(beside / "map"))

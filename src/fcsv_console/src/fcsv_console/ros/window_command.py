@@ -11,9 +11,12 @@ from typing import Optional, Sequence
 
 import rospkg
 import rospy
-from python_qt_binding.QtCore import QTimer
+from python_qt_binding.QtCore import QTimer, QUrl
+from python_qt_binding.QtGui import QDesktopServices
 from python_qt_binding.QtWidgets import QApplication
 
+from fcsv_console.children.after import report_of
+from fcsv_console.model.after import REPORT, Places
 from fcsv_console.qt import colours
 from fcsv_console.qt.window import ConsoleWindow
 from fcsv_console.ros.shell import Shell, open_shell
@@ -33,7 +36,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     arguments = parser.parse_args(argv if argv is not None else rospy.myargv()[1:])
     names = [n for n in arguments.vehicles.split(",") if n]
     try:
-        shell = open_shell("console", names, arguments.mission, arguments.target_m)
+        shell = open_shell("console", names, arguments.mission, arguments.target_m, keeps=True)
     except FcsvError as error:
         print(f"console: {error}", file=sys.stderr)
         return 2
@@ -77,10 +80,20 @@ def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
     window.opened.connect(console.load)
     window.goal_changed.connect(console.drag)
     window.planned.connect(lambda wanted: window.mission.plan.show_planned(console.plan(wanted)))
+    window.after.changed.connect(shell.name_places)
+    window.after.asked.connect(lambda step, places: after(shell, step, places))
     window.timer = QTimer(window)
     window.timer.timeout.connect(lambda: window.show_view(shell.view()))
     window.timer.start(_REFRESH_MS)
     return window
+
+
+def after(shell: Shell, step: str, places: Places) -> None:
+    """A step of after the flight; the report is opened by the desktop's own browser."""
+    if step == REPORT:
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(report_of(places).resolve())))
+    else:
+        shell.after(step, places)
 
 
 def export(shell: Shell, path: str) -> None:
