@@ -237,12 +237,50 @@ def test_a_wrong_focal_length_is_said(reference, truths, factor, words):
     camera = replace(reference.camera, fx=reference.camera.fx * factor, fy=reference.camera.fy * factor)
     random = np.random.default_rng(5)
     wrong = [replace(p, camera=camera) for p in (reference, *(boards.noisy(t, reference, random) for t in truths))]
-    said = [w for w in refine(wrong[0], wrong[1:]).warnings if "focal length" in w]
-    assert len(said) == bool(words)
-    if words:
-        number = float(said[0].split("focal length ")[1].split("%")[0])
-        assert number == pytest.approx(float(words.split("%")[0]), abs=0.6) and words.split()[1] in said[0]
-        assert "--refine-focal" in said[0]
+    kept = refine(wrong[0], wrong[1:], RefineOptions(correct_camera=False))
+    taken = refine(wrong[0], wrong[1:])
+    for result, advice in ((kept, "--refine-focal"), (taken, "it was taken")):
+        said = [w for w in result.warnings if "focal length" in w]
+        assert len(said) == bool(words)
+        if words:
+            number = float(said[0].split("focal length ")[1].split("%")[0])
+            assert number == pytest.approx(float(words.split("%")[0]), abs=0.6) and words.split()[1] in said[0]
+            assert advice in said[0]
+    assert kept.focal_scale == 1.0 and taken.focal_scale == pytest.approx(1.0 / factor, abs=0.005)
+    assert taken.reference.camera.fx == pytest.approx(camera.fx * taken.focal_scale)
+
+
+def read_by_rows(picture, turn_rad, strips=60):
+    """The picture, of which each strip was seen from where the camera was turned to by then."""
+    K, edges, out = picture.camera.K, np.linspace(0, 480, strips + 1).astype(int), picture.image.copy()
+    for a, b in zip(edges, edges[1:]):
+        R = Rotation.from_rotvec((0.5 * (a + b) / 480 - 0.5) * turn_rad).as_matrix()
+        H = K @ R.T @ np.linalg.inv(K)
+        seen = cv2.warpPerspective(picture.image, H, (640, 480), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+        out[a:b] = seen[a:b]
+    return replace(picture, image=out)
+
+
+def test_a_rolling_shutter_is_taken_out(reference, truths):
+    """Up to 4 px from first to last row."""
+    random = np.random.default_rng(6)
+    rolling = []
+    for p in (reference, *truths):
+        turn = random.normal(0.0, 1.0, 3)
+        turn *= np.radians(0.35) / np.linalg.norm(turn)
+        rolling.append(read_by_rows(p, turn))
+    others = [boards.noisy(p, reference, random) for p in rolling[1:]]
+    left = refine(rolling[0], others, RefineOptions(correct_camera=False))
+    mended = refine(rolling[0], others)
+    off = [
+        np.array([angle_deg(r.picture.T_home_cam, t.T_home_cam) for r, t in zip(found.others, truths)])
+        for found in (left, mended)
+    ]
+    assert any("rolling shutter" in w for w in mended.warnings)
+    assert not any("rolling shutter" in w for w in left.warnings)
+    assert off[1].max() < 0.04 and off[0].max() > 0.2  # measured 0.031 and 0.84
+    as_one = np.abs(mended.reference.image.astype(float) - reference.image)[8:-8, 8:-8].mean()
+    assert as_one < 0.5 * np.abs(rolling[0].image.astype(float) - reference.image)[8:-8, 8:-8].mean()
 
 
 def moving(town, offset_s):

@@ -29,7 +29,7 @@ _OPTIONS_OF = {
     "thesis": ("matcher", "rectify", "disparity", "across_axes", *(f"trim_{k}" for k in (*AXES, "all"))),
     "joint": (
         "complete", "no_refine", "prior_rotation_deg", "prior_position_m", "prior_position_percent", "refine_focal",
-        "refine_time_offset",
+        "keep_camera", "refine_time_offset",
     ),
 }  # fmt: skip
 _EXAMPLES = """examples:
@@ -91,7 +91,9 @@ def _options(args) -> Union[JointOptions, ThesisOptions]:
 
 
 def _joint(args, threshold: ErrorThreshold) -> JointOptions:
-    refinement = RefineOptions(refine_focal=args.refine_focal, refine_time_offset=args.refine_time_offset)
+    refinement = RefineOptions(
+        refine_focal=args.refine_focal, correct_camera=not args.keep_camera, refine_time_offset=args.refine_time_offset
+    )
     prior = _prior(args)
     return JointOptions(not args.no_refine, refinement, threshold=threshold, complete=args.complete, prior=prior)
 
@@ -197,5 +199,9 @@ def _parser() -> argparse.ArgumentParser:
             help=f"joint, photographs: how good the poses are ({words}); priors.csv says it for each",
         )  # fmt: skip
     parser.add_argument("--refine-focal", action="store_true", help="joint: also adjust the focal length")
+    parser.add_argument(
+        "--keep-camera", action="store_true",
+        help="joint: do not correct a rolling shutter or a wrong focal length that the pictures show",
+    )  # fmt: skip
     parser.add_argument("--refine-time-offset", action="store_true", help="joint: also adjust each vehicle's clock")
     return parser

@@ -80,7 +80,7 @@ class Joint(Method):
     def quick(self) -> JointOptions:
         """Fewer features, a small volume, and surfaces that are interpolated."""
         matching = MatchOptions(volume_pixels=20000, iterations=1, stretch=True)
-        return JointOptions(refinement=RefineOptions(features=1500), matching=matching)
+        return JointOptions(refinement=RefineOptions(features=1500, correct_camera=False), matching=matching)
 
     @property
     def monitor(self) -> JointOptions:

@@ -3,18 +3,20 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from typing import Dict, List, Sequence
+from dataclasses import dataclass, replace
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import Picture
-from fcsv_stereo.refinement.consensus import adjust_robustly
+from fcsv_stereo.refinement.consensus import Consensus, adjust_robustly
 from fcsv_stereo.refinement.features import View, prepare
-from fcsv_stereo.refinement.focal import focal_warning
+from fcsv_stereo.refinement.focal import ANY_FOCAL, better_focal
 from fcsv_stereo.refinement.graph import link_all, start_poses
 from fcsv_stereo.refinement.judge import judge, scaled, surprise
+from fcsv_stereo.refinement.links import Link
+from fcsv_stereo.refinement.rolling_shutter import ReadoutTurns, readout_turns, straightened
 from fcsv_stereo.refinement.symptoms import symptom
 from fcsv_stereo.refinement.time_offset import motions
 from fcsv_stereo.refinement.tracks import observe
@@ -22,6 +24,7 @@ from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptio
 
 _DEFAULT = RefineOptions()
 _SIFT_FEATURES = 1500
+_STRAIGHTENINGS = 2
 
 
 def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions = _DEFAULT) -> Refinement:
@@ -29,13 +32,41 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
 
     Features are matched in the bands that the priors leave, corners tracked from the depths of these, and all poses
     adjusted at once with their priors, from which alone scale comes. A picture about which too little is known keeps
-    its prior and says why. Raises InputError for pictures that cannot be compared at all.
+    its prior and says why. Where ``correct_camera``, a rolling shutter and a wrong focal length that the pictures show
+    beyond doubt are taken out of them, and a warning says so: pictures come back straightened. Raises InputError for
+    pictures that cannot be compared at all.
     """
     _check(reference, others)
     clock = _Clock()
+    found = _adjusted([reference, *others], options, clock)
+    words: List[str] = []
+    if options.correct_camera:
+        found, words = _straightened(found, options, clock)
+    focal = better_focal(found.consensus)
+    if focal is not None and focal.known and options.correct_camera:
+        freed = replace(options, refine_focal=True, focal_sigma=ANY_FOCAL)
+        found = _adjusted(found.pictures, freed, clock)
+        words.append(f"{focal.words}: it was taken; calibrate the camera, or --keep-camera")
+    elif focal is not None:
+        words.append(f"{focal.words}: calibrate the camera, or map with --refine-focal")
+    return _refinement(found, words, options, clock)
+
+
+@dataclass(frozen=True)
+class _Adjustment:
+    """Of ``pictures``, the reference first; ``direct`` are their links with it by number."""
+
+    pictures: List[Picture]
+    views: List[View]
+    direct: Dict[int, Link]
+    consensus: Consensus
+    unmoving: List[str]  # warnings
+
+
+def _adjusted(pictures: List[Picture], options: RefineOptions, clock: "_Clock") -> _Adjustment:
     with ThreadPoolExecutor(options.threads) as pool:
         look = prepare if options.known is None else options.known.prepare
-        views = list(pool.map(lambda p: look(p, _SIFT_FEATURES), [reference, *others]))
+        views = list(pool.map(lambda p: look(p, _SIFT_FEATURES), pictures))
         clock.lap("features")
         direct, between = link_all(views, options, pool)
         trusted = [l for l in direct.values() if not l.reason] + between
@@ -44,22 +75,56 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
         clock.lap("match")
         found = observe(views, trusted, options.features, pool) if trusted else None
         clock.lap("track")
-    moving, unmoving = motions(reference, others, options)
+    moving, unmoving = motions(pictures[0], pictures[1:], options)
     consensus = adjust_robustly(views, found, trusted, starts, moving, options)
-    refined = [_explained(judge(views, k, direct[k], consensus, options), views, k) for k in range(1, len(views))]
-    focal = focal_warning(consensus)
     clock.lap("adjust")
-    warnings = [*unmoving, *filter(None, [focal]), *_warnings(refined, views, options)]
+    return _Adjustment(pictures, views, direct, consensus, unmoving)
+
+
+def _straightened(found: _Adjustment, options: RefineOptions, clock: "_Clock") -> Tuple[_Adjustment, List[str]]:
+    """With pictures whose rows were read at once, and words about it, where the given ones show that they were not."""
+    given, turns = found.pictures, None
+    for _ in range(_STRAIGHTENINGS):
+        step = _turns(found, turns)
+        if step is None or not (turns or step.sure):
+            return found, []
+        turns = step
+        pictures = [straightened(p, turns.turns_rad[k]) if k in turns.turns_rad else p for k, p in enumerate(given)]
+        found = _adjusted(pictures, options, clock)
+    words = (
+        f"rows were read one after the other while the cameras turned (rolling shutter): up to {turns.most_px:.1f} px "
+        "from the first row to the last; the pictures were straightened (--keep-camera leaves them)"
+    )
+    left = _turns(found, turns)
+    if left is not None:
+        adjusted = found.consensus.adjusted
+        adjusted = replace(adjusted, covariance=adjusted.covariance + left.covariance)
+        found = replace(found, consensus=replace(found.consensus, adjusted=adjusted))
+    return found, [words]
+
+
+def _turns(found: _Adjustment, before: Optional[ReadoutTurns]) -> Optional[ReadoutTurns]:
+    cameras = {k: v.camera for k, v in enumerate(found.views)}
+    return readout_turns(found.consensus, cameras, before.turns_rad if before else {})
+
+
+def _refinement(
+    found: _Adjustment, words: List[str], options: RefineOptions, clock: "_Clock"
+) -> Refinement:
+    consensus, views, direct = found.consensus, found.views, found.direct
+    refined = [_explained(judge(views, k, direct[k], consensus, options), views, k) for k in range(1, len(views))]
+    clock.lap("adjust")
+    warnings = [*found.unmoving, *words, *_warnings(refined, views, options)]
     scale, offsets_s = 1.0, {}
     if consensus.adjusted is not None:
         scale = consensus.adjusted.focal_scale
         offsets_s = {m.vehicle: s for m, s in zip(consensus.moving, consensus.adjusted.time_offsets_s)}
-    reference = replace(reference, camera=scaled(reference.camera, scale))
+    reference = replace(found.pictures[0], camera=scaled(found.pictures[0].camera, scale))
     return Refinement(reference, refined, warnings, clock.laps_s, scale, offsets_s)
 
 
 class _Clock:
-    """Seconds of each step."""
+    """Seconds of each kind of step."""
 
     def __init__(self):
         self.laps_s: Dict[str, float] = {}
@@ -67,7 +132,8 @@ class _Clock:
 
     def lap(self, name: str) -> None:
         now = time.perf_counter()
-        self.laps_s[name], self._last = now - self._last, now
+        self.laps_s[name] = self.laps_s.get(name, 0.0) + now - self._last
+        self._last = now
 
 
 def _check(reference: Picture, others: Sequence[Picture]) -> None:

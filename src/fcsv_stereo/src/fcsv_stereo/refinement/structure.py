@@ -103,17 +103,25 @@ class Structure:
         self.settle(poses, scale)
         at = self.linearise(poses, scale)
         weight, cost = self.weights(at.residual)
-        size, n = 6 * len(order) + int(with_focal), len(self.rho)
-        H, g, coupling = np.zeros((size, size)), np.zeros(size), np.zeros((n, size))
+        size = 6 * len(order) + int(with_focal)
         place = {k: slice(6 * i, 6 * i + 6) for i, k in enumerate(order)}
         if with_focal:
             place["focal"] = slice(size - 1, size)
-        for (a, k, of), blocks in zip(self.groups, at.by_group):
-            used = [(place[key], J) for key, J in zip((a, k, "focal"), blocks) if key in place]
+        parts = [
+            [(place[key], J) for key, J in zip((a, k, "focal"), blocks) if key in place]
+            for (a, k, _), blocks in zip(self.groups, at.by_group)
+        ]
+        return (*self.eliminated(at, weight, parts, size), cost)
+
+    def eliminated(self, at: Linearised, weight: np.ndarray, parts, size: int) -> Tuple[np.ndarray, np.ndarray]:
+        """H (size, size) and gradient with the points eliminated by Schur; ``parts``: for each group its derivatives
+        (m, 2, k) and the slice of the variables that they are to."""
+        n = len(self.rho)
+        H, g, coupling = np.zeros((size, size)), np.zeros(size), np.zeros((n, size))
+        for (_, _, of), used in zip(self.groups, parts):
             J = np.concatenate([J for _, J in used], axis=2) if used else np.empty((len(of), 2, 0))
             columns = np.concatenate([np.arange(s.start, s.stop) for s, _ in used]) if used else np.empty(0, int)
-            w = weight[of]
-            weighted = J * w[:, None, None]
+            weighted = J * weight[of][:, None, None]
             flat = J.reshape(2 * len(of), -1)
             H[np.ix_(columns, columns)] += weighted.reshape(flat.shape).T @ flat
             g[columns] += (weighted * at.residual[of][:, :, None]).sum((0, 1))
@@ -122,7 +130,7 @@ class Structure:
         own = np.sqrt(np.maximum(self._sum(_dot(at.to_rho, at.to_rho) * weight, n), 1e-12))
         left = self._sum(_dot(at.to_rho, at.residual) * weight, n) / own
         coupling /= own[:, None]
-        return H - coupling.T @ coupling, g - coupling.T @ left, cost
+        return H - coupling.T @ coupling, g - coupling.T @ left
 
     def _sum(self, values, count):
         return np.bincount(self.observations.point, values, count)

@@ -18,6 +18,7 @@ class RefineOptions:
 
     prior: PosePrior = field(default_factory=PosePrior)
     refine_focal: bool = False  # one scale of the focal length, common to all pictures
+    correct_camera: bool = True  # a rolling shutter or a wrong focal length that the pictures show beyond doubt
     refine_time_offset: bool = False  # one per vehicle besides the reference's
     time_offset_sigma_s: float = 0.1
     focal_sigma: float = 0.01  # of the prior of the focal length, as a share of it
