@@ -10,7 +10,7 @@ from fcsv_stereo.refinement.consensus import Consensus
 ANY_FOCAL = 0.05  # share by which a focal length may well be wrong: from a data sheet, of a lens at another zoom
 _LEAST = 0.015  # a smaller change moves depth by less than poses do
 _SURE = 5.0  # standard deviations
-_KNOWN = 0.005  # share to which several pictures tell it
+_KNOWN = 0.01  # share to which several pictures tell it
 
 
 @dataclass(frozen=True)
