@@ -20,7 +20,7 @@ from fcsv_stereo.refinement.focal import ANY_FOCAL
 from fcsv_stereo.refinement.structure import Structure
 
 _TURN_SIGMA_RAD = np.radians(0.1)  # a vehicle that holds turns by 5 deg/s, and a picture is read in 20 ms
-_SURE = 100.0  # drop of the cost: on pictures without it, of rendered and of real scenes, at most 61; with it 385 and up
+_SURE = 100.0  # drop of the cost: at most 61 on pictures without it, rendered and real; 385 and up with it
 _LEAST_PX = 1.5
 
 
@@ -29,8 +29,8 @@ class ReadoutTurns:
     """``turns_rad``: by picture the rotation vector (3,) of its camera in its own axes between first and last row.
 
     ``gain`` is by how much they bring the cost of the adjustment down (twice a log likelihood) that no other focal
-    length could, ``most_px`` what the largest of them moves, first row against last. ``covariance`` is what is to be added to that of the adjusted poses,
-    because the turns are not known exactly.
+    length could, ``most_px`` what the largest of them moves, first row against last. ``covariance`` is what is to be
+    added to that of the adjusted poses, because the turns are not known exactly.
     """
 
     turns_rad: Dict[int, np.ndarray]
