@@ -15,6 +15,7 @@ from fcsv_stereo.refinement.links import Link
 from fcsv_stereo.refinement.structure import Observations
 from fcsv_stereo.refinement.time_offset import Motion
 from fcsv_stereo.refinement.types import RefineOptions
+from fcsv_stereo.refinement.wrong_priors import settled
 
 _FIRST_NOISE = 0.4  # of a feature's: what tracking is taken to leave until the residuals tell
 _LEAST_NOISE_PX = 0.05
@@ -78,7 +79,8 @@ def adjust_robustly(
             priors = {k: p for k, p in priors.items() if k not in few}
             continue
         problem = _problem(views, of, priors, noise_px, moving, options)
-        return Consensus(adjust(problem, first.poses, first.rho), of, refused, problem.moving, problem)
+        problem, adjusted = settled(problem, adjust(problem, first.poses, first.rho))
+        return Consensus(adjusted, of, refused, problem.moving, problem)
     return Consensus(None, None, refused)
 
 
