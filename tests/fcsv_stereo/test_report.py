@@ -110,6 +110,9 @@ def test_warnings_in_plain_words(result):
         "could not be refined", "above 10% of the distance", "sigma is too small",
     ):  # fmt: skip
         assert expected in words, words
+    photographs = replace(bad, images=[replace(i, vehicle="camera") for i in bad.images])
+    words = "\n".join(plain_words.warnings(photographs, pairs, [], truth))
+    assert "tilt it inwards" not in words and "photographs that show more of the same: horizontal 0 (30%)" in words
     watched = replace(bad, watched=[p.other_name for p in bad.pairs])  # what moved was looked for, and left out
     assert not any("not taken at one time" in w for w in plain_words.warnings(watched, pairs, [], truth))
 

@@ -47,13 +47,19 @@ def _of_pairs(result: MapResult, evidence: Sequence[PairEvidence]) -> List[str]:
         off += [f"{name} ({rms:.1f} px)"] if rms is not None and rms > MOST_EPIPOLAR_PX else []
         apart += [f"{name} ({apart_s:.1f} s)"] if apart_s > MOST_APART_S and p.other_name not in result.watched else []
     said = (
-        (narrow, "The other camera sees too little of the reference picture; tilt it inwards"),
+        (narrow, f"The other camera sees too little of the reference picture; {_nearer(result)}"),
         (poor, "Few pixels matched, so these baselines add little"),
         (off, "Corresponding points lie off their epipolar line (1 px would be good): poses are not good enough, and "
               "far depths of these baselines are not to be trusted"),
         (apart, "Pictures were not taken at one time; what moved in between is wrong in the map"),
     )  # fmt: skip
     return [f"{text}: {', '.join(names)}." for names, text in said if names]
+
+
+def _nearer(result: MapResult) -> str:
+    """What to do for more overlap: photographs are taken already, each by a camera of its own (``colmap``)."""
+    photographs = all(i.vehicle in ("camera", i.name) for i in result.images)
+    return "map with photographs that show more of the same" if photographs else "tilt it inwards"
 
 
 def _of_poses(result: MapResult) -> List[str]:
