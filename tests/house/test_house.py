@@ -56,6 +56,48 @@ def test_algorithms_import_no_ros(package):
         assert not found, f"{path.relative_to(ROOT)} imports {found}; nodes live in ros/"
 
 
+_KNOWS_TRUTH = "fcsv_sim.truth"
+_FLIES_TELLOS = (
+    "fcsv_sim/people/tello_hands.py", "fcsv_sim/people/tello_pilot.py", "fcsv_sim/ros/tello_pilots_node.py",
+)  # fmt: skip
+
+
+def reached(name, seen):
+    """Modules of this workspace that importing one imports, itself among them."""
+    path = ROOT / "src" / name.split(".")[0] / "src" / (name.replace(".", "/") + ".py")
+    if name in seen or not path.is_file():
+        return seen
+    seen.add(name)
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [a.name for a in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
+        else:
+            continue
+        for each in names:
+            reached(each, seen)
+    return seen
+
+
+def flies_tellos():
+    controllers = [f"fcsv_control/tello/{p.name}" for p in modules("fcsv_control") if p.parent.name == "tello"]
+    nodes = [f"fcsv_control/ros/{p.name}" for p in modules("fcsv_control") if p.name.startswith("tello_")]
+    return [*controllers, *nodes, *_FLIES_TELLOS]
+
+
+@pytest.mark.parametrize("path", flies_tellos())
+def test_nobody_who_flies_a_tello_can_read_the_simulations_truth(path):
+    """Controllers, the link and the pilots of simulated Tellos know what the tracker and the screens say."""
+    name = path[: -len(".py")].replace("/", ".")
+    found = reached(name, set())
+    assert name in found and _KNOWS_TRUTH not in found, sorted(found)
+
+
+def test_who_reads_the_truth_is_found_also_where_another_module_does_it():
+    assert _KNOWS_TRUTH in reached("fcsv_sim.tello.vehicle", set())
+
+
 def tracked():
     names = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\n")
     return [ROOT / n for n in names if n and (ROOT / n).is_file() and not (ROOT / n).is_symlink()]

@@ -10,7 +10,7 @@ from fcsv_control.mission.patience import Pause
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import AIR_M, Mission
+from fcsv_geometry.mission import AIR_M, GROUND, Mission
 from fcsv_geometry.separation import SeparationRules
 
 _POSE_STALE_S = 2.0
@@ -20,6 +20,7 @@ _TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses
 _GUARDED = SeparationRules().horizontal_m / AIR_M  # of the air that the mission keeps, guardians keep so much
 _IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS")
 _RECORDED = ("WAIT_VEHICLES", "GUIDED", "CONFIGURATIONS")
+_BEFORE_SIGHT = ("WAIT_VEHICLES", "TAKE_OFF", "COLUMN")  # people fly: a tracker on the ground sees nobody there yet
 _FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS")
 _CALIBRATED = ("MOVE_HOME", "SET_HOME", *_FLOWN_BY_US)
 _BATTERY_KNOWN = ("WAIT_VEHICLES", *_FLOWN_BY_US)
@@ -52,7 +53,9 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
 
 
 def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tuple[Pause, str]]:
-    ages_s = (("state", view.state_age_s, _STATE_STALE_S), ("pose", view.pose_age_s, _POSE_STALE_S))
+    ages_s = [("state", view.state_age_s, _STATE_STALE_S)]
+    if mission.tracker != GROUND or phase not in _BEFORE_SIGHT:
+        ages_s.append(("pose", view.pose_age_s, _POSE_STALE_S))
     silent = [f"no {what} for {most_s:g} s" for what, age_s, most_s in ages_s if age_s > most_s]
     if silent:
         yield Pause.LOST, f"{' and '.join(silent)}; check the radio link"

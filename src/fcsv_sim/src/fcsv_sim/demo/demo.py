@@ -14,10 +14,12 @@ from typing import List, Optional
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import load_mission
+from fcsv_geometry.vehicle import load_vehicles
 from fcsv_geometry.writing import in_words, require_folder
-from fcsv_sim.bringup import mission_file
+from fcsv_sim.bringup import mission_file, vehicles_folder
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
+from fcsv_sim.demo.held import held, held_in_words
 from fcsv_sim.demo.look import look
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, MapRun, System
@@ -74,7 +76,10 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     begun = slow_motion.both_clocks()
     flight_s, moved_m = system.fly(plan, say)
     speed = slow_motion.share_of_real_time(begun)
-    export_truth(plan.sim_folder, plan.session_folder, plan.vehicles)
+    export_truth(plan.sim_folder, plan.session_folder, plan.vehicles, system.stamps and system.stamps(plan))
+    if system.T_world_odom is not None:
+        T_body_cam = {n: v.T_body_cam for n, v in load_vehicles(vehicles_folder(), plan.vehicles).items()}
+        say(held_in_words(held(plan.session_folder, plan.sim_folder, T_body_cam, system.T_world_odom)))
     say(f"session: {plan.session_folder}")
     if fly_only:
         return 0

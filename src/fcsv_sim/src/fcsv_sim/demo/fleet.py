@@ -8,7 +8,7 @@ import shlex
 import socket
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_geometry.mission import load_mission
 from fcsv_sim.demo.site import PairSite
@@ -81,6 +81,9 @@ class Machines:
 
     def _launch(self) -> None:
         raise NotImplementedError
+
+    def meanwhile(self, phase: Optional[int]) -> None:
+        """What is still to be started, at a phase of the mission (None: not heard yet)."""
 
     def stop(self) -> None:
         """Interrupt every launch, then end the masters; recorders close their bags on the way."""

@@ -10,7 +10,9 @@ from fcsv_sim.bringup import vehicles_folder
 from fcsv_sim.demo.fleet import FleetPlan, Machines, SimulatedFleet, SimulatedPair
 from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
 from fcsv_sim.demo.site import PairSite
+from fcsv_sim.demo.tellos import SimulatedTellos
 from fcsv_sim.machines.machines import MachineError
+from fcsv_sim.tello.places import places
 
 Say = Callable[[str], None]
 _MISSION_TIMEOUT_S = 900.0
@@ -19,18 +21,29 @@ _LAND_TIMEOUT_S = 45.0
 
 def fly_fleet(plan: FleetPlan, say: Say) -> Tuple[float, float]:
     """Vehicles with autopilots, a master each, the mission node in charge; seconds flown and metres moved."""
-    from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs this fleet's master in the environment
+    return _fly_mission(SimulatedFleet(plan), say)
 
-    fleet = SimulatedFleet(plan)
+
+def fly_tellos(site: PairSite, plan: FleetPlan, say: Say) -> Tuple[float, float]:
+    """Tellos before a tracker on the ground, the mission node in charge; seconds flown and metres moved."""
+    with places(plan.vehicles) as (where, otherwise):
+        if otherwise:
+            say(f"Tellos: {otherwise}")
+        return _fly_mission(SimulatedTellos(plan, site, where), say)
+
+
+def _fly_mission(machines: Machines, say: Say) -> Tuple[float, float]:
+    from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs these machines' master in the environment
+
     watch = None
 
     def follow() -> Tuple[float, float]:
         nonlocal watch
-        watch = MissionWatch(fleet.control, plan.vehicles, say)
-        _follow(fleet, watch, say)
+        watch = MissionWatch(machines.control, machines.plan.vehicles, say)
+        _follow(machines, watch, say)
         return watch.flown_s, sum(watch.moved_m.values())
 
-    return _fly(fleet, follow, lambda: _land_fleet(watch, say), say)
+    return _fly(machines, follow, lambda: _land_fleet(watch, say), say)
 
 
 def fly_pair(site: PairSite, plan: FleetPlan, say: Say) -> Tuple[float, float]:
@@ -80,12 +93,13 @@ def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Ca
         uninterrupted(machines.stop)
 
 
-def _follow(fleet: SimulatedFleet, watch, say: Say) -> None:
+def _follow(fleet: Machines, watch, say: Say) -> None:
     deadline = time.monotonic() + _MISSION_TIMEOUT_S
     next_line = time.monotonic() + 10.0
     while not watch.over:
         time.sleep(0.2)
         fleet.require_alive()
+        fleet.meanwhile(watch.phase)
         if time.monotonic() > deadline:
             _land_fleet(watch, say)
             raise MachineError(

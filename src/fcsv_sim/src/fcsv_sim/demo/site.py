@@ -22,6 +22,7 @@ class PairSite:
     beside_m: float = 1.1  # to the right of the reference the others line up
     sway_m: float = 0.0  # how far all sway sideways until the tracker knows their headings; nought: it needs no motion
     session_in_odometry: bool = False
+    late: bool = False  # the tracker starts once the vehicles hover before it: gimbals that search earlier turn away
 
     def line_up(self, mission: Mission, vehicles: Sequence[str]) -> Dict[str, np.ndarray]:
         """T_world_body of each vehicle before home is set: side by side, looking along the world's x."""

@@ -27,6 +27,7 @@ class FilterNoise:
     accel_bias_walk: float = 1e-3  # m/s2 per root second
     odometry_position_m: float = 0.006  # quantisation and noise; the drift is its own state
     odometry_velocity_mps: float = 0.05
+    odometry_walk_m_per_sqrt_s: float = 1e-9  # of odometry that adds up speeds: wanders while it stands, too
     odometry_jitter_s: float = 0.006  # of the messages' delay
     attitude_deg: float = 0.45  # coloured over half a second, at 20 Hz, weighed for that
     heading_walk_deg_per_sqrt_s: float = 0.04
@@ -92,6 +93,7 @@ class MocapFilter:
         q[PHI] = np.radians(n.level_walk_deg_per_sqrt_s) ** 2 * dt_s
         q[PHI.start + 2] = np.radians(n.heading_walk_deg_per_sqrt_s) ** 2 * dt_s
         moved_m = float(np.sqrt(s.v_M @ s.v_M)) * dt_s
+        q[PO] = n.odometry_walk_m_per_sqrt_s**2 * dt_s
         q[B] = n.drift_share**2 / 3.0 * 2.0 * moved_m / n.drift_length_m
         q[BA] = n.accel_bias_walk**2 * dt_s
         q[DELAY] = n.delay_walk_s**2 * dt_s
