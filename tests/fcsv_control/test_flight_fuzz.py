@@ -96,7 +96,6 @@ class Vehicle:
         self.server.step(self.now_s, (0.0, 0.0, 0.0))
         return command
 
-
     def lift(self):
         """In the air, in GUIDED, on a pose."""
         self.pilot.estimator.vision(self.now_s, (0.0, 0.0, 2.0), 0.0, 0)

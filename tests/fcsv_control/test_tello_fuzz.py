@@ -79,8 +79,12 @@ def test_ten_thousand_strange_inputs_end_no_link_of_a_tello(capfd):
             assert until(lambda: len(reports) > INPUTS // 100)  # some were flight data
             assert all(thread.is_alive() for thread in radio._threads)
             reports.clear()
-            assert until(lambda: tello.sendto(packet(FLIGHT, FLYING), ("127.0.0.1", port))
-                         and any(r is not None and r.in_the_air and abs(r.height_m - 1.5) < 1e-9 for r in reports))
+            assert until(
+                lambda: (
+                    tello.sendto(packet(FLIGHT, FLYING), ("127.0.0.1", port))
+                    and any(r is not None and r.in_the_air and abs(r.height_m - 1.5) < 1e-9 for r in reports)
+                )
+            )
         finally:
             radio.close()
     assert all(m is None or np.isfinite(m.T_own_body).all() and np.isfinite(m.v_body_mps).all() for m in motions)

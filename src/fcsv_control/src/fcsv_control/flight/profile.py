@@ -94,7 +94,6 @@ class Profile:
         """What is written, by name."""
         return {r.name: r.value for r in self.rules if r.value is not None}
 
-
     def at_port(self, port: int) -> "Profile":
         """With the stream rates of another serial port of the autopilot than USB, which the file has: SR0_ is SRn_."""
         here = tuple(replace(r, name=_STREAMS.sub(f"SR{port}_", r.name)) for r in self.rules)

@@ -34,7 +34,14 @@ class VehicleNode:
         system_id = node.vehicles(p.vehicles_dir, [p.vehicle])[p.vehicle].system_id
         companion = f"127.0.0.1:{p.mavlink_port}"
         parameters = VehicleParameters(
-            p.vehicle, system_id, p.sim_dir, companion, p.rc_port, p.seed, p.start_xyz_yaw, p.wind_mps,
+            p.vehicle,
+            system_id,
+            p.sim_dir,
+            companion,
+            p.rc_port,
+            p.seed,
+            p.start_xyz_yaw,
+            p.wind_mps,
             signing_key=p.signing_key,
         )
         self._vehicle = SimulatedVehicle(parameters, time.time())

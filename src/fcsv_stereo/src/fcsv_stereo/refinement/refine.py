@@ -108,9 +108,7 @@ def _turns(found: _Adjustment, before: Optional[ReadoutTurns]) -> Optional[Reado
     return readout_turns(found.consensus, cameras, before.turns_rad if before else {})
 
 
-def _refinement(
-    found: _Adjustment, words: List[str], options: RefineOptions, clock: "_Clock"
-) -> Refinement:
+def _refinement(found: _Adjustment, words: List[str], options: RefineOptions, clock: "_Clock") -> Refinement:
     consensus, views, direct = found.consensus, found.views, found.direct
     refined = [_explained(judge(views, k, direct[k], consensus, options), views, k) for k in range(1, len(views))]
     clock.lap("adjust")

@@ -8,7 +8,7 @@ Rows are those of the undistorted picture.
 """
 
 from dataclasses import dataclass, replace
-from typing import Dict
+from typing import Dict, Optional
 
 import cv2
 import numpy as np
@@ -44,7 +44,9 @@ class ReadoutTurns:
         return self.gain > _SURE and self.most_px > _LEAST_PX
 
 
-def readout_turns(consensus: Consensus, cameras: Dict[int, PinholeCamera], before: Dict[int, np.ndarray]):
+def readout_turns(
+    consensus: Consensus, cameras: Dict[int, PinholeCamera], before: Dict[int, np.ndarray]
+) -> Optional[ReadoutTurns]:
     """One linear step from what was adjusted: ReadoutTurns in all, where pictures were straightened by ``before``.
 
     ``cameras`` are those of the features, by picture. None where nothing was adjusted.
