@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
-from fcsv_stereo.report import evidence, sections
+from fcsv_stereo.report import evidence, pictures, sections
 from fcsv_stereo.report.parts import Part
 from fcsv_stereo.report.sections import ReportData
 
@@ -22,6 +22,8 @@ SECTIONS: List[Tuple[str, Callable[[ReportData], List[Part]]]] = [
     ("Map from above", sections.from_above),
     ("In three dimensions", sections.in_three_dimensions),
     ("Configurations", sections.configurations),
+    ("Ground sample distance", pictures.ground_sample),
+    ("Pictures", pictures.pictures),
     ("Poses", sections.poses),
     ("Seams", sections.seams),
     ("Confidence", sections.confidence),
@@ -56,8 +58,10 @@ def write_report(
     data = ReportData(result, found, evidence.seams(result), evaluation, true_depth, points)
     drawn = [Section(title, make(data)) for title, make in SECTIONS]
     count = f"{len(result.pairs)} configuration{'' if len(result.pairs) == 1 else 's'}"
-    page = _environment().get_template("report.html").render(
-        title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts]
+    page = (
+        _environment()
+        .get_template("report.html")
+        .render(title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts])
     )
     path = Path(out_dir) / "report.html"
     path.write_text(page, encoding="utf-8")
