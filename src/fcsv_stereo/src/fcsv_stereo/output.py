@@ -14,8 +14,10 @@ import numpy as np
 from fcsv_geometry.writing import in_words
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.ground_sample import GroundSample
 from fcsv_stereo.model import Cloud, MapResult
 from fcsv_stereo.model.kinds import masks
+from fcsv_stereo.picture_list import picture_list
 from fcsv_stereo.products import names
 
 FILES = ("map.ply", "depth.npy", "sigma.npy", "kind.npy", "reference.png", "report.json", "report.html")
@@ -148,6 +150,9 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "kinds": {name: float(mask.mean()) for name, mask in masks(result.kind).items()},
         "points": result.points,
         "timing_s": {k: round(v, 4) for k, v in result.timing_s.items()},
+        "ground_sample": GroundSample.of(result).to_dict(),
+        "pictures": [p.to_dict() for p in picture_list(result)],
+        "spare_pictures": dict(result.spare),
         "warnings": result.warnings,
     }  # fmt: skip
     if result.cut is not None:

@@ -15,6 +15,7 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import Joint
 from fcsv_stereo.model import MapInput, MapResult, Method, Progress
+from fcsv_stereo.picture_list import spare
 from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
@@ -69,6 +70,7 @@ def run(
         given = instants.of_one_instant(given, None if instant == "last" else float(instant))
     loaded = time.perf_counter()
     result = replace(METHODS[method].map(given, options, progress), skews_s=instants.skews(given))
+    result = replace(result, spare=spare(given, result))
     result = bound_cloud(result, bounds or CloudBounds())
     result.timing_s["load"] = loaded - started
     truth, true_depth = _truth(given, result)

@@ -3,7 +3,7 @@
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -120,7 +120,9 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
 
     started = time.perf_counter()
     progress("matching", 1, 3)
-    kept = _fit_to_match(refined, warnings)
+    left_out = _unfit_to_match(refined)
+    kept = [i for i in range(len(refined)) if i not in left_out]
+    warnings += [f"left out: {refined[i].picture.name}: {reason}" for i, reason in left_out.items()]
     pictures = [refined[i].picture for i in kept]
     matching = replace(options.matching, adjust_poses=options.refine_poses)
     if options.scale < 1.0:
@@ -130,6 +132,7 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
         pictures[i] = picture
         refined[kept[i]] = replace(refined[kept[i]], picture=picture)
     warnings += [f"left out: {reason}" for reason in found.left_out.values()]
+    left_out.update({kept[i]: reason for i, reason in found.left_out.items()})
     timing_s["match"] = time.perf_counter() - started
 
     started = time.perf_counter()
@@ -141,7 +144,7 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     pairs = _pairs(configurations, given.kind is InputKind.SESSION, reference, pictures, found, options)
     timing_s["fuse"] = time.perf_counter() - started
     progress("map", 3, 3)
-    view, images = Reference.of(reference), _images(reference, others, refined)
+    view, images = Reference.of(reference), _images(reference, others, refined, left_out)
     return MapResult("joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings, found.kind)
 
 
@@ -185,19 +188,19 @@ def _refine(
     return reference, unrefined
 
 
-def _fit_to_match(refined: List[RefinedPicture], warnings: List[str]) -> List[int]:
-    """Pictures that refinement refused lie pixels away from the others: they are left out where others serve."""
+def _unfit_to_match(refined: List[RefinedPicture]) -> Dict[int, str]:
+    """Pictures that refinement refused lie pixels away from the others: they are left out where others serve.
+
+    Why, by index."""
     if not any(r.refined for r in refined):
-        return list(range(len(refined)))
-    kept = []
+        return {}
+    reasons = {}
     for i, r in enumerate(refined):
         rotation_rad = float(np.sqrt(np.max(np.diag(r.covariance)[:3])))
         off_px = r.picture.camera.fx * rotation_rad
-        if r.refined or off_px <= PAIRS.most_pose_off_px(r.picture.camera.fx):
-            kept.append(i)
-        else:
-            warnings.append(f"left out: {r.picture.name}: its pose is only known to {off_px:.1f} px ({r.reason})")
-    return kept
+        if not r.refined and off_px > PAIRS.most_pose_off_px(r.picture.camera.fx):
+            reasons[i] = f"its pose is only known to {off_px:.1f} px ({r.reason})"
+    return reasons
 
 
 def _cloud(reference: Picture, found: JointDepth) -> Cloud:
@@ -224,13 +227,16 @@ def _pairs(
     return pairs
 
 
-def _images(reference: Picture, others: List[Picture], refined: List[RefinedPicture]) -> List[ImageEntry]:
+def _images(
+    reference: Picture, others: List[Picture], refined: List[RefinedPicture], left_out: Dict[int, str]
+) -> List[ImageEntry]:  # fmt: skip
     def entry(p: Picture, prior, **found) -> ImageEntry:
         return ImageEntry(p.name, p.vehicle, p.stamp_s, p.T_home_cam, prior, **found)
 
     images = {reference.name: entry(reference, reference.T_home_cam)}
-    for o, r in zip(others, refined):
+    for i, (o, r) in enumerate(zip(others, refined)):
         rms = r.epipolar_after_px if np.isfinite(r.epipolar_after_px) else None
-        found = entry(r.picture, o.T_home_cam, refined=r.refined, inliers=r.inliers, epipolar_rms_px=rms)
+        found = entry(r.picture, o.T_home_cam, refined=r.refined, inliers=r.inliers, epipolar_rms_px=rms,
+                      left_out=left_out.get(i))  # fmt: skip
         images.setdefault(o.name, found)
     return list(images.values())

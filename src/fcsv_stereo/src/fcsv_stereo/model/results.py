@@ -6,6 +6,7 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence
 
 import numpy as np
 
+from fcsv_geometry import transforms
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.model.pairs import Pair
 from fcsv_stereo.model.pictures import Reference
@@ -16,7 +17,8 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class ImageEntry:
-    """A picture that the map rests on; ``prior_T_home_cam`` is its pose before refinement."""
+    """A picture of the map; ``prior_T_home_cam`` is its pose before refinement. ``left_out`` says why the map does not
+    rest on it, None: it does."""
 
     name: str
     vehicle: str
@@ -26,6 +28,17 @@ class ImageEntry:
     refined: bool = False
     inliers: Optional[int] = None
     epipolar_rms_px: Optional[float] = None
+    left_out: Optional[str] = None
+
+    @property
+    def turned_deg(self) -> float:
+        """By how many degrees refinement turned it."""
+        return float(np.degrees(transforms.rotation_angle(self.prior_T_home_cam, self.T_home_cam)))
+
+    @property
+    def moved_m(self) -> float:
+        """How far refinement moved it."""
+        return float(np.linalg.norm(self.T_home_cam[:3, 3] - self.prior_T_home_cam[:3, 3]))
 
 
 @dataclass(frozen=True)
@@ -78,6 +91,7 @@ class MapResult:
     kind: Optional[np.ndarray] = None  # uint8 HxW, ``model.kinds``; by default one pair where there is a depth
     watched: List[str] = field(default_factory=list)  # other pictures before which nothing can have moved unseen
     skews_s: Mapping[str, float] = field(default_factory=dict)  # of sessions, by other picture (instants.skews)
+    spare: Mapping[str, int] = field(default_factory=dict)  # by vehicle, pictures not needed (picture_list.spare)
     cut: Optional[CloudCut] = None  # what was left out of the cloud (cloud_bounds)
 
     def __post_init__(self):

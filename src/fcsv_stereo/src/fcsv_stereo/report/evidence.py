@@ -153,8 +153,7 @@ def _seam_of_shared_depth(result: MapResult, a: Pair, b: Pair, at_m: float) -> L
 
 def correction(e: ImageEntry) -> Tuple[float, float]:
     """Degrees and metres between a picture's prior and its pose."""
-    angle = transforms.rotation_angle(e.prior_T_home_cam, e.T_home_cam)
-    return float(np.degrees(angle)), float(np.linalg.norm(e.T_home_cam[:3, 3] - e.prior_T_home_cam[:3, 3]))
+    return e.turned_deg, e.moved_m
 
 
 def sigma_bands(result: MapResult, edges_m=(0.0, 25.0, 50.0, 100.0, 200.0, 400.0, np.inf)) -> List[Dict[str, float]]:

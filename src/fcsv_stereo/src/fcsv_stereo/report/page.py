@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
-from fcsv_stereo.report import evidence, sections
+from fcsv_stereo.report import evidence, pictures, sections
 from fcsv_stereo.report.parts import Part
 from fcsv_stereo.report.sections import ReportData
 
@@ -22,6 +22,8 @@ SECTIONS: List[Tuple[str, Callable[[ReportData], List[Part]]]] = [
     ("Map from above", sections.from_above),
     ("In three dimensions", sections.in_three_dimensions),
     ("Configurations", sections.configurations),
+    ("Ground sample distance", pictures.ground_sample),
+    ("Pictures", pictures.pictures),
     ("Poses", sections.poses),
     ("Seams", sections.seams),
     ("Confidence", sections.confidence),
