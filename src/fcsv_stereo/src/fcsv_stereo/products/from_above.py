@@ -7,7 +7,6 @@ a rotation; the vehicles look to the right.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable, Optional
 
 import cv2
 import numpy as np
@@ -20,8 +19,6 @@ _LEAST_CELL_M = 0.01
 _CLOSE_CELLS = 5.0  # four neighbours within so many
 _KEPT_PERCENT = (0.1, 99.9)  # of x and of y: a stray point must not make the map coarse
 _CITATION = "home of the stereo session: x forward, y left, z up, metres|"
-
-Between = Callable[[Cloud, float], Cloud]  # of a cloud and the cells' size in m
 
 
 @dataclass(frozen=True)
@@ -38,9 +35,9 @@ class Raster:
     y0_m: float
 
 
-def write_from_above(cloud: Cloud, folder: Path, between: Optional[Between] = None) -> None:
-    """orthophoto.png, orthophoto.pgw, height.tif; ``between`` as ``rasterize`` takes it."""
-    raster = rasterize(cloud, between=between)
+def write_from_above(cloud: Cloud, folder: Path) -> None:
+    """orthophoto.png, orthophoto.pgw, height.tif."""
+    raster = rasterize(cloud)
     alpha = np.where(np.isfinite(raster.height), 255, 0).astype(np.uint8)
     bgra = np.dstack([raster.rgb[..., ::-1], alpha])
     if not cv2.imwrite(str(folder / "orthophoto.png"), bgra):
@@ -51,20 +48,16 @@ def write_from_above(cloud: Cloud, folder: Path, between: Optional[Between] = No
     _write_height(raster, folder / "height.tif")
 
 
-def rasterize(cloud: Cloud, cell_m: float = 0.0, between: Optional[Between] = None) -> Raster:
+def rasterize(cloud: Cloud, cell_m: float = 0.0) -> Raster:
     """The highest point of every cell, and what lies between points filled from the nearest.
 
-    ``between`` adds points to a cloud whose cells are known (surfaces between pixels). ``cell_m`` 0 takes 1, 2 or 5
-    times a power of ten: as fine as most points are dense, 1500 cells a side at most.
+    ``cell_m`` 0 takes 1, 2 or 5 times a power of ten: as fine as most points are dense, 1500 cells a side at most.
     """
     p = cloud.points_home_m.astype(float)
     low, high = np.percentile(p[:, :2], _KEPT_PERCENT, axis=0)
     cell_m = cell_m or _cell_size_m(p[:, :2], float((high - low).max()))
     (x_first, y_first), (x_last, y_last) = np.floor(low / cell_m).astype(int), np.floor(high / cell_m).astype(int)
     shape = y_last - y_first + 1, x_last - x_first + 1
-    if between is not None:
-        cloud = between(cloud, cell_m)
-        p = cloud.points_home_m.astype(float)
     x, y = np.floor(p[:, :2] / cell_m).astype(int).T
     row, column = y_last - y, x - x_first
     inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])

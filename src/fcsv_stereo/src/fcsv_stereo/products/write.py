@@ -2,33 +2,21 @@
 """Writes the products that were asked for into one folder."""
 
 from pathlib import Path
-from typing import Callable, Dict, Optional, Sequence
+from typing import Callable, Dict, Sequence
 
-from fcsv_stereo.cloud_bounds import DEFAULT_SIGMA, held_range_m
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.model import Cloud, MapInput, MapResult
 from fcsv_stereo.products import clouds, exchange, from_above, rectified
 from fcsv_stereo.products.points import merge_duplicates
-from fcsv_stereo.products.surfaces import with_surfaces
 
-_SURFACE_STEP_PX = 0.25  # of disparity on the widest pair: what matching leaves between pixels of one surface
 _Writer = Callable[[MapResult, MapInput, Cloud, Path], None]
 _WRITERS: Dict[str, _Writer] = {
     "pcd": lambda result, given, cloud, folder: clouds.write_pcd(cloud, folder / "map.pcd"),
     "laz": lambda result, given, cloud, folder: clouds.write_laz(cloud, folder / "map.laz"),
-    "orthophoto": lambda result, given, cloud, folder: from_above.write_from_above(cloud, folder, _surfaces(result)),
+    "orthophoto": lambda result, given, cloud, folder: from_above.write_from_above(cloud, folder),
     "colmap": lambda result, given, cloud, folder: exchange.write_colmap(result, given, cloud, folder / "colmap"),
     "pairs": lambda result, given, cloud, folder: rectified.write_pairs(result, given, folder / "pairs"),
 }
-
-
-def _surfaces(result: MapResult) -> Optional[from_above.Between]:
-    """Points between the pixels of one surface; none where no pair says how large a step is a step."""
-    range_m = held_range_m(result)
-    if range_m is None:
-        return None
-    step = _SURFACE_STEP_PX * DEFAULT_SIGMA.value / range_m
-    return lambda cloud, cell_m: with_surfaces(cloud, result.reference, cell_m, step)
 
 
 def write_products(names: Sequence[str], result: MapResult, given: MapInput, folder: Path) -> None:
