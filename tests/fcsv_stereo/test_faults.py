@@ -209,6 +209,16 @@ def test_every_matcher_on_pictures_without_texture(flown, matcher):
         MAP["thesis"].map(given, ThesisOptions(matcher=matcher), quiet)
 
 
+@pytest.mark.parametrize("way_m, words", [((4, 0.3, 0), "along the line of sight"), ((0, -4, 0), "too little texture")])
+def test_why_no_pixel_has_a_depth(flown, way_m, words):
+    """One that flew forward is told to move sideways; the other had a wall without texture before it."""
+    reference = faulty.flat(flown[0])
+    other = replace(reference, name="later", T_home_cam=reference.T_home_cam.copy())
+    other.T_home_cam[:3, 3] += way_m
+    with pytest.raises(MatchingError, match=words):
+        MAP["joint"].map(faulty.given(reference, [other]), JointOptions(refine_poses=False), quiet)
+
+
 @pytest.mark.parametrize(
     "method, options",
     [("joint", JointOptions()), *(("thesis", ThesisOptions(matcher=m)) for m in MATCHERS)],

@@ -117,6 +117,19 @@ def test_warnings_in_plain_words(result):
     assert not any("not taken at one time" in w for w in plain_words.warnings(watched, pairs, [], truth))
 
 
+@pytest.mark.parametrize("factor, times, words", [
+    (1.0, 1.0, ""), (1.0, 50.0, "sigma is too large"), (1.0, 1e-3, "sigma is too small"),
+    (1.2, 50.0, "wrong by more than 10 %"),
+])  # fmt: skip
+def test_what_truth_says_against_a_map_is_said(result, factor, times, words):
+    true = true_depth(result.reference.T_home_cam)
+    off = np.abs(result.depth - true)
+    sigma = np.full_like(result.depth, max(float(np.nanpercentile(off, 68)), 1e-4)) * np.float32(times)
+    made = replace(result, depth=result.depth * np.float32(factor), sigma=sigma)
+    said = [w for w in plain_words.warnings(made, [], [], evaluate(made, None, true)) if "Against truth" in w]
+    assert bool(said) == bool(words) and words in "".join(said)
+
+
 def test_a_seam_of_one_depth_for_all_pairs(scene, result):
     """What a pair alone would say: a shorter one turned by 0.2 degrees about the other axis sees f tan(0.2) px more."""
     baselines = (0.6, 1.2)

@@ -12,7 +12,7 @@ from fcsv_stereo.depth import points_from_depth
 from fcsv_stereo.equations import ErrorThreshold, farthest
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
-from fcsv_stereo.joint.checks.enough_evidence import require_evidence
+from fcsv_stereo.joint.checks.enough_evidence import require_evidence, why_no_depth
 from fcsv_stereo.joint.checks.kinds import supported_only
 from fcsv_stereo.joint.checks.moved import leave_out_moved
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
@@ -139,7 +139,8 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     progress("map", 2, 3)
     cloud = _cloud(reference, found)
     if not len(cloud):
-        raise MatchingError(f"no pixel of {reference.name} has a depth that can be relied on: too little texture")
+        why = why_no_depth(reference, pictures)
+        raise MatchingError(f"no pixel of {reference.name} has a depth that can be relied on: {why}")
     configurations = [given.configurations[i].configuration for i in kept]
     pairs = _pairs(configurations, given.kind is InputKind.SESSION, reference, pictures, found, options)
     timing_s["fuse"] = time.perf_counter() - started

@@ -20,7 +20,7 @@ from fcsv_stereo.refinement.focal import ANY_FOCAL
 from fcsv_stereo.refinement.structure import Structure
 
 _TURN_SIGMA_RAD = np.radians(0.1)  # a vehicle that holds turns by 5 deg/s, and a picture is read in 20 ms
-_SURE = 100.0  # drop of the cost: at most 61 on pictures without it, rendered and real; 385 and up with it
+_SURE = 100.0  # drop of the cost: at most 34 on pictures without it, rendered and real; 385 and up with it
 _LEAST_PX = 1.5
 
 

@@ -12,6 +12,7 @@ from fcsv_stereo.report.evidence import PairEvidence, Seam, correction
 LEAST_COVERAGE, LEAST_MATCHED, LEAST_OVERLAP = 0.25, 0.3, 0.5
 MOST_EPIPOLAR_PX, MOST_CORRECTION_DEG, MOST_SEAM, MOST_APART_S = 1.0, 1.0, 0.05, 0.2
 WIDE_SIGMA, MOST_WIDE = 0.1, 0.25
+MOST_WRONG, LEAST_WITHIN_2, MOST_WITHIN_1 = 0.1, 0.8, 0.9  # against truth; 68 % and 95 % would be right
 
 
 def warnings(
@@ -88,9 +89,24 @@ def _of_sigma(result: MapResult, evaluation: Optional[Evaluation]) -> List[str]:
             f"{wide:.0%} of the depths have a standard deviation above {WIDE_SIGMA:.0%} of the distance; fly a longer "
             "baseline for what is far."
         )
-    if evaluation is not None and evaluation.within_2_sigma < 0.8:
+    return found + (_of_truth(evaluation) if evaluation is not None else [])
+
+
+def _of_truth(e: Evaluation) -> List[str]:
+    found = []
+    if e.overall.wrong_of_answered > MOST_WRONG:
         found.append(
-            f"Against truth only {evaluation.within_2_sigma:.0%} of the errors lie within two standard deviations, "
+            f"Against truth {e.overall.wrong_of_answered:.0%} of the depths are wrong by more than 10 %: do not rely on "
+            "this map."
+        )
+    if e.within_2_sigma < LEAST_WITHIN_2:
+        found.append(
+            f"Against truth only {e.within_2_sigma:.0%} of the errors lie within two standard deviations, "
             "where 95 % would be right: sigma is too small, most likely because poses are worse than it assumes."
+        )
+    elif e.within_1_sigma > MOST_WITHIN_1:
+        found.append(
+            f"Against truth {e.within_1_sigma:.0%} of the errors lie within one standard deviation, where 68 % would be "
+            "right: sigma is too large, and clouds leave out more than they must."
         )
     return found

@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a map rests on anything: pictures of another place give depths too, which look like a map."""
 
+from typing import Sequence
+
+import numpy as np
+
 from fcsv_stereo.errors import MatchingError
-from fcsv_stereo.model import MapResult
+from fcsv_stereo.model import MapResult, Picture
+
+_LEAST_ACROSS = 0.25  # of a baseline; with less the pictures are an approach, not a stereo pair
 
 
 def require_evidence(result: MapResult) -> MapResult:
@@ -16,3 +22,20 @@ def require_evidence(result: MapResult) -> MapResult:
         + ("; ".join(result.warnings) or "do they show the same place, sharp and well exposed?")
         + ". If their poses are known to be right, map with --no-refine"
     )
+
+
+def why_no_depth(reference: Picture, others: Sequence[Picture]) -> str:
+    """What keeps every pixel from a depth: pictures along the line of sight show too little parallax, else it is
+    texture."""
+    view = reference.T_home_cam[:3, 2]
+    ways = []
+    for other in others:
+        way_m = other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
+        length_m = float(np.linalg.norm(way_m))
+        across_m = float(np.linalg.norm(way_m - view * (way_m @ view)))
+        if across_m >= _LEAST_ACROSS * length_m:
+            return "too little texture"
+        ways.append(f"{other.name} {length_m:.2f} m, of these {across_m:.2f} m across it")
+    if not ways:
+        return "no other picture"
+    return f"the pictures lie along the line of sight ({'; '.join(ways)}): move the camera sideways or up"
