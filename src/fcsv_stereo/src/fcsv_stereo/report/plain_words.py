@@ -96,8 +96,8 @@ def _of_truth(e: Evaluation) -> List[str]:
     found = []
     if e.overall.wrong_of_answered > MOST_WRONG:
         found.append(
-            f"Against truth {e.overall.wrong_of_answered:.0%} of the depths are wrong by more than 10 %: do not rely on "
-            "this map."
+            f"Against truth {e.overall.wrong_of_answered:.0%} of the depths are wrong by more than 10 %: do not rely "
+            "on this map."
         )
     if e.within_2_sigma < LEAST_WITHIN_2:
         found.append(
@@ -106,7 +106,7 @@ def _of_truth(e: Evaluation) -> List[str]:
         )
     elif e.within_1_sigma > MOST_WITHIN_1:
         found.append(
-            f"Against truth {e.within_1_sigma:.0%} of the errors lie within one standard deviation, where 68 % would be "
-            "right: sigma is too large, and clouds leave out more than they must."
+            f"Against truth {e.within_1_sigma:.0%} of the errors lie within one standard deviation, where 68 % would "
+            "be right: sigma is too large, and clouds leave out more than they must."
         )
     return found
