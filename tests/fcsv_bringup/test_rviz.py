@@ -50,7 +50,13 @@ def test_it_opens_without_a_warning_before_anything_is_known(name, root, ros_mas
     try:
         until(lambda: re.search(r"^\d+$", screen.tail(20), re.M), what="a screen")
         number = re.search(r"^(\d+)$", screen.tail(20), re.M).group(1)
-        settings = [f"DISPLAY=:{number}", "LIBGL_ALWAYS_SOFTWARE=1", f"HOME={tmp_path}", f"XDG_RUNTIME_DIR={tmp_path}"]
+        settings = [
+            f"DISPLAY=:{number}",
+            "QT_QPA_PLATFORM=xcb",
+            "LIBGL_ALWAYS_SOFTWARE=1",
+            f"HOME={tmp_path}",
+            f"XDG_RUNTIME_DIR={tmp_path}",
+        ]
         command = ["env", *settings, "rviz", "-d", str(root / "rviz" / f"{name}.rviz"), f"__name:=rviz_{name}"]
         rviz = ros_master.run(command, f"rviz-{name}")
         try:
