@@ -28,6 +28,7 @@ configurations:
 """
 _AGENT_S = 8.0  # so long the agent is stopped
 _ON_GROUND_M, _AT_REST_S = 0.3, 5.0
+_DEAD_S, _ASKED_AGAIN_S = 4.0, 1.0
 
 
 def fly(out: Path, limit_s: float = 700.0) -> Dict[str, List[dict]]:
@@ -117,16 +118,22 @@ class Story:
         self._signal(CONTROL, "mission", signal.SIGKILL)
         self._note("stop all")
         self._note(f"answer: {stop_all().message}")
-        time.sleep(5.0)
         self._said.clear()
+        asked_s = time.monotonic() + _DEAD_S
 
         def resumed() -> bool:
+            nonlocal asked_s
+            if any(s.startswith("GUIDED: handing over") for s in list(self._said)):
+                return True  # the simulated operator was first
+            if time.monotonic() < asked_s + _ASKED_AGAIN_S:
+                return False
+            asked_s = time.monotonic()
             try:
                 return proceed("resume").success
             except rospy.ServiceException:
                 return False  # the mission is not there again
 
-        self._until(resumed, 30.0, "nobody could resume", every_s=1.0)
+        self._until(resumed, 30.0, "nobody could resume")
         self._note("resumed")
 
     def _radio_is_gone(self) -> None:
@@ -160,13 +167,13 @@ class Story:
     def _hear(self, words: str, limit_s: float) -> None:
         self._until(lambda: any(s.startswith(words) for s in list(self._said)), limit_s, f"'{words}' was not said")
 
-    def _until(self, condition: Callable[[], bool], limit_s: float, otherwise: str, every_s: float = 0.05) -> None:
+    def _until(self, condition: Callable[[], bool], limit_s: float, otherwise: str) -> None:
         deadline_s = time.monotonic() + limit_s
         while not condition():
             self._fleet.require_alive()
             if time.monotonic() > deadline_s:
                 raise AssertionError(otherwise)
-            time.sleep(every_s)
+            time.sleep(0.05)
 
 
 def listen(vehicle: str, sim_folder: str) -> None:
