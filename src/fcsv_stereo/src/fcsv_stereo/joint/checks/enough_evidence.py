@@ -6,9 +6,8 @@ from typing import Sequence
 import numpy as np
 
 from fcsv_stereo.errors import MatchingError
+from fcsv_stereo.joint.tuning import ENOUGH_EVIDENCE
 from fcsv_stereo.model import MapResult, Picture
-
-_LEAST_ACROSS = 0.25  # of a baseline; with less the pictures are an approach, not a stereo pair
 
 
 def require_evidence(result: MapResult) -> MapResult:
@@ -33,7 +32,7 @@ def why_no_depth(reference: Picture, others: Sequence[Picture]) -> str:
         way_m = other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
         length_m = float(np.linalg.norm(way_m))
         across_m = float(np.linalg.norm(way_m - view * (way_m @ view)))
-        if across_m >= _LEAST_ACROSS * length_m:
+        if across_m >= ENOUGH_EVIDENCE.least_across * length_m:
             return "too little texture"
         ways.append(f"{other.name} {length_m:.2f} m, of these {across_m:.2f} m across it")
     if not ways:

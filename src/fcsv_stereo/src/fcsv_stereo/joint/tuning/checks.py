@@ -120,6 +120,13 @@ class AxisConflict(Tuned):
 
 
 @dataclass(frozen=True)
+class EnoughEvidence(Tuned):
+    """``checks.enough_evidence``."""
+
+    least_across: float = tuned(0.25, "share of a baseline", "across the line of sight: with less it is an approach")
+
+
+@dataclass(frozen=True)
 class Visibility(Tuned):
     """``checks.visibility``."""
 
@@ -129,4 +136,4 @@ class Visibility(Tuned):
 
 
 RELIABILITY, SIGMA, SKY, MOVED = Reliability(), Sigma(), Sky(), Moved()
-AXIS_CONFLICT, VISIBILITY = AxisConflict(), Visibility()
+AXIS_CONFLICT, ENOUGH_EVIDENCE, VISIBILITY = AxisConflict(), EnoughEvidence(), Visibility()
