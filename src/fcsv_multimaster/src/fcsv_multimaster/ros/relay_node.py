@@ -27,6 +27,9 @@ from fcsv_multimaster.ros.tf_merge import TfOut
 
 _SWITCH_S = 0.0005  # what is urgent must not wait five milliseconds for a thread that handles pictures
 _TF_HZ = 10.0
+# A process that slept for longer (SIGSTOP) has sessions that its peers closed. Zenoh's numbers for topics are a
+# session's own; those of an old one were seen to be taken for another machine's.
+_SLEPT_S = 3.0
 _EXPOSURE_TICKS = 8  # of half a second
 
 
@@ -136,7 +139,9 @@ class RelayNode:
         """Report the links, and watch the local master."""
         known, lost, ticks, addresses = True, False, 0, AddressWatch()
         while not rospy.is_shutdown():
+            before_s = time.monotonic()
             time.sleep(0.5)
+            slept = time.monotonic() > before_s + _SLEPT_S
             knows_us = master_knows_us()
             if knows_us is None and known:
                 rospy.logwarn("%s: the ROS master does not answer; what is connected goes on", self._name)
@@ -147,8 +152,10 @@ class RelayNode:
             moved = self._discovery and addresses.changed()
             if moved:
                 rospy.logwarn("%s: its addresses are others now; looking for its peers from there", self._name)
-            if moved or lost:
-                lost = not self._look_from_new_address()
+            if slept:
+                rospy.logwarn("%s: it slept; joining its peers anew", self._name)
+            if moved or slept or lost:
+                lost = not self._join_anew()
             ticks += 1
             if ticks % 2 == 0:
                 self._report()
@@ -157,7 +164,7 @@ class RelayNode:
                 found = key_watch.exposures()
                 self._health.problem("exposed", f"ROS is open to the network: {'; '.join(found)}" if found else "")
 
-    def _look_from_new_address(self) -> bool:
+    def _join_anew(self) -> bool:
         """Whether it could; else it is to be tried again."""
         try:
             self._exchange.reopen()
