@@ -30,6 +30,11 @@ class PairPrior:
         """6 diagonal entries, rotation first."""
         return 1.0 / np.repeat([self.rotation_rad, self.position_m], 3) ** 2
 
+    @property
+    def full_covariance(self) -> np.ndarray:
+        """(6, 6) of rotation and position in b's axes, the pictures' own where it is known."""
+        return np.diag(1.0 / self.information) if self.covariance is None else self.covariance
+
 
 def epipolar_error(T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """Distance (N,) of b's ray from a's epipolar line, at z = 1 in b (rad to first order), and its derivative (N, 6).

@@ -70,9 +70,7 @@ def readout_turns(
         parts.append(used)
     H, g = structure.eliminated(at, weight, parts, n + 1 + 3 * len(pictures))
     for k in order:
-        prior = problem.priors[k]
-        information = np.diag(prior.information) if prior.covariance is None else np.linalg.inv(prior.covariance)
-        H[pose[k], pose[k]] += information
+        H[pose[k], pose[k]] += np.linalg.inv(problem.priors[k].full_covariance)
     g[:n] = 0.0  # the poses are at their optimum, priors included
     H[focal, focal] += (problem.focal_sigma or ANY_FOCAL) ** -2
     if problem.focal_sigma > 0.0:
@@ -98,9 +96,7 @@ def _time(camera: PinholeCamera, rays: np.ndarray) -> np.ndarray:
 def straightened(picture: Picture, turn_rad: np.ndarray) -> Picture:
     """As if all rows had been read with the middle one. What it did not see at the edges is repeated from there."""
     camera = picture.camera
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
-    ray = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
-    row = v
+    ray, row = camera.rays(), np.arange(camera.height, dtype=float)[:, None]
     for _ in range(2):  # the row in which a point was read depends on the turn by then
         time = (row + 0.5) / camera.height - 0.5
         seen = ray - np.cross(time[..., None] * turn_rad, ray)  # Exp(-time turn) for a small turn

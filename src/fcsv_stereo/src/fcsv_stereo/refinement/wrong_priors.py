@@ -37,12 +37,7 @@ def settled(problem: Problem, adjusted: Adjusted) -> Tuple[Problem, Adjusted]:
 def _away(prior: PairPrior, T_ref_cam: np.ndarray) -> float:
     """How far the position is from its prior, in standard deviations."""
     off_m = prior.T_a_b[:3, :3].T @ (T_ref_cam[:3, 3] - prior.T_a_b[:3, 3])
-    return float(np.sqrt(off_m @ np.linalg.solve(_position(prior), off_m)))
-
-
-def _position(prior: PairPrior) -> np.ndarray:
-    """(3, 3) m^2, in the camera's axes."""
-    return prior.position_m**2 * np.eye(3) if prior.covariance is None else prior.covariance[3:, 3:]
+    return float(np.sqrt(off_m @ np.linalg.solve(prior.full_covariance[3:, 3:], off_m)))
 
 
 def _loosened(prior: PairPrior, T_ref_cam: np.ndarray) -> PairPrior:
@@ -64,7 +59,7 @@ def _doubted(priors: Dict[int, PairPrior], adjusted: Adjusted) -> Adjusted:
         length_m = float(np.linalg.norm(p_m))
         along = prior.T_a_b[:3, :3].T @ p_m / max(length_m, 1e-9)
         scales.append(float(np.linalg.norm(prior.T_a_b[:3, 3])) / max(length_m, 1e-9))
-        weights.append(length_m**2 / float(along @ _position(prior) @ along))
+        weights.append(length_m**2 / float(along @ prior.full_covariance[3:, 3:] @ along))
     if len(scales) < 2:
         return adjusted
     freedom, w = len(scales) - 1, np.array(weights)
