@@ -3,14 +3,13 @@
 
 import argparse
 import math
-import sys
 from pathlib import Path
 from typing import List, Optional, Union
 
 from tqdm import tqdm
 
+from fcsv_geometry import commands
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.writing import in_words
 from fcsv_stereo import pipeline
 from fcsv_stereo.cloud_bounds import CloudBounds
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
@@ -41,7 +40,10 @@ _EXAMPLES = """examples:
 
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0 with a map, 2 with one line on stderr that says what is wrong, 130 on Ctrl-C."""
-    args = _parser().parse_args(argv)
+    return commands.run(_parser(), argv, _map, (FcsvError, ValueError), "nothing was written")
+
+
+def _map(args) -> None:
     bar = None
 
     def progress(name: str, done: int, total: int) -> None:
@@ -53,26 +55,15 @@ def main(argv: Optional[List[str]] = None) -> int:
         if done == total:
             bar.close()
 
-    try:
-        products = parse_products(args.products)
-        poi = Path(args.poi) if args.poi else None
-        document = pipeline.run(
-            Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress, poi, products,
-            _instant(args.instant), CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma),
-        )  # fmt: skip
-    except (FcsvError, ValueError) as error:
-        print(f"map: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"map: {in_words(error, args.out)}; nothing was written", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("map: interrupted; nothing was written", file=sys.stderr)
-        return 130
+    products = parse_products(args.products)
+    poi = Path(args.poi) if args.poi else None
+    document = pipeline.run(
+        Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress, poi, products,
+        _instant(args.instant), CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma),
+    )  # fmt: skip
     print(demo_table(document))
     written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]
     print(f"wrote {args.out}: {', '.join(written + [f for p in products for f in PRODUCTS[p]])}")
-    return 0
 
 
 def _instant(word: Optional[str]) -> Optional[str]:

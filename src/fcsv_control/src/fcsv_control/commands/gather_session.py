@@ -8,9 +8,9 @@ from typing import List, Optional
 
 from tqdm import tqdm
 
-from fcsv_control import commands
 from fcsv_control.errors import SessionError
 from fcsv_control.gathering import Gatherer, parse_source
+from fcsv_geometry import commands
 
 
 def main(argv: Optional[List[str]] = None) -> int:

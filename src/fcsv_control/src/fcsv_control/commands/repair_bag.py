@@ -8,8 +8,8 @@ from typing import List, Optional
 
 from tqdm import tqdm
 
-from fcsv_control import commands
 from fcsv_control.errors import SessionError
+from fcsv_geometry import commands
 from fcsv_geometry.bags.repair import ACTIVE, KEPT, repaired
 from fcsv_geometry.errors import BagError
 

@@ -2,14 +2,12 @@
 """The command ``rosrun fcsv_stereo import_photos PHOTOS -o OUT`` (without ROS: ``fcsv import-photos``)."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import List, Optional
 
 import numpy as np
 
-from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.writing import in_words
+from fcsv_geometry import commands
 from fcsv_stereo.photos.importing import Imported, ImportOptions, import_photos
 
 _EXAMPLES = """examples:
@@ -21,23 +19,15 @@ _EXAMPLES = """examples:
 
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0 with a folder that ``map`` reads; 2 with one line on stderr, 130 on Ctrl-C, and nothing is left."""
-    args = _parser().parse_args(argv)
-    try:
-        options = ImportOptions(Path(args.model) if args.model else None, args.longest_px)
-        done = import_photos(Path(args.photographs), Path(args.out), options)
-    except FcsvError as error:
-        print(f"import_photos: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"import_photos: {in_words(error, args.out)}; nothing was written", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("import_photos: interrupted; nothing was written", file=sys.stderr)
-        return 130
+    return commands.run(_parser(), argv, _import, left="nothing was written")
+
+
+def _import(args) -> None:
+    options = ImportOptions(Path(args.model) if args.model else None, args.longest_px)
+    done = import_photos(Path(args.photographs), Path(args.out), options)
     print(table(done))
     print(f"wrote {args.out}: images/ ({len(done.names)}), cameras.txt, images.txt, priors.csv")
     print(f"map it: map {args.out} -o OUT --reference {done.names[0]}")
-    return 0
 
 
 def table(done: Imported) -> str:

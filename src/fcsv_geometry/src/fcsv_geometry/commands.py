@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a command ends: its exit status, and one line on stderr where it could not do its work."""
+
+import argparse
+import sys
+from typing import Callable, List, Optional, Tuple, Type
+
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.writing import in_words
+
+Action = Callable[[argparse.Namespace], Optional[int]]
+
+
+def run(
+    parser: argparse.ArgumentParser, argv: Optional[List[str]], action: Action,
+    refused: Tuple[Type[Exception], ...] = (FcsvError,), left: str = "",
+) -> int:  # fmt: skip
+    """The action's exit status; 2 with one line on stderr that says what is wrong, 130 on Ctrl-C.
+
+    ``refused``: errors whose words are that line. ``left``: what a full disk or Ctrl-C leaves, behind the line's end.
+    """
+    args = parser.parse_args(argv)
+    left = f"; {left}" if left else ""
+    try:
+        return action(args) or 0
+    except refused as error:
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"{parser.prog}: {in_words(error, getattr(args, 'out', None) or '')}{left}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: interrupted{left}", file=sys.stderr)
+        return 130
