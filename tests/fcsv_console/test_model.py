@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fcsv_console.model import actions, air, facts, hearing, mission_file, soundness, stereo
+from fcsv_console.model import above_view, actions, air, cells, facts, hearing, mission_file, soundness, stereo
 from fcsv_console.model.console import Console
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
@@ -256,6 +256,18 @@ def test_an_error_in_a_mission_file_is_named_with_its_line(text, words):
     c = console()
     c.edit(text)
     assert any(words in p for p in c.view(0.0).problems) and not c.view(0.0).vehicles[0].battery_enough
+
+
+def test_a_sweep_is_shown_as_a_way_that_is_not_dragged():
+    c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2})
+    c.load(OUTDOOR.with_name("sweep.yaml"))
+    side, up = c.file.rows
+    assert (side.way_m, up.way_m[1]) == (((0.0, -2.0, 0.0), (0.0, -8.0, 0.0)), (0.0, -8.0, 7.0))
+    assert [cell.text for cell in cells.configuration_cells(side, False)][1:6] == [
+        "horizontal", "2 to 8 m", "0°", "0 s", "5 s"]  # fmt: skip
+    assert mission_file.seconds_left(c.file, 0) == pytest.approx(1.0 + 2 * 1.0 + 2.0 + 5.0 + 6.2, abs=2.0)
+    scale = above_view.Scale(400, 400, 20.0)
+    assert above_view.picked(c.file.rows, scale, *scale.to_px(0.0, -2.0)) is None
 
 
 def test_a_file_that_is_not_there_or_is_no_text(tmp_path):

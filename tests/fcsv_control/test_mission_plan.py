@@ -14,6 +14,7 @@ from fcsv_geometry.errors import ConfigError, MissionError
 from fcsv_geometry.fence import Fence
 from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
+from fcsv_geometry.sweep import Sweep
 
 PAIR = ("uav1", "uav2")
 FULL = {"uav1": 1.0, "uav2": 1.0}
@@ -28,7 +29,7 @@ def check(m, vehicles=PAIR, shares=FULL, **more):
     return plan_check.check_plan(m, plan_check.on_the_ground(m, vehicles, shares), **more)
 
 
-@pytest.mark.parametrize("name", ["outdoor", "short", "simulated_400m"])
+@pytest.mark.parametrize("name", ["outdoor", "short", "simulated_400m", "sweep"])
 def test_the_missions_that_come_along_can_be_flown(root, name):
     m = load_mission(root / "config" / "missions" / f"{name}.yaml")
     for vehicles in (PAIR, ("uav1", "uav2", "uav3", "uav4", "uav5")):
@@ -67,6 +68,34 @@ def test_a_place_beside_another_vehicle_is_refused_with_its_leg():
     found = plan_check.check_plan(m, plan_check.Situation(8.0, places, {}))
     assert len(found) == 1 and found[0].startswith("configurations[1] (horizontal 2 m): ")
     assert "0.5 m from another vehicle, at least 1.5 m are needed" in found[0]
+
+
+def sweep(*listed, **more):
+    return StereoConfiguration(sweep=Sweep(*listed), **more)
+
+
+def test_a_sweep_is_planned_as_a_way():
+    """What it would come too near to, where it would leave the fence, and from where the next leg begins."""
+    straight = Mission("test", [sweep("horizontal", 2.0, 8.0, 1.5), sweep("vertical", 0.0, 7.0, 1.5, 8.0)])
+    places = {"uav1": np.zeros(3), "uav2": np.array([-3.5, 0.0, 0.0]), "uav3": np.array([0.3, -5.0, 1.0])}
+    assert plan_check.check_plan(straight, plan_check.Situation(8.0, {n: places[n] for n in PAIR}, {})) == []
+    found = plan_check.check_plan(straight, plan_check.Situation(8.0, places, {}))
+    assert len(found) == 1 and found[0].startswith(
+        "configurations[0] (sweep horizontal 2 to 8 m): comes too near to uav3"
+    )
+    high = Mission("test", [sweep("vertical", 4.0, 34.0, 1.5)])
+    assert check(high)[0].startswith("configurations[0] (sweep vertical 4 to 34 m): on its way 40.")
+    assert check(Mission("test", [sweep("horizontal", 2.0, 50.0, 0.1)]))[0].startswith("uav1 with 100% of its battery")
+
+
+def test_sweeps_at_once_keep_apart():
+    trio = ("uav1", "uav2", "uav3")
+    full = dict.fromkeys(trio, 1.0)
+    side = sweep("horizontal", 2.0, 8.0, 1.0, vehicle="uav2")
+    apart = Mission("test", [side, sweep("vertical", 4.0, 8.0, 1.0, vehicle="uav3", at_once=True)])
+    assert check(apart, trio, full) == []
+    same_end = Mission("test", [side, sweep("vertical", 4.0, 0.0, 1.0, 8.0, vehicle="uav3", at_once=True)])
+    assert "uav2 and uav3 come too near to each other" in check(same_end, trio, full)[0]
 
 
 def test_room_for_the_vehicles_outlines():

@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mission file: what is read, and one line for everything that cannot be flown."""
 
+import dataclasses
 import doctest
 
 import pytest
 import yaml
 
+from fcsv_geometry import config, sweep
 from fcsv_geometry import mission as schema
 from fcsv_geometry.errors import ConfigError, MissionError
 from fcsv_geometry.mission import Mission, load_mission, spaced
 
 GOOD = {"name": "test", "configurations": [{"axis": "horizontal", "baseline_m": 4.0, "record_s": 3.0}]}
+
+
+SWEEP = {"axis": "horizontal", "from_m": 2.0, "to_m": 8.0, "speed_mps": 1.5}
 
 
 def written(tmp_path, document):
@@ -25,6 +30,11 @@ def changed(**change):
 
 def configured(**change):
     return {**GOOD, "configurations": [GOOD["configurations"][0], {"axis": "vertical", "baseline_m": 5.0, **change}]}
+
+
+def swept(**change):
+    """A file whose only configuration is a sweep."""
+    return changed(configurations=[{"sweep": {**SWEEP, **change}}])
 
 
 def baselines(mission, axis):
@@ -78,6 +88,32 @@ def test_what_a_file_says_is_what_is_flown(tmp_path):
         (configured(record_s=-1.0), ["configurations[1].record_s"]),
         (configured(tilt_deg=5.0), ["configurations[1].tilt_deg", "fixed camera", "set it to 0"]),
         (configured(vehicle="uav1"), ["configurations[1].vehicle", "is the reference"]),
+        ({**GOOD, "configurations": [{"axis": "horizontal"}]}, ["configurations[0].baseline_m", "is missing"]),
+        ({**GOOD, "configurations": [{"baseline_m": 4.0}]}, ["configurations[0].axis", "is missing"]),
+        (swept(speed=1.0), ["unknown key 'configurations[0].sweep.speed'", "speed_mps"]),
+        (swept(axis="up"), ["configurations[0].sweep.axis", "'up'", "horizontal, vertical"]),
+        (swept(from_m=8.0), ["configurations[0].sweep.to_m", "less than 0.5 m from from_m", "{axis, baseline_m}"]),
+        (swept(from_m=-2.0), ["configurations[0].sweep.from_m", "-2.0", "0..100 m"]),
+        (swept(to_m=300), ["configurations[0].sweep.to_m", "300", "0..100 m"]),
+        (swept(speed_mps=0.0), ["configurations[0].sweep.speed_mps", "under 0.1 m/s"]),
+        (swept(speed_mps=-1.0), ["configurations[0].sweep.speed_mps", "under 0.1 m/s"]),
+        (swept(speed_mps=float("nan")), ["configurations[0].sweep.speed_mps", "must be finite"]),
+        (swept(speed_mps=2.5), ["configurations[0].sweep.speed_mps", "2.5", "2 m/s that 'flight' allows"]),
+        (swept(axis="vertical", speed_mps=1.8), ["configurations[0].sweep.speed_mps", "1.5 m/s"]),
+        (swept(from_m=1.0), ["configurations[0].sweep.from_m", "separation of 1.5 m"]),
+        (swept(axis="vertical", from_m=0.0), ["configurations[0].sweep.from_m", "separation of 1.5 m"]),
+        (changed(configurations=[{"sweep": SWEEP, "axis": "vertical"}]), ["configurations[0].axis", "leave it out"]),
+        (changed(configurations=[{"sweep": SWEEP, "baseline_m": 3}]), ["configurations[0].baseline_m", "leave it out"]),
+        (changed(configurations=[{"sweep": SWEEP, "record_s": 3}]), ["configurations[0].record_s", "leave it out"]),
+        (
+            changed(
+                configurations=[
+                    {"axis": "horizontal", "baseline_m": 4.0, "vehicle": "uav2"},
+                    {"sweep": SWEEP, "vehicle": "uav3", "at_once": True},
+                ]
+            ),
+            ["configurations[1].at_once", "all sweep or all stand"],
+        ),
         (changed(configurations=[]), ["configurations", "empty", "at least one"]),
         (changed(configurations=None), ["configurations", "must be a list"]),
         ({"name": "test"}, ["'configurations' is missing"]),
@@ -99,6 +135,15 @@ def test_what_cannot_be_flown_is_one_line(tmp_path, document, words):
     assert text.startswith(str(path)) and "\n" not in text
     for word in words:
         assert word in text
+
+
+def test_a_sweep_is_read_and_survives_a_session_file(tmp_path):
+    mission = load_mission(written(tmp_path, swept(axis="vertical", from_m=0.0, to_m=6.0, across_m=8.0)))
+    c = mission.configurations[0]
+    assert (c.axis, c.baseline_m, c.title) == ("vertical", 10.0, "sweep vertical 0 to 6 m at 8 m")
+    assert [c.sweep.place_m(s).tolist() for s in (0.0, 1.0)] == [[0.0, -8.0, 0.0], [0.0, -8.0, 6.0]]
+    assert c.sweep.takes_s(mission.flight) == pytest.approx(6.0 / 1.5 + 1.5 / 1.0), "at its speed, with two ramps"
+    assert config.from_mapping(dataclasses.asdict(mission), Mission, "session") == mission
 
 
 def test_a_missing_file_is_one_line(tmp_path):
@@ -144,5 +189,6 @@ def test_a_separation_with_the_hints_that_it_needs_is_a_mission(tmp_path, separa
 
 
 def test_identities_in_the_docstrings():
-    result = doctest.testmod(schema)
-    assert result.attempted > 0 and result.failed == 0
+    for module in (schema, sweep):
+        result = doctest.testmod(module)
+        assert result.attempted > 0 and result.failed == 0

@@ -6,10 +6,11 @@ import os
 from collections import Counter
 from multiprocessing import Pool
 
+import numpy as np
 import pytest
 
 from fcsv_geometry.flight_limits import PauseLimits
-from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
+from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration, load_mission
 from fcsv_sim.rehearsal import takeover
 from fcsv_sim.rehearsal.command import Job, main, rehearse
 from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of
@@ -44,6 +45,22 @@ def test_a_flight_without_faults_records_all_and_lands(mission, vehicles):
     result = Flight(mission, vehicles, 2).run()
     assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
     assert result.nearest_m > 1.4 and 60.0 < result.flown_s < 200.0
+    assert 0.0 < result.off_m < 0.5
+
+
+def test_a_sweep_flies_its_line_without_a_stop(root):
+    flight = Flight(load_mission(root / "config" / "missions" / "sweep.yaml"), 2, 2)
+    speeds_mps = []
+
+    def look(f):
+        if "recording sweep" in f.control.machine.detail:
+            speeds_mps.append(float(np.linalg.norm(f.fleet["uav2"].body.velocity_mps)))
+
+    flight.recorder = look
+    result = flight.run()
+    assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
+    assert 1.3 < max(speeds_mps) < 1.9, "as fast as the file says, and not faster"
+    assert [w.stop_s - w.start_s < 10.0 for w in flight.control.machine.captures] == [True, True]
     assert 0.0 < result.off_m < 0.5
 
 

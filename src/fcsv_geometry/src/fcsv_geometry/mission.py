@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mission file, config/missions/NAME.yaml: what the planner writes and the mission flies, with all its rules."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Sequence
 
@@ -11,9 +12,8 @@ from fcsv_geometry.errors import MissionError
 from fcsv_geometry.fence import Fence
 from fcsv_geometry.flight_limits import FlightBounds, PauseLimits
 from fcsv_geometry.separation import SeparationRules
+from fcsv_geometry.sweep import AXES, MOST_BASELINE_M, Sweep
 
-AXES = ("horizontal", "vertical")
-_MOST_BASELINE_M = 100.0  # ten times the thesis's longest; beyond, a metre was meant as something else
 AIR_M = 0.95  # horizontally, of a vehicle of 0.6 m; guardians keep what is theirs of it (SeparationRules)
 ON_BOARD, GROUND = "on_board", "ground"
 TRACKERS = (ON_BOARD, GROUND)
@@ -30,24 +30,33 @@ class StereoConfiguration:
 
     ``tilt_deg`` turns it inward: for a horizontal baseline by yaw to the left. A vertical baseline would need pitch
     down, which a fixed camera on a hovering multirotor cannot have; so there it must be 0.
+
+    With ``sweep`` it is no place but a way, along which pictures are taken without a stop; ``axis`` and ``baseline_m``
+    (the longest) are then the sweep's.
     """
 
-    axis: str
-    baseline_m: float
+    axis: str = ""
+    baseline_m: float = math.nan
     tilt_deg: float = 0.0
     record_s: float = 5.0
     least_pictures: int = 6  # of each vehicle; a slow camera is waited for, up to four times ``record_s``
     name: Optional[str] = None
     vehicle: Optional[str] = None  # who moves; default: the first that is not the reference
     at_once: bool = False  # flown and recorded at the same time as the one before, by another vehicle
+    sweep: Optional[Sweep] = None
 
     def __post_init__(self):
+        if self.sweep is not None:
+            self._take_sweep(self.sweep)
+        for name, missing in (("axis", self.axis == ""), ("baseline_m", math.isnan(self.baseline_m))):
+            if missing:
+                raise ValueError(f"{name}: is missing")
         if self.axis not in AXES:
             raise ValueError(f"axis: '{self.axis}' is not one of {', '.join(AXES)}")
         if not self.baseline_m > 0:
             raise ValueError(f"baseline_m: {self.baseline_m} must be positive; the axis says the direction")
-        if self.baseline_m > _MOST_BASELINE_M:
-            raise ValueError(f"baseline_m: {self.baseline_m} is over {_MOST_BASELINE_M:g} m; give metres")
+        if self.baseline_m > MOST_BASELINE_M:
+            raise ValueError(f"baseline_m: {self.baseline_m} is over {MOST_BASELINE_M:g} m; give metres")
         if not _RECORD_S[0] <= self.record_s <= _RECORD_S[1]:
             raise ValueError(f"record_s: {self.record_s} is not in {_RECORD_S[0]:g}..{_RECORD_S[1]:g} s")
         if not 1 <= self.least_pictures <= _MOST_PICTURES:
@@ -59,9 +68,21 @@ class StereoConfiguration:
         if self.axis == "vertical" and self.tilt_deg:
             raise ValueError("tilt_deg: a hovering multirotor cannot pitch a fixed camera; set it to 0 for vertical")
 
+    def _take_sweep(self, sweep: Sweep) -> None:
+        if self.axis not in ("", sweep.axis):
+            raise ValueError(f"axis: '{self.axis}' is not that of the sweep; leave it out")
+        if not (math.isnan(self.baseline_m) or math.isclose(self.baseline_m, sweep.longest_m, abs_tol=1e-6)):
+            raise ValueError(f"baseline_m: {self.baseline_m} is beside a sweep, which has no single one; leave it out")
+        if self.record_s != StereoConfiguration.record_s:
+            raise ValueError("record_s: a sweep is recorded for as long as it flies; leave it out")
+        object.__setattr__(self, "axis", sweep.axis)
+        object.__setattr__(self, "baseline_m", sweep.longest_m)
+
     @property
     def title(self) -> str:
         """Its name, or what it is in words."""
+        if self.sweep is not None:
+            return self.name or self.sweep.title
         tilt = f" tilt {self.tilt_deg:g} deg" if self.tilt_deg else ""
         return self.name or f"{self.axis} {self.baseline_m:g} m{tilt}"
 
@@ -139,10 +160,17 @@ class Mission:
             )
 
     def _check_configuration(self, where: str, c: StereoConfiguration) -> None:
-        if c.baseline_m < self.min_separation_m:
+        shortest_m = c.baseline_m if c.sweep is None else c.sweep.shortest_m
+        if shortest_m < self.min_separation_m:
+            field_ = "baseline_m" if c.sweep is None else "sweep.from_m"
             raise ValueError(
-                f"{where}.baseline_m: {c.baseline_m} is under the vehicles' minimum separation of "
+                f"{where}.{field_}: {shortest_m} is under the vehicles' minimum separation of "
                 f"{self.min_separation_m} m (min_separation_m); use a longer baseline"
+            )
+        if c.sweep is not None and c.sweep.speed_mps > c.sweep.most_mps(self.flight):
+            raise ValueError(
+                f"{where}.sweep.speed_mps: {c.sweep.speed_mps} is over the {c.sweep.most_mps(self.flight):g} m/s that "
+                "'flight' allows on this way"
             )
         if c.vehicle == self.reference:
             raise ValueError(f"{where}.vehicle: {c.vehicle} is the reference and holds at home; name another")
@@ -155,6 +183,11 @@ class Mission:
             if len(moment) > 1 and (any(c.vehicle is None for c in of) or len({c.vehicle for c in of}) < len(of)):
                 raise ValueError(
                     f"configurations[{moment[0]}..{moment[-1]}].vehicle: those at once each need a vehicle of their own"
+                )
+            if len({c.sweep is None for c in of}) > 1:
+                raise ValueError(
+                    f"configurations[{moment[-1]}].at_once: at once all sweep or all stand; "
+                    f"configurations[{moment[0]}] does the other"
                 )
             if len({c.record_s for c in of}) > 1:
                 raise ValueError(f"configurations[{moment[-1]}].record_s: must be that of configurations[{moment[0]}]")

@@ -46,7 +46,7 @@ class Scale:
 
 def fitted(view: View, width: float, height: float, zoom: float = 1.0) -> Scale:
     """Goals, home and vehicles in the picture."""
-    points = [(0.0, 0.0), *((r.goal_m[0], r.goal_m[1]) for r in view.file.rows)]
+    points = [(0.0, 0.0), *((p[0], p[1]) for r in view.file.rows for p in r.way_m or [r.goal_m])]
     points += [(v.place.value.p_home_m[0], v.place.value.p_home_m[1]) for v in view.vehicles if v.place.value]
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     high_m, wide_m = (max(_LEAST_M, _MARGIN * (max(s) - min(s))) for s in (xs, ys))
@@ -56,7 +56,7 @@ def fitted(view: View, width: float, height: float, zoom: float = 1.0) -> Scale:
 
 def heights(view: View) -> Tuple[float, float]:
     """(lowest, highest) of the height bar, m in home."""
-    zs = [0.0, *(r.goal_m[2] for r in view.file.rows)]
+    zs = [0.0, *(p[2] for r in view.file.rows for p in r.way_m or [r.goal_m])]
     zs += [v.place.value.p_home_m[2] for v in view.vehicles if v.place.value]
     return min(zs) - 1.0, max(max(zs), min(zs) + 4.0) + 1.0
 
@@ -81,16 +81,18 @@ class HeightBar:
         return _BAR_MARGIN_PX + (self.high_m - z_m) * self.px_per_m
 
     def picked(self, rows: Sequence[ConfigurationRow], v_px: float) -> Optional[int]:
-        """The vertical configuration whose line is under the mouse."""
-        distances = {r.index: abs(self.to_px(r.goal_m[2]) - v_px) for r in rows if r.axis == "vertical"}
+        """The vertical configuration to stand at whose line is under the mouse."""
+        distances = {
+            r.index: abs(self.to_px(r.goal_m[2]) - v_px) for r in rows if r.axis == "vertical" and r.way_m is None
+        }
         near = [i for i, d in distances.items() if d <= _PICK_PX]
         return min(near, key=lambda i: distances[i]) if near else None
 
 
 def picked(rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float) -> Optional[int]:
-    """The horizontal configuration whose goal is under the mouse; of several the nearest."""
+    """The horizontal configuration to stand at whose goal is under the mouse; of several the nearest."""
     distances = {r.index: math.dist(scale.to_px(r.goal_m[0], r.goal_m[1]), (u_px, v_px))
-                 for r in rows if r.axis == "horizontal"}  # fmt: skip
+                 for r in rows if r.axis == "horizontal" and r.way_m is None}  # fmt: skip
     near = [i for i, d in distances.items() if d <= _PICK_PX]
     return min(near, key=lambda i: distances[i]) if near else None
 

@@ -113,8 +113,9 @@ def configuration_cells(row: ConfigurationRow, running: bool) -> List[Cell]:
     """One per head."""
     tone = GOOD if running else PLAIN
     number = f"> {row.index + 1}" if running else str(row.index + 1)
+    baseline = f"{row.baseline_m:g} m" if row.way_m is None else row.title.replace(f"sweep {row.axis} ", "")
     words = (
-        number, row.axis, f"{row.baseline_m:g} m", f"{row.tilt_deg:g}°", f"{row.settle_s:g} s", f"{row.record_s:g} s",
+        number, row.axis, baseline, f"{row.tilt_deg:g}°", f"{row.settle_s:g} s", f"{row.record_s:g} s",
         f"{row.nearest_m:.0f} m", f"{row.farthest_m:.0f} m", f"±{row.error_m:.1f} m",
     )  # fmt: skip
     return [Cell(w, tone) for w in words]

@@ -55,6 +55,7 @@ class ConfigurationRow:
     error_m: float
     goal_m: Tuple[float, float, float]
     goal_heading_rad: float
+    way_m: Optional[Tuple[Tuple[float, float, float], ...]] = None  # of a sweep: its beginning and its end
 
 
 @dataclass(frozen=True)
@@ -147,10 +148,14 @@ def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
     error_m = float(depth_error(far_m, c.baseline_m, optics.focal_px, optics.disparity_error_px))
     T_home_cam = camera_place(c)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
+    settle_s, record_s, way_m = mission.settle.time_s, c.record_s, None
+    if c.sweep is not None:
+        settle_s, record_s = 0.0, round(c.sweep.takes_s(mission.flight), 1)
+        way_m = ((x, y, z), tuple(c.sweep.place_m(1.0).tolist()))
     return ConfigurationRow(
-        i, c.title, c.axis, c.baseline_m, c.tilt_deg, c.record_s, mission.settle.time_s, c.vehicle or "",
+        i, c.title, c.axis, c.baseline_m, c.tilt_deg, record_s, settle_s, c.vehicle or "",
         overlap_starts_m(c.baseline_m, optics.fov_rad(c.axis), c.tilt_rad), far_m, error_m, (x, y, z),
-        heading_rad(T_home_cam),
+        heading_rad(T_home_cam), way_m,
     )  # fmt: skip
 
 
@@ -169,7 +174,7 @@ def seconds_left(mission_file: MissionFile, first: int) -> float:
         way = np.array(row.goal_m) - here
         total_s += mission.flight.leg_s(float(np.hypot(way[0], way[1])), float(way[2]))
         total_s += row.settle_s + row.record_s + _TURN_S
-        here = np.array(row.goal_m)
+        here = np.array(row.goal_m if row.way_m is None else row.way_m[1])
     return total_s
 
 

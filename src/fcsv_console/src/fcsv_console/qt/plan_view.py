@@ -149,6 +149,8 @@ class PlanView(QWidget):
                 at = self._at(scale, 0.0, -baseline_m if row.axis == "horizontal" else 0.0)
             painter.setPen(QPen(self._tone(cells.GOOD) if running else self._ink(150), 2.0 if running else 1.0))
             painter.setBrush(self._tone(cells.GOOD) if running else Qt.NoBrush)
+            if row.way_m is not None:
+                painter.drawLine(*(self._at(scale, x, y) for x, y, _ in row.way_m))
             if row.axis == "vertical":
                 continue  # they stand on the height bar: from above they are home
             painter.drawPolygon(QPolygonF([at + QPointF(*d) for d in ((0, -6), (6, 0), (0, 6), (-6, 0))]))

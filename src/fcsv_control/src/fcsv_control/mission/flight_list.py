@@ -2,7 +2,7 @@
 """The list of configurations, one after the other or at once: go there, settle, record, go on; at the end back to the
 column."""
 
-from typing import Collection, Dict, List, Optional, Sequence, Tuple
+from typing import Collection, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, level_
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow, Progress, Standing
+from fcsv_control.mission.sweeping import Sweeping
 from fcsv_control.mission.task_list import Task, TaskList, tasks
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
@@ -38,7 +39,7 @@ class FlightList:
         self._home = self._way_home()
         self._reference_is_home = False
         self._convoy: Optional[Convoy] = None
-        self._standing: Optional[Standing] = None
+        self._standing: Optional[Union[Standing, Sweeping]] = None
         self._holding: Optional[Holding] = None
         self._taken_over = False
         self._task_since_s: Optional[float] = None
@@ -230,19 +231,24 @@ class FlightList:
         where = "their places in the column" if len(moment) > 1 and moment[0].index is None else " and ".join(places)
         return " and ".join(t.vehicle for t in moment), where
 
-    def _stand_at(self, moment: Sequence[Task]) -> Standing:
-        index = moment[0].index
+    def _stand_at(self, moment: Sequence[Task]) -> Union[Standing, Sweeping]:
+        """The next attempt at the running configurations."""
+        index, movers = moment[0].index, {t.vehicle: t.index for t in moment}
         self._attempts[index] = self._attempts.get(index, 0) + 1
+        last = self._attempts[index] >= self._mission.settle.attempts
+        if self._mission.configurations[index].sweep is not None:
+            return Sweeping(self._mission, movers, self._outbox, last)
         places = {t.vehicle: self._place(t)[0] for t in moment}
         places[self._mission.reference] = T_HOME_CAM_AT_HOME
-        last = self._attempts[index] >= self._mission.settle.attempts
-        return Standing(self._mission, {t.vehicle: t.index for t in moment}, places, self._outbox, last)
+        return Standing(self._mission, movers, places, self._outbox, last)
 
     def _stand(self, snapshot: Snapshot, moment: Sequence[Task]) -> List[CaptureWindow]:
-        """Settle and record; what was disturbed is taken again, what never becomes calm is left out."""
+        """Settle and record, or sweep; what was disturbed is taken again, what never becomes calm is left out."""
         progress, windows = self._standing.step(snapshot)
         self.detail = self._standing.detail
-        if progress is Progress.AGAIN:
+        if progress is Progress.AGAIN and isinstance(self._standing, Sweeping):  # from its beginning
+            self._convoy, self._standing = None, None
+        elif progress is Progress.AGAIN:
             self._standing = self._stand_at(moment)
         elif progress is Progress.GIVEN_UP:
             self.notes.append(f"{self._in_words(moment)[1]} left out, {self._standing.why}")

@@ -2,15 +2,16 @@
 """A mission's list flown on paper before anybody takes off: separation, fence, battery."""
 
 from dataclasses import dataclass
-from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from itertools import combinations
+from typing import Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_control.mission import traffic
-from fcsv_control.mission.places import camera_place
+from fcsv_control.mission.places import camera_place, last_place
 from fcsv_control.mission.routes import Keep, route
 from fcsv_control.mission.task_list import Task, TaskList, tasks
-from fcsv_control.mission.timed_way import timed_way
+from fcsv_control.mission.timed_way import TimedWay, timed_way
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 
@@ -20,6 +21,7 @@ _RESERVE = 1.3  # times the planned time must be in the battery
 _BEFORE_S = 150.0  # take-off, column, calibration, home
 _AFTER_S = 30.0  # landing
 _RECORDERS_S = 1.0  # on and off
+_NEAREST = 1.0 - 1e-6  # share of what is to be kept, of vehicles that stand while others sweep
 _EVERY_STEPS = 2  # of a way, each 0.1 s, is compared with the fence
 
 
@@ -67,7 +69,12 @@ def check_plan(
             found.append(f"{_named(mission, moment)}: {wrong}")
             continue
         places.update(goals)
-        flight_s += legs_s + _standing_s(mission, moment[0])
+        wrong, sweeps_s = _sweeps(mission, moment, places, situation.home_height_m)
+        if wrong:
+            found.append(f"{_named(mission, moment)}: {wrong}")
+        places.update({t.vehicle: last_place(mission.configurations[t.index])[:3, 3]
+                       for t in moment if t.index is not None})  # fmt: skip
+        flight_s += legs_s + sweeps_s + _standing_s(mission, moment[0])
     return found + list(_batteries(mission, situation, flight_s))
 
 
@@ -108,17 +115,49 @@ def _legs(
             ends_s = planned.ends_s
     except MissionError as error:
         return str(error), 0.0
-    for place in (p for way in ways.values() for p in way.places[::_EVERY_STEPS]):
-        outside = mission.fence.outside(place, home_height_m)
-        if outside:
-            return f"on the way there {outside}", ends_s
-    return "", ends_s
+    outside = _outside(mission, ways.values(), home_height_m)
+    return f"on the way there {outside}" if outside else "", ends_s
+
+
+def _outside(mission: Mission, ways: Iterable[TimedWay], home_height_m: float) -> str:
+    """Where ways leave the fence."""
+    places = (p for way in ways for p in way.places[::_EVERY_STEPS])
+    return next(filter(None, (mission.fence.outside(place, home_height_m) for place in places)), "")
+
+
+def _sweeps(mission: Mission, moment: Sequence[Task], places: Mapping[str, np.ndarray], home_height_m: float):
+    """(what is wrong with the sweeps that begin at once, time in s)."""
+    sweeps = {t.vehicle: c.sweep for t in moment if t.index is not None
+              for c in [mission.configurations[t.index]] if c.sweep is not None}  # fmt: skip
+    if not sweeps:
+        return "", 0.0
+    keep = Keep(mission.min_separation_m, mission.air)
+    ways = {n: timed_way(s.place_m(0.0), [s.place_m(1.0)], s.bounds(mission.flight)) for n, s in sweeps.items()}
+    for name, sweep in sweeps.items():
+        for other, place in places.items():
+            if other not in sweeps and keep.shares(place, sweep.place_m(0.0), sweep.place_m(1.0)[None])[0] < _NEAREST:
+                return f"comes too near to {other}: {_needed(keep, ways[name], place)}", 0.0
+    for a, b in combinations(ways, 2):
+        ends = keep.share(sweeps[a].place_m(1.0) - sweeps[b].place_m(1.0))
+        if ends < _NEAREST or not traffic.clear(ways[a], ways[b], keep):
+            return f"{a} and {b} come too near to each other", 0.0
+    outside = _outside(mission, ways.values(), home_height_m)
+    return f"on its way {outside}" if outside else "", max(w.ends_s for w in ways.values())
+
+
+def _needed(keep: Keep, way: TimedWay, other: np.ndarray) -> str:
+    """In words, where a way is nearest to a vehicle that stands."""
+    offsets = way.places - other
+    return keep.needed(offsets[int(keep.shares_of(offsets).argmin())])
 
 
 def _standing_s(mission: Mission, task: Task) -> float:
     if task.index is None:
         return 0.0
-    return mission.settle.time_s + mission.configurations[task.index].record_s + _RECORDERS_S
+    configuration = mission.configurations[task.index]
+    if configuration.sweep is not None:
+        return _RECORDERS_S
+    return mission.settle.time_s + configuration.record_s + _RECORDERS_S
 
 
 def _batteries(mission: Mission, situation: Situation, flight_s: float) -> Iterator[str]:

@@ -8,13 +8,12 @@ from typing import Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from fcsv_control.mission.outbox import Order, Outbox
+from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.places import heading_error_rad
+from fcsv_control.mission.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry.mission import Mission
 
-_FIRST_PICTURE_S = 0.2  # from the recorders' acknowledgement to the first picture that surely is written whole
-_LAST_PICTURE_S = 0.5  # a picture reaches the recorder this much later than its stamp, at most
 _LONGEST = 4.0  # times the wanted recording, where pictures come in slowly
 
 
@@ -45,37 +44,31 @@ class Standing:
         self, mission: Mission, movers: Mapping[str, int], places: Dict[str, np.ndarray], outbox: Outbox, last: bool
     ):  # fmt: skip
         self._bounds = mission.settle
-        self._recorder_s = mission.limits.recorder_s
         self._movers = dict(movers)
         listed = [mission.configurations[i] for i in self._movers.values()]
         self._record_s = max(c.record_s for c in listed)
         self._least_pictures = max(c.least_pictures for c in listed)
         self._title = " and ".join(c.title for c in listed)
         self._places = places  # T_home_cam per vehicle
-        self._outbox = outbox
+        self._recorders = Recorders(outbox, list(places), mission.limits.recorder_s)
         self._last = last  # a disturbed recording counts: there is no further attempt
         self._started_s: Optional[float] = None
         self._calm_since_s: Optional[float] = None
-        self._switched_on: List[Order] = []
-        self._asked_s: Optional[float] = None  # for the recorders, the first time
         self._start_s: Optional[float] = None
         self._stop_s: Optional[float] = None
         self._lacking = False  # pictures, when the wanted time was over
-        self._pictures_before: Dict[str, Optional[int]] = {}
         self._worst_m = 0.0
         self.detail = ""
         self.why = ""  # it was given up
 
     def stop(self, snapshot: Snapshot) -> None:
         """Pictures off, where they are on."""
-        if self._switched_on:
-            self._record(snapshot, False)
-            self._switched_on = []
+        self._recorders.stop(snapshot)
 
     def step(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
         """Settle, switch the recorders on, watch, switch them off; the windows, one per configuration, once."""
         self._started_s = snapshot.now_s if self._started_s is None else self._started_s
-        if not self._switched_on:
+        if not self._recorders.on:
             return self._settle(snapshot), []
         if self._start_s is None:
             return self._await_recorders(snapshot), []
@@ -89,7 +82,7 @@ class Standing:
             return self._give_up(f"not calm there: {self.detail}") if late else Progress.UNDER_WAY
         self._calm_since_s = snapshot.now_s if self._calm_since_s is None else self._calm_since_s
         if snapshot.now_s - self._calm_since_s >= self._bounds.time_s:
-            self._switched_on = self._record(snapshot, True)
+            self._recorders.start(snapshot)
         return Progress.UNDER_WAY
 
     def _calm(self, snapshot: Snapshot) -> bool:
@@ -108,26 +101,19 @@ class Standing:
     def _heading_error_rad(self, snapshot: Snapshot) -> float:
         return max(heading_error_rad(snapshot.vehicles[n].T_home_cam, T) for n, T in self._places.items())
 
-    def _record(self, snapshot: Snapshot, on: bool) -> List[Order]:
-        return [self._outbox.order(snapshot.now_s, n, "RECORD", flag=on) for n in self._places]
-
     def _give_up(self, why: str) -> Progress:
         self.why = why
         return Progress.GIVEN_UP
 
     def _await_recorders(self, snapshot: Snapshot) -> Progress:
-        """The window opens when every recorder is known to be on; who refuses is asked again, but not for ever."""
-        self._asked_s = snapshot.now_s if self._asked_s is None else self._asked_s
-        if all(o.done for o in self._switched_on):
-            self._start_s = snapshot.now_s + _FIRST_PICTURE_S
-            self._pictures_before = {n: snapshot.vehicles[n].pictures for n in self._places}
-        elif all(o.outcome is not None for o in self._switched_on):
-            why = "; ".join(o.outcome for o in self._switched_on if o.failed)
-            self.detail = f"recorders do not start for {self._title}: {why}"
-            if snapshot.now_s - self._asked_s > self._recorder_s:
-                self.stop(snapshot)
-                return self._give_up(f"recorders do not start: {why}")
-            self._switched_on = self._record(snapshot, True)
+        """The window opens when every recorder is known to be on."""
+        recorders = self._recorders
+        if recorders.started(snapshot):
+            self._start_s = snapshot.now_s + FIRST_PICTURE_S
+        elif recorders.refused:
+            self.detail = f"recorders do not start for {self._title}: {recorders.refused}"
+            if recorders.given_up:
+                return self._give_up(f"recorders do not start: {recorders.refused}")
         return Progress.UNDER_WAY
 
     def _watch(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
@@ -138,7 +124,7 @@ class Standing:
         if self._worst_m > self._bounds.hold_m and not self._last:  # a gust: this recording does not count
             self.stop(snapshot)
             return Progress.AGAIN, []
-        if self._stop_s is None or snapshot.now_s < self._stop_s + _LAST_PICTURE_S:
+        if self._stop_s is None or snapshot.now_s < self._stop_s + LAST_PICTURE_S:
             return Progress.UNDER_WAY, []
         self.stop(snapshot)
         window = (self._start_s, self._stop_s, self._worst_m)
@@ -149,13 +135,7 @@ class Standing:
         due_s, now_s = self._start_s + self._record_s, snapshot.now_s
         if now_s < due_s:
             return None
-        if self._enough(snapshot):
+        if self._recorders.enough(snapshot, self._least_pictures):
             return now_s if self._lacking else due_s
         self._lacking = True
         return now_s if now_s >= self._start_s + _LONGEST * self._record_s else None
-
-    def _enough(self, snapshot: Snapshot) -> bool:
-        """Whether every vehicle whose pictures are counted has taken enough of them."""
-        counted = [(snapshot.vehicles[n].pictures, before) for n, before in self._pictures_before.items()]
-        taken = [now - before for now, before in counted if now is not None and before is not None]
-        return all(n >= self._least_pictures for n in taken)

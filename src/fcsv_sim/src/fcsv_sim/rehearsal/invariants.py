@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Deque, Dict, List, Set, Tuple
 
+import numpy as np
+
+from fcsv_control.mission.routes import distance_to_segments
 from fcsv_control.mission.standing import CaptureWindow
+from fcsv_geometry.mission import StereoConfiguration
 from fcsv_sim.autopilot import modes
 
 CONTACT, DOWNWASH, BENEATH, TOUCH_DOWN = "contact", "downwash", "beneath", "touch-down"
@@ -134,12 +138,20 @@ class Invariants:
             if window.start_s <= at_s <= window.stop_s:
                 (x, y, z), (x0, y0, z0) = places[window.vehicle], places[mission.reference]
                 level_m, height_m = math.hypot(x - x0, y - y0), z - z0
-                wanted = (configuration.baseline_m, 0.0)
-                wanted = wanted if configuration.axis == "horizontal" else wanted[::-1]
-                worst_m = max(worst_m, math.hypot(level_m - wanted[0], height_m - wanted[1]))
+                worst_m = max(worst_m, _off_m(configuration, level_m, height_m))
         self.off_m = max(self.off_m, worst_m)
         names = list(self._flight.fleet)
         links = abs(names.index(window.vehicle) - names.index(mission.reference))
         most_m = 2.0 * mission.settle.hold_m + 3.0 * math.sqrt(links * _LINK_M**2 + _WALK_M**2)
         if worst_m > most_m:
             self.tell(NOT_HELD, str(window.index), now_s, f"{configuration.title} was recorded {worst_m:.2f} m off")
+
+
+def _off_m(configuration: StereoConfiguration, level_m: float, height_m: float) -> float:
+    """How far a moving camera, so far from the reference and so much higher, is from its place or its sweep's line."""
+    if configuration.sweep is None:
+        wanted = (configuration.baseline_m, 0.0)
+        wanted = wanted if configuration.axis == "horizontal" else wanted[::-1]
+        return math.hypot(level_m - wanted[0], height_m - wanted[1])
+    start_m, end_m = (configuration.sweep.place_m(share) for share in (0.0, 1.0))
+    return float(distance_to_segments(np.array([0.0, -level_m, height_m]), start_m, end_m[None])[0])
