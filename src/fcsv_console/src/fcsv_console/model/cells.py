@@ -106,16 +106,17 @@ def _clock(v: VehicleRow) -> Cell:
     return Cell(f"{1e3 * c.offset_s:+.1f} ms ±{1e3 * c.uncertainty_s:.1f}")
 
 
-CONFIGURATION_HEADS = ("", "axis", "baseline", "tilt", "hold", "record", "from", "to", "error there")
+CONFIGURATION_HEADS = ("", "baseline", "tilt", "times", "range", "error")
+_AXES = {"horizontal": "hor.", "vertical": "vert."}  # the six columns stand in 300 px
 
 
 def configuration_cells(row: ConfigurationRow, running: bool) -> List[Cell]:
-    """One per head."""
+    """One per head. Times: to hold and to record; the error is that at the far end of the range."""
     tone = GOOD if running else PLAIN
     number = f"> {row.index + 1}" if running else str(row.index + 1)
     words = (
-        number, row.axis, f"{row.baseline_m:g} m", f"{row.tilt_deg:g}°", f"{row.settle_s:g} s", f"{row.record_s:g} s",
-        f"{row.nearest_m:.0f} m", f"{row.farthest_m:.0f} m", f"±{row.error_m:.1f} m",
+        number, f"{_AXES[row.axis]} {row.baseline_m:g} m", f"{row.tilt_deg:g}°", f"{row.settle_s:g}+{row.record_s:g} s",
+        f"{row.nearest_m:.0f}–{row.farthest_m:.0f} m", f"±{row.error_m:.{1 if row.error_m < 10.0 else 0}f} m",
     )  # fmt: skip
     return [Cell(w, tone) for w in words]
 
