@@ -28,6 +28,7 @@ from fcsv_console.qt import colours
 from fcsv_console.qt.after_dock import AfterDock
 from fcsv_console.qt.hold import ActionButton
 from fcsv_console.qt.keys import Keys
+from fcsv_console.qt.layouts import column, panel
 from fcsv_console.qt.mission_panel import MissionPanel
 from fcsv_console.qt.pictures import PicturesDock
 from fcsv_console.qt.plan_view import PlanView
@@ -144,18 +145,18 @@ class ConsoleWindow(QMainWindow):
         stop.setFont(self.font())
         stop.setStyleSheet(f"background-color: {colours.STOP}; color: white; font-weight: bold; border-radius: 6px")
         head = QHBoxLayout()
-        head.addLayout(_column(self.headline, self.stop_words, self.progress), 1)
+        head.addLayout(column(self.headline, self.stop_words, self.progress), 1)
         head.addWidget(stop)
         below = QHBoxLayout()
         below.addWidget(self.stereo, 1)
         below.addWidget(self.drag, 0, Qt.AlignTop)
-        left = _panel(self.plan, below, stretch=self.plan)
+        left = panel(self.plan, below, stretch=self.plan)
         check_line = QHBoxLayout()
         check_line.addWidget(self.verdict, 1)
         check_line.addWidget(self.accept)
         middle = QSplitter(Qt.Vertical)
         middle.addWidget(self.vehicles)
-        middle.addWidget(_panel(check_line, self.check, self.problems, stretch=self.check))
+        middle.addWidget(panel(check_line, self.check, self.problems, stretch=self.check))
         middle.setSizes([400, 200])
         lower = QHBoxLayout()
         lower.addWidget(self.sound)
@@ -165,7 +166,7 @@ class ConsoleWindow(QMainWindow):
             lower.addWidget(button, 1)
         right = QSplitter(Qt.Vertical)
         right.addWidget(self.mission)
-        right.addWidget(_panel(self.events, lower, stretch=self.events))
+        right.addWidget(panel(self.events, lower, stretch=self.events))
         right.setSizes([380, 230])
         self.panels = across = QSplitter(Qt.Horizontal)
         for part in (left, middle, right):
@@ -281,24 +282,3 @@ class ConsoleWindow(QMainWindow):
         path, _ = QFileDialog.getSaveFileName(self, "Export events", "events.csv", "*.csv")
         if path:
             self.asked.emit("export", {"path": path})
-
-
-def _column(*widgets) -> QVBoxLayout:
-    layout = QVBoxLayout()
-    layout.setSpacing(2)
-    for widget in widgets:
-        layout.addWidget(widget)
-    return layout
-
-
-def _panel(*parts, stretch=None) -> QWidget:
-    panel = QWidget()
-    layout = QVBoxLayout(panel)
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setSpacing(4)
-    for part in parts:
-        if isinstance(part, QWidget):
-            layout.addWidget(part, 1 if part is stretch else 0)
-        else:
-            layout.addLayout(part)
-    return panel
