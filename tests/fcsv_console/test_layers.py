@@ -65,10 +65,12 @@ def test_colours_are_never_the_only_sign():
 
 def test_messages_become_facts():
     from geometry_msgs.msg import PoseWithCovarianceStamped
+    from nav_msgs.msg import Odometry
     from sensor_msgs.msg import BatteryState, CompressedImage
 
     from fcsv_console.ros import messages
     from fcsv_control.mission.places import camera_place
+    from fcsv_geometry import transforms
     from fcsv_geometry.mission import StereoConfiguration
     from fcsv_geometry.ros import conversions
     from mavros_msgs.msg import State
@@ -84,6 +86,9 @@ def test_messages_become_facts():
     seen = convert("camera_pose", pose)
     assert seen.p_home_m == pytest.approx((0.0, -4.0, 0.0)) and seen.heading_rad == pytest.approx(math.radians(10.0))
     assert seen.pitch_rad == pytest.approx(0.0)
+    odometry = Odometry()
+    odometry.pose.pose = conversions.transform_to_pose(transforms.from_xyz_yaw((1.0, 2.0, 3.0), -0.5))
+    assert convert("odometry/state", odometry).yaw_rad == pytest.approx(-0.5)
     picture = CompressedImage(format="jpeg", data=b"\xff\xd8\xff")
     assert convert("camera/color/image_raw/compressed", picture) == facts.PictureHeard("uav2", 0.0, b"\xff\xd8\xff")
 

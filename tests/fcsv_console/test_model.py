@@ -58,7 +58,7 @@ def row(c, now_s, name="uav2"):
 
 
 @pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view",
-                                  "rehearsal", "planning"])  # fmt: skip
+                                  "rehearsal", "planning", "poses"])  # fmt: skip
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed
@@ -263,8 +263,7 @@ def test_a_sweep_is_shown_as_a_way_that_is_not_dragged():
     c.load(OUTDOOR.with_name("sweep.yaml"))
     side, up = c.file.rows
     assert (side.way_m, up.way_m[1]) == (((0.0, -2.0, 0.0), (0.0, -8.0, 0.0)), (0.0, -8.0, 7.0))
-    assert [cell.text for cell in cells.configuration_cells(side, False)][1:6] == [
-        "horizontal", "2 to 8 m", "0°", "0 s", "5 s"]  # fmt: skip
+    assert [cell.text for cell in cells.configuration_cells(side, False)][1:4] == ["hor. 2 to 8 m", "0°", "0+5 s"]
     assert mission_file.seconds_left(c.file, 0) == pytest.approx(1.0 + 2 * 1.0 + 2.0 + 5.0 + 6.2, abs=2.0)
     scale = above_view.Scale(400, 400, 20.0)
     assert above_view.picked(c.file.rows, scale, *scale.to_px(0.0, -2.0)) is None
@@ -433,3 +432,33 @@ def test_the_epoch_decides_whether_a_calibration_holds():
     assert row(c, 10.1).calibration == "2 min old"
     c.tell(10.2, facts.EpochHeard("uav2", 4))
     assert row(c, 10.3).calibration == "OUTDATED: its odometry began anew"
+
+
+# ---- poses -------------------------------------------------------------------------------------------------------
+
+
+def poses_shown(c, now_s):
+    rows = dict(cells.vehicle_rows(c.view(now_s)))
+    return [[cell.text for cell in rows[label]] for label in ("in odometry", "in home", "from others")]
+
+
+def test_every_vehicle_s_pose_in_its_odometry_in_home_and_against_the_others():
+    c = Console(["uav1", "uav2", "uav3"])
+    c.tell(10.0, facts.OdometryHeard("uav2", (1.0, 2.0, -0.04), math.radians(-90.0)))
+    c.tell(10.0, facts.CameraInHome("uav1", (0.0, 0.0, 0.0), math.radians(179.0)))
+    c.tell(10.0, facts.CameraInHome("uav2", (0.0, -6.0, 8.0), math.radians(-179.0)))
+    odometry, home, others = poses_shown(c, 10.1)
+    assert odometry == ["not known", "+1.0 +2.0 +0.0 m, -90°", "not known"]
+    assert home == ["+0.0 +0.0 +0.0 m, +179°", "+0.0 -6.0 +8.0 m, -179°", "not known"]
+    assert others[1] == "uav1: 10.00 m (+0.0 -6.0 +8.0), +2°\nuav3: not known"
+    assert others[0].startswith("uav2: 10.00 m (+0.0 +6.0 -8.0), -2°")
+    (of_uav1, of_uav3) = c.view(10.1).against_others("uav2")
+    assert of_uav1.distance_m == 10.0 and of_uav1.known and not of_uav3.known
+
+
+def test_a_distance_to_a_place_that_is_stale_is_not_told():
+    c = Console(["uav1", "uav2"])
+    c.tell(10.0, facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0))
+    for k in range(20):
+        c.tell(10.0 + 0.1 * k, facts.CameraInHome("uav2", (0.0, -6.0, 0.0), 0.0))
+    assert poses_shown(c, 12.0)[2] == ["uav2: not known", "uav1: not known"]

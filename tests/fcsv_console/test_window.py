@@ -291,6 +291,61 @@ def test_every_situation_is_drawn_at_a_small_size_too(shown, app, situation, siz
     assert stop.isVisible() and stop.visibleRegion().boundingRect().size() == stop.size()
 
 
+@pytest.mark.parametrize("size", [(1366, 740), (960, 540)])
+def test_no_figure_of_a_vehicle_or_a_configuration_is_cut(shown, app, size):
+    window, _, _ = shown("wrong")
+    window.resize(*size)
+    for _ in range(4):
+        app.processEvents()
+    vehicles, table = window.vehicles, window.mission.table
+    for i in range(vehicles.rowCount()):
+        assert vehicles.rowHeight(i) >= vehicles.sizeHintForRow(i), vehicles.item(i, 0).text()
+    assert vehicles.rowHeight(0) > vehicles.rowHeight(1), "the guardian's reason takes a second line"
+    assert table.horizontalScrollBar().maximum() == 0
+    for k in range(table.columnCount()):
+        assert table.columnWidth(k) >= table.sizeHintForColumn(k), table.horizontalHeaderItem(k).text()
+    assert size[1] == 540 or table.verticalScrollBar().maximum() == 0, "eight configurations without scrolling"
+
+
+@pytest.mark.parametrize("key, name", [(KEYS.Key_F2, "rviz"), (KEYS.Key_F4, "pictures"), (KEYS.Key_F5, "after")])
+def test_what_is_opened_at_200_percent_stands_in_place_of_the_panels(shown, app, key, name):
+    window, _, _ = shown("silent")
+    window.resize(960, 540)
+    app.processEvents()
+    for _ in range(2):
+        hold(app, window, key, 0.05)
+        assert window.size() == QtCore.QSize(960, 540) and getattr(window, name).isVisible()
+        assert window.panels.isHidden() and window.buttons["land"].isVisible()
+        stop = window.buttons["stop_all"]
+        assert stop.visibleRegion().boundingRect().size() == stop.size()
+        hold(app, window, key, 0.05)
+        assert window.panels.isVisible() and not getattr(window, name).isVisible()
+    hold(app, window, key, 0.05)
+    window.resize(1366, 900)
+    app.processEvents()
+    assert window.panels.isVisible(), "there is room for both"
+    window.resize(960, 540)
+    app.processEvents()
+    assert window.panels.isHidden()
+
+
+def test_who_is_above_whom_is_told_where_the_panels_are_hidden(shown, app):
+    window, console, _ = shown("wrong")
+    window.resize(960, 540)
+    hold(app, window, KEYS.Key_F5, 0.05)
+    window.show_view(console.view(samples.NOW_S))
+    assert "uav2 is 5.0 m above uav1" in window.stop_words.text() and window.stop_words.isVisible()
+
+
+@pytest.mark.parametrize("situation", ["ground", "flying", "landed"])
+def test_the_names_of_home_and_vehicles_cover_no_vehicle_and_no_goal(shown, situation):
+    plan = shown(situation)[0].plan
+    plan.grab()
+    *before, one, two, home = plan._taken
+    for label in (one, two, home):
+        assert not [b for b in before if above_view._shared(label, b) > 0.0]
+
+
 @pytest.mark.parametrize("x", [10.0, 150.0, 400.0])
 def test_a_name_is_never_cut_by_the_height_bar(shown, x):
     plan = shown("flying")[0].plan

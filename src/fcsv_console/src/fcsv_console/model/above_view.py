@@ -61,6 +61,37 @@ def heights(view: View) -> Tuple[float, float]:
     return min(zs) - 1.0, max(max(zs), min(zs) + 4.0) + 1.0
 
 
+Box = Tuple[float, float, float, float]  # left, top, width, height in px
+
+
+def free(places: Sequence[Box], taken: Sequence[Box], room: Box) -> Box:
+    """Where a label hides least: of ``places``, the best first, the one that covers least of ``taken``.
+
+    What stands out of ``room`` is moved into it first.
+
+    >>> room = (0.0, 0.0, 100.0, 100.0)
+    >>> free([(10.0, 10.0, 20.0, 10.0), (10.0, 50.0, 20.0, 10.0)], [(25.0, 5.0, 9.0, 9.0)], room)
+    (10.0, 50.0, 20.0, 10.0)
+    >>> free([(95.0, -4.0, 20.0, 10.0)], [], room)
+    (80.0, 0.0, 20.0, 10.0)
+    """
+    inside = [_moved_into(place, room) for place in places]
+    return min(inside, key=lambda place: sum(_shared(place, other) for other in taken))
+
+
+def _moved_into(box: Box, room: Box) -> Box:
+    left, top, wide, high = box
+    left = max(room[0], min(left, room[0] + room[2] - wide))
+    return left, max(room[1], min(top, room[1] + room[3] - high)), wide, high
+
+
+def _shared(a: Box, b: Box) -> float:
+    """Area in px²."""
+    wide = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
+    high = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
+    return max(0.0, wide) * max(0.0, high)
+
+
 @dataclass(frozen=True)
 class HeightBar:
     """From heights in home (m) to a picture of ``height`` px."""

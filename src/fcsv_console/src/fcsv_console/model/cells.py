@@ -3,11 +3,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 from fcsv_console.model import rehearsal
 from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.mission_file import ConfigurationRow
+from fcsv_console.model.poses import Relative
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.lines import Line, State
@@ -33,7 +34,9 @@ def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
         ("connection", lambda v: Cell(v.connection, PLAIN if v.connection == "connected" else GONE)),
         ("mode", _mode),
         ("pose", lambda v: _rate(v.pose)),
-        ("in home", lambda v: _place(v)),
+        ("in odometry", _in_odometry),
+        ("in home", _place),
+        ("from others", lambda v: _against(view.against_others(v.name))),
         ("picture", lambda v: _rate(v.picture)),
         ("battery", _battery),
         ("radio", _radio),
@@ -60,11 +63,33 @@ def _rate(aged: Aged) -> Cell:
     return Cell(f"{aged.rate_hz:.0f} Hz" if aged.rate_hz >= 9.5 else f"{aged.rate_hz:.1f} Hz")
 
 
+def _in_odometry(v: VehicleRow) -> Cell:
+    if v.pose.value is None:
+        return Cell("not known", GONE)
+    words = f"{_vector(v.pose.value.p_odom_m)} m, {_degrees(v.pose.value.yaw_rad)}"
+    return Cell(words, GONE if v.pose.stale else PLAIN)
+
+
 def _place(v: VehicleRow) -> Cell:
     if v.place.value is None:
         return Cell("not known", GONE)
-    x, y, z = (round(m, 1) + 0.0 for m in v.place.value.p_home_m)  # no minus before a zero
-    return Cell(f"{x:+.1f}  {y:+.1f}  {z:+.1f} m", GONE if v.place.stale else PLAIN)
+    words = f"{_vector(v.place.value.p_home_m)} m, {_degrees(v.place.value.heading_rad)}"
+    return Cell(words, GONE if v.place.stale else PLAIN)
+
+
+def _against(others: Sequence[Relative]) -> Cell:
+    """A line per other vehicle: distance, vector in home, turn."""
+    lines = [f"{r.other}: {r.distance_m:.2f} m ({_vector(r.p_home_m)}), {_degrees(r.yaw_rad)}" if r.known
+             else f"{r.other}: not known" for r in others]  # fmt: skip
+    return Cell("\n".join(lines), PLAIN if all(r.known for r in others) else GONE)
+
+
+def _vector(p_m: Sequence[float]) -> str:
+    return " ".join(f"{round(m, 1) + 0.0:+.1f}" for m in p_m)  # no minus before a zero
+
+
+def _degrees(angle_rad: float) -> str:
+    return f"{round(math.degrees(angle_rad)) + 0:+d}°"
 
 
 def _battery(v: VehicleRow) -> Cell:
@@ -106,17 +131,18 @@ def _clock(v: VehicleRow) -> Cell:
     return Cell(f"{1e3 * c.offset_s:+.1f} ms ±{1e3 * c.uncertainty_s:.1f}")
 
 
-CONFIGURATION_HEADS = ("", "axis", "baseline", "tilt", "hold", "record", "from", "to", "error there")
+CONFIGURATION_HEADS = ("", "baseline", "tilt", "times", "range", "error")
+_AXES = {"horizontal": "hor.", "vertical": "vert."}  # the six columns stand in 300 px
 
 
 def configuration_cells(row: ConfigurationRow, running: bool) -> List[Cell]:
-    """One per head."""
+    """One per head. Times: to hold and to record; the error is that at the far end of the range."""
     tone = GOOD if running else PLAIN
     number = f"> {row.index + 1}" if running else str(row.index + 1)
     baseline = f"{row.baseline_m:g} m" if row.way_m is None else row.title.replace(f"sweep {row.axis} ", "")
     words = (
-        number, row.axis, baseline, f"{row.tilt_deg:g}°", f"{row.settle_s:g} s", f"{row.record_s:g} s",
-        f"{row.nearest_m:.0f} m", f"{row.farthest_m:.0f} m", f"±{row.error_m:.1f} m",
+        number, f"{_AXES[row.axis]} {baseline}", f"{row.tilt_deg:g}°", f"{row.settle_s:g}+{row.record_s:g} s",
+        f"{row.nearest_m:.0f}–{row.farthest_m:.0f} m", f"±{row.error_m:.{1 if row.error_m < 10.0 else 0}f} m",
     )  # fmt: skip
     return [Cell(w, tone) for w in words]
 

@@ -32,10 +32,11 @@ class Battery:
 
 @dataclass(frozen=True)
 class OdometryHeard:
-    """A pose of the vehicle's own odometry; position in ``vehicle/odom`` (m)."""
+    """A pose of the vehicle's own odometry: its body in ``vehicle/odom``; yaw to the left."""
 
     vehicle: str
     p_odom_m: Vector3
+    yaw_rad: float = 0.0
 
 
 @dataclass(frozen=True)

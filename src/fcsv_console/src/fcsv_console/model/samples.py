@@ -49,7 +49,7 @@ def _streams(c: Console, now_s: float, mode: str, armed: bool, places: Sequence[
             if name in quiet and at_s > now_s - 2.4:
                 continue
             for third in range(3):
-                c.tell(at_s + third / 30.0, f.OdometryHeard(name, place))
+                c.tell(at_s + third / 30.0, f.OdometryHeard(name, (place[0] + 0.2, place[1], place[2] + 8.0), 0.03))
                 c.tell(at_s + third / 30.0, f.CameraInHome(name, place, 0.02 if name == "uav2" else 0.0))
             c.tell(at_s, f.Guardian(name))
             c.tell(at_s, f.Agent(name, "mission-812-1" if mode == "GUIDED" else ""))

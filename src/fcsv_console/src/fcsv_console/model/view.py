@@ -12,6 +12,7 @@ from fcsv_console.model.events import Event
 from fcsv_console.model.hearing import Aged
 from fcsv_console.model.mission_file import MissionFile
 from fcsv_console.model.pictures import CameraPicture, MapPictures
+from fcsv_console.model.poses import Relative, relative
 from fcsv_console.model.rehearsal import Rehearsal
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import VehicleRow
@@ -52,6 +53,15 @@ class View:
         if not self.check:
             return State.UNKNOWN
         return worst([li for li in self.check if not li.passes] or [Line("", "", State.GREEN, "")])
+
+    def against_others(self, name: str) -> Tuple[Relative, ...]:
+        """Of one vehicle, as both places are now; of those that are not known only the name."""
+        places = {v.name: v.place for v in self.vehicles}
+        own = places[name]
+        return tuple(
+            relative(own.value, place.value) if not own.stale and not place.stale else Relative(other)
+            for other, place in places.items() if other != name
+        )  # fmt: skip
 
     @property
     def headline(self) -> str:

@@ -30,7 +30,7 @@ class AfterDock(QDockWidget):
     asked, changed = Signal(str, object), Signal(object)
 
     def __init__(self, view: View, parent=None):
-        super().__init__("After the flight", parent)
+        super().__init__("After the flight [F5]", parent)
         self.setAccessibleName("After the flight")
         self.setObjectName("after")
         self.fields: Dict[str, QLineEdit] = {}
@@ -55,6 +55,7 @@ class AfterDock(QDockWidget):
             words.setSizePolicy(QSizePolicy.Ignored, QSizePolicy.Preferred)  # a long line is cut; its tooltip is not
             for column, widget in enumerate((QLabel(name), edit, button, bar, words)):
                 grid.addWidget(widget, k, column)
+        grid.setRowStretch(len(_FIELDS), 1)
         grid.setColumnStretch(1, 3)
         grid.setColumnStretch(4, 4)
         self.setWidget(whole)

@@ -2,7 +2,7 @@
 """The configurations: a table, the file's text beside it, and what is wrong in which line."""
 
 from pathlib import Path
-from typing import Sequence
+from typing import Optional, Sequence
 
 from python_qt_binding.QtCore import Signal
 from python_qt_binding.QtGui import QFontDatabase, QTextCursor
@@ -36,7 +36,7 @@ class MissionPanel(QWidget):
 
     def __init__(self, buttons: Sequence[QPushButton] = (), parent=None):
         super().__init__(parent)
-        self.table = CellTable("Configurations", cells.CONFIGURATION_HEADS, 8, (2, 3, 4, 5, 6, 7, 8))
+        self.table = CellTable("Configurations", cells.CONFIGURATION_HEADS, (1,), (2, 3, 4, 5), whole=True)
         self.text = QPlainTextEdit()
         self.text.setAccessibleName("Text of the mission file")
         self.text.setFont(QFontDatabase.systemFont(QFontDatabase.FixedFont))
@@ -57,6 +57,7 @@ class MissionPanel(QWidget):
         self.rehearsal.setWordWrap(True)
         self.rehearsal.setAccessibleName("Rehearsal")
         self._source, self._saved, self._shown, self._quiet = "", "", None, False
+        self._running: Optional[int] = None
         line = QHBoxLayout()
         line.setSpacing(4)
         for button in (open_, self.save, *buttons):
@@ -81,6 +82,9 @@ class MissionPanel(QWidget):
         """Table, text, error."""
         rows = [cells.configuration_cells(r, r.index == view.running) for r in view.file.rows]
         self.table.show_cells(rows)
+        if view.running is not None and view.running != self._running:
+            self.table.scrollToItem(self.table.item(view.running, 0))
+        self._running = view.running
         told = cells.rehearsal_cell(view)
         if self.rehearsal.text() != told.text:
             self.rehearsal.setText(told.text)

@@ -90,7 +90,7 @@ class PicturesDock(QDockWidget):
     """One box a vehicle, and one for the map."""
 
     def __init__(self, view: View, parent=None):
-        super().__init__("Pictures", parent)
+        super().__init__("Pictures [F4]", parent)
         self.setAccessibleName("Pictures")
         self.setObjectName("pictures")
         self.boxes = {v.name: PictureBox(f"Picture of {v.name}") for v in view.vehicles}

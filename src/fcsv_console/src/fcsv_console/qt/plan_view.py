@@ -2,7 +2,7 @@
 """Home from above, drawn by ourselves: vehicles with headings and fields of view, goals, fence, height bar."""
 
 import math
-from typing import Optional
+from typing import List, Optional
 
 from python_qt_binding.QtCore import QPointF, QRectF, Qt, Signal
 from python_qt_binding.QtGui import QColor, QPainter, QPainterPath, QPalette, QPen, QPolygonF
@@ -29,6 +29,7 @@ class PlanView(QWidget):
         self._fov_rad, self._zoom, self.editable = fov_rad, 1.0, False
         self._held: Optional[int] = None
         self._mouse = QPointF(0.0, 0.0)
+        self._taken: List[geometry.Box] = []  # by what stands in the picture already
         self.setMinimumSize(300, 120)
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.StrongFocus)
@@ -94,11 +95,13 @@ class PlanView(QWidget):
         if self._view is None:
             return
         scale = self.scale
+        self._taken = []
         self._grid(painter, scale)
         self._fence(painter, scale)
         self._goals(painter, scale)
         for k, vehicle in enumerate(self._view.vehicles):
             self._vehicle(painter, scale, vehicle, k)
+        self._names(painter, scale)
         self._fall(painter, scale)
         self._bar(painter)
 
@@ -126,7 +129,6 @@ class PlanView(QWidget):
         painter.setPen(QPen(self._ink(150), 1.5))
         for dx, dy in ((8.0, 0.0), (0.0, 8.0)):
             painter.drawLine(middle - QPointF(dx, dy), middle + QPointF(dx, dy))
-        painter.drawText(middle + QPointF(-34.0, 15.0), "home")
 
     def _fence(self, painter: QPainter, scale: geometry.Scale) -> None:
         mission = self._view.file.mission
@@ -156,6 +158,7 @@ class PlanView(QWidget):
             painter.drawPolygon(QPolygonF([at + QPointF(*d) for d in ((0, -6), (6, 0), (0, 6), (-6, 0))]))
             painter.setPen(self._tone(cells.GOOD) if running else self._ink(170))
             painter.drawText(QRectF(at.x() - 30.0, at.y() + 8.0, 60.0, 16.0), Qt.AlignCenter, f"{baseline_m:g}")
+            self._taken.append((at.x() - 9.0, at.y() - 6.0, 18.0, 30.0))
 
     def _vehicle(self, painter: QPainter, scale: geometry.Scale, v: VehicleRow, k: int) -> None:
         place, colour = v.place.value, QColor(colours.VEHICLES[k % len(colours.VEHICLES)])
@@ -176,16 +179,26 @@ class PlanView(QWidget):
         painter.setBrush(Qt.NoBrush if v.place.stale else colour)
         painter.drawEllipse(at, radius, radius)
         painter.drawLine(at, at + forward * (radius + 12.0))
-        age = f", {v.place.words} old" if v.place.stale else ""
-        beside = QPointF(radius + 5.0, radius + 10.0 if k % 2 else -radius)  # one of a pair below: none is hidden
-        self._label(painter, at + beside, f"{v.name}  {round(place.p_home_m[2], 1) + 0.0:+.1f} m{age}")
+        self._taken.append((at.x() - radius, at.y() - radius, 2.0 * radius, 2.0 * radius))
+
+    def _names(self, painter: QPainter, scale: geometry.Scale) -> None:
+        """Of vehicles, with their heights, and of home; each where it hides least."""
+        for v in self._view.vehicles:
+            if v.place.value is not None:
+                x, y, z = v.place.value.p_home_m
+                age = f", {v.place.words} old" if v.place.stale else ""
+                self._label(painter, self._at(scale, x, y), f"{v.name}  {round(z, 1) + 0.0:+.1f} m{age}")
+        self._label(painter, self._at(scale, 0.0, 0.0), "home")
 
     def _label(self, painter: QPainter, at: QPointF, words: str) -> QRectF:
-        """On a ground of its own, so that it can be read over goals and rings; where it was written."""
-        box = painter.boundingRect(QRectF(at.x(), at.y() - 13.0, 1.0, 1.0), Qt.AlignLeft | Qt.TextDontClip, words)
-        over_px = box.right() + 6.0 - (self.width() - _BAR_PX)
-        if over_px > 0.0:
-            box.translate(-over_px, 0.0)
+        """Beside ``at``, on a ground of its own, so that it can be read over rings; where it was written."""
+        size = painter.boundingRect(QRectF(0.0, 0.0, 1.0, 1.0), Qt.AlignLeft | Qt.TextDontClip, words)
+        wide, high = size.width(), size.height()
+        places = [(at.x() + right, at.y() + down, wide, high) for down in (-high - 8.0, 28.0, -2.0 * high - 12.0,
+                  high + 34.0) for right in (12.0, -wide - 12.0, -0.5 * wide)]  # fmt: skip
+        room = (4.0, 2.0, self.width() - _BAR_PX - 10.0, self.height() - 4.0)
+        box = QRectF(*geometry.free(places, self._taken, room))
+        self._taken.append((box.x(), box.y(), wide, high))
         ground = QColor(self.palette().color(QPalette.Base))
         ground.setAlpha(210)
         painter.fillRect(box.adjusted(-3.0, 0.0, 3.0, 0.0), ground)

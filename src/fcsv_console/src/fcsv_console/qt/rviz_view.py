@@ -9,7 +9,7 @@ class RvizDock(QDockWidget):
     """``config``: path of an .rviz file; without bindings or without a master it says so."""
 
     def __init__(self, config: str, parent=None):
-        super().__init__("Map (rviz)", parent)
+        super().__init__("Map in rviz [F2]", parent)
         self.setAccessibleName("Map in rviz")
         self.setObjectName("rviz")
         self._config, self._frame = config, None  # type: str, Optional[QWidget]

@@ -4,6 +4,7 @@
 import argparse
 import os
 import sys
+import time
 from pathlib import Path
 from typing import Optional, Sequence, Tuple
 
@@ -11,6 +12,7 @@ import rospkg
 
 from fcsv_console.model import samples
 
+_ROUNDS = 5  # until everything has its size
 #: file, situation, theme, size (px)
 PICTURES = (
     ("ground", "ground", "light", (1366, 740)),
@@ -21,6 +23,8 @@ PICTURES = (
     ("silent", "silent", "light", (1366, 740)),
     ("landed", "landed", "light", (1366, 740)),
     ("error", "error", "light", (1366, 740)),
+    ("small", "flying", "light", (960, 540)),
+    ("small_landed", "landed", "light", (960, 540)),
 )
 
 
@@ -40,7 +44,9 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     for name, situation, theme, size in PICTURES:
         app = application(theme)
         window = made(situation, size)
-        app.processEvents()
+        for _ in range(_ROUNDS):
+            app.processEvents()
+            time.sleep(0.01)
         path = arguments.out / f"console_{name}.png"
         if not window.grab().save(str(path)):
             print(f"screenshots: {path} cannot be written", file=sys.stderr)

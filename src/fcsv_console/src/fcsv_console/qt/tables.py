@@ -3,21 +3,30 @@
 
 from typing import List, Sequence
 
-from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtGui import QBrush
+from python_qt_binding.QtCore import Qt, QTimer
+from python_qt_binding.QtGui import QBrush, QFont
 from python_qt_binding.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from fcsv_console.model.cells import Cell
 from fcsv_console.qt import colours
 
 _ROW_PX = 22
+_SCALES = (1.0, 0.92, 0.84, 0.76, 0.68)
 
 
 class CellTable(QTableWidget):
-    """Rows of cells; ``right`` are the columns of figures, ``wide`` is the one that takes what is left."""
+    """Rows of cells; ``right`` are the columns of figures, ``wide`` those that share what is left.
 
-    def __init__(self, name: str, heads: Sequence[str], wide: int, right: Sequence[int] = (), rows: bool = True):
+    ``wraps``: a long cell takes more lines; else its end is cut, and its tooltip has the whole. ``whole``: no cell is
+    cut where a smaller font helps.
+    """
+
+    def __init__(
+        self, name: str, heads: Sequence[str], wide: Sequence[int], right: Sequence[int] = (), rows: bool = True,
+        wraps: bool = False, whole: bool = False,
+    ):  # fmt: skip
         super().__init__(0, len(heads))
+        self._wraps, self._whole, self._usual = wraps, whole, self.font()
         self._right, self._shown = set(right), []  # type: set, List[List[Cell]]
         self.setHorizontalHeaderLabels(list(heads))
         self.setAccessibleName(name)
@@ -27,13 +36,18 @@ class CellTable(QTableWidget):
         self.setShowGrid(False)
         self.setMinimumSize(80, 60)
         self.setAlternatingRowColors(True)
-        self.setWordWrap(False)
+        self.setWordWrap(wraps)
         self.verticalHeader().hide()
         self.verticalHeader().setDefaultSectionSize(_ROW_PX)
         header = self.horizontalHeader()
         header.setHighlightSections(False)
         for k in range(len(heads)):
-            header.setSectionResizeMode(k, QHeaderView.Stretch if k == wide else QHeaderView.ResizeToContents)
+            header.setSectionResizeMode(k, QHeaderView.Stretch if k in wide else QHeaderView.ResizeToContents)
+        self._fitting = QTimer(self)
+        self._fitting.setSingleShot(True)
+        self._fitting.timeout.connect(self.fit)
+        if wraps:
+            header.sectionResized.connect(lambda *_: self._fitting.start(0))
 
     def show_cells(self, rows: Sequence[Sequence[Cell]]) -> None:
         """In place of those before."""
@@ -49,6 +63,28 @@ class CellTable(QTableWidget):
                 if k >= len(before) or before[k] != cell:
                     self._put(i, k, cell)
         self._shown = rows
+        self.fit()
+
+    def resizeEvent(self, event) -> None:
+        super().resizeEvent(event)
+        self._fitting.start(0)
+
+    def fit(self) -> None:
+        """Every row as high as its longest cell needs, and all columns in the width."""
+        for scale in _SCALES if self._whole else ():
+            font = QFont(self._usual)
+            font.setPointSizeF(scale * font.pointSizeF())
+            if font != self.font():
+                self.setFont(font)
+                self.horizontalHeader().setFont(font)
+            header = self.horizontalHeader()
+            hints = (max(self.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(self.columnCount()))
+            if sum(hints) <= self.viewport().width():
+                break
+        for i in range(self.rowCount()) if self._wraps else ():
+            height = max(_ROW_PX, self.sizeHintForRow(i))
+            if self.rowHeight(i) != height:
+                self.setRowHeight(i, height)
 
     def repaint_cells(self) -> None:
         """The palette changed: all tones anew."""

@@ -28,9 +28,11 @@ from fcsv_console.qt import colours
 from fcsv_console.qt.after_dock import AfterDock
 from fcsv_console.qt.hold import ActionButton
 from fcsv_console.qt.keys import Keys
+from fcsv_console.qt.layouts import column, panel
 from fcsv_console.qt.mission_panel import MissionPanel
 from fcsv_console.qt.pictures import PicturesDock
 from fcsv_console.qt.plan_view import PlanView
+from fcsv_console.qt.room import Room
 from fcsv_console.qt.rviz_view import RvizDock
 from fcsv_console.qt.tables import CellTable
 from fcsv_control.flight_check.lines import Line
@@ -38,6 +40,7 @@ from fcsv_control.flight_check.lines import Line
 _GROUPS = (("calibrate", "set_home", "hand_over", "execute"), ("previous", "next", "pause", "skip", "repeat"),
            ("record", "abort", "land"))  # fmt: skip
 _EVENTS = 200
+_LEAST_WIDE_PX, _LEAST_HIGH_PX = 900, 500  # a screen of 1920 x 1080 at 200 %, without the desktop's own bars
 _LEVELS = {"info": cells.PLAIN, "warning": cells.CARE, "error": cells.BAD}
 
 
@@ -67,12 +70,14 @@ class ConsoleWindow(QMainWindow):
         self.addDockWidget(Qt.BottomDockWidgetArea, self.after)
         for dock in (self.rviz, self.pictures, self.after):
             dock.hide()
+        self.room = Room(self, self.panels, (self.rviz, self.pictures, self.after))
         self.keys = Keys(self, self.buttons, {
             Qt.Key_Return: self._accept, Qt.Key_Enter: self._accept, Qt.Key_D: self.drag.toggle,
             Qt.Key_F2: self._toggle_rviz, Qt.Key_F3: self._export, Qt.Key_Plus: lambda: self.plan.zoom(1.15),
             Qt.Key_Minus: lambda: self.plan.zoom(1 / 1.15), Qt.Key_F4: self._toggle_pictures,
             Qt.Key_F5: self._toggle_after,
         })  # fmt: skip
+        self.setMinimumSize(_LEAST_WIDE_PX, _LEAST_HIGH_PX)
         self.resize(1366, 740)
         self.show_view(view)
 
@@ -103,18 +108,17 @@ class ConsoleWindow(QMainWindow):
         self.drag.setToolTip("Change baselines: goals sideways with the mouse, vertical ones with the wheel")
         self.drag.setAccessibleName("Drag goals")
         self.drag.toggled.connect(lambda on: setattr(self.plan, "editable", on))
-        self.vehicles = CellTable("Vehicles", ["", *(v.name for v in view.vehicles)], 1, rows=False)
+        self.vehicles = CellTable("Vehicles", ["", *(v.name for v in view.vehicles)],
+                                  range(1, len(view.vehicles) + 1), rows=False, wraps=True)  # fmt: skip
         for k in range(1, len(view.vehicles) + 1):
-            self.vehicles.horizontalHeader().setSectionResizeMode(k, self.vehicles.horizontalHeader().Stretch)
             self.vehicles.horizontalHeaderItem(k).setIcon(colours.disc(k - 1))
-        self.check = CellTable("Flight check", cells.CHECK_HEADS, 4)
-        self.check.horizontalHeader().setSectionResizeMode(3, self.check.horizontalHeader().Stretch)
+        self.check = CellTable("Flight check", cells.CHECK_HEADS, (3, 4), wraps=True)
         self.check.itemSelectionChanged.connect(self._show_accept)
         self.mission = MissionPanel([self.buttons["rehearse"], self.buttons["waive"]])
         self.mission.planned.connect(self.planned)
         self.mission.edited.connect(self.edited)
         self.mission.opened.connect(self.opened)
-        self.events = CellTable("Events", ("time", "who", "what", "answer"), 2)
+        self.events = CellTable("Events", ("time", "who", "what", "answer"), (2, 3))
         self.export = QPushButton("Export\n[F3]")
         self.export.setToolTip("All events as a table (CSV, times in UTC)")
         self.export.clicked.connect(self._export)
@@ -141,19 +145,19 @@ class ConsoleWindow(QMainWindow):
         stop.setFont(self.font())
         stop.setStyleSheet(f"background-color: {colours.STOP}; color: white; font-weight: bold; border-radius: 6px")
         head = QHBoxLayout()
-        head.addLayout(_column(self.headline, self.stop_words, self.progress), 1)
+        head.addLayout(column(self.headline, self.stop_words, self.progress), 1)
         head.addWidget(stop)
         below = QHBoxLayout()
         below.addWidget(self.stereo, 1)
         below.addWidget(self.drag, 0, Qt.AlignTop)
-        left = _panel(self.plan, below, stretch=self.plan)
+        left = panel(self.plan, below, stretch=self.plan)
         check_line = QHBoxLayout()
         check_line.addWidget(self.verdict, 1)
         check_line.addWidget(self.accept)
         middle = QSplitter(Qt.Vertical)
         middle.addWidget(self.vehicles)
-        middle.addWidget(_panel(check_line, self.check, self.problems, stretch=self.check))
-        middle.setSizes([330, 230])
+        middle.addWidget(panel(check_line, self.check, self.problems, stretch=self.check))
+        middle.setSizes([400, 200])
         lower = QHBoxLayout()
         lower.addWidget(self.sound)
         for button in (self.show_after, self.show_pictures, self.show_rviz, self.export):
@@ -162,11 +166,12 @@ class ConsoleWindow(QMainWindow):
             lower.addWidget(button, 1)
         right = QSplitter(Qt.Vertical)
         right.addWidget(self.mission)
-        right.addWidget(_panel(self.events, lower, stretch=self.events))
-        across = QSplitter(Qt.Horizontal)
+        right.addWidget(panel(self.events, lower, stretch=self.events))
+        right.setSizes([380, 230])
+        self.panels = across = QSplitter(Qt.Horizontal)
         for part in (left, middle, right):
             across.addWidget(part)
-        across.setSizes([430, 470, 466])
+        across.setSizes([400, 460, 506])
         for splitter, name in ((across, "Panels"), (middle, "Vehicles and check"), (right, "Mission and events")):
             splitter.setAccessibleName(name)
             splitter.setChildrenCollapsible(False)
@@ -198,7 +203,9 @@ class ConsoleWindow(QMainWindow):
         self._view = view
         self._say(self.headline, view.headline, cells.PLAIN if view.mission_alive else cells.GONE)
         stop = view.stop.value
-        self._say(self.stop_words, stop.words if stop and stop.asked else "", cells.BAD)
+        told = [stop.words] if stop and stop.asked else []
+        told += [*(a.words for a in view.above), *view.problems[:2]] if self.panels.isHidden() else []
+        self._say(self.stop_words, "\n".join(told), cells.BAD)
         self.stop_words.setVisible(bool(self.stop_words.text()))
         share = int(round(100.0 * view.progress))
         if self.progress.value() != share:
@@ -264,7 +271,8 @@ class ConsoleWindow(QMainWindow):
 
     def _toggle_pictures(self) -> None:
         self.pictures.setVisible(not self.pictures.isVisible())
-        self.resizeDocks([self.pictures], [self.height() // 3], Qt.Vertical)
+        if self.panels.isVisible():
+            self.resizeDocks([self.pictures], [self.height() // 3], Qt.Vertical)
         self.pictures.show_view(self._view)
 
     def _toggle_after(self) -> None:
@@ -274,24 +282,3 @@ class ConsoleWindow(QMainWindow):
         path, _ = QFileDialog.getSaveFileName(self, "Export events", "events.csv", "*.csv")
         if path:
             self.asked.emit("export", {"path": path})
-
-
-def _column(*widgets) -> QVBoxLayout:
-    layout = QVBoxLayout()
-    layout.setSpacing(2)
-    for widget in widgets:
-        layout.addWidget(widget)
-    return layout
-
-
-def _panel(*parts, stretch=None) -> QWidget:
-    panel = QWidget()
-    layout = QVBoxLayout(panel)
-    layout.setContentsMargins(0, 0, 0, 0)
-    layout.setSpacing(4)
-    for part in parts:
-        if isinstance(part, QWidget):
-            layout.addWidget(part, 1 if part is stretch else 0)
-        else:
-            layout.addLayout(part)
-    return panel

@@ -15,6 +15,7 @@ from fcsv_console.model import facts as f
 from fcsv_control.mission.places import heading_rad
 from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.stopping import Report
+from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import (
@@ -48,8 +49,9 @@ def _battery(name: str, m: BatteryState) -> f.Fact:
 
 
 def _odometry(name: str, m: Odometry) -> f.Fact:
-    x, y, z = conversions.pose_to_transform(m.pose.pose)[:3, 3]
-    return f.OdometryHeard(name, (float(x), float(y), float(z)))
+    T_odom_body = conversions.pose_to_transform(m.pose.pose)
+    x, y, z = (float(v) for v in T_odom_body[:3, 3])
+    return f.OdometryHeard(name, (x, y, z), transforms.yaw(T_odom_body))
 
 
 def _camera(name: str, m: PoseWithCovarianceStamped) -> f.Fact:
