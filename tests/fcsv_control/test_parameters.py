@@ -136,12 +136,12 @@ def test_compare_write_save_and_compare_again(served, tmp_path, capsys):
     assert "0 that must be otherwise, 0 that should be" in capsys.readouterr().out
 
     before = dict(served.parameters)
-    served.parameters.update(VISO_TYPE=(0, 2), FS_THR_ENABLE=(1, 2), EK3_SRC1_POSZ=(1, 2))
+    served.parameters.update(VISO_TYPE=(0, 2), FS_CRASH_CHECK=(0, 2), EK3_SRC1_POSZ=(1, 2))
     served.parameters.pop("FENCE_RADIUS")
     assert parameters("compare", served.url) == 1
     said = capsys.readouterr().out
     assert "MUST     VISO_TYPE is 0, not 2 or 3: without it poses are dropped" in said
-    assert "advised  FS_THR_ENABLE is 1, not 3 or 7" in said and "advised  FENCE_RADIUS is not known there" in said
+    assert "advised  FS_CRASH_CHECK is 0, not 1" in said and "advised  FENCE_RADIUS is not known there" in said
     assert "1 that must be otherwise, 2 that should be" in said
 
     saved = tmp_path / "saved.params"
