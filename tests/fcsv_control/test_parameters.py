@@ -6,20 +6,15 @@ import os
 os.environ.setdefault("MAVLINK20", "1")
 
 import socket
-import threading
-import time
 
 import numpy as np
 import pytest
 from pymavlink import mavutil
-from support.autopilots import PROFILE, PROFILE_FILE
+from support.autopilots import PROFILE, PROFILE_FILE, Served
 
 from fcsv_control.flight import firmware, parameter_files
 from fcsv_control.parameters import cli, vehicle
 from fcsv_control.parameters.transfer import NamedRead, WholeRead, Write
-from fcsv_sim.autopilot.core import Autopilot
-from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.autopilot.udp import UdpLine
 from fcsv_sim.machines.machines import free_port
 
 M = mavutil.mavlink
@@ -93,31 +88,6 @@ def test_firmware_is_named(autopilot, kind, name):
 
 
 # ---- the command, against a simulated autopilot -------------------------------------------------------------------
-
-
-class Served:
-    """A simulated autopilot that speaks to a port, in a thread."""
-
-    def __init__(self):
-        self.port = free_port(socket.SOCK_DGRAM)
-        self.url = f"udpin:127.0.0.1:{self.port}"
-        self.pilot = Autopilot(0.3, 1)
-        self.server = MavlinkServer(self.pilot, 4)
-        self.parameters = self.server._parameters
-        self.running = True
-        self.thread = threading.Thread(target=self.run, daemon=True)
-        self.thread.start()
-
-    def run(self):
-        line = UdpLine(self.server, f"127.0.0.1:{self.port}", 4)
-        while self.running:
-            line.step(time.monotonic(), (0.0, 0.0, 0.0))
-            time.sleep(0.005)
-        line.close()
-
-    def close(self):
-        self.running = False
-        self.thread.join(3.0)
 
 
 @pytest.fixture
