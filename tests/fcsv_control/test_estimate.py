@@ -5,17 +5,25 @@ import os
 
 os.environ.setdefault("MAVLINK20", "1")
 
+import doctest
+
 import numpy as np
 import pytest
 from support.flown import SimulatedLoop
 
 from fcsv_control.errors import CommandRefused
+from fcsv_control.flight import estimate
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.estimate import MOVED_M, EstimateWatch
 from fcsv_control.flight.keeper import ConnectionKeeper
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
+
+
+def test_doctests():
+    result = doctest.testmod(estimate)
+    assert result.attempted and not result.failed
 
 
 def told(watch, seconds, flown, jumped, moved, armed=True, hz=30.0, lag_s=0.05):

@@ -6,20 +6,15 @@ import os
 os.environ.setdefault("MAVLINK20", "1")
 
 import socket
-import threading
-import time
 
 import numpy as np
 import pytest
 from pymavlink import mavutil
-from support.autopilots import PROFILE, PROFILE_FILE
+from support.autopilots import PROFILE, PROFILE_FILE, Served
 
 from fcsv_control.flight import firmware, parameter_files
 from fcsv_control.parameters import cli, vehicle
 from fcsv_control.parameters.transfer import NamedRead, WholeRead, Write
-from fcsv_sim.autopilot.core import Autopilot
-from fcsv_sim.autopilot.mavlink_server import MavlinkServer
-from fcsv_sim.autopilot.udp import UdpLine
 from fcsv_sim.machines.machines import free_port
 
 M = mavutil.mavlink
@@ -95,31 +90,6 @@ def test_firmware_is_named(autopilot, kind, name):
 # ---- the command, against a simulated autopilot -------------------------------------------------------------------
 
 
-class Served:
-    """A simulated autopilot that speaks to a port, in a thread."""
-
-    def __init__(self):
-        self.port = free_port(socket.SOCK_DGRAM)
-        self.url = f"udpin:127.0.0.1:{self.port}"
-        self.pilot = Autopilot(0.3, 1)
-        self.server = MavlinkServer(self.pilot, 4)
-        self.parameters = self.server._parameters
-        self.running = True
-        self.thread = threading.Thread(target=self.run, daemon=True)
-        self.thread.start()
-
-    def run(self):
-        line = UdpLine(self.server, f"127.0.0.1:{self.port}", 4)
-        while self.running:
-            line.step(time.monotonic(), (0.0, 0.0, 0.0))
-            time.sleep(0.005)
-        line.close()
-
-    def close(self):
-        self.running = False
-        self.thread.join(3.0)
-
-
 @pytest.fixture
 def served():
     served = Served()
@@ -136,12 +106,12 @@ def test_compare_write_save_and_compare_again(served, tmp_path, capsys):
     assert "0 that must be otherwise, 0 that should be" in capsys.readouterr().out
 
     before = dict(served.parameters)
-    served.parameters.update(VISO_TYPE=(0, 2), FS_THR_ENABLE=(1, 2), EK3_SRC1_POSZ=(1, 2))
+    served.parameters.update(VISO_TYPE=(0, 2), FS_CRASH_CHECK=(0, 2), EK3_SRC1_POSZ=(1, 2))
     served.parameters.pop("FENCE_RADIUS")
     assert parameters("compare", served.url) == 1
     said = capsys.readouterr().out
     assert "MUST     VISO_TYPE is 0, not 2 or 3: without it poses are dropped" in said
-    assert "advised  FS_THR_ENABLE is 1, not 3 or 7" in said and "advised  FENCE_RADIUS is not known there" in said
+    assert "advised  FS_CRASH_CHECK is 0, not 1" in said and "advised  FENCE_RADIUS is not known there" in said
     assert "1 that must be otherwise, 2 that should be" in said
 
     saved = tmp_path / "saved.params"

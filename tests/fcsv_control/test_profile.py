@@ -24,10 +24,31 @@ def test_doctests():
 def test_the_profile_says_what_the_filter_flies_on_and_what_the_failsafes_do():
     assert {"VISO_TYPE", "EK3_SRC1_POSXY", "EK3_SRC1_YAW", "FS_EKF_ACTION"} <= set(MUST)
     assert all(len(rule.why) > 5 for rule in PROFILE)
-    for name, homing in (("FS_THR_ENABLE", 1), ("BATT_FS_LOW_ACT", 2), ("FENCE_ACTION", 1), ("FS_DR_ENABLE", 2)):
-        assert "RTL" in PROFILE.rule(name).why or "fly home" in PROFILE.rule(name).why
-        assert PROFILE.rule(name).complaint(homing), f"{name} {homing} flies home, through the others"
     assert PROFILE.rule("BATT_LOW_VOLT").value is None and "BATT_LOW_VOLT" not in PROFILE.values
+
+
+@pytest.mark.parametrize(
+    "name, lands, homing, else_wrong",
+    [
+        ("FS_THR_ENABLE", (3, 7), (1, 4, 5, 6), (0,)),
+        ("FS_GCS_ENABLE", (0, 5, 7), (1, 3, 4, 6), ()),
+        ("FS_DR_ENABLE", (0, 1), (2, 3, 4, 6), ()),
+        ("BATT_FS_LOW_ACT", (1, 7), (2, 3, 4, 6), (0, 5)),
+        ("BATT_FS_CRT_ACT", (1, 7), (2, 3, 4, 6), (0, 5)),
+        ("FENCE_ACTION", (2, 4), (1, 3, 5), (0,)),
+        ("FENCE_ENABLE", (1,), (), (0,)),
+        ("FENCE_TYPE", (3, 7), (), (0, 1, 2, 4)),
+        ("BATT_MONITOR", (3, 4, 7), (), (0,)),
+        ("FS_OPTIONS", (0, 16, 8), (), (4, 20)),
+    ],
+)
+def test_a_failsafe_that_flies_home_or_is_off_must_be_otherwise(name, lands, homing, else_wrong):
+    """Values as ArduCopter 4.6.2 has them; who flies home (RTL) climbs and flies through the others."""
+    rule = PROFILE.rule(name)
+    assert rule.must and not any(rule.complaint(value) for value in lands)
+    assert all(rule.complaint(value) for value in (*homing, *else_wrong))
+    why = rule.why if name != "BATT_FS_CRT_ACT" else PROFILE.rule("BATT_FS_LOW_ACT").why
+    assert not homing or "RTL" in why or "fly home" in why
 
 
 def test_autopilots_fly_as_fast_as_ways_of_missions_are_timed():

@@ -12,7 +12,9 @@ from types import SimpleNamespace
 
 import pytest
 from pymavlink import mavutil
+from support.autopilots import Served
 
+from fcsv_control.commands import signing as command
 from fcsv_control.errors import LinkError
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.parser import Parser, Sender
@@ -22,6 +24,7 @@ from fcsv_control.flight_check.autopilot_line import AutopilotLine
 from fcsv_control.flight_check.lines import Judged, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts
+from fcsv_control.parameters import transfer, vehicle
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.autopilot.udp import UdpLine
@@ -183,3 +186,86 @@ def test_the_flight_check_names_a_line_that_is_not_signed():
     assert found.state is State.AMBER and "not signed" in found.what and "signing_key" in found.remedy
     assert line(url="udpin:0.0.0.0:14550", signed=True).state is State.GREEN
     assert line(url="/dev/ttyACM0:921600").state is State.GREEN
+
+
+# ---- the command that gives an autopilot its key ------------------------------------------------------------------
+
+
+@pytest.fixture
+def served(monkeypatch):
+    monkeypatch.setattr(command, "_ANSWERS_S", 1.3)  # where nobody answers that is waited for
+    monkeypatch.setattr(command, "_TRIES", 2)
+    monkeypatch.setattr(transfer, "_PATIENCE_S", 0.2)
+    monkeypatch.setattr(vehicle, "_COMPLAINS_S", 0.2)
+    made = []
+
+    def serve(**line):
+        made.append(Served(**line))
+        return made[-1]
+
+    yield serve
+    for each in made:
+        each.close()
+
+
+def signing(*words):
+    return command.main([str(word) for word in words])
+
+
+def test_an_autopilot_gets_its_key_signs_goes_on_after_a_restart_and_loses_it(served, tmp_path, capsys):
+    one, file = served(), key_file(tmp_path)
+    assert signing("check", one.url, "--key", file) == 1 and "nobody who signs with" in capsys.readouterr().out
+    assert signing("set", one.url, "--key", file) == 0
+    assert f"signs with {file}" in capsys.readouterr().out and one.server.signing[0] == KEY
+    one.pilot.reboot()
+    assert signing("check", one.url, "--key", file) == 0
+    assert "it answers nobody who does not sign" in capsys.readouterr().out
+    assert signing("remove", one.url) == 2 and "on another port than USB give --key" in capsys.readouterr().err
+    assert one.server.signing[0] == KEY
+    assert signing("remove", one.url, "--key", file) == 0 and one.server.signing is None
+
+
+def test_a_key_is_changed_by_who_has_the_old_one_or_the_cable(served, tmp_path, capsys):
+    before = bytes(31) + b"1"
+    one, usb = served(key=before), served(key=before, usb=True)
+    new, old = key_file(tmp_path), tmp_path / "old.key"
+    old.write_text(before.hex())
+    old.chmod(0o600)
+    assert signing("set", one.url, "--key", new) == 2 and "does not sign with" in capsys.readouterr().err
+    assert signing("set", one.url, "--key", new, "--old-key", old) == 0 and one.server.signing[0] == KEY
+    assert signing("set", usb.url, "--key", new) == 0 and usb.server.signing[0] == KEY
+    capsys.readouterr()
+    assert signing("check", usb.url, "--key", new) == 0
+    assert "it answers also who does not sign; so does ArduCopter on its first port" in capsys.readouterr().out
+
+
+def test_an_armed_autopilot_gets_no_key(served, tmp_path, capsys):
+    one = served()
+    one.pilot.armed = True
+    assert signing("set", one.url, "--key", key_file(tmp_path)) == 2
+    assert "it is armed: keys are set on the ground" in capsys.readouterr().err and one.server.signing is None
+    m = M.MAVLink_setup_signing_message(4, 1, list(KEY), 1)  # and would not take one
+    one.server.take(time.monotonic(), m)
+    assert one.server.signing is None
+
+
+@pytest.mark.parametrize("url", ["udpin:0.0.0.0:14550", "tcp:192.168.1.5:5760", "udpout:localhost.my.net:14550"])
+def test_a_key_does_not_leave_the_computer_by_a_line_that_others_hear(tmp_path, capsys, url):
+    assert signing("set", url, "--key", key_file(tmp_path)) == 2
+    assert "who listens would have the key" in capsys.readouterr().err
+
+
+def test_a_key_of_zeros_is_none(tmp_path, capsys):
+    assert signing("set", "/dev/ttyACM0:115200", "--key", key_file(tmp_path, "0" * 64)) == 2
+    assert "a key of zeros alone means no key" in capsys.readouterr().err
+    assert signing("set", "/dev/ttyACM0:115200", "--key", key_file(tmp_path, mode=0o644)) == 2
+    assert "others may read it" in capsys.readouterr().err
+
+
+def test_a_key_for_another_vehicle_is_not_taken():
+    server = MavlinkServer(Autopilot(hover_thrust=0.5, seed=1), 1)
+    for system, taken in ((2, False), (1, True)):
+        server.take(0.0, M.MAVLink_setup_signing_message(system, 1, list(KEY), 5))
+        assert (server.signing == (KEY, 5)) == taken
+    server.take(0.0, M.MAVLink_setup_signing_message(0, 1, [0] * 32, 0))
+    assert server.signing is None

@@ -7,7 +7,7 @@ vehicle flew, and what the estimate moves against that is the frame's, not the v
 """
 
 import math
-from typing import Optional
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -19,6 +19,16 @@ _GAP_S = 0.5  # a feed that was silent for longer begins anew
 _AHEAD_S = 0.2  # as far as the newest pose may be carried on by its speed
 _ZERO: Vector = (0.0, 0.0, 0.0)
 MOVED_M = 0.3  # of the estimate against the feed without its jumps; lag and noise make half of that
+
+
+def apart_m(p_fed: Optional[Sequence[float]], p_estimate: Optional[Sequence[float]]) -> float:
+    """Distance of a pose of the feed and the autopilot's estimate (m), positions (3,) in the odometry frame; NaN where
+    one of them is not known, so that no bound is passed by it.
+
+    >>> apart_m((0.0, 0.0, 0.0), (3.0, 0.0, 4.0)), apart_m(None, (0.0, 0.0, 0.0)) > 0.5
+    (5.0, False)
+    """
+    return math.nan if p_fed is None or p_estimate is None else math.dist(p_fed, p_estimate)
 
 
 class EstimateWatch:
@@ -67,11 +77,8 @@ class EstimateWatch:
         return np.array(moved) if armed else None  # disarmed nobody holds a target
 
     def apart_m(self, now_s: float) -> float:
-        """Distance of estimate and feed (m); NaN where one of them is not known."""
-        here = self._here(now_s)
-        if here is None or self._estimate is None:
-            return float("nan")
-        return math.dist(self._estimate, here)
+        """Of the feed as it goes on until now, and the newest estimate."""
+        return apart_m(self._here(now_s), self._estimate)
 
     def _here(self, now_s: float) -> Optional[Vector]:
         if self._p is None or now_s - self._heard_s > _GAP_S:

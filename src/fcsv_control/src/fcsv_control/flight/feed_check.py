@@ -14,6 +14,7 @@ from typing import Deque, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_control.flight.estimate import apart_m
 from fcsv_control.flight.height_check import HeightCheck, HeightCheckRules
 from fcsv_geometry.config import require_positive
 
@@ -119,7 +120,7 @@ class FeedCheck:
         gap = self._continue(now_s, stamp_s)
         rows = T_odom_body.tolist()
         p_m = (rows[0][3], rows[1][3], rows[2][3])
-        self.came_back = gap and self._estimate is not None and math.dist(p_m, self._estimate) > self._rules.returns_m
+        self.came_back = gap and apart_m(p_m, self._estimate) > self._rules.returns_m
         self._tracker_m = p_m[2]
         pose = (*p_m, rows[0][0], rows[1][0], rows[2][0], rows[0][1], rows[1][1], rows[2][1])
         repeats = bool(self._samples) and pose == self._samples[-1][1]  # to the last bit: no news
@@ -214,10 +215,10 @@ class FeedCheck:
 
     def _apart(self, now_s: float, p_m: Vector) -> str:
         r = self._rules
-        if self._estimate is None or not self._way or now_s < self._settled_s:
+        if not self._way or now_s < self._settled_s:
             return ""
-        distance_m = math.dist(p_m, self._estimate)
-        if distance_m <= r.apart_m + r.apart_lag_s * math.hypot(*self._way[-1][2]):
+        distance_m = apart_m(p_m, self._estimate)
+        if not distance_m > r.apart_m + r.apart_lag_s * math.hypot(*self._way[-1][2]):
             self._apart_since_s = None
             return ""
         if self._apart_since_s is None:

@@ -48,6 +48,11 @@ def read_key(path: str) -> bytes:
         raise LinkError(f"{file}: is no signing key of {_DIGITS} hexadecimal digits ({why})") from error
 
 
+def ticks(unix_s: float) -> int:
+    """A time as signatures have it: 10 us since 2015."""
+    return int((unix_s - _EPOCH_S) * _TICKS_HZ)
+
+
 class Signing(mavutil.mavlink.MAVLinkSigning):
     """Of one line: its sender and its parsers share it, because what is sent must be newer than what was heard."""
 
@@ -58,7 +63,7 @@ class Signing(mavutil.mavlink.MAVLinkSigning):
 
     def advance(self) -> None:
         """To the time of the clock: a counter alone falls behind it by hours, and is old after a restart."""
-        self.timestamp = max(self.timestamp, int((self._clock() - _EPOCH_S) * _TICKS_HZ))
+        self.timestamp = max(self.timestamp, ticks(self._clock()))
 
     def accepts(self, frame: bytes, system: int, component: int) -> bool:
         """Whether it was signed with the key, and after all that was heard of this stream."""

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who else may speak on the line to the autopilot: nobody on a cable and on loopback, nobody without the key."""
 
+import ipaddress
 from dataclasses import dataclass
 
 from fcsv_control.flight_check.lines import Check, Found, State
 
-_LOOPBACK = ("127.", "localhost")
+_CABLE = ("/", "serial:")
 
 
 @dataclass(frozen=True)
@@ -14,6 +15,30 @@ class AutopilotLine:
 
     url: str = ""
     signed: bool = False
+
+
+def reached_by_nobody_else(url: str) -> bool:
+    """Whether a line is a cable, or stays in the computer.
+
+    >>> [reached_by_nobody_else(url) for url in ("/dev/ttyACM0:115200", "tcp:127.0.0.1:5760", "tcp:10.0.0.2:5760", "")]
+    [True, True, False, False]
+    >>> [reached_by_nobody_else(url) for url in ("tcp:localhost:5760", "tcp:localhost.my.net:1", "tcp:127.my.net:1")]
+    [True, False, False]
+    """
+    if url.startswith(_CABLE):
+        return True
+    ends = url.partition("://" if "://" in url else ":")[2].split("@")  # of MAVROS's form: here, and there
+    hosts = [end for end in ends if end and not end.startswith(":")]
+    return bool(hosts) and all(_on_loopback(host) for host in hosts)
+
+
+def _on_loopback(end: str) -> bool:
+    """Of HOST:PORT. A name that only begins so is another machine's."""
+    host = end.rpartition(":")[0] or end
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def judge(line: AutopilotLine) -> Found:
@@ -27,12 +52,10 @@ def judge(line: AutopilotLine) -> Found:
     """
     if line.signed:
         return State.GREEN, "signed"
-    if not line.url or line.url.startswith(("/", "serial:")):
-        return State.GREEN, "by cable" if line.url else "it speaks no MAVLink"
-    ends = line.url.partition("://" if "://" in line.url else ":")[2].split("@")  # of MAVROS's form: here, and there
-    hosts = [end for end in ends if end and not end.startswith(":")]
-    if hosts and all(host.startswith(_LOOPBACK) for host in hosts):
-        return State.GREEN, "on loopback alone"
+    if not line.url:
+        return State.GREEN, "it speaks no MAVLink"
+    if reached_by_nobody_else(line.url):
+        return State.GREEN, "by cable" if line.url.startswith(_CABLE) else "on loopback alone"
     return State.AMBER, f"{line.url} is not signed: whoever reaches it flies the vehicle"
 
 

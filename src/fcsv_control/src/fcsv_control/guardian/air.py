@@ -8,6 +8,7 @@ from typing import Deque, Dict, Optional, Tuple
 
 import numpy as np
 
+from fcsv_control.flight.estimate import apart_m
 from fcsv_geometry import transforms
 
 _INF = float("inf")
@@ -113,6 +114,11 @@ class Air:
         if not self.armed or self.estimate is None or self.take_off is None:
             return self.armed
         return bool(self.estimate[2, 3] - self.take_off[2, 3] > _FLYING_M)
+
+    @property
+    def apart_m(self) -> float:
+        """Between the tracker's pose and the estimate; NaN where one of them is not known."""
+        return apart_m(*(None if T is None else T[:3, 3].tolist() for T in (self.feed, self.estimate)))
 
     @property
     def from_take_off_m(self) -> Optional[np.ndarray]:

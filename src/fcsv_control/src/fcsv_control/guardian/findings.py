@@ -72,8 +72,8 @@ class Watches:
             reasons.append("the autopilot's filter does not agree with its sensors")
         if now_s - air.feed_s > r.feed_warn_s:
             reasons.append("no poses come from the tracking camera")
-        if not air.flying and self._lasts(now_s, "apart", self._apart_m(air) > r.apart_m, 0.5):
-            reasons.append(f"autopilot and tracker are {self._apart_m(air):.1f} m apart; restart the autopilot")
+        if not air.flying and self._lasts(now_s, "apart", air.apart_m > r.apart_m, 0.5):
+            reasons.append(f"autopilot and tracker are {air.apart_m:.1f} m apart; restart the autopilot")
         if math.isnan(air.battery_share):
             reasons.append("the battery is not known; see BATT_MONITOR")
         elif air.battery_share < r.low_battery:
@@ -153,12 +153,6 @@ class Watches:
             yield Finding("tilt", Wish.LAND, f"it leans by more than {r.tilt_land_deg:g} deg")
         elif self._lasts(now_s, "tilts", tilt_deg > r.tilt_warn_deg, r.tilt_s):
             yield Finding("tilt", Wish.SAY, f"it leans by more than {r.tilt_warn_deg:g} deg")
-
-    @staticmethod
-    def _apart_m(air: Air) -> float:
-        if air.feed is None or air.estimate is None:
-            return 0.0
-        return math.dist(air.feed[:3, 3].tolist(), air.estimate[:3, 3].tolist())
 
     # ---- what it lives on, and who flies it ------------------------------------------------------------------
 

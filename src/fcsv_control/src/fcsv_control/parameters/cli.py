@@ -2,10 +2,9 @@
 """``rosrun fcsv_control parameters``: an autopilot's parameters compared with a profile, written, saved."""
 
 import argparse
-import contextlib
 import sys
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 from tqdm import tqdm
 
@@ -141,15 +140,10 @@ def _save(args) -> int:
     return 0
 
 
-@contextlib.contextmanager
-def _vehicle(args) -> Iterator[Vehicle]:
+def _vehicle(args) -> Vehicle:
     if "/" not in args.source and ":" not in args.source:
         raise ProfileError(f"'{args.source}' is neither a file nor a line (tcp:HOST:PORT, udpin:HOST:PORT, /dev/...)")
-    vehicle = Vehicle(args.source, args.system, key=read_key(args.key) if args.key else None)
-    try:
-        yield vehicle
-    finally:
-        vehicle.close()
+    return Vehicle(args.source, args.system, key=read_key(args.key) if args.key else None)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -6,7 +6,7 @@ from typing import Dict, Generic, Iterable, List, Mapping, Optional, Tuple, Type
 
 _WINDOW = 10  # questions that are under way at once
 _PATIENCE_S = 0.6
-_TRIES, _INDEX_TRIES = 8, 20  # one that is on the list exists: it comes in the end
+TRIES, _INDEX_TRIES = 8, 20  # one that is on the list exists: it comes in the end
 _LIST_SILENT_S = 1.5  # of a list that is being sent; then what is missing is asked for one by one
 _TOLERANCE = 1e-6
 
@@ -17,7 +17,7 @@ Value = Tuple[float, int]  # and its MAV_PARAM_TYPE
 class Asker(Generic[Key]):
     """Asks for each key until it is answered, some at a time, some times."""
 
-    def __init__(self, keys: Iterable[Key], tries: int = _TRIES):
+    def __init__(self, keys: Iterable[Key], tries: int = TRIES):
         self._most = tries
         self._tries: Dict[Key, int] = dict.fromkeys(keys, 0)
         self._asked_s: Dict[Key, float] = {}
@@ -48,8 +48,8 @@ class Asker(Generic[Key]):
 class NamedRead:
     """Reads parameters by name; ``unknown`` are those that gave no answer."""
 
-    def __init__(self, names: Iterable[str]):
-        self._asker: Asker[str] = Asker(names)
+    def __init__(self, names: Iterable[str], tries: int = TRIES):
+        self._asker: Asker[str] = Asker(names, tries)
         self.values: Dict[str, Value] = {}
 
     def take(self, name: str, value: float, kind: int) -> None:
@@ -95,7 +95,7 @@ class WholeRead:
             return False, self._asker.due(now_s)
         if self.complete or now_s - self._heard_s < _LIST_SILENT_S:
             return False, []
-        if not self.count and self._list_tries < _TRIES:
+        if not self.count and self._list_tries < TRIES:
             self._list_tries, self._heard_s = self._list_tries + 1, now_s
             return True, []
         self._asker = Asker((i for i in range(self.count) if i not in self._seen), _INDEX_TRIES)

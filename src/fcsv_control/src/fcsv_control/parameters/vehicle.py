@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An autopilot on a line, for its parameters alone: it is asked nothing else, and gets no origin and no poses."""
+"""An autopilot on a line, for its parameters and its key: it is asked nothing else, and gets no origin and no poses."""
 
 import os
 
@@ -12,12 +12,14 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import LinkError
 from fcsv_control.flight import firmware
+from fcsv_control.flight.signing import ticks
 from fcsv_control.flight.transport import Transport
-from fcsv_control.parameters.transfer import NamedRead, Value, WholeRead, Write
+from fcsv_control.parameters.transfer import TRIES, NamedRead, Value, WholeRead, Write
 
 _M = mavutil.mavlink
 _AUTOPILOT, _COMPANION = _M.MAV_COMP_ID_AUTOPILOT1, _M.MAV_COMP_ID_ONBOARD_COMPUTER4
 _POLL_S = 0.02
+_COMPLAINS_S = 0.5  # at most, after what it does not take
 _ANY = _M.MAV_PARAM_TYPE_REAL32  # ArduPilot goes by its own
 
 Progress = Callable[[int, int], None]  # so many are there, of so many
@@ -26,13 +28,14 @@ Progress = Callable[[int, int], None]  # so many are there, of so many
 class Vehicle:
     """Connects to the ArduCopter at ``url`` (as the flight link's ``fcu_url``), ``system`` 0: the first one heard;
     ``key``: with which the line is signed.
-    Raises LinkError where nobody speaks, or another firmware does."""
+    Raises LinkError where nobody speaks, or another firmware does. As a context it closes its line."""
 
     def __init__(self, url: str, system: int = 0, patience_s: float = 10.0, key: Optional[bytes] = None):
         self.system, self.armed, self.firmware = system, False, ""
         self._line = Transport(url, key)
         self._encoder = _M.MAVLink(None)
         self._values: List[object] = []
+        self.complaints: List[str] = []  # of its, about keys
         until_s = time.monotonic() + patience_s
         while not self.firmware and time.monotonic() < until_s:
             self._hear()
@@ -42,9 +45,9 @@ class Vehicle:
             said = f"{self.firmware} speaks; only {firmware.COPTER} is flown" if self.firmware else f"no autopilot{who}"
             raise LinkError(f"at '{url}': {said}")
 
-    def read(self, names: Iterable[str]) -> Tuple[Dict[str, Value], List[str]]:
+    def read(self, names: Iterable[str], tries: int = TRIES) -> Tuple[Dict[str, Value], List[str]]:
         """Values by name, and names that it does not answer."""
-        reading = NamedRead(names)
+        reading = NamedRead(names, tries)
         while not reading.over(time.monotonic()):
             for name in reading.due(time.monotonic()):
                 self._send("param_request_read", self.system, _AUTOPILOT, name.encode(), -1)
@@ -80,8 +83,25 @@ class Vehicle:
                 writing.take(m.param_id, m.param_value)
         return writing.failed
 
+    def set_up_signing(self, key: Optional[bytes]) -> None:
+        """Give it a key of 32 bytes; None takes its key away. It does not say that it did: what it complains of is in
+        ``complaints``, and who signs is heard. Raises LinkError while it is armed: it would not take it."""
+        if self.armed:
+            raise LinkError("it is armed: keys are set on the ground, with motors off")
+        stamp = 0 if key is None else ticks(time.time())
+        self._send("setup_signing", self.system, _AUTOPILOT, list(key or bytes(32)), stamp)
+        until_s = time.monotonic() + _COMPLAINS_S
+        while time.monotonic() < until_s:
+            self._hear()
+
     def close(self) -> None:
         self._line.close()
+
+    def __enter__(self) -> "Vehicle":
+        return self
+
+    def __exit__(self, *_raised) -> None:
+        self.close()
 
     def _heard(self) -> List[object]:
         self._hear()
@@ -103,6 +123,8 @@ class Vehicle:
             self.armed = bool(m.base_mode & _M.MAV_MODE_FLAG_SAFETY_ARMED)
         elif m.get_type() == "PARAM_VALUE" and m.get_srcSystem() == self.system:
             self._values.append(m)
+        elif m.get_type() == "STATUSTEXT" and m.get_srcSystem() == self.system and "signing" in m.text:
+            self.complaints.append(m.text)
 
     def _send(self, kind: str, *fields) -> None:
         message = getattr(self._encoder, kind + "_encode")(*fields)

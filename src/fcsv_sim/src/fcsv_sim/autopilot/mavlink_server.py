@@ -6,7 +6,7 @@ import os
 os.environ.setdefault("MAVLINK20", "1")
 
 import math
-from typing import Callable, Dict, List, Optional
+from typing import Callable, Dict, List, Optional, Tuple
 
 from pymavlink import mavutil
 
@@ -32,6 +32,7 @@ class MavlinkServer:
         self._out: List[object] = []
         self._parameters = dict(parameters.DEFAULTS, SYSID_THISMAV=(system_id, parameters.INT16))
         self._boots = autopilot.boots
+        self.signing: Optional[Tuple[bytes, int]] = None  # key, and the time (10 us) from which it counts; it is kept
         self._start()
         self._fly_by_parameters()
         self._attitude = (0.0, 0.0, 0.0)
@@ -139,6 +140,15 @@ class MavlinkServer:
             self._parameters[m.param_id] = (m.param_value, self._parameters[m.param_id][1])
             self._fly_by_parameters()
             self._send_parameter(m.param_id)
+
+    def _on_setup_signing(self, m) -> None:
+        if m.target_system not in (0, self._system):
+            return
+        if self._pilot.armed:
+            self._pilot.say(_M.MAV_SEVERITY_WARNING, "ERROR: Won't setup signing when armed")
+            return
+        none = not any(m.secret_key) and not m.initial_timestamp
+        self.signing = None if none else (bytes(m.secret_key), m.initial_timestamp)
 
     def _fly_by_parameters(self) -> None:
         self._pilot.controller.limits = WayLimits.of(self._parameters)
