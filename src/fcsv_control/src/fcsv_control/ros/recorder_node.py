@@ -64,8 +64,10 @@ class RecorderNode:
         return session
 
     def _listen(self, topic: str, kind: Type[Message], tell: Callable[[Message], None]) -> None:
-        """For itself, serialized too: in one process rospy gives all who hear a topic the class of the first of them, and
-        a topic that is heard as messages could not be recorded."""
+        """For itself, serialized too: in one process rospy gives all who hear a topic the class of the first of them.
+
+        A topic that is heard as messages could not be recorded.
+        """
 
         def on_message(message: rospy.AnyMsg) -> None:
             try:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """When a record of a Tello's log was measured: its tick, on this computer's clock.
 
-The radio only ever delays. The clocks' difference is that of the quickest packets; it is let grow slowly, so that clocks
-may run apart.
+The radio only ever delays. The clocks' difference is that of the quickest packets; it may grow slowly, as clocks run
+apart.
 """
 
 from typing import Optional
@@ -24,7 +24,8 @@ class TickClock:
         """On the clock of ``now_s``, the time of arrival: not after it, and at most half a second before it.
 
         >>> clock = TickClock()
-        >>> [round(clock.stamp_s(now_s, int(s * TICKS_PER_S)), 3) for now_s, s in ((10.0, 1.0), (10.3, 1.1), (10.32, 1.3))]
+        >>> came = [(10.0, 1.0), (10.3, 1.1), (10.32, 1.3)]
+        >>> [round(clock.stamp_s(now_s, int(s * TICKS_PER_S)), 3) for now_s, s in came]
         [10.0, 10.1, 10.3]
         """
         if self._tick is None:
