@@ -335,7 +335,7 @@ def test_messages_that_come_in_bursts(longest_s, seed):
 
 @pytest.mark.parametrize("too_late_s, asked_s", [(10.05, 10.15), (10.0, 9.99), (9.95, 9.99)])
 def test_a_packet_that_came_too_late_is_not_the_next_one(too_late_s, asked_s):
-    """Nor is one of before the newest packet that the filter took: rate and force lead to the next that it will take."""
+    """Nor is one of before the newest that the filter took: rate and force lead to the next that it will take."""
 
     def sample(yaw_rad):
         turned = tf.from_xyz_yaw([0.0, 0.0, 1.0], yaw_rad)
