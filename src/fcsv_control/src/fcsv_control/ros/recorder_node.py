@@ -42,9 +42,10 @@ class RecorderNode:
         status = "recorder/status" if p.role == "vehicle" else f"/{p.name}/recorder/status"
         self._status = rospy.Publisher(status, RecorderStatus, queue_size=2)
         self._timer = node.every(1.0, self._publish_status)
-        self._listen("recorder/pictures", Bool, self._on_pictures)
+        rospy.Subscriber("recorder/pictures", rospy.AnyMsg, self._taken(Bool, self._on_pictures), queue_size=1)
         for vehicle in p.vehicles if p.role == "control" else ():
-            self._listen(f"/{vehicle}/recorder/status", RecorderStatus, partial(self._on_other, vehicle))
+            on_other = self._taken(RecorderStatus, partial(self._on_other, vehicle))
+            rospy.Subscriber(f"/{vehicle}/recorder/status", rospy.AnyMsg, on_other, queue_size=5)
         for topic in topics.always:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, topic, queue_size=100, buff_size=1 << 20)
         for topic in topics.pictures:
@@ -63,19 +64,20 @@ class RecorderNode:
         rospy.loginfo("%s written", save_session(self._folder, session))
         return session
 
-    def _listen(self, topic: str, kind: Type[Message], tell: Callable[[Message], None]) -> None:
-        """For itself, serialized too: in one process rospy gives all who hear a topic the class of the first of them.
+    def _taken(self, kind: Type[Message], tell: Callable[[Message], None]) -> Callable[[rospy.AnyMsg], None]:
+        """What this node hears for itself comes serialized, too.
 
-        A topic that is heard as messages could not be recorded.
+        In one process rospy gives all who hear a topic the class of the first of them: a topic that is heard as a message
+        could not be recorded.
         """
 
-        def on_message(message: rospy.AnyMsg) -> None:
+        def take(message: rospy.AnyMsg) -> None:
             try:
                 tell(decoded(message, kind))
             except SessionError as error:
-                self._health.drop("message of another kind", f"{topic}: {error}")
+                self._health.drop("message of another kind", str(error))
 
-        rospy.Subscriber(topic, rospy.AnyMsg, on_message, queue_size=5)
+        return take
 
     def _on_other(self, vehicle: str, message: RecorderStatus) -> None:
         self._list(vehicle, Path(message.path).name)

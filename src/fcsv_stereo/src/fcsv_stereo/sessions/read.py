@@ -31,7 +31,7 @@ _VEHICLE_TYPES = {
     "camera/color/camera_info": "sensor_msgs/CameraInfo", "odometry/body": "nav_msgs/Odometry",
     "camera_pose": "geometry_msgs/PoseWithCovarianceStamped",
 }  # fmt: skip
-#: Silence of the poses that is bridged (least and most, s): some lost ones, at the rate at which they come. A tracker on
+#: Silence of poses that is bridged (least and most, s): some lost ones, at the rate at which they come. A tracker on
 #: the ground gives 8 to 10 a second; over 0.4 s a straight line is 1 to 2 cm off where the vehicle brakes by 1 m/s2.
 _GAP_S, _GAP_POSES = (0.1, 0.4), 4.0
 
