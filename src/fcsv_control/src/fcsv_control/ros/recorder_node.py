@@ -67,8 +67,8 @@ class RecorderNode:
     def _taken(self, kind: Type[Message], tell: Callable[[Message], None]) -> Callable[[rospy.AnyMsg], None]:
         """What this node hears for itself comes serialized, too.
 
-        In one process rospy gives all who hear a topic the class of the first of them: a topic that is heard as a message
-        could not be recorded.
+        In one process rospy gives all who hear a topic the class of the first of them: what is heard as messages cannot
+        be recorded.
         """
 
         def take(message: rospy.AnyMsg) -> None:
