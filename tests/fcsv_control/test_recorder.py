@@ -230,9 +230,11 @@ def test_a_full_disk_is_said_and_what_is_written_stays(vehicle, start_node, tmp_
 def test_the_control_pc_describes_the_session(start_node, ros_master, root, tmp_path):
     import rospy
 
-    from fcsv_msgs.msg import Capture, MissionState
+    from fcsv_msgs.msg import Capture, MissionState, RecorderStatus
 
     state = rospy.Publisher("/mission/state", MissionState, queue_size=1, latch=True)
+    other = rospy.Publisher("/uav2/recorder/status", RecorderStatus, queue_size=1, latch=True)
+    other.publish(path="/data/session/uav2.1.bag")
     capture = rospy.Publisher("/mission/capture", Capture, queue_size=1, latch=True)
     state.publish(detail="before the recorder came")
     params = {
@@ -240,17 +242,19 @@ def test_the_control_pc_describes_the_session(start_node, ros_master, root, tmp_
         "mission": str(root / "config/missions/short.yaml"),
     }  # fmt: skip
     process = start_node("fcsv_control", "recorder", name="control_recorder", params=params)
-    until(lambda: capture.get_num_connections() and state.get_num_connections())
+    until(lambda: all(p.get_num_connections() for p in (capture, state, other)))
     capture.publish(index=3)
     time.sleep(LATENCY_S)
     process.stop()
-    for publisher in (state, capture):
+    for publisher in (state, capture, other):
         publisher.unregister()
     counts = topics_of(tmp_path / "control.bag")
     assert counts["/mission/capture"] == 1 and counts["/mission/state"] >= 1
-    for name in ("uav1", "uav2"):
-        (tmp_path / f"{name}.bag").write_bytes(b"")
+    assert counts["/uav2/recorder/status"] == 1, "a topic to which the recorder itself listens is recorded, too"
+    for name in ("uav1.bag", "uav2.bag", "uav2.1.bag"):
+        (tmp_path / name).write_bytes(b"")
     session = load_session(tmp_path)
+    assert session.parts == {"uav2": ["uav2.1.bag"]}
     assert session.simulation.seed == 7 and session.vehicles == ["uav1", "uav2"] and session.reference == "uav1"
     assert session.mission == load_mission(root / "config/missions/short.yaml")
 
@@ -324,7 +328,8 @@ def test_what_a_machine_records():
         assert topic in vehicle.always
     for name in ("guardian/state", "guardian/said", "agent/alive", "command", "command_ack"):  # what was done, and why
         assert f"/uav2/{name}" in vehicle.always
-    for name in ("mavros/setpoint_position/local", "mavros/vision_pose/pose", "flight_link/refusal", "recorder/status"):
+    for name in ("mavros/setpoint_position/local", "mavros/vision_pose/pose", "flight_link/refusal", "recorder/status",
+                 "tello/odom", "tello/imu"):  # fmt: skip
         assert f"/uav2/{name}" in vehicle.always
     assert "/diagnostics" in vehicle.always
     assert "/uav2/flight_link/health" in vehicle.always and "/uav2/flight_link/estimate_moved" in vehicle.always
@@ -332,7 +337,7 @@ def test_what_a_machine_records():
     for topic in ("/calibration", "/home", "/mission/state", "/mission/capture", "/uav1/odometry/state",
                   "/uav1/mavros/state", "/uav1/camera_pose", "/tf", "/tf_static", "/uav1/guardian/state",
                   "/uav1/guardian/said", "/uav1/agent/alive", "/uav1/command", "/uav1/command_ack",
-                  "/stop_all/report", "/diagnostics"):  # fmt: skip
+                  "/stop_all/report", "/diagnostics", "/mocap/uav1/pose"):  # fmt: skip
         assert topic in control.always
     assert not control.pictures
 

@@ -148,6 +148,14 @@ class TestTrajectory:
         with pytest.raises(PoseUnavailable, match="silent"):
             track.at(2.0 - 1e-6)
 
+    def test_bridges_as_much_as_it_is_told_to(self):
+        track = self.trajectory()
+        track.add(0.8, np.eye(4))
+        assert track.spacing_s == pytest.approx(0.05) and Trajectory().spacing_s == 0.0
+        track.bridging(0.4).at(0.6)
+        with pytest.raises(PoseUnavailable, match="silent"):
+            track.at(0.6)
+
     def test_a_stamp_that_has_a_pose_of_its_own_is_in_no_silence(self):
         track = self.trajectory()
         T = transforms.from_xyz_yaw([1.0, 2.0, 3.0], 0.4)

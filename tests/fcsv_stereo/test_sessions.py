@@ -256,6 +256,17 @@ def test_pictures_without_odometry_are_left_out_and_said(tmp_path):
     assert len(given.configurations[0].references) < 4
 
 
+@pytest.mark.parametrize("odometry_s, left", [(0.12, 4), (0.3, 4), (0.41, 0)])
+def test_poses_of_a_tracker_on_the_ground_are_rare_and_serve(tmp_path, odometry_s, left):
+    """It gives 8 to 10 a second, and some are lost; over 0.4 s nothing is made up."""
+    session = write_session(tmp_path / "session", odometry_s=odometry_s)
+    if not left:
+        with pytest.raises(InputError, match="no odometry at their stamp"):
+            read_session(session)
+        return
+    assert len(read_session(session).configurations[0].references) == left
+
+
 def test_neither_session_nor_photographs(tmp_path):
     with pytest.raises(InputError, match="neither a session"):
         pipeline.load(tmp_path)

@@ -15,6 +15,7 @@ from fcsv_sim.trials import mocap_flight
 from fcsv_sim.trials.mocap_flight import FlightErrors
 from fcsv_tracking.errors import HomeRefused, SampleRejected
 from fcsv_tracking.mocap.blend import Blend
+from fcsv_tracking.mocap.samples import VehicleSample
 from fcsv_tracking.mocap.system import MocapSystem
 from fcsv_tracking.mocap.tracker import MocapTracker
 
@@ -330,6 +331,21 @@ def test_messages_that_come_in_bursts(longest_s, seed):
             last_s = pose.stamp_s
     assert last_s > messages[-1].arrival_s - 0.5
     assert tracker.counts["anchored"] == 1 and 0 < tracker.counts["too late"] < 500
+
+
+@pytest.mark.parametrize("too_late_s, asked_s", [(10.05, 10.15), (10.0, 9.99), (9.95, 9.99)])
+def test_a_packet_that_came_too_late_is_not_the_next_one(too_late_s, asked_s):
+    """Nor is one of before the newest that the filter took: rate and force lead to the next that it will take."""
+
+    def sample(yaw_rad):
+        turned = tf.from_xyz_yaw([0.0, 0.0, 1.0], yaw_rad)
+        return VehicleSample(0.0, turned, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.8]))
+
+    tracker = MocapTracker()
+    tracker._vehicle_s, tracker._imu = 10.0, sample(0.0)
+    tracker._coming.extend([(too_late_s, sample(1.0), True), (10.2, sample(0.1), True)])
+    rate_radps, _, apart_s = tracker._imu_at(asked_s)
+    assert apart_s == pytest.approx(0.2) and rate_radps == pytest.approx([0.0, 0.0, 0.5])
 
 
 @pytest.mark.parametrize("seed", [2, 3])

@@ -29,16 +29,18 @@ def odom_cam(vehicle):
 
 def write_session(
     folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None,
-    covariance=None,
+    covariance=None, odometry_s=0.05,
 ):  # fmt: skip
     """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by their end).
+
+    ``odometry_s``: from one pose to the next.
 
     ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for vehicle in T_HOME_CAM:
         with rosbag.Bag(str(folder / f"{vehicle}.bag"), "w") as bag:
-            write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode)
+            write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode, odometry_s)
     with rosbag.Bag(str(folder / "control.bag"), "w") as bag:
         write_control(bag, drop, windows or [window])
         if covariance is not None:
@@ -52,12 +54,11 @@ def put(bag, topic, message, stamp_s, drop):
         bag.write(topic, message, rospy.Time.from_sec(stamp_s))
 
 
-def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode):
+def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode, odometry_s=0.05):
     fixed = conversions.transform_stamped(T_BODY_CAM, T0, frames.base_link(vehicle), frames.camera_optical(vehicle))
     put(bag, "/tf_static", TFMessage([fixed]), T0, drop)
     T_odom_body = odom_cam(vehicle) @ transforms.invert(T_BODY_CAM)
-    for i in range(60):
-        t = T0 - 0.5 + i * 0.05
+    for t in np.arange(T0 - 0.5, T0 + 2.5, odometry_s):
         odometry = Odometry(header=conversions.header(t, frames.odom(vehicle)))
         odometry.pose = PoseWithCovariance(pose=conversions.transform_to_pose(T_odom_body))
         put(bag, f"/{vehicle}/odometry/body", odometry, t, drop)

@@ -19,6 +19,7 @@ from fcsv_sim.demo.systems import MOCAP_SITE, T_WORLD_MOCAP
 from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Hands, Screen
 from fcsv_sim.sensors.tello_sensors import TelloSensors
 from fcsv_sim.sensors.v120_duo import FRAME_RATE_HZ, V120Duo, V120DuoErrors
+from fcsv_sim.tello.log import tick_of
 from fcsv_sim.tello.messages import Sticks as DroneSticks
 from fcsv_sim.tello.telemetry import _no_delays
 from fcsv_sim.tello.vehicle import TelloDrone, TelloDroneParameters
@@ -120,6 +121,7 @@ class ByHand:
         return SimpleNamespace(
             vg_x=v[0], vg_y=v[1], vg_z=v[2], acc_x=accel[0], acc_y=accel[1], acc_z=accel[2],
             gyro_x=gyro[0], gyro_y=gyro[1], gyro_z=gyro[2], q0=w, q1=x, q2=-y, q3=-z,
+            tick=tick_of(self.now_s - EPOCH_S),
         )  # fmt: skip
 
     def _log(self, logs) -> None:
@@ -134,7 +136,7 @@ class ByHand:
             T = motion.T_own_body
             try:
                 self.system.feed_vehicle(
-                    name, self.now_s, self.now_s, T[:3, 3], transforms.fast_quaternion_xyzw(T), motion.v_body_mps,
+                    name, self.now_s, motion.stamp_s, T[:3, 3], transforms.fast_quaternion_xyzw(T), motion.v_body_mps,
                     motion.gyro_radps, motion.accel_mps2,
                 )  # fmt: skip
             except SampleRejected:

@@ -16,6 +16,7 @@ _VEHICLE: Tuple[str, ...] = (
     "command", "command_ack", "guardian/state", "guardian/said", "flight_link/health", "flight_link/estimate_moved",
     "flight_link/parameters", "flight_link/refusal", "mavros/setpoint_position/local", "mavros/vision_pose/pose",
     "mavros/local_position/pose", "mavros/rc/in", "mavros/battery", "recorder/status", "flight_check",
+    "tello/odom", "tello/imu",
 )  # fmt: skip
 _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",
@@ -85,7 +86,8 @@ def plan(p: RecorderParameters) -> RecordingPlan:
     if p.role == "vehicle":
         always = [f"/{p.name}/{t}" for t in _VEHICLE] + ["/tf_static"]
         return RecordingPlan([*always, DIAGNOSTICS, *p.topics], [f"/{p.name}/{t}" for t in PICTURES])
-    return RecordingPlan([*_CONTROL, *(f"/{v}/{t}" for v in p.vehicles for t in _HEARD), *p.topics], [])
+    heard = [f"/{v}/{t}" for v in p.vehicles for t in _HEARD] + [f"/mocap/{v}/pose" for v in p.vehicles]
+    return RecordingPlan([*_CONTROL, *heard, *p.topics], [])
 
 
 def begin(folder: Path, first: str, now_s: float) -> Tuple[int, List[Path]]:

@@ -34,6 +34,17 @@ class Trajectory:
             raise PoseUnavailable("no pose yet")
         return self._stamps_s[0], self._stamps_s[-1]
 
+    @property
+    def spacing_s(self) -> float:
+        """Median time (s) from one pose to the next; nought where there are fewer than two."""
+        return float(np.median(np.diff(self._stamps_s))) if len(self) > 1 else 0.0
+
+    def bridging(self, gap_s: float) -> "Trajectory":
+        """The same poses with another longest silence."""
+        other = Trajectory(gap_s, self._extrapolation_s, self._keep_s)
+        other._stamps_s, other._poses = self._stamps_s, self._poses
+        return other
+
     def latest(self) -> Tuple[float, np.ndarray]:
         """Newest stamp (s) and T_a_b. Raises PoseUnavailable when empty."""
         return self.span_s[1], self._poses[-1]

@@ -4,9 +4,12 @@
 import shutil
 import threading
 import time
+from functools import partial
 from pathlib import Path
+from typing import Callable, Type
 
 import rospy
+from genpy import Message
 from std_msgs.msg import Bool
 
 from fcsv_control.disk import DiskWatch
@@ -39,9 +42,10 @@ class RecorderNode:
         status = "recorder/status" if p.role == "vehicle" else f"/{p.name}/recorder/status"
         self._status = rospy.Publisher(status, RecorderStatus, queue_size=2)
         self._timer = node.every(1.0, self._publish_status)
-        rospy.Subscriber("recorder/pictures", Bool, self._on_pictures, queue_size=1)
+        rospy.Subscriber("recorder/pictures", rospy.AnyMsg, self._taken(Bool, self._on_pictures), queue_size=1)
         for vehicle in p.vehicles if p.role == "control" else ():
-            rospy.Subscriber(f"/{vehicle}/recorder/status", RecorderStatus, self._on_other, vehicle, queue_size=5)
+            on_other = self._taken(RecorderStatus, partial(self._on_other, vehicle))
+            rospy.Subscriber(f"/{vehicle}/recorder/status", rospy.AnyMsg, on_other, queue_size=5)
         for topic in topics.always:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, topic, queue_size=100, buff_size=1 << 20)
         for topic in topics.pictures:
@@ -60,7 +64,22 @@ class RecorderNode:
         rospy.loginfo("%s written", save_session(self._folder, session))
         return session
 
-    def _on_other(self, message: RecorderStatus, vehicle: str) -> None:
+    def _taken(self, kind: Type[Message], tell: Callable[[Message], None]) -> Callable[[rospy.AnyMsg], None]:
+        """What this node hears for itself comes serialized, too.
+
+        In one process rospy gives all who hear a topic the class of the first of them: what is heard as messages cannot
+        be recorded.
+        """
+
+        def take(message: rospy.AnyMsg) -> None:
+            try:
+                tell(decoded(message, kind))
+            except SessionError as error:
+                self._health.drop("message of another kind", str(error))
+
+        return take
+
+    def _on_other(self, vehicle: str, message: RecorderStatus) -> None:
         self._list(vehicle, Path(message.path).name)
 
     def _list(self, machine: str, bag: str) -> None:
@@ -116,6 +135,14 @@ class RecorderNode:
         log(
             "%s %s", self._writer.path, "closed" if closed else f"not closed: {self._writer.problem or 'disk too slow'}"
         )
+
+
+def decoded(message: rospy.AnyMsg, kind: Type[Message]) -> Message:
+    """A message that came serialized. Raises SessionError where it is of another kind."""
+    sent = message._connection_header
+    if sent["md5sum"] != kind._md5sum:
+        raise SessionError(f"{sent['type']} came, or another version of {kind._type}")
+    return kind().deserialize(message._buff)
 
 
 def _made(folder: Path) -> Path:

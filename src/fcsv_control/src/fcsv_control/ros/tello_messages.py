@@ -3,6 +3,7 @@
 
 import math
 import os
+import time
 from typing import List
 
 import numpy as np
@@ -78,8 +79,8 @@ class TelloMessages:
         self._pose.publish(conversions.pose_stamped(T_odom_body, rospy.get_time(), self._odom))
 
     def own(self, motion: OwnMotion) -> None:
-        """Odometry and IMU of its log, stamped on arrival: the Tello tells no time."""
-        stamp_s, T = rospy.get_time(), motion.T_own_body
+        """Odometry and IMU of its log, stamped by its tick as if the radio took no time."""
+        stamp_s, T = rospy.get_time() - (time.monotonic() - motion.stamp_s), motion.T_own_body
         q, gyro = Quaternion(*transforms.fast_quaternion_xyzw(T)), Vector3(*motion.gyro_radps)
         header = conversions.header(stamp_s, frames.tello_odom(self._name))
         odometry = Odometry(header=header, child_frame_id=frames.base_link(self._name))

@@ -13,6 +13,7 @@ from typing import Any, Optional
 import numpy as np
 
 from fcsv_control.tello.messages import FlightReport, LogReport
+from fcsv_control.tello.ticks import TickClock
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 
@@ -38,8 +39,12 @@ def flight_report(data: Any) -> Optional[FlightReport]:
 
 @dataclass(frozen=True)
 class OwnMotion:
-    """T_own_body, velocity and turning in the body's axes (m/s, rad/s), and what the accelerometer feels (m/s2)."""
+    """T_own_body, velocity and turning in the body's axes (m/s, rad/s), and what the accelerometer feels (m/s2).
 
+    ``stamp_s``: monotonic, by the record's tick (``ticks.py``).
+    """
+
+    stamp_s: float
     T_own_body: np.ndarray
     v_body_mps: np.ndarray
     gyro_radps: np.ndarray
@@ -57,20 +62,21 @@ class OwnOdometry:
     def __init__(self):
         self._p_m = np.zeros(3)
         self._height_m: Optional[float] = None
-        self._imu_s = -math.inf
+        self._clock, self._imu_s = TickClock(), -math.inf
 
     def height(self, height_m: float) -> None:
         """Above take-off, by the flight data."""
         self._height_m = height_m
 
     def imu(self, now_s: float, imu: Any) -> Optional[OwnMotion]:
-        """From a ``tellopy`` LogImuAtti; None where it cannot be."""
+        """From a ``tellopy`` LogImuAtti that came at ``now_s``, monotonic; None where it cannot be."""
         v_own = _UP * np.array([imu.vg_x, imu.vg_y, imu.vg_z], float)
         numbers = [imu.acc_x, imu.acc_y, imu.acc_z, imu.gyro_x, imu.gyro_y, imu.gyro_z]
         felt = np.array(numbers, float)
         if not (np.isfinite(v_own).all() and np.isfinite(felt).all() and np.abs(v_own).max() < _FASTEST_MPS):
             return None
-        dt_s = now_s - self._imu_s
+        stamp_s = self._clock.stamp_s(now_s, imu.tick)
+        dt_s = max(stamp_s - self._imu_s, 0.0)
         step_m = v_own * dt_s if dt_s <= _LONGEST_S else np.zeros(3)
         try:
             T = transforms.from_xyz_quaternion(self._p_m + step_m, (imu.q1, -imu.q2, -imu.q3, imu.q0))
@@ -78,5 +84,5 @@ class OwnOdometry:
             return None
         if self._height_m is not None:
             T[2, 3] += (self._height_m - T[2, 3]) * (1.0 - math.exp(-min(dt_s, _LONGEST_S) / _HEIGHT_S))
-        self._p_m, self._imu_s = T[:3, 3].copy(), now_s
-        return OwnMotion(T, T[:3, :3].T @ v_own, _UP * felt[3:], _G_MPS2 * _UP * felt[:3])
+        self._p_m, self._imu_s = T[:3, 3].copy(), stamp_s
+        return OwnMotion(stamp_s, T, T[:3, :3].T @ v_own, _UP * felt[3:], _G_MPS2 * _UP * felt[:3])

@@ -141,8 +141,11 @@ class MocapTracker:
             self._forget("neither odometry nor mocap")
 
     def _imu_at(self, moment_s: float):
-        """Rate, force and the seconds between the last sample and the next, which is mostly there already; or None."""
-        while self._coming and self._coming[0][0] <= self._vehicle_s:
+        """Rate, force and the seconds between the last sample and the next, which is mostly there already; or None.
+
+        A sample that came too late for the filter lies before the moment asked for, and is not the next one.
+        """
+        while self._coming and (self._coming[0][0] <= self._vehicle_s or self._coming[0][0] < moment_s):
             self._coming.popleft()
         last, following = self._imu, self._coming[0] if self._coming else None
         if last is None or following is None or not 0.0 < following[0] - self._vehicle_s < self._rules.hold_s:
