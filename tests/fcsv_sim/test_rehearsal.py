@@ -76,6 +76,7 @@ def _job(seed: int) -> Job:
     return Job(quick(), 2, seed, single[seed] if seed < len(single) else "pairs", LONGEST_S)
 
 
+@pytest.mark.timeout(900)  # a minute, where the machine does nothing else
 def test_sixty_flights_with_every_fault():
     with Pool(os.cpu_count()) as pool:
         flown = list(pool.imap(_fly, range(FLIGHTS), chunksize=1))

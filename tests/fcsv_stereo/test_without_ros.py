@@ -99,6 +99,7 @@ def clean(root, tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # two maps: long on a busy machine
 def test_the_wheel_maps_as_the_catkin_way_does(inputs, clean, tmp_path):
     """The same versions on the same machine: the same depth to the last bit."""
     venv, env = clean
