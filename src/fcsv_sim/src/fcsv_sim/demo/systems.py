@@ -76,14 +76,17 @@ def _mocap_maps(mission: Mission) -> Tuple[MapRun, ...]:
     return (MapRun(), MapRun("map_thesis", _BY_HAND)) if vertical == [1.0, 2.0, 3.0] else (MapRun(),)
 
 
-#: Not offered yet: its flights have not ended well (docs/tello.md, "What is missing").
-TELLO = System(
-    _TELLOS, "tello", partial(flights.fly_tellos, TELLO_SITE), require=_mocap_can, stamps=received_stamps,
-    T_world_odom=_T_WORLD_LEVEL,
-)  # fmt: skip
+def _before_a_mocap(mission: str, **more) -> System:
+    """Two Tellos, flown by the mission."""
+    fly = partial(flights.fly_tellos, TELLO_SITE)
+    return System(
+        _TELLOS, mission, fly, require=_mocap_can, stamps=received_stamps, T_world_odom=_T_WORLD_LEVEL, **more
+    )
+
 
 SYSTEMS: Dict[str, System] = {
     "tags": System(("uav1", "uav2"), "short", flights.fly_fleet, grows=True),
     "gimbal": System(_TELLOS, "gimbal", partial(flights.fly_pair, GIMBAL_SITE), require=_gimbal_can),
-    "mocap": System(_TELLOS, "mocap", partial(flights.fly_pair, MOCAP_SITE), _mocap_maps, _mocap_can),
+    "mocap": _before_a_mocap("mocap", maps=_mocap_maps),
+    "tello": _before_a_mocap("tello"),
 }
