@@ -14,11 +14,13 @@ from fcsv_control.flight_check.acceptance import Acceptances
 from fcsv_control.flight_check.fleet import CONTROL_CHECKS, FLEET_CHECKS, FleetCheckRules, FleetTable
 from fcsv_control.flight_check.keys import Keys
 from fcsv_control.flight_check.lines import Judged, Line, State, worst
+from fcsv_control.flight_check.links import CHECKS, TELLO_CHECKS
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
 from fcsv_control.guardian.findings import STICK
 from fcsv_control.guardian.rules import GuardianRules
+from fcsv_geometry import config
 from fcsv_tracking.clocks import ClockOffset
 
 NAN, INF = float("nan"), float("inf")
@@ -188,6 +190,65 @@ def test_bounds_that_forbid_guided_are_those_of_the_guardian():
 def test_bounds_that_contradict_each_other_are_refused(wrong):
     with pytest.raises(ValueError, match="_"):
         VehicleCheckRules(**wrong)
+
+
+# ---- behind other flight links ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def tello(root):
+    """A Tello that is well, and what is not green of it after it was told something."""
+    v, rules = Vehicle(), config.load(root / "config/tello/flight_check.yaml", VehicleCheckRules)
+    v.judged = Judged("tello1", TELLO_CHECKS)
+    v.tell(link=tello_link())
+    v.lines = lambda later_s=0.0: {li.name: li for li in v.judged.lines(v.now_s + later_s, v.facts, rules)}
+    return v
+
+
+def tello_link(**changed):
+    """As ros/tello_messages.py fills LinkHealth: there is no filter and no pre-arm state."""
+    return link(ekf_flags=0, ekf_variance=NAN, ekf_age_s=0.0, throttle=0.0, feed_rate_hz=8.0, feed_age_s=0.4,
+                estimate_apart_m=NAN, prearm=0, **changed)  # fmt: skip
+
+
+def test_a_tello_that_is_well_is_green_and_nothing_heard_is_not(tello):
+    assert tello.not_green() == {} and set(tello.not_green(later_s=10.0)) == {c.name for c in TELLO_CHECKS}
+    lines = Judged("tello1", TELLO_CHECKS).lines(5.0, VehicleFacts(), VehicleCheckRules())
+    assert {line.state for line in lines} == {R, U} and all(line.what and line.remedy for line in lines)
+
+
+@pytest.mark.parametrize("told, found, words, remedy", [
+    ({"link": {"connected": False}}, {"link": R, "flight data": U, "transmitter": U}, "", "Wi-Fi"),
+    ({"link": {"in_the_air": -1}}, {"flight data": R}, "does not say whether it flies", "firmware"),
+    ({"link": {"feed_rate_hz": 5.0}}, {"feed": A}, "5 poses", "tracker on the ground"),
+    ({"link": {"feed_rate_hz": 2.0}}, {"feed": R}, "2 poses", "tracker on the ground"),
+    ({"link": {"feed_age_s": 0.9}}, {"feed": R}, "no pose", "tracker on the ground"),
+    ({"link": {"throttle": NAN}}, {"transmitter": R}, "no transmitter", "joy_node"),
+    ({"battery_share": NAN}, {"battery": R}, "does not say how full", "change it"),
+    ({"battery_share": 0.3}, {"battery": A}, "30%", "change it"),
+])  # fmt: skip
+def test_one_fault_of_a_tello(tello, told, found, words, remedy):
+    changed = {**vars(tello_link()), **told["link"]} if "link" in told else None
+    tello.tell(**({"link": SimpleNamespace(**changed)} if changed else told))
+    assert tello.not_green() == found
+    line = tello.lines()[next(iter(found))]
+    assert words in line.what and remedy in line.remedy
+
+
+def test_mavros_has_the_same_lines_with_remedies_of_its_own(root):
+    text = (root / "docs/flight_check.md").read_text().split("| line of MAVROS |")[1].split("\n\n")[0]
+    said = dict(re.findall(r"^\| `([a-z]+)` \| (.+) \|$", text, re.M))
+    ours, theirs = ({c.name: c for c in CHECKS[kind]} for kind in ("mavlink", "mavros"))
+    assert list(ours) == list(theirs) and all(ours[n].judge is theirs[n].judge for n in ours)
+    assert {n: c.remedy for n, c in theirs.items() if c.remedy != ours[n].remedy} == said
+    assert "does not sign" in said["signing"]
+
+
+def test_beside_a_tracker_on_the_ground_no_radio_clock_or_tag_is_looked_for():
+    table = FleetTable(["tello1"], {"tello1": 0}, FleetCheckRules(), "relay", ground=True)
+    names = [(line.vehicle, line.name) for line in table.lines(9.0)]
+    assert ("tello1", "check") in names and len(names) == len(CONTROL_CHECKS)
+    assert ("control", "keys") not in names and "tello.launch" in table.lines(9.0)[-1].remedy
 
 
 # ---- the table ------------------------------------------------------------------------------------------------
@@ -364,7 +425,7 @@ def rows(root, heading):
 
 @pytest.mark.parametrize("heading, checks", [
     ("Lines of a vehicle", VEHICLE_CHECKS), ("Lines about a vehicle", FLEET_CHECKS),
-    ("Lines of the control PC", CONTROL_CHECKS),
+    ("Lines of the control PC", CONTROL_CHECKS), ("Lines of a Tello", TELLO_CHECKS),
 ])  # fmt: skip
 def test_the_page_has_every_line_as_the_code_has_it(root, heading, checks):
     assert rows(root, heading) == {c.name: (c.must, c.remedy) for c in checks}
@@ -390,6 +451,7 @@ def test_the_page_has_the_bounds_of_the_code(root):
         "red_position_hz": f"fewer than {r.red_position_hz:g};",
         "amber_feed_hz": f"fewer than {r.amber_feed_hz:g} a second",
         "red_feed_hz": f"fewer than {r.red_feed_hz:g}, none",
+        "red_feed_age_s": f"none for {r.red_feed_age_s:g} s, or doubted",
         "amber_ekf_variance": f"variance over {r.amber_ekf_variance:g}",
         "red_ekf_variance": f"over {r.red_ekf_variance:g}, or",
         "amber_apart_m": f"over {r.amber_apart_m:g} m apart",

@@ -17,6 +17,7 @@ class VehicleCheckRules:
     amber_position_hz: float = 15.0
     red_feed_hz: float = 8.0  # of 30 that go to the autopilot
     amber_feed_hz: float = 15.0
+    red_feed_age_s: float = 0.5
     red_ekf_variance: float = 0.8
     amber_ekf_variance: float = 0.5
     red_apart_m: float = 0.5  # between estimate and feed, on the ground

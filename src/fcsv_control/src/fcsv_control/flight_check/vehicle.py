@@ -150,7 +150,7 @@ def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     link = f.link.value
     if link.doubt:
         return _R, link.doubt
-    if not link.feed_age_s <= 0.5:
+    if not link.feed_age_s <= r.red_feed_age_s:
         return _R, "no pose goes to the autopilot"
     return _least(link.feed_rate_hz, r.red_feed_hz, r.amber_feed_hz), f"{link.feed_rate_hz:.0f} poses a second"
 

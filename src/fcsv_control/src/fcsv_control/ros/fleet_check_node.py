@@ -37,11 +37,12 @@ _NEXT_S = 1.0
 
 @dataclass(frozen=True)
 class FleetCheckParameters:
-    """Parameters of the node; ``vehicles``: the whole column, front first; ``link`` as in control.launch."""
+    """Parameters of the node; ``vehicles``: the whole column, front first; ``link``, ``ground``: as control.launch."""
 
     vehicles: List[str]
     vehicles_dir: str
     link: str = keys.RELAY
+    ground: bool = False
     rules: FleetCheckRules = field(default_factory=FleetCheckRules)
 
 
@@ -52,7 +53,7 @@ class FleetCheckNode:
         p = node.parameters(FleetCheckParameters)
         tags = {n: v.tag_id for n, v in node.vehicles(p.vehicles_dir, p.vehicles).items()}
         self._lock = threading.RLock()
-        self._table, self._accepted = FleetTable(list(tags), tags, p.rules, p.link), Acceptances()
+        self._table, self._accepted = FleetTable(list(tags), tags, p.rules, p.link, p.ground), Acceptances()
         self._lines: List[Line] = []
         self._shown, self._shown_s = None, float("-inf")
         self._phase = ""

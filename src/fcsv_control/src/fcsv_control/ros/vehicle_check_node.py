@@ -16,9 +16,10 @@ from sensor_msgs.msg import BatteryState
 from fcsv_control.flight_check import keys
 from fcsv_control.flight_check.autopilot_line import AutopilotLine
 from fcsv_control.flight_check.lines import Judged, Line, State, worst
+from fcsv_control.flight_check.links import CHECKS, MAVLINK, TELLO
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
-from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
+from fcsv_control.flight_check.vehicle import Disk, VehicleFacts
 from fcsv_control.ros import flight_check_messages as messages
 from fcsv_control.ros.relay_keys import RelayKeys
 from fcsv_geometry.ros import conversions, node
@@ -33,12 +34,17 @@ _ON_THE_WAY_BYTES = 80  # headers of the relay, UDP and IP
 
 @dataclass(frozen=True)
 class VehicleCheckParameters:
-    """Parameters of the node."""
+    """Parameters of the node. ``flight_link``: what the vehicle is flown by, mavlink, mavros or tello."""
 
     vehicle: str
+    flight_link: str = MAVLINK
     link: str = keys.RELAY  # as in uav.launch
     line: AutopilotLine = field(default_factory=AutopilotLine)
     rules: VehicleCheckRules = field(default_factory=VehicleCheckRules)
+
+    def __post_init__(self):
+        if self.flight_link not in CHECKS:
+            raise ValueError(f"flight_link: '{self.flight_link}' is not one of {', '.join(CHECKS)}")
 
 
 class VehicleCheckNode:
@@ -48,7 +54,8 @@ class VehicleCheckNode:
         p = node.parameters(VehicleCheckParameters)
         self._name, self._rules, self._lock = p.vehicle, p.rules, threading.Lock()
         self._facts = VehicleFacts(relay=p.link, line=p.line)
-        self._judged, self._pace = Judged(p.vehicle, VEHICLE_CHECKS), Pace()
+        self._judged, self._pace = Judged(p.vehicle, CHECKS[p.flight_link]), Pace()
+        self._pictures = "camera/color/camera_info" if p.flight_link == TELLO else "tags/detections"
         self._odometry: Optional[rospy.AnyMsg] = None
         self._states = None
         self._health = Health(p.vehicle)
@@ -64,7 +71,7 @@ class VehicleCheckNode:
 
         hear("mavros/local_position/pose", rospy.AnyMsg, lambda _m: self._tell(f.positions.tick))
         hear("odometry/state", rospy.AnyMsg, self._on_odometry)
-        hear("tags/detections", rospy.AnyMsg, lambda _m: self._tell(f.pictures.tick))
+        hear(self._pictures, rospy.AnyMsg, lambda _m: self._tell(f.pictures.tick))
         hear("flight_link/health", LinkHealth, lambda m: self._tell(f.link.tell, m))
         hear("flight_link/parameters", ParameterReport, lambda m: self._tell(f.parameters.tell, m))
         hear("mavros/state", FlightState, lambda m: self._tell(f.armed.tell, m.armed))

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which lines a vehicle has behind each flight link: our own and MAVROS's to an ArduCopter, and a Tello's.
+
+What differs is what can be heard, how bad it is, and what to do about it.
+"""
+
+import math
+from dataclasses import replace
+from typing import Dict, Tuple
+
+from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_control.flight_check.rules import VehicleCheckRules
+from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts
+
+MAVLINK, MAVROS, TELLO = "mavlink", "mavros", "tello"
+_MAVROS_REMEDIES = {
+    "link": "look at mavros in /diagnostics; check cable and fcu_url",
+    "streams": "free the serial line; plugins sys_status and local_position of MAVROS must run",
+    "signing": "a cable, or flight_link:=mavlink with signing_key:=FILE: MAVROS does not sign",
+}
+_TELLO_REMEDIES = {
+    "feed": "bring it before the tracker on the ground; is that running?",
+    "transmitter": "start joy_node; plug the gamepad in: without it nobody takes it over",
+    "battery": "change it",
+    "camera": "calibration:=FILE of tello.launch; look at its Wi-Fi",
+}
+
+
+def _flight_data(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if not f.link.fresh(now_s, r.silent_s) or not f.link.value.connected:
+        return State.UNKNOWN, "nothing is heard of the Tello"
+    if f.link.value.in_the_air < 0:
+        return State.RED, "it does not say whether it flies"
+    return State.GREEN, "it flies" if f.link.value.in_the_air else "it stands"
+
+
+def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    if f.battery_share.fresh(now_s, r.slow_silent_s) and math.isnan(f.battery_share.value):
+        return State.RED, "it does not say how full it is"
+    return _OF["battery"].judge(now_s, f, r)
+
+
+_OF: Dict[str, Check] = {check.name: check for check in VEHICLE_CHECKS}
+
+
+def _remedied(check: Check, remedies: Dict[str, str]) -> Check:
+    return replace(check, remedy=remedies.get(check.name, check.remedy))
+
+
+#: A Tello has no pre-arm checks, parameters, origin and filter to ask; its tracker and relay are the control PC's.
+TELLO_CHECKS: Tuple[Check, ...] = (
+    Check("link", "packets come from the Tello", "is it on? look at its Wi-Fi, and network:= of tello.launch",
+          _OF["link"].judge),
+    Check("flight data", "its flight data can be read", "wait; if it stays so, its firmware is another one",
+          _flight_data),
+    replace(_remedied(_OF["feed"], _TELLO_REMEDIES), must="the tracker's poses come, and are believed"),
+    _remedied(_OF["transmitter"], _TELLO_REMEDIES),
+    replace(_remedied(_OF["battery"], _TELLO_REMEDIES), judge=_battery),
+    *(_remedied(_OF[name], _TELLO_REMEDIES) for name in ("camera", "recorder", "disk", "guardian", "agent")),
+)  # fmt: skip
+CHECKS: Dict[str, Tuple[Check, ...]] = {
+    MAVLINK: VEHICLE_CHECKS,
+    MAVROS: tuple(_remedied(check, _MAVROS_REMEDIES) for check in VEHICLE_CHECKS),
+    TELLO: TELLO_CHECKS,
+}
