@@ -179,3 +179,24 @@ def test_random_bytes_on_the_port_end_nothing(udp):
     for _ in range(2000):
         ours.socket.sendto(random.bytes(int(random.integers(1, 300))), ours.to)
     assert until(lambda: ours.speak() or link.connected)
+
+
+def test_while_a_peer_is_away_who_reads_goes_on(monkeypatch):
+    """Before, each try to open the line again kept the link's time standing for a second: it refused GUIDED for having
+    stood still, not for want of an autopilot."""
+    opened = []
+    monkeypatch.setattr("fcsv_control.flight.transport._REOPEN_S", 30.0)
+    monkeypatch.setattr("fcsv_control.flight.transport._opened", lambda *a: opened.append(a) or absent())
+    transport = Transport("tcp:127.0.0.1:5760")
+    begun_s = time.monotonic()
+    for _ in range(20):
+        assert transport.receive(0.01) is None
+    assert 0.2 <= time.monotonic() - begun_s < 15.0 and len(opened) == 1
+    monkeypatch.setattr("fcsv_control.flight.transport._REOPEN_S", 0.1)
+    transport._reopen_s = time.monotonic()
+    assert until(lambda: transport.receive(0.01) or len(opened) == 3)  # and it is tried again and again
+    transport.close()
+
+
+def absent():
+    raise ConnectionRefusedError("nobody listens")

@@ -31,6 +31,7 @@ class Transport:
         self._sending = threading.Lock()
         self._line: Optional[Line] = None
         self._closed = False
+        self._reopen_s = time.monotonic() + _REOPEN_S  # when a line that is not there is tried next
         try:
             self._line = _opened(url, self._signing)
         except _NOBODY_THERE as error:
@@ -47,7 +48,7 @@ class Transport:
         """The next message, or None after about ``timeout_s``. From one thread only; it never raises."""
         line = self._line
         if line is None:
-            return self._reopen()
+            return self._reopen(timeout_s)
         try:
             return line.receive(timeout_s)
         except (OSError, ValueError) as error:  # ValueError: closed by another thread meanwhile
@@ -82,15 +83,17 @@ class Transport:
         with self._sending:
             if self._line is not line:
                 return
-            self._line = None
+            self._line, self._reopen_s = None, time.monotonic() + _REOPEN_S
         line.close()
         _LOG.warning("flight controller at '%s' is gone (%s); opening it again", self._url, error)
 
-    def _reopen(self) -> None:
-        """Outside of the lock: whoever sends meanwhile must not wait."""
-        time.sleep(_REOPEN_S)
-        if self._closed:
+    def _reopen(self, timeout_s: float) -> None:
+        """Once a second; between that it waits as ``receive`` does: who reads also lets the link's time go on. Outside
+        of the lock: whoever sends meanwhile must not wait."""
+        if self._closed or time.monotonic() < self._reopen_s:
+            time.sleep(min(timeout_s, _REOPEN_S))
             return
+        self._reopen_s = time.monotonic() + _REOPEN_S
         try:
             line = _opened(self._url, self._signing)
         except (OSError, ValueError) as error:
