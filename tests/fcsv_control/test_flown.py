@@ -36,7 +36,8 @@ def second():
 
 def test_connecting_and_standing(loop):
     loop.ready()
-    assert loop.core.heard.parameters.known and not loop.core.heard.parameters.problems()
+    parameters = loop.core.heard.parameters
+    assert loop.until(lambda: parameters.known, 10.0) and not parameters.problems()
     loop.run(10.0)
     assert loop.core.estimate_apart_m(loop.t) < 0.15 and not any("Field Elevation Set: 0m" in t for t in loop.texts)
     assert loop.core.state.filter_runs and loop.core.state.ekf_variance < 0.5
@@ -115,7 +116,7 @@ def test_it_arms_again_after_the_autopilot_was_rebooted(loop):
     loop.reboot()
     assert loop.until(lambda: not loop.core.origin_set(loop.t), 10.0)
     loop.ready()
-    loop.done(loop.core.set_mode(loop.t, "GUIDED"))
+    loop.guided()
     loop.done(loop.core.arm(loop.t, True))
     loop.done(loop.core.arm(loop.t, False))
 
@@ -128,7 +129,7 @@ def test_in_a_mode_that_somebody_else_set_set_points_are_not_flown(loop):
     loop.target[0, 3] += 3.0
     assert loop.furthest_m(3.0) < 0.5
     assert loop.core.state.mode == "BRAKE"  # it stays with who took it
-    loop.done(loop.core.set_mode(loop.t, "GUIDED"))
+    loop.guided()
     assert loop.until(lambda: np.linalg.norm(loop.estimate[:3, 3] - loop.target[:3, 3]) < 0.3, 10.0)
 
 
@@ -139,7 +140,8 @@ def test_a_link_that_starts_anew_in_flight_goes_on(loop):
     assert loop.until(lambda: loop.core.connected(loop.t) and loop.core.origin_set(loop.t), 5.0)
     assert loop.core.state.mode == "GUIDED" and loop.core.state.armed
     assert loop.furthest_m(4.0) < 0.4
-    assert loop.core.feed_rate_hz(loop.t) == pytest.approx(30.0, rel=0.15)
+    fed = lambda: loop.core.feed_rate_hz(loop.t) == pytest.approx(30.0, rel=0.15)  # noqa: E731
+    assert loop.until(fed, 5.0)  # in real time a busy machine makes gaps
     assert loop.until(lambda: loop.core.heard.parameters.known, 10.0)
 
 
