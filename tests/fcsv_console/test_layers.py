@@ -9,12 +9,14 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console as Screen
 
 from fcsv_console.model import facts, samples
 from fcsv_console.model.console import Console
 from fcsv_console.terminal.screen import screen
+from fcsv_geometry.errors import FcsvError
 
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
 
@@ -91,6 +93,24 @@ def test_messages_become_facts():
     assert convert("odometry/state", odometry).yaw_rad == pytest.approx(-0.5)
     picture = CompressedImage(format="jpeg", data=b"\xff\xd8\xff")
     assert convert("camera/color/image_raw/compressed", picture) == facts.PictureHeard("uav2", 0.0, b"\xff\xd8\xff")
+
+
+def test_a_picture_as_a_vehicle_records_it_is_shown_like_one_that_crossed_the_radio():
+    """Of a bag that is played; one of another encoding is told."""
+    import cv2
+    from sensor_msgs.msg import Image
+
+    from fcsv_console.ros import messages
+    from fcsv_console.ros.hearing import Hearing
+
+    ((topic, (_, convert)),) = messages.RECORDED.items()
+    image = Image(height=2, width=3, encoding="rgb8", step=9, data=bytes([200, 100, 50] * 6))
+    told = convert("uav2", image)
+    shown = cv2.imdecode(np.frombuffer(told.data, np.uint8), cv2.IMREAD_COLOR)
+    assert shown.shape == (2, 3, 3) and np.abs(shown.astype(int) - (50, 100, 200)).max() < 12, "JPEG"
+    with pytest.raises(FcsvError, match="13UC5"):
+        convert("uav2", Image(height=2, width=3, encoding="13UC5", step=9, data=bytes(18)))
+    assert topic in Hearing(["uav2"], recorded=True)._of_vehicle and topic not in Hearing(["uav2"])._of_vehicle
 
 
 def test_a_message_that_cannot_be_read_is_told_and_nothing_else():

@@ -82,6 +82,45 @@ def test_another_list_than_the_mission_s_is_not_executed():
     assert why(c) == why(c, "rehearse") == "mission file: line 13: pa: is not known"
 
 
+@pytest.mark.parametrize("before, after, words", [
+    ("baseline_m: 6.0", "baseline_m: 6.5", "configuration 3: baseline_m is 6.0 there, 6.5 here"),
+    ("axis: vertical, baseline_m: 7.0", "axis: horizontal, baseline_m: 7.0", "configuration 7: axis is vertical there"),
+    ("name: ", "flight: {speed_mps: 1.0}\nname: ", "other flight"),
+])  # fmt: skip
+def test_another_list_of_the_same_length_is_not_executed(before, after, words):
+    c = waiting()
+    c.tell(10.0, facts.MissionFlown(c.file.text))
+    told(c, "passed")
+    assert why(c) == ""
+    assert c.file.text.count(before) == 1
+    c.edit(c.file.text.replace(before, after))
+    told(c, "passed")
+    assert why(c).startswith(f"the mission flies another file: {words}") and "when it starts" in why(c)
+    c.tell(10.0, facts.MissionFlown(c.file.text))  # the node was started again
+    assert why(c) == ""
+
+
+def test_a_comment_or_another_name_is_no_other_list():
+    c = waiting()
+    c.tell(10.0, facts.MissionFlown(c.file.text))
+    c.edit(c.file.text.replace("name: ", "name: my_") + "# mine\n")
+    told(c, "passed")
+    assert why(c) == ""
+
+
+def test_where_no_file_is_named_the_mission_s_own_is_shown():
+    text = waiting().file.text
+    c = Console(["uav1", "uav2"])
+    c.tell(10.0, facts.MissionFlown("configurations: ["))
+    assert c.file.error is not None and c.file.mission is None
+    c = Console(["uav1", "uav2"])
+    c.tell(10.0, facts.MissionFlown(text))
+    assert len(c.file.rows) == 8 and c.file.source == ""
+    c.drag(0, 3.0)
+    c.tell(11.0, facts.MissionFlown(text))
+    assert c.file.rows[0].baseline_m == 3.0, "what is edited stays"
+
+
 def test_the_operator_may_fly_it_unrehearsed_and_that_is_told():
     c = waiting()
     told(c, "impossible", words="rosrun: is not installed here")

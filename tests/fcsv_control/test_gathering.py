@@ -68,6 +68,18 @@ def test_all_parts_of_all_machines_and_a_session_that_loads(machines, capsys):
     assert gather(machines) == 0 and {p: p.stat().st_ino for p in out.glob("*.bag")} == before, "nothing comes twice"
 
 
+def test_the_operator_s_events_come_with_the_session(machines, capsys):
+    """A window that was started twice keeps two; what is still being written stays where it is."""
+    for name in ("console_events_20260102T030405Z.csv", "console_events_20260102T040506Z.csv", "other.csv",
+                 "console_events_20260102T050607Z.csv.partial"):  # fmt: skip
+        (machines / "control" / name).write_text(f"time_utc,who\n,{name}\n")
+    assert gather(machines) == 0, capsys.readouterr().err
+    came = sorted((machines / "out").glob("*.csv*"))
+    assert [p.name for p in came] == ["console_events_20260102T030405Z.csv", "console_events_20260102T040506Z.csv"]
+    assert came[0].read_text().endswith(f",{came[0].name}\n")
+    assert gather(machines, "uav1") == 0 and not (machines / "uav1" / came[0].name).exists()
+
+
 def test_a_transfer_that_is_cut_off_goes_on_where_it_ended(machines, capsys):
     big = machines / "uav2" / "uav2.bag"
     write(big, messages=60, size=6_000_000)  # long enough to be cut in the middle

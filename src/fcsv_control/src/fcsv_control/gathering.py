@@ -21,6 +21,7 @@ from fcsv_geometry.errors import BagError, ConfigError
 _PARTIAL = ".gathering"  # where rsync keeps what was transferred of a file so far
 _LISTED = re.compile(r"^-\S+\s+(?P<size>[\d,]+) \S+ \S+ (?P<name>.+)$")
 _TRANSFERRED = re.compile(r"^\s*(?P<bytes>[\d,]+)\s+\d+%")
+_KEPT = ("session.yaml", "poi.yaml", "console_events_*.csv")
 _SPARE_BYTES = 64 << 20
 Told = Callable[[int], None]
 
@@ -118,10 +119,10 @@ class Gatherer:
             self._take(source.machine, name)
 
     def fetch_description(self, source: Source) -> None:
-        """session.yaml of the control PC, where there is one."""
+        """What the control PC keeps beside its bag, where it does: session.yaml, and the events of its windows."""
         try:
-            options = ("--times", "--include=session.yaml", "--include=poi.yaml", "--exclude=*", "--recursive")
-            self._rsync(*options, source.place, str(self.folder) + "/")
+            kept = (f"--include={name}" for name in _KEPT)
+            self._rsync("--times", *kept, "--exclude=*", "--recursive", source.place, str(self.folder) + "/")
         except SessionError as error:
             self.gathered.problems.append(f"{source.machine}: {error}")
 

@@ -32,6 +32,7 @@ _CONTROL: Tuple[str, ...] = (
     "/land_all",
     "/stop_all/report",
     "/mission/state",
+    "/mission/file",
     "/mission/capture",
     "/map/state",
     "/flight_check",

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Dict, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
-from fcsv_console.model.mission_file import MissionFile
+from fcsv_console.model.mission_file import MissionFile, differs
 from fcsv_console.model.rehearsal import RUNS, Rehearsal
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_control.flight_check.lines import Line, State
+from fcsv_geometry.mission import Mission
 
 FLOWN = ("GUIDED", "CONFIGURATIONS")
 OVER = ("DONE", "ABORTED")
@@ -68,6 +69,7 @@ class Situation:
     pending: Sequence[str]  # asked for and not answered yet
     file: MissionFile
     rehearsal: Rehearsal
+    flown: Optional[Mission] = None  # as the mission node read it; None: not heard
 
 
 def actions(s: Situation) -> Dict[str, Action]:
@@ -133,7 +135,8 @@ def _of_list(s: Situation, m: f.MissionTold) -> str:
     if m.configurations and s.file.rows and m.configurations != len(s.file.rows):
         return (f"the mission has {m.configurations} configurations, the list shown {len(s.file.rows)}: it reads its "
                 "file when it starts")  # fmt: skip
-    return s.rehearsal.locks
+    other = differs(s.flown, s.file.mission)
+    return f"the mission flies another file: {other}; it reads its file when it starts" if other else s.rehearsal.locks
 
 
 def _of_rehearsal(name: str, s: Situation) -> str:

@@ -52,6 +52,7 @@ class Console:
         self._recorder: Heard[f.Recorder] = Heard(2.5 * STALE_S)
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
+        self._flown: Optional[Mission] = None
         self._rehearsals, self._pictures, self.after = Rehearsals(), Pictures(), AfterFlight()
         self._master_problem = ""
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
@@ -125,6 +126,11 @@ class Console:
             (self._calibrated if isinstance(fact, f.Calibrated) else self._home).tell(now_s, fact, fact.age_s)
         elif isinstance(fact, f.MasterTold):
             self._master_problem = fact.problem
+        elif isinstance(fact, f.MissionFlown):
+            read = files.parse(fact.text, "", self.optics)
+            self._flown = read.mission
+            if not self.file.source and not self.file.text:
+                self.file = read  # no file was named: the mission's own is shown
         elif isinstance(fact, f.RehearsalTold):
             self._rehearsals.tell(fact)
         elif isinstance(fact, (f.JobTold, f.PlacesFound)):
@@ -207,7 +213,7 @@ class Console:
         column = column_problems(self.names, sees)
         rehearsal = self._rehearsals.of(self.file.text)
         situation = Situation(
-            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal
+            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal, self._flown
         )
         return View(
             now_s, rows, mission, alive, self.file, running, self._progress(told), check, actions(situation),

@@ -187,6 +187,13 @@ class MissionTold:
 
 
 @dataclass(frozen=True)
+class MissionFlown:
+    """The text of the mission file that the mission node read when it started."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class MissionAlive:
     """A sign of life of the mission node."""
 
@@ -285,5 +292,5 @@ class MasterTold:
 
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
                   EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
-Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionAlive, StopTold, MapTold, EpipolarTold,
-             MapPicture, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip
+Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionFlown, MissionAlive, StopTold, MapTold,
+             EpipolarTold, MapPicture, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The configurations of a mission file with what each will show, or what is wrong with the file and in which line."""
 
+import dataclasses
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -157,6 +158,23 @@ def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
         overlap_starts_m(c.baseline_m, optics.fov_rad(c.axis), c.tilt_rad), far_m, error_m, (x, y, z),
         heading_rad(T_home_cam), way_m,
     )  # fmt: skip
+
+
+def differs(flown: Optional[Mission], shown: Optional[Mission]) -> str:
+    """What the mission flies otherwise than the file that is shown says; "" where nothing, or one is not known."""
+    if flown is None or shown is None or flown == shown:
+        return ""
+    for i, (a, b) in enumerate(zip(flown.configurations, shown.configurations)):
+        if a != b:
+            return f"configuration {i + 1}: {_apart(a, b)}"
+    found = [n.name for n in dataclasses.fields(Mission) if getattr(flown, n.name) != getattr(shown, n.name)]
+    return "" if found == ["name"] else f"other {' and '.join(n for n in found if n != 'name')}"
+
+
+def _apart(flown, shown) -> str:
+    """Of two configurations."""
+    names = [n.name for n in dataclasses.fields(flown) if getattr(flown, n.name) != getattr(shown, n.name)]
+    return ", ".join(f"{n} is {getattr(flown, n)} there, {getattr(shown, n)} here" for n in names)
 
 
 def overlap_share(row: ConfigurationRow, z_m: float, optics: Optics) -> float:

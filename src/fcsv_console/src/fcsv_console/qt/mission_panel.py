@@ -94,19 +94,19 @@ class MissionPanel(QWidget):
             self._show_file(view.file)
 
     def _show_file(self, file: MissionFile) -> None:
-        if file.source != self._source:
+        if file.source != self._source or not self._saved:
             self._source, self._saved = file.source, file.text
         if self.text.toPlainText() != file.text:
             self._quiet = True
             self.text.setPlainText(file.text)
             self._quiet = False
         changed = file.text != self._saved
-        name = Path(file.source).name or "no file"
+        name = Path(file.source).name or ("the mission's own file" if file.text else "no file")
         words = file.error.words if file.error else f"{name}, changed and not saved" if changed else name
         self.note.setText(words)
         tone = cells.BAD if file.error else cells.CARE if changed else cells.QUIET
         self.note.setStyleSheet(f"color: {colours.tone(tone, self.palette()).name()}")
-        self.save.setEnabled(changed and file.mission is not None)
+        self.save.setEnabled(changed and file.mission is not None and bool(file.source))
         self._mark(file.error.line if file.error else 0)
 
     def _mark(self, line: int) -> None:

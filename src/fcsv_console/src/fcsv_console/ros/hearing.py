@@ -21,10 +21,14 @@ NO_MASTER = "the ROS master does not answer"
 
 
 class Hearing:
-    """``subscribe`` once rospy knows its master; ``take`` from any thread, again and again."""
+    """``subscribe`` once rospy knows its master; ``take`` from any thread, again and again.
 
-    def __init__(self, vehicles: Sequence[str]):
+    ``recorded``: a bag is played. Its pictures are those of the camera; in flight only compressed ones cross the radio.
+    """
+
+    def __init__(self, vehicles: Sequence[str], recorded: bool = False):
         self._vehicles = list(vehicles)
+        self._of_vehicle = dict(messages.OF_VEHICLE, **(messages.RECORDED if recorded else {}))
         self._waiting: Deque[Tuple[float, Any]] = deque(maxlen=_MOST)
         self._subscribers: List[rospy.Subscriber] = []
         self._over = threading.Event()
@@ -33,7 +37,7 @@ class Hearing:
     def subscribe(self) -> None:
         """To every topic, of every vehicle."""
         for name in self._vehicles:
-            for topic, (kind, convert) in messages.OF_VEHICLE.items():
+            for topic, (kind, convert) in self._of_vehicle.items():
                 self._hear(f"/{name}/{topic}", kind, name, topic, convert)
         for topic, (kind, convert) in messages.OF_CONTROL.items():
             self._hear(topic, kind, "", topic, convert)

@@ -4,12 +4,14 @@
 import math
 from typing import Any, Callable, Dict, List, Tuple
 
+import cv2
 import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, CompressedImage, Image
+from std_msgs.msg import String
 
 from fcsv_console.model import facts as f
 from fcsv_control.mission.places import heading_rad
@@ -127,6 +129,17 @@ OF_VEHICLE: Dict[str, Tuple[Any, Convert]] = {
 }
 
 
+def _recorded_picture(name: str, m: Image) -> f.Fact:
+    done, data = cv2.imencode(".jpg", conversions.image_to_array(m, "bgr8"))
+    if not done:
+        raise GeometryError(f"a picture of {m.width} x {m.height} cannot be compressed")
+    return f.PictureHeard(name, m.header.stamp.to_sec(), data.tobytes())
+
+
+#: the same of what only a bag holds
+RECORDED: Dict[str, Tuple[Any, Convert]] = {"camera/color/image_raw": (Image, _recorded_picture)}
+
+
 def _mission(_name: str, m: MissionState) -> f.Fact:
     return f.MissionTold(m.phase_name, m.detail, m.waits_for, m.configuration, m.configurations, tuple(m.problems))
 
@@ -148,6 +161,7 @@ def _calibrated(_name: str, m: Epochs) -> f.Fact:
 #: topic on the control PC -> type, conversion
 OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
     "/mission/state": (MissionState, _mission),
+    "/mission/file": (String, lambda _name, m: f.MissionFlown(m.data)),
     "/mission/alive": (Heartbeat, lambda _name, m: f.MissionAlive(m.instance)),
     "/flight_check": (FlightCheck, _check),
     "/stop_all/report": (StopReport, _stop),

@@ -63,9 +63,9 @@ def _parameters() -> dict:
 class Shell:
     """``view`` takes in what came meanwhile; ``do`` asks for an action by name. Both of one thread; neither waits."""
 
-    def __init__(self, console: Console, name: str):
+    def __init__(self, console: Console, name: str, recorded: bool = False):
         self.console, self._name = console, name
-        self._hearing, self._commands = Hearing(console.names), None
+        self._hearing, self._commands = Hearing(console.names, recorded), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
         self.events: Optional[EventFile] = None
         self._after = AfterRunner(self._hearing.put)
@@ -174,16 +174,21 @@ class Shell:
         rospy.signal_shutdown("the console was closed")
 
 
-def open_shell(name: str, vehicles: Sequence[str], mission: str, target_m: float, keeps: bool = False) -> Shell:
+def open_shell(
+    name: str, vehicles: Sequence[str], mission: str, target_m: float, keeps: bool = False, vehicles_dir: str = "",
+    recorded: bool = False,
+) -> Shell:  # fmt: skip
     """With the fleet that is found; ``keeps`` its events with the mission node's session.
+
+    ``recorded``: a bag is played, and pictures come as vehicles record them.
 
     Raises ConfigError where a vehicle file cannot be used.
     """
-    found = fleet(vehicles, mission)
+    found = fleet(vehicles, mission, vehicles_dir)
     console = Console(found.vehicles, found.tags, target_m=target_m)
     if found.mission:
         console.load(found.mission)
-    shell = Shell(console, name)
+    shell = Shell(console, name, recorded)
     shell.name_places(usual_places(found))
     if keeps and found.session_dir:
         shell.keep_events(found.session_dir)

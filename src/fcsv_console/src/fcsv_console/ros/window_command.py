@@ -28,15 +28,11 @@ THEMES = {"dark": colours.dark, "light": colours.light}
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status: 0; 2 where a vehicle file cannot be used."""
-    parser = argparse.ArgumentParser(prog="console", description=__doc__)
-    parser.add_argument("--vehicles", default="", help="the column, front first; default: the mission node's")
-    parser.add_argument("--mission", default="", help="mission file; default: the mission node's")
-    parser.add_argument("--target-m", type=float, default=0.0, help="range wanted; default: the configuration's")
-    parser.add_argument("--theme", choices=("system", *THEMES), default="system", help="colours; else the desktop's")
-    arguments = parser.parse_args(argv if argv is not None else rospy.myargv()[1:])
+    arguments = parser().parse_args(argv if argv is not None else rospy.myargv()[1:])
     names = [n for n in arguments.vehicles.split(",") if n]
     try:
-        shell = open_shell("console", names, arguments.mission, arguments.target_m, keeps=True)
+        shell = open_shell("console", names, arguments.mission, arguments.target_m, keeps=True,
+                           vehicles_dir=arguments.vehicles_dir, recorded=arguments.recorded)  # fmt: skip
     except FcsvError as error:
         print(f"console: {error}", file=sys.stderr)
         return 2
@@ -51,6 +47,18 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     shell.close()
     sys.stdout.flush()
     os._exit(int(status))  # threads of rospy and rviz still run: Qt would be torn down beneath them
+
+
+def parser() -> argparse.ArgumentParser:
+    """Of the command line."""
+    found = argparse.ArgumentParser(prog="console", description=__doc__)
+    found.add_argument("--vehicles", default="", help="the column, front first; default: the mission node's")
+    found.add_argument("--mission", default="", help="mission file; default: the mission node's")
+    found.add_argument("--target-m", type=float, default=0.0, help="range wanted; default: the configuration's")
+    found.add_argument("--vehicles-dir", default="", help="their files; default: the mission node's, else the usual")
+    found.add_argument("--recorded", action="store_true", help="a bag is played: show the pictures that it holds")
+    found.add_argument("--theme", choices=("system", *THEMES), default="system", help="colours; else the desktop's")
+    return found
 
 
 def application(theme: str = "system") -> QApplication:

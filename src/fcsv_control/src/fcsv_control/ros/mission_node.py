@@ -5,6 +5,7 @@ import os
 import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import List, Optional
 
 import rospy
@@ -89,6 +90,8 @@ class MissionNode:
         self._begun_s = time.monotonic()
         self._state = rospy.Publisher("/mission/state", MissionState, queue_size=10, latch=True)
         self._captures = rospy.Publisher("/mission/capture", Capture, queue_size=50, latch=True)
+        self._file = rospy.Publisher("/mission/file", String, queue_size=1, latch=True)
+        self._file.publish(String(Path(self._parameters.mission).read_text()))
         self._commands = {n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in names}
         self._calibrate = rospy.ServiceProxy("/calibrate", Calibrate)
         self._set_home = rospy.ServiceProxy("/set_home", SetHome)
@@ -254,18 +257,11 @@ class MissionNode:
         m = self._machine
         self._health.value("phase", m.phase)
         self._health.problem("mission", "; ".join(m.problems))
-        self._state.publish(
-            MissionState(
-                header=conversions.header(rospy.get_time(), ""),
-                phase=PHASES.index(m.phase),
-                phase_name=m.phase,
-                detail=m.detail,
-                waits_for=m.waits_for,
-                configuration=m.configuration,
-                configurations=len(self._mission.configurations),
-                problems=m.problems,
-            )
-        )
+        self._state.publish(MissionState(
+            header=conversions.header(rospy.get_time(), ""), phase=PHASES.index(m.phase), phase_name=m.phase,
+            detail=m.detail, waits_for=m.waits_for, configuration=m.configuration,
+            configurations=len(self._mission.configurations), problems=m.problems,
+        ))  # fmt: skip
         if self._restored is not None and not self._judged:
             return  # after a restart recordings are told again, once who records them is connected
         wall_s = rospy.get_time()
