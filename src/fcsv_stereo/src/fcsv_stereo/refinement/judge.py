@@ -8,7 +8,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.pose_covariance import prior_covariance
+from fcsv_stereo.pose_covariance import of_scale, prior_covariance
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.features import View
 from fcsv_stereo.refinement.geometry import epipolar_error
@@ -30,7 +30,7 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
         reason = direct.reason or "no picture that it overlaps with could be refined"
     compared = 0
     if not reason:
-        covariance = _covariance(views[0], adjusted, k)
+        covariance = _covariance(views[0], adjusted, k, options)
         T_home_cam = views[0].picture.T_home_cam @ adjusted.poses[k]
         if _no_gain(views, k, covariance, options):
             sigma_deg = np.degrees(np.sqrt(np.diag(covariance)[:3]).max())
@@ -80,12 +80,14 @@ def _position_surprise_m(views: List[View], k: int, options: RefineOptions) -> f
     return _SURPRISE * prior_to_reference(views, k, options.prior).position_m
 
 
-def _covariance(reference: View, adjusted, k: int) -> np.ndarray:
-    """6x6, rotation in camera axes and position turned from camera to home axes."""
+def _covariance(reference: View, adjusted, k: int, options: RefineOptions) -> np.ndarray:
+    """6x6, rotation in camera axes and position turned from camera to home axes; with the scale that all share."""
     i = adjusted.order.index(k)
+    R_home_ref = reference.picture.T_home_cam[:3, :3]
     turn = np.eye(6)
-    turn[3:, 3:] = reference.picture.T_home_cam[:3, :3] @ adjusted.poses[k][:3, :3]
-    return turn @ adjusted.covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] @ turn.T
+    turn[3:, 3:] = R_home_ref @ adjusted.poses[k][:3, :3]
+    fitted = turn @ adjusted.covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] @ turn.T
+    return fitted + of_scale(R_home_ref @ adjusted.poses[k][:3, 3], options.prior.scale_sigma)
 
 
 def _prior(views: List[View], k: int, options: RefineOptions) -> np.ndarray:
