@@ -5,8 +5,8 @@
 
 All positions of a scene of make bench are multiplied by one scale that is drawn, and have independent errors besides.
 The same poses are given three ways: with nothing said of the scale; with its standard deviation in each position apart
-(as import_photos wrote until 2026-11-25); with it as ``scale_sigma``, one for all. Scales are compared after refinement;
-of --maps draws a scene the whole map's errors with its sigma.
+(as import_photos wrote until 2026-11-25); with it as ``scale_sigma``, one for all. Scales are compared after
+refinement, and of --maps draws a scene the whole map's errors with its sigma.
 """
 
 import argparse
