@@ -13,8 +13,8 @@ from fcsv_geometry.home import places_in_home
 from fcsv_geometry.tracker import T265_PROFILE
 from fcsv_stereo import pose_covariance
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput
-from fcsv_stereo.refinement import refine
+from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, PosePrior
+from fcsv_stereo.refinement import RefineOptions, refine
 from fcsv_stereo.refinement.adjust import Problem, _with_shared
 from fcsv_stereo.refinement.geometry import PairPrior
 from fcsv_tracking.calibration import Link
@@ -179,6 +179,16 @@ def test_the_scale_of_one_vehicles_pictures_does_not_average_out(flown):
     assert min(scale_sigmas(one, reference)) > 1.05 * min(scale_sigmas(two, reference))
     sigma_rad = np.sqrt(max(np.diag(r.covariance)[:3].max() for r in one.others))
     assert sigma_rad < 0.1 * np.radians(0.5)  # the pictures fix the rotation, whatever the prior
+
+
+def test_a_common_scale_is_in_every_picture_whole_and_moves_none(flown):
+    """By the same share in all of them, on top of what was there: it neither averages out nor loosens the positions."""
+    reference, *others = flown
+    exact, scaled = (refine(reference, others, RefineOptions(prior=PosePrior(scale_sigma=s))) for s in (0.0, 0.05))
+    for a, b in zip(exact.others, scaled.others):
+        assert a.refined and np.array_equal(a.picture.T_home_cam, b.picture.T_home_cam)
+    sigmas = np.array([scale_sigmas(r, reference) for r in (exact, scaled)])
+    np.testing.assert_allclose(sigmas[1], np.hypot(sigmas[0], 0.05), rtol=1e-6)
 
 
 def test_a_better_known_flight_has_a_smaller_sigma_and_a_worse_one_a_larger(flown):

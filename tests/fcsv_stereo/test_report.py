@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from plotly.offline import get_plotlyjs
 from scipy.spatial import cKDTree
-from support.scenes import CAMERA, given, true_depth
+from support.scenes import CAMERA, given, texture, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.evaluation import evaluate
-from fcsv_stereo.report import cloud_view, evidence, figures, page, plain_words, write_report
+from fcsv_stereo.report import cloud_view, evidence, figures, page, plain_words, sections, write_report
 from fcsv_stereo.report.figures import _with_none
 from fcsv_stereo.report.parts import Paragraph
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
@@ -115,6 +115,25 @@ def test_warnings_in_plain_words(result):
     assert "tilt it inwards" not in words and "photographs that show more of the same: horizontal 0 (30%)" in words
     watched = replace(bad, watched=[p.other_name for p in bad.pairs])  # what moved was looked for, and left out
     assert not any("not taken at one time" in w for w in plain_words.warnings(watched, pairs, [], truth))
+
+
+def test_a_picture_of_another_place_stands_out(scene, result):
+    """Block matching finds depths for half of it all the same; corners are not where these say."""
+    foreign = [replace(c, others=[replace(p, image=texture(9)[:240, :320].copy()) for p in c.others])
+               for c in scene.configurations[1:2]]  # fmt: skip
+    found = mapped(replace(scene, configurations=foreign))
+    assert found.coverage > plain_words.LEAST_COVERAGE
+    words = plain_words.warnings(found, [evidence.pair_evidence(found, 0)], [], None)
+    assert any("shows another place" in w for w in words), words
+    assert all(evidence.pair_evidence(result, i).found > 0.5 for i in range(3))
+
+
+def test_who_takes_poses_as_they_come_is_told_what_does_not_show(result):
+    """A baseline 20 % too long makes all depths so, and no picture says it."""
+    refined = replace(result, images=[replace(i, refined=True) for i in result.images])
+    said = [sections.summary(sections.ReportData(r, [], []))[0].text for r in (result, refined)]
+    assert said[0].startswith("Nothing stands out as wrong. Poses were taken as they came")
+    assert said[1] == "Nothing stands out as wrong."
 
 
 @pytest.mark.parametrize("factor, times, words", [

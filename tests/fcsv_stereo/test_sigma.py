@@ -3,8 +3,9 @@
 
 import numpy as np
 import pytest
+from support.scenes import camera_pose, picture
 
-from fcsv_stereo.joint.checks.sigma import matching_sigma
+from fcsv_stereo.joint.checks.sigma import geometry_sigma, matching_sigma
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.refine.subpixel import Fine
 from fcsv_stereo.joint.tuning import RESIDUALS
@@ -55,6 +56,18 @@ def test_a_step_makes_its_surroundings_uncertain_and_no_more(kind):
 
 def test_a_match_that_tells_nothing_says_so_whatever_else_speaks_for_it():
     assert middle(match(noise=2.0)) >= 2.0
+
+
+def test_a_place_beside_a_camera_disturbs_no_other():
+    """There the picture moves without end with inverse depth, which no float's square holds."""
+    reference, other = (picture(n, n, 0.0, camera_pose([0.0, y, 0.0])) for n, y in (("a", 0.0), ("b", -1.0)))
+    fine, covariance = match(trust=0.9), np.diag([1e-6] * 6)
+    calm = geometry_sigma(reference, [other] * 2, [covariance] * 2, fine)
+    fine.residuals.speed[1, 0, 0], fine.residuals.slope[1, 0, 0] = 1e30, np.inf
+    fine.residuals.trust[1, 0, 0] = 0.0
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        found = geometry_sigma(reference, [other] * 2, [covariance] * 2, fine)
+    assert np.isfinite(found).all() and np.allclose(found[SIZE // 2 :], calm[SIZE // 2 :], rtol=1e-3)
 
 
 def test_infinity_has_a_sigma_that_is_a_number():

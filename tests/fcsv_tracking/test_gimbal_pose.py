@@ -203,3 +203,9 @@ def test_a_start_that_runs_away_does_not_take_the_pose_along():
     nowhere = [dataclasses.replace(o, T_cam_tag=away) for o in observations]
     with pytest.raises(SampleRejected, match="fit no pose"):
         see_body(nowhere, {t.id: t for t in tags}, CAMERA.fx, RULES)
+
+
+def test_a_fit_that_runs_away_has_a_jacobian_that_is_a_number():
+    T, points = tf.from_xyz_rpy([0.0, 0.0, 1e200], [0.0, 0.0, 0.0]), np.eye(3)
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        assert np.isfinite(projection_jacobian(T, points)).all()

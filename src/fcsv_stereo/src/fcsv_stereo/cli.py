@@ -27,8 +27,8 @@ from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow
 _OPTIONS_OF = {
     "thesis": ("matcher", "rectify", "disparity", "across_axes", *(f"trim_{k}" for k in (*AXES, "all"))),
     "joint": (
-        "complete", "no_refine", "prior_rotation_deg", "prior_position_m", "prior_position_percent", "refine_focal",
-        "keep_camera", "refine_time_offset",
+        "complete", "no_refine", "prior_rotation_deg", "prior_position_m", "prior_position_percent",
+        "prior_scale_percent", "refine_focal", "keep_camera", "refine_time_offset",
     ),
 }  # fmt: skip
 _EXAMPLES = """examples:
@@ -92,14 +92,16 @@ def _joint(args, threshold: ErrorThreshold) -> JointOptions:
 def _prior(args) -> Optional[PosePrior]:
     """What the user says of the poses; what he does not say stays as it is assumed."""
     rotation_deg, position_m, percent = args.prior_rotation_deg, args.prior_position_m, args.prior_position_percent
-    if rotation_deg is None and position_m is None and percent is None:
+    scale_percent = args.prior_scale_percent
+    if rotation_deg is None and position_m is None and percent is None and scale_percent is None:
         return None
     assumed = PosePrior()
     if position_m is None and percent is None:
         position_m, share = assumed.position_m, assumed.position_share
     else:
         position_m, share = position_m or 0.0, (percent or 0.0) / 100.0
-    return PosePrior(assumed.rotation_rad if rotation_deg is None else math.radians(rotation_deg), position_m, share)
+    rotation_rad = assumed.rotation_rad if rotation_deg is None else math.radians(rotation_deg)
+    return PosePrior(rotation_rad, position_m, share, (scale_percent or 0.0) / 100.0)
 
 
 def _thesis(args, threshold: ErrorThreshold) -> ThesisOptions:
@@ -184,6 +186,7 @@ def _parser() -> argparse.ArgumentParser:
         ("rotation-deg", "degrees, standard deviation per axis"),
         ("position-m", "m, standard deviation per axis"),
         ("position-percent", "of the distance from the reference picture, standard deviation per axis"),
+        ("scale-percent", "of one scale that all positions share, standard deviation"),
     ):
         parser.add_argument(
             f"--prior-{name}", type=float, metavar="X",

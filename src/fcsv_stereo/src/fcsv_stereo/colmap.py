@@ -16,7 +16,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.exposure import Exposure
-from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture
+from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture, PosePrior
 from fcsv_stereo.priors import FILE as PRIORS
 from fcsv_stereo.priors import read_priors
 
@@ -59,9 +59,11 @@ def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
         raise InputError(f"{folder / 'images.txt'}: holds {len(posed)} picture; a pair needs two")
     _require_poses(folder, by_name)
     first = by_name[reference] if reference else posed[0]
-    pictures = _load(folder, posed, cameras)
+    pictures, prior = _load(folder, posed, cameras), None
     if (folder / PRIORS).is_file():
-        known = read_priors(folder / PRIORS, by_name)  # errors of one vehicle's poses would count as one drift
+        known, scale_sigma = read_priors(folder / PRIORS, by_name)
+        prior = PosePrior(scale_sigma=scale_sigma)
+        # errors of one vehicle's poses would count as one drift
         pictures = {n: replace(p, covariance=known[n], vehicle=n) for n, p in pictures.items()}
     view = pictures[first.name]
     configurations = [
@@ -69,7 +71,7 @@ def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
         for p in posed
         if p.name != first.name
     ]
-    return MapInput(InputKind.PHOTOGRAPHS, configurations)
+    return MapInput(InputKind.PHOTOGRAPHS, configurations, prior=prior)
 
 
 def read_cameras(path: Path) -> Dict[int, PinholeCamera]:

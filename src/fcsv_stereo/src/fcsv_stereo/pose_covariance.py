@@ -153,12 +153,24 @@ def to_camera(picture, position_too: bool) -> np.ndarray:
 def prior_covariance(reference, other, prior) -> np.ndarray:
     """(6, 6) of other's pose relative to the reference: rotation (rad, camera axes), position (m, home's axes).
 
-    From the pictures' covariances; a PosePrior serves where they have none.
+    From the pictures' covariances; a PosePrior serves where they have none. The scale's error is in both.
     """
+    arm_m = other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
     known = relative(reference, other)
     if known is not None:
         turn = to_camera(other, position_too=False)
-        return turn @ known @ turn.T
-    distance_m = float(np.linalg.norm(other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
-    sigmas = [prior.rotation_rad, prior.position_sigma_m(distance_m)]
-    return np.diag(np.repeat(sigmas, 3) ** 2)
+        return turn @ known @ turn.T + of_scale(arm_m, prior.scale_sigma)
+    sigmas = [prior.rotation_rad, prior.position_sigma_m(float(np.linalg.norm(arm_m)))]
+    return np.diag(np.repeat(sigmas, 3) ** 2) + of_scale(arm_m, prior.scale_sigma)
+
+
+def of_scale(arm_m: np.ndarray, scale_sigma: float) -> np.ndarray:
+    """(6, 6), rotation first: what a scale known to ``scale_sigma`` (a share) makes of a position ``arm_m`` (3,) from
+    the reference. The pictures fit as well at any scale, so it is added to whatever they say of the pose.
+
+    >>> of_scale(np.array([2.0, 0.0, 0.0]), 0.05)[3:, 3:].diagonal().round(4).tolist()
+    [0.01, 0.0, 0.0]
+    """
+    covariance = np.zeros((6, 6))
+    covariance[3:, 3:] = scale_sigma**2 * np.outer(arm_m, arm_m)
+    return covariance

@@ -1,35 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
 """``priors.csv`` beside ``images.txt``: how well the pose of each photograph is known.
 
-    name,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg
-    0001.jpg,0.02,0.02,0.03,0.1,0.1,0.2
+    name,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg,scale_sigma
+    0001.jpg,0.02,0.02,0.03,0.1,0.1,0.2,0.015
 
 Standard deviations: of the camera's position along the model's axes, and of a small turn about each of them. Errors of
-two pictures count as independent.
+two pictures count as independent. The last column may be missing: of the scale of the whole model, a share and the same
+in every line, because its error is one for all pictures.
 """
 
 import csv
 from pathlib import Path
-from typing import Collection, Dict
+from typing import Collection, Dict, Optional, Tuple
 
 import numpy as np
 
 from fcsv_stereo.errors import InputError
 
 FILE = "priors.csv"
-_COLUMNS = ("x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg")
+COLUMNS, SCALE = ("name", "x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg"), "scale_sigma"
 
 
-def read_priors(path: Path, names: Collection[str]) -> Dict[str, np.ndarray]:
-    """(6, 6) covariances in home (``pose_covariance``) by picture; every one of ``names`` must have one.
+def read_priors(path: Path, names: Collection[str]) -> Tuple[Dict[str, np.ndarray], float]:
+    """(6, 6) covariances in home (``pose_covariance``) by picture, and the scale's standard deviation (a share, 0
+    without its column). Every one of ``names`` must have a line.
 
     Raises InputError naming the line that is wrong.
     """
     found: Dict[str, np.ndarray] = {}
+    scale_sigma: Optional[float] = None
     with open(path, newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file)
-        if tuple(reader.fieldnames or ()) != ("name", *_COLUMNS):
-            raise InputError(f"{path}, line 1: the columns must be name,{','.join(_COLUMNS)}")
+        columns = tuple(reader.fieldnames or ())
+        if columns not in (COLUMNS, (*COLUMNS, SCALE)):
+            raise InputError(f"{path}, line 1: the columns must be {','.join(COLUMNS)} and may end with {SCALE}")
         for row in reader:
             where, name = f"{path}, line {reader.line_num}", row["name"]
             if name not in names:
@@ -37,16 +41,30 @@ def read_priors(path: Path, names: Collection[str]) -> Dict[str, np.ndarray]:
             if name in found:
                 raise InputError(f"{where}: '{name}' stands there twice")
             found[name] = np.diag(np.square(_sigmas(row, where)))
+            if SCALE in columns:
+                scale_sigma = _scale(row, where, scale_sigma)
     lacking = sorted(set(names) - set(found))
     if lacking:
         raise InputError(f"{path}: says nothing of {lacking[0]}; give every picture of images.txt a line")
-    return found
+    return found, scale_sigma or 0.0
+
+
+def _scale(row: Dict[str, str], where: str, before: Optional[float]) -> float:
+    try:
+        value = float(row[SCALE])
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}: {SCALE} is no number ({error})") from error
+    if not 0.0 <= value < 1.0:
+        raise InputError(f"{where}: {SCALE} is a share of the scale, 0 to below 1")
+    if before is not None and value != before:
+        raise InputError(f"{where}: {SCALE} must be the same in every line, it is one scale")
+    return value
 
 
 def _sigmas(row: Dict[str, str], where: str) -> np.ndarray:
     """(6,) m and rad."""
     try:
-        values = np.array([float(row[c]) for c in _COLUMNS])
+        values = np.array([float(row[c]) for c in COLUMNS[1:]])
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: not six numbers ({error})") from error
     if not np.isfinite(values).all() or values.min() <= 0.0:

@@ -86,9 +86,12 @@ def match_jointly(
     others: Sequence[Picture],
     options: Optional[MatchOptions] = None,
     covariances: Optional[Sequence[Optional[np.ndarray]]] = None,
+    untold: Optional[Sequence[np.ndarray]] = None,
 ) -> JointDepth:
     """Depth of ``reference`` from all ``others``; poses are taken as they are, with their 6x6 ``covariances``.
 
+    ``untold`` (6x6 each) is besides in these poses whatever the pixels say (``RefinedPicture.untold``): it is in sigma,
+    and has no part in what speaks for a depth.
     Raises MatchingError where no other picture can be used.
     """
     options = options or MatchOptions()
@@ -109,6 +112,9 @@ def match_jointly(
     sigma_w = np.hypot(matching_sigma(fine, known), geometry)
     with ThreadPoolExecutor(options.threads) as pool:
         kind, columns = _judged(pictures, fine, sigma_w, known, options, pool)
+    if untold:
+        besides = geometry_sigma(reference, pictures.others, [untold[i] for i in used], fine)
+        sigma_w = np.hypot(sigma_w, besides)
     depth, sigma, support = _certain_depth(fine, sigma_w, reference.blank, options)
     if reference.blank is not None:
         kind[reference.blank] = Kind.NOTHING

@@ -33,7 +33,7 @@ from fcsv_stereo.model import (
     Reference,
     silent,
 )
-from fcsv_stereo.pose_covariance import prior_covariance
+from fcsv_stereo.pose_covariance import of_scale, prior_covariance
 from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions, refine
 
 
@@ -127,7 +127,8 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     matching = replace(options.matching, adjust_poses=options.refine_poses)
     if options.scale < 1.0:
         reference, pictures = reference.shrunk(options.scale), [p.shrunk(options.scale) for p in pictures]
-    found = match_jointly(reference, pictures, matching, [refined[i].covariance for i in kept])
+    told = [refined[i].covariance - refined[i].untold for i in kept]
+    found = match_jointly(reference, pictures, matching, told, [refined[i].untold for i in kept])
     for i, picture in zip(found.used, found.pictures):
         pictures[i] = picture
         refined[kept[i]] = replace(refined[kept[i]], picture=picture)
@@ -185,7 +186,8 @@ def _refine(
     unrefined = []
     for o in others:
         covariance, nan = prior_covariance(reference, o, prior), float("nan")
-        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, covariance))
+        untold = of_scale(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3], prior.scale_sigma)
+        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, covariance, untold))
     return reference, unrefined
 
 

@@ -17,12 +17,15 @@ from fcsv_stereo.model.words import InputKind
 class PosePrior:
     """Standard deviations, per axis, of a picture's prior pose relative to the reference's.
 
-    The position's is ``position_m`` plus, in quadrature, ``position_share`` of the distance from the reference.
+    The position's is ``position_m`` plus, in quadrature, ``position_share`` of the distance from the reference; these
+    errors count as independent. ``scale_sigma`` is of one scale (a share) that all positions have in common besides:
+    no picture tells it, so that it stays in every depth however many pictures there are.
     """
 
     rotation_rad: float = float(np.radians(0.3))
     position_m: float = 0.02
     position_share: float = 0.01
+    scale_sigma: float = 0.0
 
     def __post_init__(self):
         if not 0.0 < self.rotation_rad <= np.pi or not np.isfinite(self.rotation_rad):
@@ -30,6 +33,8 @@ class PosePrior:
         shares = (self.position_m, self.position_share)
         if not np.isfinite(shares).all() or min(shares) < 0.0 or max(shares) <= 0.0:
             raise InputError(f"prior of position is {self.position_m} m and {self.position_share} of the distance")
+        if not 0.0 <= self.scale_sigma < 1.0:
+            raise InputError(f"scale_sigma is {self.scale_sigma}; it is a share of the scale, 0 to below 1")
 
     def position_sigma_m(self, distance_m: float) -> float:
         """Per axis, at a distance from the reference.
@@ -59,7 +64,7 @@ class MapInput:
     """``kind`` (or its word) says what poses there can be.
 
     ``prior`` says how good the poses of pictures without a covariance are, where that is known better than the method
-    assumes.
+    assumes. Its ``scale_sigma`` is of all positions, also of those whose pictures have a covariance.
     """
 
     kind: InputKind

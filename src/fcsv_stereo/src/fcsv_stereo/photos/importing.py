@@ -124,14 +124,14 @@ def _placed(tags: Dict[str, Tags], posed: List[PosedImage], upright: bool):
 
 
 def _priors(posed: List[PosedImage], similarity: Similarity) -> str:
-    """priors.csv. The scale's error is in all positions; it counts by the distance from the first photograph."""
-    lines = ["name,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg"]
+    """priors.csv: of each position a share of the distance from the first photograph, and the scale that all share."""
+    lines = [",".join([*priors.COLUMNS, priors.SCALE])]
     places = np.array([p.T_home_cam[:3, 3] for p in posed])
-    share = float(np.hypot(similarity.scale_sigma, POSITION_SHARE))
     nearest_m = min(np.linalg.norm(places[1:] - places[0], axis=1), default=1.0)
     for p, place in zip(posed, places):
-        sigma_m = share * max(float(np.linalg.norm(place - places[0])), float(nearest_m))
-        lines.append(",".join([p.name, *[f"{sigma_m:.6g}"] * 3, *[f"{ROTATION_SIGMA_DEG:g}"] * 3]))
+        sigma_m = POSITION_SHARE * max(float(np.linalg.norm(place - places[0])), float(nearest_m))
+        sigmas = [*[f"{sigma_m:.6g}"] * 3, *[f"{ROTATION_SIGMA_DEG:g}"] * 3, f"{similarity.scale_sigma:.6g}"]
+        lines.append(",".join([p.name, *sigmas]))
     return "\n".join(lines) + "\n"
 
 

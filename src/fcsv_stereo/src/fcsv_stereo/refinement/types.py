@@ -41,7 +41,8 @@ class RefinedPicture:
 
     ``covariance`` is 6x6 of the pose relative to the reference: rotation (rad, camera axes), position (m, home axes).
     ``inliers`` of a refused one: those that agree with a prior which they do not better. The epipolar errors are rms
-    over the inliers (px), NaN where there are none; ``reason`` says why it was refused.
+    over the inliers (px), NaN where there are none; ``reason`` says why it was refused. ``untold`` (6x6) is the part of
+    the covariance that stays however many pixels are compared: the scale that all poses share.
     """
 
     picture: Picture
@@ -52,6 +53,7 @@ class RefinedPicture:
     epipolar_before_px: float
     epipolar_after_px: float
     covariance: np.ndarray
+    untold: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
 
     @property
     def correction_rad(self) -> float:

@@ -14,6 +14,7 @@ _FAR_M = 1e5  # where a pixel without depth is taken to look
 _STEP_PX = 4  # of the grid on which overlap is counted
 _CORNERS = 600
 _LEAST_CORNERS = 20  # about a seam, for each pair
+_LEAST_LOOKED_FOR = 50
 _SEAM_SHARE = 0.15  # half-width of the range about a trim point in which two pairs are compared
 
 
@@ -21,7 +22,8 @@ _SEAM_SHARE = 0.15  # half-width of the range about a trim point in which two pa
 class PairEvidence:
     """Of one pair: ``overlap`` is the share of the reference's view that the other sees; the epipolar offset (px, rms
     and median) is that of corners across the epipolar line, None where too few were found; ``carried_m`` holds 5th and
-    95th percentile of the depths that the map took from it, None where it took none."""
+    95th percentile of the depths that the map took from it, None where it took none. ``found`` is the share of the
+    corners looked for that are where their depth says, None where there was hardly a corner."""
 
     overlap: float
     epipolar_rms_px: Optional[float]
@@ -29,6 +31,7 @@ class PairEvidence:
     corners: int
     points: int
     carried_m: Optional[Tuple[float, float]]
+    found: Optional[float] = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ class Seam:
 def pair_evidence(result: MapResult, index: int) -> PairEvidence:
     """All about one pair of the map."""
     p = result.pairs[index]
-    offsets = epipolar_offsets(p)
+    offsets, looked_for = epipolar_offsets(p), len(corners(p))
+    found = len(offsets) / looked_for if looked_for >= _LEAST_LOOKED_FOR else None
     enough = len(offsets) >= 20
     # beyond three robust deviations it is a wrong correspondence
     if enough:
@@ -62,7 +66,7 @@ def pair_evidence(result: MapResult, index: int) -> PairEvidence:
         carried = tuple(float(v) for v in np.percentile(z, [5, 95]))
     rms = float(np.sqrt(np.mean(offsets**2))) if enough else None
     middle = float(np.median(np.abs(offsets))) if enough else None
-    return PairEvidence(overlap(result, p), rms, middle, len(offsets), int(mine.sum()), carried)
+    return PairEvidence(overlap(result, p), rms, middle, len(offsets), int(mine.sum()), carried, found)
 
 
 def overlap(result: MapResult, p: Pair) -> float:
@@ -91,15 +95,10 @@ def epipolar_offsets(p: Pair) -> np.ndarray:
 
 def followed(p: Pair) -> Tuple[np.ndarray, np.ndarray]:
     """Disparities (N,) px of corners, and how far (N,2) px from where these say they are in the other picture."""
-    a, b = (cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (p.reference_rectified, p.other_rectified))
-    known = np.isfinite(p.disparity)
-    if a.shape != b.shape or known.shape != a.shape or not known.any():
+    start, along = corners(p), _along(p)
+    if not len(start):
         return np.empty(0), np.empty((0, 2))
-    found = cv2.goodFeaturesToTrack(a, _CORNERS, 0.01, 6, mask=known.astype(np.uint8))
-    if found is None:
-        return np.empty(0), np.empty((0, 2))
-    along = _along(p)
-    start = found.reshape(-1, 2)
+    a, b = _greys(p)
     u, v = np.rint(start).astype(int).T
     guess = start.copy()
     guess[:, along] -= p.disparity[v, u]
@@ -109,6 +108,20 @@ def followed(p: Pair) -> Tuple[np.ndarray, np.ndarray]:
     kept = (good.ravel() == 1) & (good_back.ravel() == 1) & (np.hypot(*(back - start).T) < 0.5)
     kept &= np.abs(there - guess)[:, along] < 3.0
     return p.disparity[v, u][kept].astype(float), (there - guess)[kept].astype(float)
+
+
+def corners(p: Pair) -> np.ndarray:
+    """(N,2) px float32, in the rectified reference picture, where there is a disparity to look for them by."""
+    a, b = _greys(p)
+    known = np.isfinite(p.disparity)
+    if a.shape != b.shape or known.shape != a.shape or not known.any():
+        return np.empty((0, 2), np.float32)
+    found = cv2.goodFeaturesToTrack(a, _CORNERS, 0.01, 6, mask=known.astype(np.uint8))
+    return np.empty((0, 2), np.float32) if found is None else found.reshape(-1, 2)
+
+
+def _greys(p: Pair) -> Tuple[np.ndarray, np.ndarray]:
+    return tuple(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) for i in (p.reference_rectified, p.other_rectified))
 
 
 def _along(p: Pair) -> int:

@@ -9,7 +9,7 @@ from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction
 
-LEAST_COVERAGE, LEAST_MATCHED, LEAST_OVERLAP = 0.25, 0.3, 0.5
+LEAST_COVERAGE, LEAST_MATCHED, LEAST_OVERLAP, LEAST_FOUND = 0.25, 0.3, 0.5, 0.1
 MOST_EPIPOLAR_PX, MOST_CORRECTION_DEG, MOST_SEAM, MOST_APART_S = 1.0, 1.0, 0.05, 0.2
 WIDE_SIGMA, MOST_WIDE = 0.1, 0.25
 MOST_WRONG, LEAST_WITHIN_2, MOST_WITHIN_1 = 0.1, 0.8, 0.9  # against truth; 68 % and 95 % would be right
@@ -38,18 +38,21 @@ def warnings(
 
 def _of_pairs(result: MapResult, evidence: Sequence[PairEvidence]) -> List[str]:
     stamps = {i.name: i.stamp_s for i in result.images}
-    narrow, poor, off, apart = [], [], [], []
+    narrow, poor, lost, off, apart = [], [], [], [], []
     for p, e in zip(result.pairs, evidence):
         name = p.configuration.name
         apart_s = abs(stamps.get(p.other_name, 0.0) - stamps.get(p.reference_name, 0.0))
         narrow += [f"{name} ({e.overlap:.0%})"] if e.overlap < LEAST_OVERLAP else []
         poor += [f"{name} ({p.match_rate:.0%})"] if p.match_rate < LEAST_MATCHED else []
+        lost += [f"{name} ({e.found:.0%})"] if e.found is not None and e.found < LEAST_FOUND else []
         rms = e.epipolar_rms_px
         off += [f"{name} ({rms:.1f} px)"] if rms is not None and rms > MOST_EPIPOLAR_PX else []
         apart += [f"{name} ({apart_s:.1f} s)"] if apart_s > MOST_APART_S and p.other_name not in result.watched else []
     said = (
         (narrow, f"The other camera sees too little of the reference picture; {_nearer(result)}"),
         (poor, "Few pixels matched, so these baselines add little"),
+        (lost, "Hardly a corner is where its depth says, so these depths are chance: the other picture shows another "
+               "place, or its pose is far off"),
         (off, "Corresponding points lie off their epipolar line (1 px would be good): poses are not good enough, and "
               "far depths of these baselines are not to be trusted"),
         (apart, "Pictures were not taken at one time; what moved in between is wrong in the map"),

@@ -46,7 +46,7 @@ def summary(data: ReportData) -> List[Part]:
     result, e = data.result, data.evaluation
     found = warnings(result, data.evidence, data.seams, e)
     parts = [Paragraph(w, Tone.WARNING) for w in found]
-    parts = parts or [Paragraph("Nothing stands out as wrong.", Tone.GOOD)]
+    parts = parts or [Paragraph(" ".join(["Nothing stands out as wrong.", *_unseen(result)]), Tone.GOOD)]
     known = result.depth[np.isfinite(result.depth)]
     span = f"{np.percentile(known, 1):.1f} to {np.percentile(known, 99):.0f} m" if known.size else "–"
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -73,6 +73,16 @@ def summary(data: ReportData) -> List[Part]:
     both = side(reference, figures.depth(result.depth, "depth"))
     shares = Table(("pixels", "share"), _kinds(result))
     return [*parts, Table((), rows), both, image(figures.kinds(result.kind)), shares]
+
+
+def _unseen(result: MapResult) -> List[str]:
+    """What the pictures would not show, where nothing was refined."""
+    if any(i.refined for i in result.images):
+        return []
+    return [
+        "Poses were taken as they came: a baseline of another length, or a small turn of the cameras towards each "
+        "other, makes all depths wrong and shows nowhere."
+    ]
 
 
 def _kinds(result: MapResult) -> List[Sequence[str]]:

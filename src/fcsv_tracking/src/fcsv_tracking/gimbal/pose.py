@@ -202,7 +202,7 @@ def projection_jacobian(T: np.ndarray, points: np.ndarray, arms: Optional[np.nda
     R = T[:3, :3]
     x, y, z = transforms.apply(T, points).T
     zero = np.zeros_like(x)
-    by_point = np.stack([np.stack([1 / z, zero, -x / z**2], -1), np.stack([zero, 1 / z, -y / z**2], -1)], 1)
+    by_point = np.stack([np.stack([1 / z, zero, -x / z / z], -1), np.stack([zero, 1 / z, -y / z / z], -1)], 1)
     a, b, c = (points @ R.T if arms is None else arms).T
     turned = np.stack([np.stack([zero, c, -b], -1), np.stack([-c, zero, a], -1), np.stack([b, -a, zero], -1)], 1)
     if arms is not None:

@@ -12,6 +12,7 @@ from fcsv_stereo.joint.refine.subpixel import Fine
 from fcsv_stereo.joint.tuning import RESIDUALS, SIGMA
 from fcsv_stereo.model import Picture
 
+_MOST_SPEED = np.float32(1e9)  # px (slope: grey levels) per 1/m: beside a camera it has no end, and its square no float
 _STEP_WINDOW = np.ones((SIGMA.step_px,) * 2, np.uint8)
 
 
@@ -66,7 +67,8 @@ def geometry_sigma(
     axes). Errors of the pairs are taken as common: scale is, and what is not is overestimated a little.
     """
     r = fine.residuals
-    weight = r.trust * np.square(r.slope) + 1e-9 * np.square(r.speed)
+    slope, speed = np.clip(r.slope, -_MOST_SPEED, _MOST_SPEED), np.minimum(r.speed, _MOST_SPEED)
+    weight = r.trust * np.square(slope) + 1e-9 * np.square(speed)
     weight = np.stack([cv2.blur(w, (SIGMA.share_px,) * 2) for w in weight])
     weight /= np.maximum(weight.sum(axis=0), 1e-20)
     sigma = np.zeros(fine.w.shape, np.float32)
