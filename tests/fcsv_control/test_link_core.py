@@ -11,7 +11,7 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.core import STOP_REPEAT_S, LinkCore, LinkParameters
-from fcsv_control.flight.listener import BarometerHeard, PoseHeard, StateHeard, TextHeard
+from fcsv_control.flight.listener import STREAMS_HZ, BarometerHeard, PoseHeard, StateHeard, TextHeard
 from fcsv_control.flight.requests import Outcome
 
 M = mavutil.mavlink
@@ -258,3 +258,9 @@ def test_the_barometer_is_heard_as_a_height(line):
         line.hear("scaled_pressure", 1000, hpa, 0.0, 2500)
     heard = [e.height_m for e in line.core.events() if isinstance(e, BarometerHeard)]
     assert heard == pytest.approx([0.0, 100.0], abs=0.1)
+
+
+def test_streams_are_asked_for_in_one_order_in_every_process():
+    """A set of names has another order in each process: rehearsed flights differed by it, with one seed."""
+    asked = [int(m.param1) for m in Line().run(0.5) if m.get_type() == "COMMAND_LONG" and m.command == 511]
+    assert len(asked) >= 6 and asked == [getattr(M, f"MAVLINK_MSG_ID_{name}") for name in sorted(STREAMS_HZ)]

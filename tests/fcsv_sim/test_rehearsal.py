@@ -12,7 +12,7 @@ import pytest
 from fcsv_geometry.flight_limits import PauseLimits
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration, load_mission
 from fcsv_sim.rehearsal import takeover
-from fcsv_sim.rehearsal.command import Job, main, rehearse
+from fcsv_sim.rehearsal.command import Job, main, prepare, rehearse
 from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.invariants import NOT_HELD
@@ -78,7 +78,7 @@ def _job(seed: int) -> Job:
 
 @pytest.mark.timeout(900)  # a minute, where the machine does nothing else
 def test_sixty_flights_with_every_fault():
-    with Pool(os.cpu_count()) as pool:
+    with Pool(os.cpu_count(), prepare) as pool:
         flown = list(pool.imap(_fly, range(FLIGHTS), chunksize=1))
     assert {name for r in flown for name in r.began} == set(FAULTS)
     for result in flown:

@@ -79,7 +79,7 @@ def from_xyz_quaternion(p_a_b_m, q_a_b_xyzw) -> np.ndarray:
     """
     p, q = list(map(float, p_a_b_m)), list(map(float, q_a_b_xyzw))
     norm = math.hypot(*q)
-    if not (math.isfinite(norm) and all(map(math.isfinite, p))):
+    if not math.isfinite(norm + p[0] + p[1] + p[2]):
         raise GeometryError(f"pose is not finite: position {p}, quaternion {q}")
     if abs(norm - 1.0) > 0.01:
         raise GeometryError(f"quaternion {q} has length {norm:.3g}, not 1")

@@ -266,7 +266,7 @@ class LinkCore:
             self._send("timesync", *self._heard.timesync.ask(now_s))
 
     def _request_streams(self, now_s: float) -> None:
-        for name in {*self._heard.keeper.streams_to_ask(now_s), "HEARTBEAT"}:
+        for name in sorted({*self._heard.keeper.streams_to_ask(now_s), "HEARTBEAT"}):  # in one order in every process
             message = getattr(_M, f"MAVLINK_MSG_ID_{name}")
             hz = STREAMS_HZ[name] or self._parameters.position_rate_hz
             self._long(_M.MAV_CMD_SET_MESSAGE_INTERVAL, [message, 1e6 / hz])

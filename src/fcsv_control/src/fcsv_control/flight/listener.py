@@ -4,7 +4,7 @@
 import logging
 import math
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Tuple, Union
+from typing import Callable, Dict, List, Optional, Tuple, Union
 
 import numpy as np
 from pymavlink import mavutil
@@ -114,6 +114,7 @@ class Listener:
         self._wrong: List[Tuple[Rule, float, int]] = []
         self._texts = TextJoiner()
         self._rpy_ned: Optional[Tuple[float, float, float]] = None
+        self._handlers: Dict[str, Optional[Callable]] = {}  # by kind of message, as they came
 
     @property
     def foreigner(self) -> str:
@@ -146,7 +147,9 @@ class Listener:
             self.parameters.begin()
             self.timesync.begin()
             self.state = replace(self.state, ekf_flags=0)
-        handler = getattr(self, "_on_" + kind.lower(), None)
+        if kind not in self._handlers:
+            self._handlers[kind] = getattr(self, "_on_" + kind.lower(), None)
+        handler = self._handlers[kind]
         if handler is not None:
             handler(now_s, m)
 

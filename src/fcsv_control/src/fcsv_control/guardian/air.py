@@ -77,6 +77,7 @@ class Air:
     others: Dict[str, Other] = field(default_factory=dict)
     feeds: Deque[float] = field(default_factory=deque)  # times within the last second
     way: Deque[Tuple[float, np.ndarray]] = field(default_factory=deque)  # estimates of the last moments: time, position
+    _in_home: Tuple = (None, None, None)  # T_home_odom and estimate, and the place in home by them
 
     def fed(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """A pose came from the odometry."""
@@ -130,9 +131,14 @@ class Air:
     @property
     def p_home_m(self) -> Optional[np.ndarray]:
         """(3,) in home; None while home is not known."""
-        if self.estimate is None or self.T_home_odom is None:
+        T_home_odom, T_odom_body = self.T_home_odom, self.estimate
+        if T_odom_body is None or T_home_odom is None:
             return None
-        return transforms.apply(self.T_home_odom, self.estimate[:3, 3])
+        home, body, p_home_m = self._in_home
+        if home is not T_home_odom or body is not T_odom_body:  # several watches ask for it in every step
+            p_home_m = transforms.apply(T_home_odom, T_odom_body[:3, 3])
+            self._in_home = (T_home_odom, T_odom_body, p_home_m)
+        return p_home_m
 
     def tilt_rad(self) -> float:
         """Of the body's up axis against the vertical."""

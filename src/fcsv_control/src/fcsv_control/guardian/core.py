@@ -5,6 +5,7 @@ It warns, holds, moves aside, brakes and lands, in this order of strength, and n
 the companion flies the vehicle; in a mode that the pilot chose it only speaks. No ROS, no thread, no clock.
 """
 
+import math
 from dataclasses import replace
 from typing import Dict, List, Optional, Set, Tuple
 
@@ -71,7 +72,7 @@ class Guardian:
     def estimate(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate."""
         self.air.estimated(now_s, T_odom_body)
-        if np.isfinite(self.air.state_s) and not self.air.armed:  # started in flight, it never saw the ground
+        if not self.air.armed and math.isfinite(self.air.state_s):  # started in flight, it never saw the ground
             self.air.take_off = T_odom_body
 
     def link(self, now_s: float, report: LinkReport) -> None:

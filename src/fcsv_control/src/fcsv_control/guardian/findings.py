@@ -51,12 +51,12 @@ class Watches:
         self._rules = rules
         self._since_s: Dict[str, float] = {}
         self._took_off = False
+        self._watches = (self._feed, self._doubt, self._ekf, self._confidence, self._tilt, self._battery, self._control,
+                         self._agent, self._link, self._stick, self._fence, self._others)  # fmt: skip
 
     def findings(self, now_s: float, air: Air) -> List[Finding]:
         """What is wrong with an armed vehicle."""
-        watches = (self._feed, self._doubt, self._ekf, self._confidence, self._tilt, self._battery, self._control,
-                   self._agent, self._link, self._stick, self._fence, self._others)  # fmt: skip
-        return [finding for watch in watches for finding in watch(now_s, air)]
+        return [finding for watch in self._watches for finding in watch(now_s, air)]
 
     def forbids(self, now_s: float, air: Air) -> List[str]:
         """Why the vehicle must not be handed over to the mission now."""

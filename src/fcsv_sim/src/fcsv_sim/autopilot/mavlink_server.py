@@ -36,6 +36,7 @@ class MavlinkServer:
         self._start()
         self._fly_by_parameters()
         self._attitude = (0.0, 0.0, 0.0)
+        self._handlers: Dict[str, Optional[Callable]] = {}  # by kind of message, as they came
         self._streams: Dict[int, Callable] = {
             _M.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             _M.MAVLINK_MSG_ID_ATTITUDE: self._attitude_message,
@@ -64,7 +65,10 @@ class MavlinkServer:
         """One message from a companion or a ground station."""
         self._begin(now_s)
         self._client_seen = True
-        handler = getattr(self, "_on_" + message.get_type().lower(), None)
+        kind = message.get_type()
+        if kind not in self._handlers:
+            self._handlers[kind] = getattr(self, "_on_" + kind.lower(), None)
+        handler = self._handlers[kind]
         if handler is not None:
             handler(message)
 
@@ -211,9 +215,10 @@ class MavlinkServer:
         if now_s >= self._next_timesync_s:
             self._next_timesync_s = now_s + 10.0
             self._send("timesync", 0, int(now_s * 1e9))
+        due_s = self._due_s
         for message_id, interval_s in self._intervals_s.items():
-            if now_s >= self._due_s[message_id]:
-                self._due_s[message_id] = max(self._due_s[message_id] + interval_s, now_s - interval_s)
+            if now_s >= due_s[message_id]:
+                due_s[message_id] = max(due_s[message_id] + interval_s, now_s - interval_s)
                 self._streams[message_id]()
         if self._client_seen:
             for severity, text in self._pilot.texts:

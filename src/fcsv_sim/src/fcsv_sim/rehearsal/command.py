@@ -2,6 +2,7 @@
 """`rosrun fcsv_sim rehearse`: many flights of a mission with faults, and what broke."""
 
 import argparse
+import gc
 import json
 import logging
 import multiprocessing
@@ -113,11 +114,12 @@ def _told(job: Job, r: Result) -> str:
 
 
 def _on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
+    prepare()
     if work is rehearse and len(jobs) == 1:
         return [_one(jobs[0])]
     if processes == 1 or len(jobs) == 1:
         return [work(job) for job in tqdm(jobs, unit="flight", disable=None)]
-    with multiprocessing.Pool(processes, _quietly) as pool:
+    with multiprocessing.Pool(processes, prepare) as pool:
         return list(tqdm(pool.imap(work, jobs), total=len(jobs), unit="flight", disable=None))
 
 
@@ -136,9 +138,15 @@ def _one(job: Job) -> Result:
         return rehearse(job, watched)
 
 
-def _quietly() -> None:
-    """A link that is restarted says so; a thousand of them hide the progress."""
+def prepare() -> None:
+    """A process that is to rehearse many flights. A link that is restarted says so; a thousand of them hide the
+    progress. What is loaded now stays: a flight drops so many messages that the collector would look through all of it
+    several times a second.
+    """
     logging.getLogger("fcsv_control").setLevel(logging.ERROR)
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 def _trace(job: Job, path: str) -> int:

@@ -126,9 +126,10 @@ class Flight:
     @property
     def over(self) -> bool:
         """The mission has ended and nobody flies, or everybody who flew has been down for a while."""
-        if any(v.autopilot.armed for v in self.fleet.values()):
-            self._up_s = self.now_s
-            return False
+        for vehicle in self.fleet.values():
+            if vehicle.autopilot.armed:
+                self._up_s = self.now_s
+                return False
         return self.control.machine.over or self.now_s > self._up_s + _DOWN_S
 
     def run(self, faults: Sequence[Callable[["Flight"], None]] = (), longest_s: float = LONGEST_S) -> Result:
