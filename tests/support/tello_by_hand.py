@@ -63,6 +63,7 @@ class ByHand:
         self.system, self.level = MocapSystem(dict.fromkeys(names, np.eye(4)), RULES), LevelFrame(None)
         self.now_s, self._steps, self._waiting = EPOCH_S, 0, []
         self.refused, self._random = [], np.random.default_rng(seed)
+        self.deaf, self.unseen, self.battery = set(), set(), dict.fromkeys(names, 0.9)  # faults, by vehicle
 
     def run(self, seconds: float, phase: str, until=lambda: False) -> bool:
         """Whether ``until()`` came true within the time."""
@@ -126,8 +127,11 @@ class ByHand:
 
     def _log(self, logs) -> None:
         for name, record in logs.items():
+            if name in self.deaf:
+                continue
             one = self.tellos[name]
-            report = FlightReport(one.drone.flight.flying, round(one.drone.drone.felt.height_m, 1), 0.9)
+            height_m = round(one.drone.drone.felt.height_m, 1)
+            report = FlightReport(one.drone.flight.flying, height_m, self.battery[name])
             one.own.height(report.height_m)
             one.core.flight(self.now_s, report)
             motion = one.own.imu(self.now_s, record)
@@ -152,7 +156,7 @@ class ByHand:
             return
         for name, one in self.tellos.items():
             pose = self.system.trackers[name].pose(self.now_s)
-            if pose is None or pose.stamp_s <= one.pose_s:
+            if name in self.unseen or pose is None or pose.stamp_s <= one.pose_s:
                 continue
             one.pose_s = pose.stamp_s
             found = one.track.add(pose.stamp_s, pose.T_M_D, pose.covariance, self.level.T_tracker_level)
@@ -176,6 +180,8 @@ class ByHand:
         one.core.step(self.now_s)
         flight = one.drone.flight
         for output in one.core.outgoing():
+            if name in self.deaf:
+                continue  # its Wi-Fi is lost, both ways
             if isinstance(output, GiveSticks):
                 s = output.sticks
                 flight.heard(self.now_s)

@@ -100,12 +100,13 @@ class TelloMission(ByHand):
         self.held: Dict[str, List] = {n: [] for n in geometry}
         self.phases: List[str] = []
 
-    def fly(self, longest_s: float = 240.0) -> str:
-        """The phase in which it ended."""
+    def fly(self, longest_s: float = 240.0, meanwhile=lambda _air: None) -> str:
+        """The phase in which it ended; ``meanwhile(self)`` at each step."""
         end_s = self.now_s + longest_s
         while self.now_s < end_s and not (self.machine.over and not any(o.core.flying for o in self.tellos.values())):
             self._step(self.machine.phase)
             self._meanwhile()
+            meanwhile(self)
         return self.machine.phase
 
     def _meanwhile(self) -> None:
