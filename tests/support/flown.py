@@ -2,7 +2,8 @@
 """The flight link's core flying an autopilot: the simulated one faster than real time, or one at an address.
 
 With FCSV_AUTOPILOT (as tcp:127.0.0.1:5760) the tests fly that one, in real time. It must be a simulation that tells its
-true pose as SIM_STATE at FCSV_AUTOPILOT_TRUTH (the port two further on, by default): the feed is made of it.
+true pose as SIM_STATE at FCSV_AUTOPILOT_TRUTH (the port two further on, by default): the feed is made of it. With
+FCSV_AUTOPILOT_KEY, a key file, both lines are signed.
 """
 
 import math
@@ -18,6 +19,7 @@ from pymavlink import mavutil
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.listener import EstimateMoved, PoseHeard, TextHeard
+from fcsv_control.flight.signing import read_key
 from fcsv_control.flight.state import MODES
 from fcsv_control.flight.transport import Transport
 from fcsv_geometry import transforms
@@ -219,8 +221,10 @@ class AddressLoop(Loop):
     def __init__(self, url, **parameters):
         super().__init__(**parameters)
         host, port = url.rpartition(":")[0], int(url.rpartition(":")[2])
-        self._line = Transport(url)
-        self._truth = Transport(os.environ.get("FCSV_AUTOPILOT_TRUTH", f"{host}:{port + 2}"))
+        file = os.environ.get("FCSV_AUTOPILOT_KEY", "")
+        key = read_key(file) if file else None
+        self._line = Transport(url, key)
+        self._truth = Transport(os.environ.get("FCSV_AUTOPILOT_TRUTH", f"{host}:{port + 2}"), key)
         self.line_up, self.T_true, self._zero, self.t = True, None, None, time.monotonic()
         self._running = True
         self._thread = threading.Thread(target=self._hear_truth, daemon=True)

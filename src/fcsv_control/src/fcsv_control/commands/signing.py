@@ -47,7 +47,9 @@ def _set(args) -> int:
             print(f"the autopilot signs with {args.key}, on all its lines, and goes on after a restart")
             print("give the key to whoever else speaks to it: signing_key:=FILE of uav.launch, and the ground station")
             return 0
-    raise ControlError(f"the autopilot does not sign with {args.key}{': ' + said[-1] if said else ''}")
+    words = f": {said[-1]}" if said else ""
+    hint = "is --old-key what it signs with? Within a minute of its start or its last key try again"
+    raise ControlError(f"the autopilot does not sign with {args.key}{words}; {hint}")
 
 
 def _check(args) -> int:
