@@ -7,6 +7,7 @@ import time
 import pytest
 from support.waiting import within
 
+from fcsv_console.model import facts
 from fcsv_console.model.console import Console
 
 pytestmark = pytest.mark.ros
@@ -143,6 +144,39 @@ def test_execute_answers_what_the_mission_says(shell):
     shell.do("execute", configurations=[2, 0])
     until(lambda: last(shell).answer == "'execute' is not waited for in COLUMN", what="the answer")
     assert asked == [[2, 0]]
+
+
+def test_a_goal_in_rviz_is_enabled_by_its_menu_and_dragged(shell, publish):
+    """As rviz does it: by the topics of interactive markers."""
+    import rospy
+    from geometry_msgs.msg import Point
+    from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
+    from visualization_msgs.msg import InteractiveMarkerInit
+
+    from fcsv_console.ros.goal_markers import NAMESPACE, GoalMarkers
+
+    shell._goals, shown = GoalMarkers(shell._hearing.put), []
+    shell.console.edit("name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 4.0}\n")
+    subscriber = rospy.Subscriber(f"{NAMESPACE}/update_full", InteractiveMarkerInit, shown.append)
+    feedback = publish(f"{NAMESPACE}/feedback", Feedback)
+    until(lambda: feedback.get_num_connections() > 0, what="a connection")
+    shell.view()
+    assert not [m for s in shown for m in s.markers], "before home is set there is no frame for them"
+    shell._hearing.put(facts.HomeSet("c_one"))
+
+    def controls():
+        shell.view()
+        return [len(m.controls) for m in shown[-1].markers] if shown else []
+
+    until(lambda: controls() == [1], what="a goal")
+    feedback.publish(Feedback(marker_name="goal_1", event_type=Feedback.MENU_SELECT, menu_entry_id=1))
+    until(lambda: controls() == [2], what="a goal that may be dragged")
+    place = Feedback(marker_name="goal_1", event_type=Feedback.MOUSE_UP)
+    place.pose.position = Point(0.0, -6.0, 0.0)
+    feedback.publish(place)
+    until(lambda: shell.view().file.rows[0].baseline_m == 6.0, what="another baseline")
+    until(lambda: controls() and shown[-1].markers[0].pose.position.y == -6.0, what="the goal there")
+    subscriber.unregister()
 
 
 @pytest.mark.slow

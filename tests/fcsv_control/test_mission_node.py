@@ -109,6 +109,7 @@ class ControlPc:
 
     def __init__(self, fleet):
         import rospy
+        from std_msgs.msg import String
         from std_srvs.srv import Trigger
 
         from fcsv_msgs.msg import Calibration, Capture, Epochs, Home, MissionState
@@ -125,6 +126,7 @@ class ControlPc:
         self.watches = [
             rospy.Subscriber("/mission/state", MissionState, lambda m: setattr(self, "mission", m)),
             rospy.Subscriber("/mission/capture", Capture, self.captures.append),
+            rospy.Subscriber("/mission/file", String, lambda m: setattr(self, "file", m.data)),
         ]
         self.proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
         self.abort = rospy.ServiceProxy("/mission/abort", Trigger)
@@ -219,6 +221,7 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         start_node("fcsv_control", "mission", params=params)
         check = the_check_locks_take_off(pc)
         pc.wait_for("TAKE_OFF")
+        assert pc.file == (folder / "mission.yaml").read_text()
         assert not pc.proceed("calibrate").success
         for v in fleet:
             v.armed, v.mode = True, "LOITER"

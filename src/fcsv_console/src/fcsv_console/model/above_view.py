@@ -5,13 +5,12 @@ import math
 from dataclasses import dataclass
 from typing import Optional, Sequence, Tuple
 
-from fcsv_console.model.mission_file import ConfigurationRow
+from fcsv_console.model.mission_file import STEP_M, ConfigurationRow, stepped
 from fcsv_console.model.view import View
 
 _LEAST_M, _MARGIN = 6.0, 1.25
 _PICK_PX = 14.0
 _BAR_MARGIN_PX = 16.0
-_STEP_M = 0.1  # goals are dragged in whole steps
 
 
 @dataclass(frozen=True)
@@ -133,15 +132,6 @@ def dragged(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> fl
     return stepped(-scale.to_m(u_px, v_px)[1]) if row.axis == "horizontal" else row.baseline_m
 
 
-def stepped(baseline_m: float) -> float:
-    """In whole steps, never under one of them.
-
-    >>> stepped(3.04), stepped(-2.0)
-    (3.0, 0.1)
-    """
-    return round(max(_STEP_M, round(baseline_m / _STEP_M) * _STEP_M), 3)
-
-
 def wheeled(row: ConfigurationRow, notches: float) -> float:
     """The baseline of a vertical configuration after the wheel; a horizontal one keeps its own."""
-    return stepped(row.baseline_m + 5.0 * _STEP_M * notches) if row.axis == "vertical" else row.baseline_m
+    return stepped(row.baseline_m + 5.0 * STEP_M * notches) if row.axis == "vertical" else row.baseline_m

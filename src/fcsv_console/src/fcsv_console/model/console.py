@@ -11,6 +11,7 @@ from fcsv_console.model.actions import FLOWN, Situation, actions, column_problem
 from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.events import EventLog
+from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals
 from fcsv_console.model.hearing import STALE_S, Heard
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import RUNS, Rehearsals
@@ -53,6 +54,7 @@ class Console:
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
         self._flown: Optional[Mission] = None
+        self._goals = Goals()
         self._rehearsals, self._pictures, self.after = Rehearsals(), Pictures(), AfterFlight()
         self._master_problem = ""
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
@@ -85,10 +87,13 @@ class Console:
         """The file's text as an editor holds it."""
         self.file = files.parse(text, self.file.source, self.optics)
 
-    def drag(self, index: int, baseline_m: float) -> None:
-        """A goal was dragged: another baseline for one configuration of the file."""
-        if self.file.mission is not None and 0 <= index < len(self.file.rows):
-            self.edit(files.with_baseline(self.file.text, index, baseline_m))
+    def drag(self, index: int, baseline_m: float) -> str:
+        """A goal was dragged: another baseline for one configuration. Why it stays as it is, "" where it changed."""
+        if self.file.mission is None or not 0 <= index < len(self.file.rows):
+            return "there is no such configuration"
+        dragged = files.parse(files.with_baseline(self.file.text, index, baseline_m), self.file.source, self.optics)
+        self.file = self.file if dragged.error else dragged
+        return dragged.error.text if dragged.error else ""
 
     def plan(self, wanted: planning.Wanted) -> planning.Planned:
         """Another list from range and error, in the text that is edited; a plan with a problem changes nothing."""
@@ -135,6 +140,13 @@ class Console:
             self._rehearsals.tell(fact)
         elif isinstance(fact, (f.JobTold, f.PlacesFound)):
             self.after.tell(fact)
+        elif isinstance(fact, GoalEnabled):
+            self._goals.enable(self.file.rows, fact.index, fact.on)
+        elif isinstance(fact, GoalMoved):
+            baseline_m = self._goals.moved(self.file.rows, fact.index, fact.p_home_m)
+            why = self.drag(fact.index, baseline_m) if baseline_m is not None else ""
+            if why:
+                self._note_bad(now_s, f"goal {fact.index + 1} stays: {why}")
         elif isinstance(fact, f.MapPicture):
             pass  # Pictures keeps it
         elif fact.vehicle == CONTROL:
@@ -220,7 +232,7 @@ class Console:
             self.log.events, self._stereo(now_s, rows, running), tuple(self._above(rows)), self._recorder.at(now_s),
             self._map.at(now_s), stop, self._home.value is not None, rehearsal,
             self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
-            self.after.steps([v.name for v in rows if v.armed]), self.after.places,
+            self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
             self._problems(now_s, told, column), self._master_problem,
         )  # fmt: skip
 

@@ -18,6 +18,7 @@ from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 from fcsv_stereo.planning.overlap import non_overlap, overlap_starts_m
 
 _TURN_S = 1.0  # recorders on and off
+STEP_M = 0.1  # goals are dragged in whole steps
 
 
 @dataclass(frozen=True)
@@ -194,6 +195,15 @@ def seconds_left(mission_file: MissionFile, first: int) -> float:
         total_s += row.settle_s + row.record_s + _TURN_S
         here = np.array(row.goal_m if row.way_m is None else row.way_m[1])
     return total_s
+
+
+def stepped(baseline_m: float) -> float:
+    """In whole steps, never under one of them.
+
+    >>> stepped(3.04), stepped(-2.0)
+    (3.0, 0.1)
+    """
+    return round(max(STEP_M, round(baseline_m / STEP_M) * STEP_M), 3)
 
 
 def with_baseline(text: str, index: int, baseline_m: float) -> str:

@@ -9,6 +9,7 @@ from fcsv_console.model.actions import Action
 from fcsv_console.model.after import Places, Step
 from fcsv_console.model.air import Above
 from fcsv_console.model.events import Event
+from fcsv_console.model.goals import Goal
 from fcsv_console.model.hearing import Aged
 from fcsv_console.model.mission_file import MissionFile
 from fcsv_console.model.pictures import CameraPicture, MapPictures
@@ -44,6 +45,7 @@ class View:
     map_pictures: MapPictures
     after: Tuple[Step, ...]
     places: Places
+    goals: Tuple[Goal, ...]
     problems: Tuple[str, ...]
     master_problem: str = ""
 

@@ -23,6 +23,7 @@ from fcsv_console.model.view import View
 from fcsv_console.ros.commands import Commands
 from fcsv_console.ros.epipolar import EpipolarHearing
 from fcsv_console.ros.event_file import EventFile
+from fcsv_console.ros.goal_markers import GoalMarkers
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_geometry.vehicle import load_vehicles
 
@@ -63,8 +64,9 @@ def _parameters() -> dict:
 class Shell:
     """``view`` takes in what came meanwhile; ``do`` asks for an action by name. Both of one thread; neither waits."""
 
-    def __init__(self, console: Console, name: str, recorded: bool = False):
-        self.console, self._name = console, name
+    def __init__(self, console: Console, name: str, recorded: bool = False, windowed: bool = False):
+        self.console, self._name, self._windowed = console, name, windowed
+        self._goals: Optional[GoalMarkers] = None
         self._hearing, self._commands = Hearing(console.names, recorded), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
         self.events: Optional[EventFile] = None
@@ -84,6 +86,7 @@ class Shell:
         self._commands = Commands(self.console.names)
         self._hearing.subscribe()
         self._epipolar.subscribe()
+        self._goals = GoalMarkers(self._hearing.put) if self._windowed else None
         self._hearing.put(f.MasterTold())
 
     def view(self) -> View:
@@ -97,6 +100,8 @@ class Shell:
         if self.events is not None:
             self.events.keep(view.now_s, self.console.log)
         self._epipolar.pair = view.stereo.pair
+        if self._goals is not None:
+            self._goals.show(view.goals if view.home_set else ())
         return view
 
     def do(self, name: str, **given) -> None:
@@ -175,10 +180,10 @@ class Shell:
 
 
 def open_shell(
-    name: str, vehicles: Sequence[str], mission: str, target_m: float, keeps: bool = False, vehicles_dir: str = "",
+    name: str, vehicles: Sequence[str], mission: str, target_m: float, windowed: bool = False, vehicles_dir: str = "",
     recorded: bool = False,
 ) -> Shell:  # fmt: skip
-    """With the fleet that is found; ``keeps`` its events with the mission node's session.
+    """With the fleet that is found; ``windowed``: it keeps its events with the session, and its goals stand in rviz.
 
     ``recorded``: a bag is played, and pictures come as vehicles record them.
 
@@ -188,9 +193,9 @@ def open_shell(
     console = Console(found.vehicles, found.tags, target_m=target_m)
     if found.mission:
         console.load(found.mission)
-    shell = Shell(console, name, recorded)
+    shell = Shell(console, name, recorded, windowed)
     shell.name_places(usual_places(found))
-    if keeps and found.session_dir:
+    if windowed and found.session_dir:
         shell.keep_events(found.session_dir)
     return shell
 

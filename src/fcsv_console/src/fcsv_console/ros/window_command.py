@@ -31,7 +31,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     arguments = parser().parse_args(argv if argv is not None else rospy.myargv()[1:])
     names = [n for n in arguments.vehicles.split(",") if n]
     try:
-        shell = open_shell("console", names, arguments.mission, arguments.target_m, keeps=True,
+        shell = open_shell("console", names, arguments.mission, arguments.target_m, windowed=True,
                            vehicles_dir=arguments.vehicles_dir, recorded=arguments.recorded)  # fmt: skip
     except FcsvError as error:
         print(f"console: {error}", file=sys.stderr)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Goals that are dragged in rviz: each only once it was enabled, and only along its way."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fcsv_console.model.console import Console
+from fcsv_console.model.goals import GoalEnabled, GoalMoved
+
+OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
+
+
+@pytest.fixture
+def c():
+    made = Console(["uav1", "uav2"])
+    made.load(OUTDOOR)
+    return made
+
+
+def baselines(c):
+    return [r.baseline_m for r in c.file.rows]
+
+
+def test_a_goal_is_dragged_once_it_was_enabled_and_not_by_the_enable_of_another(c):
+    before = baselines(c)
+    c.tell(1.0, GoalMoved(2, (0.0, -7.0, 0.0)))
+    c.tell(1.0, GoalEnabled(1, True))
+    c.tell(1.0, GoalMoved(2, (0.0, -7.0, 0.0)))
+    assert baselines(c) == before
+    c.tell(1.0, GoalEnabled(2, True))
+    c.tell(1.0, GoalMoved(2, (3.0, -7.04, 5.0)))
+    assert baselines(c) == [2.0, 4.0, 7.0, *before[3:]], "sideways alone, in whole steps"
+    c.tell(1.0, GoalEnabled(2, False))
+    c.tell(1.0, GoalMoved(2, (0.0, -9.0, 0.0)))
+    assert c.file.rows[2].baseline_m == 7.0
+    assert [g.enabled for g in c.view(2.0).goals] == [False, True] + [False] * 6
+
+
+def test_a_vertical_goal_is_dragged_up_and_never_through_home(c):
+    c.tell(1.0, GoalEnabled(6, True))
+    c.tell(1.0, GoalMoved(6, (1.0, -4.0, 7.96)))
+    assert c.file.rows[6].baseline_m == 8.0
+    c.tell(1.0, GoalMoved(6, (0.0, 0.0, -3.0)))
+    assert c.file.rows[6].baseline_m == 8.0, "a list that cannot be flown does not come of it"
+    assert c.view(1.1).problems[0].startswith("goal 7 stays: configurations[6].baseline_m")
+
+
+def test_one_that_was_let_go_of_where_it_may_not_be_is_drawn_anew(c):
+    before = c.view(1.0).goals
+    assert c.view(1.1).goals == before
+    c.tell(1.2, GoalMoved(0, (0.0, -3.0, 0.0)))
+    after = c.view(1.3).goals
+    assert after != before and [g.p_home_m for g in after] == [g.p_home_m for g in before]
+
+
+def test_another_number_of_configurations_disables_all(c):
+    c.tell(1.0, GoalEnabled(7, True))
+    text = c.file.text
+    c.edit(text.rstrip().rsplit("\n", 1)[0] + "\n")
+    assert not any(g.enabled for g in c.view(1.0).goals) and len(c.view(1.0).goals) == 7
+    c.tell(1.0, GoalMoved(7, (0.0, 0.0, 3.0)))
+    c.tell(1.0, GoalEnabled(7, True))
+    c.edit("no mission")
+    assert c.view(1.0).goals == ()
+    c.tell(1.0, GoalMoved(0, (0.0, -3.0, 0.0)))
+    assert c.file.text == "no mission"
+
+
+def test_a_sweep_has_no_goal_that_could_be_dragged():
+    c = Console(["uav1", "uav2"])
+    c.load(OUTDOOR.parent / "sweep.yaml")
+    text = c.file.text
+    c.tell(1.0, GoalEnabled(0, True))
+    c.tell(1.0, GoalMoved(0, (0.0, -3.0, 0.0)))
+    assert c.file.rows and c.view(1.0).goals == () and c.file.text == text
+
+
+def test_a_place_that_is_none_changes_nothing(c):
+    before = baselines(c)
+    c.tell(1.0, GoalEnabled(0, True))
+    c.tell(1.0, GoalMoved(0, (0.0, math.nan, 0.0)))
+    assert baselines(c) == before and "p_home_m holds nan" in c.view(1.1).problems[0]
+
+
+def test_a_marker_has_arrows_along_its_way_only_while_it_may_be_dragged(c):
+    pytest.importorskip("interactive_markers")
+    from fcsv_console.ros.goal_markers import marker
+    from fcsv_geometry.rotations import matrix_of_quaternion
+
+    for index in (2, 6):
+        c.tell(1.0, GoalEnabled(index, True))
+    goals = c.view(1.0).goals
+    assert [len(marker(g).controls) for g in goals] == [2 if g.index in (2, 6) else 1 for g in goals]
+    for index, along in ((2, (0.0, 1.0, 0.0)), (6, (0.0, 0.0, 1.0))):
+        made = marker(goals[index])
+        q = made.controls[1].orientation
+        x_axis = matrix_of_quaternion((q.x, q.y, q.z, q.w))[:, 0]
+        assert np.abs(x_axis @ along) == pytest.approx(1.0) and made.header.frame_id == "home"
+        assert made.description.endswith(", can be dragged")
+    assert marker(goals[0]).description == "1: horizontal 2 m"
