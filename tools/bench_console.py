@@ -21,7 +21,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="bench_console", description=__doc__)
     parser.add_argument("--refreshes", type=int, default=600, help="refreshes to measure (default: a minute's)")
     parser.add_argument("--clicks", type=int, default=0, help="clicks on stop-all until its topic is heard elsewhere")
+    parser.add_argument(
+        "--playback", type=Path, metavar="SESSION", help="instead: the memory of a window that shows it"
+    )
+    parser.add_argument("--minutes", type=float, default=30.0, help="of the bags' time to play (default: 30)")
+    parser.add_argument("--rate", type=float, default=10.0, help="how much faster than it was recorded (default: 10)")
     arguments = parser.parse_args()
+    if arguments.playback:
+        return playback(arguments.playback, arguments.minutes, arguments.rate)
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     from fcsv_console.model import facts, samples
     from fcsv_console.qt.window import ConsoleWindow
@@ -55,6 +62,44 @@ def main() -> int:
     if arguments.clicks:
         clicks(arguments.clicks)
     return 0
+
+
+def playback(session: Path, minutes: float, rate: float) -> int:
+    """The bags of a session again and again, shown by the window as playback.launch opens it, its pictures too."""
+    import tempfile
+
+    import yaml
+
+    from fcsv_sim.machines.machines import Machine
+
+    vehicles = yaml.safe_load((session / "session.yaml").read_text())["vehicles"]
+    bags = [str(session / f"{name}.bag") for name in ("control", *vehicles)]
+    os.environ["QT_QPA_PLATFORM"] = "offscreen"
+    with tempfile.TemporaryDirectory() as folder, Machine("playback", folder) as machine:
+        shows = ["--recorded", "--vehicles", ",".join(vehicles)]
+        window = machine.run(["rosrun", "fcsv_console", "console", *shows], "console")
+        time.sleep(10.0)
+        player = machine.run(["rosbag", "play", "--quiet", "--loop", "--clock", "--rate", str(rate), *bags], "play")
+        begun_s, told, process = time.monotonic(), [], _window_of(window)
+        while time.monotonic() - begun_s < 60.0 * minutes / rate:
+            time.sleep(1.0)
+            if window.returncode is not None or player.returncode is not None:
+                print(f"it ended: {window.tail()}\n{player.tail()}", file=sys.stderr)
+                return 1
+            told.append((rate * (time.monotonic() - begun_s) / 60.0, process.memory_info().rss / 2**20))
+        cpu_s = sum(process.cpu_times()[:2])
+    for at_min in (0.1 * minutes, 0.25 * minutes, 0.5 * minutes, 0.75 * minutes, minutes):
+        most = max(m for t, m in told if t <= at_min)
+        print(f"until minute {at_min:g} of the playback: {most:.1f} MiB at most")
+    second = [m for t, m in told if t > 0.5 * minutes]
+    print(f"{second[-1] - second[0]:+.1f} MiB in the second half; {cpu_s:.0f} s of the processor, rate {rate:g}")
+    return 0
+
+
+def _window_of(rosrun) -> psutil.Process:
+    """The Python process of a console that rosrun started."""
+    found = [psutil.Process(rosrun.pid), *psutil.Process(rosrun.pid).children(recursive=True)]
+    return max(found, key=lambda p: p.memory_info().rss)
 
 
 LISTENER = """

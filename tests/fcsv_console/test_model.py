@@ -434,6 +434,26 @@ def test_the_epoch_decides_whether_a_calibration_holds():
     assert row(c, 10.3).calibration == "OUTDATED: its odometry began anew"
 
 
+# ---- a window that is opened in flight ---------------------------------------------------------------------------
+
+
+def test_a_window_that_is_opened_in_flight_shows_and_can_do_what_the_one_before_could():
+    """It hears what is latched at once and what is streamed a moment later; what was rehearsed is asked for anew."""
+    before, after = (rehearsed(flying(console(), 10.0)), flying(console(), 10.0))
+    for c, at_s in ((before, 0.0), (after, 10.0)):
+        c.tell(at_s, facts.Calibrated((("uav1", 1), ("uav2", 1)), 10.0 - at_s))
+        c.tell(at_s, facts.HomeSet("uav1", 10.0 - at_s))
+        c.tell(10.0, facts.MissionFlown(c.file.text))
+    old, new = before.view(10.1), after.view(10.1)
+    assert (new.headline, new.running, new.progress, new.home_set) == (old.headline, old.running, old.progress, True)
+    assert [(v.flier, v.armed, v.mode) for v in new.vehicles] == [(v.flier, v.armed, v.mode) for v in old.vehicles]
+    assert new.running == 1 and new.vehicles[1].flier.who == MISSION
+    enabled = [{n: a.enabled for n, a in v.actions.items() if n not in ("waive", "rehearse")} for v in (old, new)]
+    assert enabled[0] == enabled[1] and enabled[1]["pause"] and enabled[1]["abort"] and enabled[1]["land"]
+    flying(after, 11.0, waits_for="resume")
+    assert after.view(11.1).actions["hand_over"].enabled, "who holds in flight is never locked by a rehearsal"
+
+
 # ---- poses -------------------------------------------------------------------------------------------------------
 
 

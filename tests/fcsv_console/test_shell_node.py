@@ -22,8 +22,8 @@ def shell(ros_master, monkeypatch):
 
     monkeypatch.setattr(rospy, "init_node", lambda *_a, **_k: None)  # this process is a node already
     monkeypatch.setattr(rospy, "signal_shutdown", lambda *_a: None)
-    made = Shell(Console(["c_one", "c_two"], {"c_one": 1, "c_two": 2}), "console")
-    until(lambda: made._commands is not None and not made.view().actions["land"].why_not, what="the master")
+    made = Shell(Console(["c_one", "c_two"], {"c_one": 1, "c_two": 2}), "console", windowed=True)
+    until(lambda: made._goals is not None and not made.view().actions["land"].why_not, what="the master")
     yield made
     made.close()
 
@@ -153,9 +153,9 @@ def test_a_goal_in_rviz_is_enabled_by_its_menu_and_dragged(shell, publish):
     from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
     from visualization_msgs.msg import InteractiveMarkerInit
 
-    from fcsv_console.ros.goal_markers import NAMESPACE, GoalMarkers
+    from fcsv_console.ros.goal_markers import NAMESPACE
 
-    shell._goals, shown = GoalMarkers(shell._hearing.put), []
+    shown = []
     shell.console.edit("name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 4.0}\n")
     subscriber = rospy.Subscriber(f"{NAMESPACE}/update_full", InteractiveMarkerInit, shown.append)
     feedback = publish(f"{NAMESPACE}/feedback", Feedback)

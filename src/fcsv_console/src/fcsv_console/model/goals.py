@@ -27,13 +27,13 @@ class GoalMoved:
 
 @dataclass(frozen=True)
 class Goal:
-    """One configuration's place in home (m), and the unit vector along which it may be dragged.
+    """One configuration's baseline and place in home (m), and the unit vector along which it may be dragged.
 
     ``asked``: how often something was asked of it; another number means that it is to be drawn anew, where it stands.
     """
 
     index: int
-    title: str
+    baseline_m: float
     p_home_m: Vector3
     along: Vector3
     enabled: bool
@@ -41,8 +41,8 @@ class Goal:
 
     @property
     def words(self) -> str:
-        """Beside it."""
-        return f"{self.index + 1}: {self.title}" + (", can be dragged" if self.enabled else "")
+        """Beside it; they stand 2 m apart."""
+        return f"{self.baseline_m:g} m" + (", free" if self.enabled else "")
 
 
 class Goals:
@@ -63,7 +63,7 @@ class Goals:
         """As they are to be drawn."""
         self._follow(rows)
         return tuple(
-            Goal(r.index, r.title, r.goal_m, (0.0, -1.0, 0.0) if r.axis == "horizontal" else (0.0, 0.0, 1.0),
+            Goal(r.index, r.baseline_m, r.goal_m, (0.0, -1.0, 0.0) if r.axis == "horizontal" else (0.0, 0.0, 1.0),
                  r.index in self._enabled, self._asked) for r in rows if r.way_m is None
         )  # fmt: skip
 
