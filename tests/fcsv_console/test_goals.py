@@ -100,3 +100,63 @@ def test_a_marker_has_arrows_along_its_way_only_while_it_may_be_dragged(c):
         x_axis = matrix_of_quaternion((q.x, q.y, q.z, q.w))[:, 0]
         assert np.abs(x_axis @ along) == pytest.approx(1.0) and made.header.frame_id == "home"
     assert [marker(goals[k]).description for k in (0, 2)] == ["2 m", "6 m, free"]
+
+
+class Server:
+    """What goal_markers asks of rviz's library, without a master."""
+
+    def __init__(self, _namespace):
+        self.markers, self.callbacks, self.applied = {}, {}, 0
+
+    def clear(self):
+        self.markers, self.callbacks = {}, {}
+
+    def get(self, name):
+        return self.markers[name]
+
+    def insert(self, marker, callback, kind=255):
+        self.markers[marker.name] = marker
+        self.callbacks[marker.name, kind] = callback
+
+    def applyChanges(self):
+        self.applied += 1
+
+
+def test_what_is_asked_of_a_marker_reaches_the_view_model_and_comes_back(c, monkeypatch):
+    pytest.importorskip("interactive_markers")
+    from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
+
+    from fcsv_console.ros import goal_markers
+
+    monkeypatch.setattr(goal_markers, "InteractiveMarkerServer", Server)
+    told = []
+    markers = goal_markers.GoalMarkers(told.append)
+    server = markers._server
+
+    def shown():
+        while told:
+            c.tell(1.0, told.pop(0))
+        markers.show(c.view(1.0).goals)
+        return server.markers["goal_3"]
+
+    def ask(kind, **more):
+        feedback = Feedback(marker_name="goal_3", event_type=kind, **more)
+        if kind == Feedback.MOUSE_UP:
+            feedback.pose.position.y = -6.5
+        call = server.callbacks.get(("goal_3", kind)) or server.callbacks["goal_3", 255]
+        call(feedback)
+
+    assert len(shown().controls) == 1 and [e.title for e in shown().menu_entries] == ["[ ] Drag this goal"]
+    assert server.applied == 1, "nothing changed"
+    ask(Feedback.MOUSE_UP)
+    assert shown().pose.position.y == -6.0 and server.applied == 2, "it goes back to where it stands"
+    ask(Feedback.MENU_SELECT, menu_entry_id=1)
+    assert len(shown().controls) == 2 and shown().menu_entries[0].title == "[x] Drag this goal"
+    ask(Feedback.POSE_UPDATE)
+    assert told == [], "while it is dragged nothing is asked"
+    ask(Feedback.MOUSE_UP)
+    assert shown().pose.position.y == -6.5 and c.file.rows[2].baseline_m == 6.5
+    ask(Feedback.MENU_SELECT, menu_entry_id=1)
+    assert len(shown().controls) == 1
+    markers.show(())
+    assert server.markers == {}, "home is not set any more"

@@ -7,7 +7,6 @@ import time
 import pytest
 from support.waiting import within
 
-from fcsv_console.model import facts
 from fcsv_console.model.console import Console
 
 pytestmark = pytest.mark.ros
@@ -22,8 +21,8 @@ def shell(ros_master, monkeypatch):
 
     monkeypatch.setattr(rospy, "init_node", lambda *_a, **_k: None)  # this process is a node already
     monkeypatch.setattr(rospy, "signal_shutdown", lambda *_a: None)
-    made = Shell(Console(["c_one", "c_two"], {"c_one": 1, "c_two": 2}), "console", windowed=True)
-    until(lambda: made._goals is not None and not made.view().actions["land"].why_not, what="the master")
+    made = Shell(Console(["c_one", "c_two"], {"c_one": 1, "c_two": 2}), "console")
+    until(lambda: made._commands is not None and not made.view().actions["land"].why_not, what="the master")
     yield made
     made.close()
 
@@ -144,39 +143,6 @@ def test_execute_answers_what_the_mission_says(shell):
     shell.do("execute", configurations=[2, 0])
     until(lambda: last(shell).answer == "'execute' is not waited for in COLUMN", what="the answer")
     assert asked == [[2, 0]]
-
-
-def test_a_goal_in_rviz_is_enabled_by_its_menu_and_dragged(shell, publish):
-    """As rviz does it: by the topics of interactive markers."""
-    import rospy
-    from geometry_msgs.msg import Point
-    from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
-    from visualization_msgs.msg import InteractiveMarkerInit
-
-    from fcsv_console.ros.goal_markers import NAMESPACE
-
-    shown = []
-    shell.console.edit("name: a\nconfigurations:\n  - {axis: horizontal, baseline_m: 4.0}\n")
-    subscriber = rospy.Subscriber(f"{NAMESPACE}/update_full", InteractiveMarkerInit, shown.append)
-    feedback = publish(f"{NAMESPACE}/feedback", Feedback)
-    until(lambda: feedback.get_num_connections() > 0, what="a connection")
-    shell.view()
-    assert not [m for s in shown for m in s.markers], "before home is set there is no frame for them"
-    shell._hearing.put(facts.HomeSet("c_one"))
-
-    def controls():
-        shell.view()
-        return [len(m.controls) for m in shown[-1].markers] if shown else []
-
-    until(lambda: controls() == [1], what="a goal")
-    feedback.publish(Feedback(marker_name="goal_1", event_type=Feedback.MENU_SELECT, menu_entry_id=1))
-    until(lambda: controls() == [2], what="a goal that may be dragged")
-    place = Feedback(marker_name="goal_1", event_type=Feedback.MOUSE_UP)
-    place.pose.position = Point(0.0, -6.0, 0.0)
-    feedback.publish(place)
-    until(lambda: shell.view().file.rows[0].baseline_m == 6.0, what="another baseline")
-    until(lambda: controls() and shown[-1].markers[0].pose.position.y == -6.0, what="the goal there")
-    subscriber.unregister()
 
 
 @pytest.mark.slow
