@@ -4,16 +4,18 @@
 Machines and missions are stand-ins; with real ones a fleet is interrupted in tests/system/test_demo.py.
 """
 
+import contextlib
 import os
 import signal
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from fcsv_geometry import transforms
+from fcsv_control.mission.machine import PHASES
 from fcsv_sim.demo import flights, interrupt
 from fcsv_sim.demo.interrupt import Interrupted
+from fcsv_sim.demo.systems import GIMBAL_SITE
+from fcsv_sim.demo.tellos import SimulatedTellos
 from fcsv_sim.machines.machines import MachineError
 
 
@@ -112,101 +114,43 @@ def test_landing_a_fleet_is_asked_for_once_and_waited_for(monkeypatch, lands_aft
     assert len(asked_s) == 1 and said == [words]
 
 
-# ---- a pair before a tracker --------------------------------------------------------------------------------
+# ---- Tellos before a tracker --------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def pair(monkeypatch, tmp_path):
-    """pair(fly) -> story of fly_pair with a mission that does so."""
-    from fcsv_sim.demo.ros import mission_watch, pair_mission
+@pytest.mark.parametrize("otherwise", ["", "no namespaces without root; so they are on loopback"])
+def test_tellos_are_flown_by_the_mission_where_they_are_and_said_where_that_is_not_a_namespace(monkeypatch, otherwise):
+    """Their places outlive the flight, whatever becomes of it."""
+    story, said = Story(), []
 
-    def fly(flying):
-        story = Story()
-        mission = SimpleNamespace(fly=lambda: flying(story), land=story.doing("landed"), close=story.doing("closed"),
-                                  flown_s=12.0, moved_m=3.0)  # fmt: skip
-        machines = story.machines(tmp_path)
-        machines.control = None
-        monkeypatch.setattr(flights, "SimulatedPair", lambda _plan, _site: machines)
-        monkeypatch.setattr(flights, "load_vehicles", lambda *_: {})
-        monkeypatch.setattr(flights, "load_mission", lambda _path: None)
-        monkeypatch.setattr(mission_watch, "attach", lambda _machine: None)
-        monkeypatch.setattr(pair_mission, "PairMission", lambda *_: mission)
-        plan = SimpleNamespace(run_folder=tmp_path, vehicles=("tello1", "tello2"), mission_file="x")
+    @contextlib.contextmanager
+    def places(vehicles):
+        story.append(vehicles)
         try:
-            story.append(flights.fly_pair(SimpleNamespace(), plan, lambda _line: None))
-        except (Interrupted, MachineError) as error:
-            story.append(type(error))
-        return story
+            yield {"tello1": "there"}, otherwise
+        finally:
+            story.append("gone")
 
-    return fly
+    def fly(machines, _say):
+        story.append(machines)
+        raise MachineError("the mission was aborted")
 
-
-def test_a_pair_that_is_interrupted_lands_and_its_bags_are_closed(pair):
-    assert pair(lambda _: os.kill(os.getpid(), signal.SIGINT)) == ["landed", "stopped", "closed", Interrupted]
-
-
-def test_a_pair_that_fails_or_ends_well_has_its_bags_closed(pair):
-    def fail(_):
-        raise MachineError("no pictures from the cameras")
-
-    assert pair(fail) == ["stopped", "closed", MachineError]
-    assert pair(lambda _: None) == ["stopped", "closed", (12.0, 3.0)]
+    monkeypatch.setattr(flights, "places", places)
+    monkeypatch.setattr(flights, "SimulatedTellos", lambda _plan, site, where: (site, where))
+    monkeypatch.setattr(flights, "_fly_mission", fly)
+    with pytest.raises(MachineError, match="aborted"):
+        flights.fly_tellos("site", SimpleNamespace(vehicles=("tello1",)), said.append)
+    assert story == [("tello1",), ("site", {"tello1": "there"}), "gone"]
+    assert said == ([f"Tellos: {otherwise}"] if otherwise else [])
 
 
-class Tello:
-    """Where its camera is in home, and what it was told."""
-
-    def __init__(self, xyz, lands=True):
-        self.p, self.lands, self.goal = np.array(xyz), lands, None
-
-    def latest(self):
-        return 0.0, transforms.transform(np.eye(3), self.p)
-
-
-def landing(monkeypatch, **tellos):
-    """(mission, clock, orders) of PairMission.land with these in the air."""
-    from fcsv_sim.demo.ros import pair_mission
-
-    clock, orders = Clock(), []
-    monkeypatch.setattr(pair_mission, "time", clock)
-    mission = object.__new__(pair_mission.PairMission)
-
-    def by_tracker(name, T):
-        orders.append((name, tuple(np.round(T[:3, 3], 2))))
-        tellos[name].p = T[:3, 3]
-
-    class Pilots:
-        down = False
-        all_landed = property(lambda self: self.down)
-
-        def order(self, what):
-            orders.append(what)
-            self.down = orders.count("land") >= 3 and all(t.lands for t in tellos.values())
-
-    pilots = Pilots()
-    pilots.by_tracker = by_tracker
-    mission._pilots, mission._cameras, mission._say = pilots, tellos, lambda _line: None
-    mission._plan = SimpleNamespace(run_folder="run")
-    return mission, clock, orders
-
-
-def test_a_pair_side_by_side_is_told_to_land_until_it_has(monkeypatch):
-    mission, _, orders = landing(monkeypatch, tello1=Tello([0.0, 0.0, 0.0]), tello2=Tello([0.0, -1.5, 0.0]))
-    mission.land()
-    assert orders == ["land"] * 3
-    mission.land()
-    assert len(orders) == 3  # nothing to do on the ground
-
-
-def test_one_above_the_other_the_upper_one_goes_aside_first(monkeypatch):
-    mission, _, orders = landing(monkeypatch, tello1=Tello([0.0, 0.0, 0.0]), tello2=Tello([0.1, 0.0, 1.0]))
-    mission.land()
-    assert orders == [("tello2", (0.0, -1.2, 1.0)), "land", "land", "land"]
-
-
-def test_a_landing_that_does_not_come_is_an_error_that_names_the_logs(monkeypatch):
-    stuck = Tello([0.0, -1.5, 0.0], lands=False)
-    mission, clock, _ = landing(monkeypatch, tello1=Tello([0.0, 0.0, 0.0]), tello2=stuck)
-    with pytest.raises(MachineError, match="not landed after 90 s; logs: run"):
-        mission.land()
-    assert clock.now_s == pytest.approx(1090.5, abs=1.0)
+def test_a_tracker_that_starts_late_is_started_once_when_they_hover_before_it(tmp_path):
+    launched = []
+    machines = object.__new__(SimulatedTellos)
+    machines.plan = SimpleNamespace(sim_folder=tmp_path, vehicles=("tello1", "tello2"), seed=1, rviz=False)
+    machines._site, machines.launches = GIMBAL_SITE, {}
+    control = SimpleNamespace(launch=lambda _package, name, **_: launched.append(name) or name)
+    machines.machines = {"control": control}
+    for phase in (None, PHASES.index("TAKE_OFF"), PHASES.index("COLUMN"), PHASES.index("COLUMN")):
+        assert not launched or phase == PHASES.index("COLUMN")
+        machines.meanwhile(phase)
+    assert launched == ["gimbal.launch"]

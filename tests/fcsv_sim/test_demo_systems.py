@@ -104,6 +104,15 @@ def test_a_mission_that_cannot_be_flown_is_one_line_and_starts_nothing(text, wor
     assert said.count("\n") == 1 and all(w in said for w in ["bad.yaml", *words]) and not (tmp_path / "out").exists()
 
 
+def test_a_mission_that_the_mission_node_would_refuse_is_refused_before_anything_starts(tmp_path, capsys):
+    """With the radius of the vehicles that fly it."""
+    text = "name: x\nmin_separation_m: 0.3\nconfigurations: [{axis: horizontal, baseline_m: 2}]"
+    (tmp_path / "close.yaml").write_text(text)
+    assert demo.main(["--mission", str(tmp_path / "close.yaml"), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "min_separation_m: 0.3 m is under" in said and not (tmp_path / "out").exists()
+
+
 def test_the_map_of_the_thesis_is_made_where_its_baselines_were_flown(root):
     own = load_mission(root / "config" / "missions" / "mocap.yaml")
     assert [m.folder for m in SYSTEMS["mocap"].maps(own)] == ["map", "map_thesis"]

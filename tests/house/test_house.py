@@ -58,8 +58,11 @@ def test_algorithms_import_no_ros(package):
 
 _KNOWS_TRUTH = "fcsv_sim.truth"
 _FLIES_TELLOS = (
-    "fcsv_sim/people/tello_hands.py", "fcsv_sim/people/tello_pilot.py", "fcsv_sim/ros/tello_pilots_node.py",
+    "fcsv_sim/people/tello_hands.py", "fcsv_sim/ros/tello_pilots_node.py",
 )  # fmt: skip
+#: Of the script that flew Tellos by pilots who saw the truth, before the mission did.
+_GONE = ("pair" + "_mission", "pair" + "_pilots", "pair" + "_session", "pair" + "_cameras", "Simulated" + "Pair",
+         "fly" + "_pair", "sim_tello" + ".launch", "tello" + "/cmd_vel")  # fmt: skip
 
 
 def reached(name, seen):
@@ -96,6 +99,19 @@ def test_nobody_who_flies_a_tello_can_read_the_simulations_truth(path):
 
 def test_who_reads_the_truth_is_found_also_where_another_module_does_it():
     assert _KNOWS_TRUTH in reached("fcsv_sim.tello.vehicle", set())
+
+
+def test_no_demo_reads_the_truth_while_it_flies():
+    """What they compare with it afterwards comes from the session."""
+    demo = [p for p in modules("fcsv_sim") if p.parent.name == "demo" or p.parent.parent.name == "demo"]
+    assert len(demo) > 10 and not [p.name for p in demo if _KNOWS_TRUTH in p.read_text()]
+
+
+def test_nothing_is_left_of_the_script_that_flew_pairs():
+    skip = {"CHANGELOG.md", "testing-merged.md"}  # which tell what was before
+    texts = {p: p.read_text(errors="ignore") for p in tracked() if p.suffix not in (".png", ".npy")}
+    left = {f"{p.relative_to(ROOT)}: {w}" for p, text in texts.items() for w in _GONE if w in text or w in p.name}
+    assert len(texts) > 500 and not {line for line in left if Path(line.split(":")[0]).name not in skip}
 
 
 def tracked():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demos of the gimbal and of the mocap system as a user starts them: a short mission, its session, its map.
 
-Ctrl-C in a pair's flight: tests/fcsv_sim/test_demo_flights.py.
+Ctrl-C in a flight: tests/fcsv_sim/test_demo_flights.py.
 """
 
 import json
@@ -21,18 +21,14 @@ MISSIONS = {
     "gimbal": "[{axis: horizontal, baseline_m: 1.5, record_s: 2.5}, {axis: vertical, baseline_m: 1.0, record_s: 2.5}]",
     "mocap": "[{axis: vertical, baseline_m: 1.0, record_s: 2.5}, {axis: vertical, baseline_m: 3.0, record_s: 2.5}]",
 }
-HEIGHTS_M = {"gimbal": 1.7, "mocap": 2.0}
-ROOM = {
-    "gimbal": "min_separation_m: 0.7",
-    "mocap": "min_separation_m: 0.8\ntracker: ground\ncolumn_spacing_m: 1.0\n"
-    "air: {horizontal_m: 0.63, vertical_factor: 1.0}\n"
-    "flight: {speed_mps: 0.6, climb_mps: 0.4, sink_mps: 0.4, endurance_s: 700.0}",
-}
+HEIGHTS_M = {"gimbal": 1.8, "mocap": 2.0}
 
 
 def short_mission(folder, system):
     lines = [
-        f"name: short\nreference: tello1\nhome_height_m: {HEIGHTS_M[system]}\n{ROOM[system]}",
+        "name: short\nreference: tello1\ntracker: ground\ncolumn_spacing_m: 1.0\nmin_separation_m: 0.8",
+        f"home_height_m: {HEIGHTS_M[system]}\nair: {{horizontal_m: 0.63, vertical_factor: 1.0}}",
+        "flight: {speed_mps: 0.6, climb_mps: 0.4, sink_mps: 0.4, endurance_s: 700.0}",
         "settle: {pose_age_s: 0.6, time_s: 1.0, hold_m: 0.2}",
         f"configurations: {MISSIONS[system]}",
     ]
@@ -62,15 +58,11 @@ def test_it_ends_with_a_map_that_is_right(flown):
     assert near["range_m"] == [0.0, 50.0] and near["within_10_percent"] >= 0.7
     assert len(report["configurations"]) == 2 and report["points"] > 10000
     assert all(word in said(out) for word in ("within 10 %", "report.html", "map.ply", "flown"))
-    held_m = [float(m) for m in re.findall(r"held within ([0-9.]+) m", said(out))]
-    assert len(held_m) == 2 and max(held_m) <= 0.2
 
 
 def test_set_points_were_held_by_the_truth(flown):
     """Bounds: docs/tello.md."""
-    system, out = flown
-    if system == "gimbal":
-        pytest.skip("the demo measures what the mission flies")
+    _, out = flown
     held = re.findall(r"(tello\d) within ([0-9.]+) m and ([0-9.]+) deg", said(out))
     assert sorted(name for name, _, _ in held) == list(NAMES)
     assert all(float(off_m) <= 0.15 and float(off_deg) <= 5.0 for _, off_m, off_deg in held)
@@ -80,22 +72,9 @@ def test_pictures_bear_the_trackers_poses(flown):
     """Near the truth: two cameras of 1 cm each, a lever arm of 0.06 m, 2.5 % of the way for a leg of 3 m out of the
     mocap's view (docs/gimbal.md, docs/mocap.md), and video stamped 0.04 s wrong (docs/tello.md); nowhere truth."""
     _, out = flown
-    errors = tracked_errors(
-        json.loads((out / "map" / "report.json").read_text()), load_truth(out / "session" / "truth")
-    )
+    errors = tracked_errors(json.loads((out / "map" / "report.json").read_text()),
+                            load_truth(out / "session" / "truth"))  # fmt: skip
     assert len(errors) >= 2 and all(1e-5 < away_m < 0.15 for away_m, _ in errors)
-
-
-def test_a_gimbals_map_is_in_the_ground_robots_frame(flown, root):
-    """Which stands at the world's origin: 3 cm of place, and a degree and a half of heading at the camera."""
-    system, out = flown
-    if system != "gimbal":
-        pytest.skip("the mocap's map is in home")
-    report = json.loads((out / "map" / "report.json").read_text())["reference"]
-    vehicle, _, stamp = report["image"].partition("/")
-    true = load_truth(out / "session" / "truth").T_world_cam(vehicle, float(stamp))
-    found = [row[3] for row in report["T_home_cam"][:3]]
-    assert max(abs(a - b) for a, b in zip(found, true[:3, 3])) < 0.05
 
 
 def test_both_have_landed_and_nothing_is_left_behind(flown):

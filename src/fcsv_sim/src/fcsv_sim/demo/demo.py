@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import List, Optional
 
+from fcsv_control.mission.plan_check import require_flyable
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import load_mission
 from fcsv_geometry.vehicle import load_vehicles
@@ -137,6 +138,7 @@ def _plan(system: System, args) -> FleetPlan:
     flown = load_mission(mission)  # a list that cannot be flown is refused before anything is started
     vehicles = system.fleet(flown)
     system.require(flown)
+    require_flyable(flown, vehicles, {n: v.radius_m for n, v in load_vehicles(vehicles_folder(), vehicles).items()})
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated machines and what is launched on them, on the launch files that real ones use: a fleet of one machine per
-vehicle and the control PC, or a pair of Tellos before a tracker, all on one."""
+vehicle and the control PC. Tellos before a tracker, all on one machine, are in ``tellos.py``."""
 
 import json
 import os
@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
-from fcsv_geometry.mission import load_mission
-from fcsv_sim.demo.site import PairSite
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
 
@@ -116,30 +114,6 @@ class Machines:
             script.write_text(_ON.format(name=name, words=words))
             script.chmod(0o755)
         (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
-
-
-class SimulatedPair(Machines):
-    """Tellos, their cameras and the tracker of a site, on one machine (thesis 4 and 5: one PC, Wi-Fi)."""
-
-    def __init__(self, plan: FleetPlan, site: PairSite):
-        super().__init__(plan, [CONTROL])
-        self._site = site
-
-    def _launch(self) -> None:
-        plan = self.plan
-        common = {"sim_dir": plan.sim_folder, "vehicles": ",".join(plan.vehicles)}
-        starts = self._site.starts(load_mission(plan.mission_file), plan.vehicles)
-        for number, vehicle in enumerate(plan.vehicles):
-            arguments = {**common, "uav": vehicle, "seed": 10 * plan.seed + number, "world_seed": plan.seed}
-            arguments.update(world=plan.world, start=",".join(map(str, starts[vehicle])))
-            self.launches[vehicle] = self.control.launch("fcsv_bringup", "sim_tello.launch", **arguments)
-
-    def launch_tracker(self) -> None:
-        """Once the vehicles hover before it: gimbals that begin to search earlier have turned away by then."""
-        plan = self.plan
-        arguments = {"sim_dir": plan.sim_folder, "vehicles": ",".join(plan.vehicles), "seed": plan.seed, "sim": True}
-        arguments.update(rviz=plan.rviz, **self._site.launch_args)
-        self.launches["tracker"] = self.control.launch("fcsv_bringup", self._site.launch_file, **arguments)
 
 
 class SimulatedFleet(Machines):

@@ -4,10 +4,7 @@
 import time
 from typing import Callable, Tuple
 
-from fcsv_geometry.mission import load_mission
-from fcsv_geometry.vehicle import load_vehicles
-from fcsv_sim.bringup import vehicles_folder
-from fcsv_sim.demo.fleet import FleetPlan, Machines, SimulatedFleet, SimulatedPair
+from fcsv_sim.demo.fleet import FleetPlan, Machines, SimulatedFleet
 from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.tellos import SimulatedTellos
@@ -44,33 +41,6 @@ def _fly_mission(machines: Machines, say: Say) -> Tuple[float, float]:
         return watch.flown_s, sum(watch.moved_m.values())
 
     return _fly(machines, follow, lambda: _land_fleet(watch, say), say)
-
-
-def fly_pair(site: PairSite, plan: FleetPlan, say: Say) -> Tuple[float, float]:
-    """Two Tellos before a tracker; seconds flown and metres moved."""
-    from fcsv_sim.demo.ros.mission_watch import attach
-    from fcsv_sim.demo.ros.pair_mission import PairMission
-
-    pair = SimulatedPair(plan, site)
-    mission = None
-
-    def follow() -> Tuple[float, float]:
-        nonlocal mission
-        attach(pair.control)
-        vehicles = load_vehicles(vehicles_folder(), plan.vehicles)
-        mission = PairMission(plan, site, load_mission(plan.mission_file), vehicles, pair, say)
-        mission.fly()
-        return mission.flown_s, mission.moved_m
-
-    def land() -> None:
-        if mission is not None:
-            mission.land()
-
-    try:
-        return _fly(pair, follow, land, say)
-    finally:
-        if mission is not None:
-            uninterrupted(mission.close)
 
 
 def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Callable[[], None], say: Say):

@@ -13,15 +13,13 @@ from fcsv_geometry.mission import Mission
 
 @dataclass(frozen=True)
 class PairSite:
-    """``session_in_odometry``: the tracker's odometry frame is one for all vehicles and fixed (the ground robot's), and
-    the session is in it; otherwise it is in home."""
+    """The tracker's launch file, and where they take off and line up before it."""
 
     launch_file: str
     launch_args: Dict[str, object] = field(default_factory=dict)
     reference_xy_m: Tuple[float, float] = (3.0, 0.5)
     beside_m: float = 1.1  # to the right of the reference the others line up
     sway_m: float = 0.0  # how far all sway sideways until the tracker knows their headings; nought: it needs no motion
-    session_in_odometry: bool = False
     late: bool = False  # the tracker starts once the vehicles hover before it: gimbals that search earlier turn away
 
     def line_up(self, mission: Mission, vehicles: Sequence[str]) -> Dict[str, np.ndarray]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The thesis's three ways of knowing where the cameras are, each as a demo: what flies, how, and how it is mapped."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Callable, Dict, List, Optional, Tuple
 
@@ -18,10 +18,8 @@ from fcsv_sim.demo.tellos import received_stamps
 from fcsv_tracking.gimbal.config import load_ground_robot
 
 _SLOW = {"sim_rate_hz": 8.0, "lost_s": 1.5, "search_dwell_s": 1.0}  # all of it on two cores that others use too
-GIMBAL_SITE = PairSite("gimbal.launch", _SLOW, (2.6, 1.4), session_in_odometry=True)
+GIMBAL_SITE = PairSite("gimbal.launch", _SLOW, (2.6, 1.4), late=True)
 MOCAP_SITE = PairSite("mocap.launch", {}, (3.4, 0.5), beside_m=1.0, sway_m=0.35)
-#: The Tellos' own sensors tell what they measure: none are simulated beside them.
-TELLO_SITE = replace(MOCAP_SITE, launch_args={"sim_sensors": False})
 _TELLOS = ("tello1", "tello2")
 _BY_HAND = ("--method", "thesis", "--trim-vertical", "20", "60", "60")
 #: As launch/mocap.launch stands the simulated tracker: on the ground, looking up at 45 degrees (thesis 5.7).
@@ -76,17 +74,15 @@ def _mocap_maps(mission: Mission) -> Tuple[MapRun, ...]:
     return (MapRun(), MapRun("map_thesis", _BY_HAND)) if vertical == [1.0, 2.0, 3.0] else (MapRun(),)
 
 
-def _before_a_mocap(mission: str, **more) -> System:
-    """Two Tellos, flown by the mission."""
-    fly = partial(flights.fly_tellos, TELLO_SITE)
-    return System(
-        _TELLOS, mission, fly, require=_mocap_can, stamps=received_stamps, T_world_odom=_T_WORLD_LEVEL, **more
-    )
+def _before(site: PairSite, T_world_odom: np.ndarray, mission: str, **more) -> System:
+    """Two Tellos before a tracker on the ground."""
+    fly = partial(flights.fly_tellos, site)
+    return System(_TELLOS, mission, fly, stamps=received_stamps, T_world_odom=T_world_odom, **more)
 
 
 SYSTEMS: Dict[str, System] = {
     "tags": System(("uav1", "uav2"), "short", flights.fly_fleet, grows=True),
-    "gimbal": System(_TELLOS, "gimbal", partial(flights.fly_pair, GIMBAL_SITE), require=_gimbal_can),
-    "mocap": _before_a_mocap("mocap", maps=_mocap_maps),
-    "tello": _before_a_mocap("tello"),
+    "gimbal": _before(GIMBAL_SITE, np.eye(4), "gimbal", require=_gimbal_can),
+    "mocap": _before(MOCAP_SITE, _T_WORLD_LEVEL, "mocap", maps=_mocap_maps, require=_mocap_can),
+    "tello": _before(MOCAP_SITE, _T_WORLD_LEVEL, "tello", require=_mocap_can),
 }
