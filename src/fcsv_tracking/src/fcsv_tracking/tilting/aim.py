@@ -11,8 +11,8 @@ from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltingCamera, TiltingR
 
 _STEPS = 8  # of Newton's method
 _SEARCH_M = (0.02, 20.0)
-_SEARCH_STEPS = 400
-_BISECTIONS = 40
+_SEARCH_STEPS = 80
+_BISECTIONS = 20
 PARALLEL = TiltAngles(0.0, 0.0)
 
 
