@@ -44,7 +44,7 @@ class TestGeometry:
             assert looks == pytest.approx([np.cos(0.2), sign * np.sin(0.2), 0.0])
 
     def test_covariance_is_that_of_many_rigs(self, rig):
-        """Monte Carlo: readings and calibration as ``known`` says them, 4000 draws tell a standard deviation to 1.1 %."""
+        """Readings and calibration as ``known`` says them; 4000 draws tell a standard deviation to 1.1 %."""
         angles, random, n = TiltAngles(0.3, 0.2), np.random.default_rng(1), 4000
         T_l, T_r = (rig.T_rig_cam(s, angles) for s in SIDES)
         errors = np.empty((n, 6))
@@ -128,9 +128,9 @@ class TestAim:
         aim = Aim(rig, AimRules(speed_degps=20.0))
         aim.step(10.0)
         aim.look(0.4)
-        told = [aim.step(10.0 + 0.1 * k) for k in range(1, 9)]
+        told = [aim.step(10.0 + 0.1 * k) for k in range(1, 12)]
         steps = np.diff([0.0, *(t.left_rad for t in told)])
-        assert steps.max() <= np.radians(2.0) + 1e-9 and told[-1] == pytest.approx(aim.goal)
+        assert steps.max() <= np.radians(2.0) + 1e-9 and np.allclose(told[-1], aim.goal)
         assert aim.step(9.0) == told[-1]  # a clock that goes back turns nothing
 
     @pytest.mark.parametrize("distance_m", [0.0, -1.0, float("nan"), float("inf")])
@@ -181,7 +181,7 @@ class TestServos:
 
     def test_a_servo_that_is_missing_is_named(self, rig):
         with SimulatedBus([1]) as bus:
-            line = DynamixelBus(bus.port, answer_s=0.05)
+            line = DynamixelBus(bus.port, answer_s=0.3)  # the machine may be busy
             with pytest.raises(ServoError, match="servo 2 does not answer"):
                 TiltServos(line, rig, time.time)
             line.close()

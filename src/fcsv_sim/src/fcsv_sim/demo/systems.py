@@ -84,6 +84,9 @@ def _before_a_mocap(mission: str, **more) -> System:
     )
 
 
+#: A demo without vehicles (tilting.py), by its name beside the systems that fly.
+TILTING = "tilting"
+
 SYSTEMS: Dict[str, System] = {
     "tags": System(("uav1", "uav2"), "short", flights.fly_fleet, grows=True),
     "gimbal": System(_TELLOS, "gimbal", partial(flights.fly_pair, GIMBAL_SITE), require=_gimbal_can),

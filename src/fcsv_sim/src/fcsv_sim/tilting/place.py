@@ -81,8 +81,8 @@ class Place:
         return rays[:, T].reshape(camera.height, camera.width).copy()
 
     def shown(self, thing: str, T_world_cam: np.ndarray, camera: PinholeCamera, radius_m: float) -> Tuple[int, int]:
-        """How many pixels of the part within ``radius_m`` of the thing's middle the picture shows, and how many it would
-        show if it were twice as wide and high."""
+        """How many pixels of the part within ``radius_m`` of the thing's middle the picture shows, and how many it
+        would show if it were twice as wide and high."""
         wide = replace(camera, width=2 * camera.width, height=2 * camera.height,
                        cx=camera.cx + camera.width / 2, cy=camera.cy + camera.height / 2)  # fmt: skip
         near = self.near(thing, self.depth_of(thing, T_world_cam, wide), T_world_cam, wide, radius_m)

@@ -58,15 +58,18 @@ def outcomes(
         for thing in things:
             for distance_m in distances_m:
                 tilted = crossing(rig, distance_m) if distance_m < rules.parallel_beyond_m else PARALLEL
-                for tilt, angles in ((False, PARALLEL), (True, tilted)):
-                    if tilt and angles == PARALLEL:  # it stands as it did: the same pictures
-                        yield replace(found, tilt=True)
-                        continue
-                    name = f"{thing}_{distance_m:g}m_{'tilted' if tilt else 'parallel'}"
-                    simulated.turn(angles)
-                    found = _one(place, simulated, thing, distance_m, tilt, (folder or Path(scratch)) / name)
+                name = f"{thing}_{distance_m:g}m"
+                simulated.turn(PARALLEL)
+                found = _one(place, simulated, thing, distance_m, False, (folder or Path(scratch)) / f"{name}_parallel")
+                say(in_words(found))
+                yield found
+                if tilted != PARALLEL:
+                    simulated.turn(tilted)
+                    found = _one(
+                        place, simulated, thing, distance_m, True, (folder or Path(scratch)) / f"{name}_tilted"
+                    )
                     say(in_words(found))
-                    yield found
+                yield replace(found, tilt=True)  # beyond it stands as it did: the same pictures
 
 
 def _one(place: Place, rig: SimulatedRig, thing: str, distance_m: float, tilt: bool, folder: Path) -> Outcome:
