@@ -3,16 +3,14 @@
 
 import shutil
 from pathlib import Path
-from typing import Callable, Sequence
-
-import numpy as np
+from typing import Callable, Optional, Sequence
 
 from fcsv_geometry.writing import require_folder
 from fcsv_sim.bringup import bringup
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.tilting.report import table, write_curves, write_pictures
 from fcsv_sim.tilting.things import THINGS
-from fcsv_sim.tilting.trial import DISTANCES_M, outcomes
+from fcsv_sim.tilting.trial import DISTANCES_M, Outcome, outcomes
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import StereoError
 from fcsv_tracking.tilting.aim import nearest_m
@@ -45,8 +43,8 @@ def run(
     write_curves(found, out / "curves.png")
     shown_m = min(distances_m, key=lambda d: abs(d - 0.4))
     write_pictures(found, shown_m, out / "pictures.png")
-    best = max((o for o in found if o.tilt and not o.refused), key=lambda o: (o.right, -o.distance_m), default=None)
-    _report(out, best, say)
+    half_right = [o for o in found if o.tilt and not o.refused and o.right >= 0.5]
+    _report(out, min(half_right, key=lambda o: o.distance_m, default=None), say)
     for name, what in zip(
         _FILES, ("coverage and error over distance", f"pictures and depth at {shown_m:g} m", "table")
     ):
@@ -54,15 +52,14 @@ def run(
     return 0
 
 
-def _report(out: Path, best, say) -> None:
-    """The map command's own report, of the pair that came out best."""
-    if best is None:
-        say("no pair was refined: no report of a map")
+def _report(out: Path, chosen: Optional[Outcome], say: Callable[[str], None]) -> None:
+    """The map command's own report, of the nearest pair that came out well."""
+    if chosen is None:
+        say("no pair was refined and half right: no report of a map")
         return
-    words = "tilted" if np.any(best.angles) else "parallel"
-    tilted = out / "pairs" / f"{best.thing}_{best.distance_m:g}m_tilted"
-    pair = tilted if tilted.is_dir() else out / "pairs" / f"{best.thing}_{best.distance_m:g}m_parallel"
-    say(f"mapping {pair.name} ({words}) with its report")
+    name = f"{chosen.thing}_{chosen.distance_m:g}m"
+    pair = next(p for p in (out / "pairs" / f"{name}_tilted", out / "pairs" / f"{name}_parallel") if p.is_dir())
+    say(f"mapping {pair.name} with its report")
     method = pipeline.METHODS[pipeline.DEFAULT_METHOD]
     try:
         pipeline.run(pair, out / "map", method.name, method.options(), None, lambda *_: None)

@@ -27,7 +27,7 @@ def table(outcomes: Sequence[Outcome]) -> List[str]:
     """Lines of Markdown, one row each; what stands as it did (parallel beyond a distance) has one row."""
     lines = [f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD)]
     for o in outcomes:
-        if o.tilt and not any(o.angles[:1]) and any(p.angles == o.angles and not p.tilt for p in outcomes):
+        if o.tilt and any(p.view is o.view and not p.tilt for p in outcomes):
             continue
         inward = f"{np.degrees(np.mean(o.angles)):.1f}°" if o.tilt else "parallel"
         ends = [f"{1e3 * v:.1f} mm" if np.isfinite(v) else "–" for v in (o.error_m, o.bound_m)]
@@ -61,7 +61,7 @@ def write_curves(outcomes: Sequence[Outcome], file: Path) -> None:
     axes[0][0].set_ylabel("of its pixels within 10 % (%)")
     axes[1][0].set_ylabel("median error (mm)")
     axes[0][0].legend(fontsize=8)
-    axes[1][0].legend(fontsize=8)
+    axes[1][-1].legend(fontsize=7, loc="lower right")
     _save(figure, file)
 
 

@@ -26,4 +26,4 @@ def _plain(value):
         return {k: _plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
-    return round(value, 9) if isinstance(value, float) else value
+    return float(round(value, 9)) if isinstance(value, float) else value
