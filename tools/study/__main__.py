@@ -13,6 +13,7 @@ from baselines import growing, house
 from fusion import at_once, axes, trimming
 from headline import headline
 from interest import interest
+from nearest import nearest
 from page import Page
 from rectification import rectification
 from tilt import tilt
@@ -21,7 +22,7 @@ from fcsv_geometry.errors import FcsvError
 
 SECTIONS = {
     "growing": growing, "house": house, "trimming": trimming, "axes": axes, "tilt": tilt, "at_once": at_once,
-    "rectification": rectification, "interest": interest,
+    "rectification": rectification, "interest": interest, "nearest": nearest,
 }  # fmt: skip
 
 

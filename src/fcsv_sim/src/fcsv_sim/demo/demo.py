@@ -23,7 +23,7 @@ from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.held import held, held_in_words
 from fcsv_sim.demo.look import look
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
-from fcsv_sim.demo.systems import SYSTEMS, MapRun, System
+from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
 from fcsv_sim.demo.truth_export import export_truth
 from fcsv_sim.machines import slow_motion
 from fcsv_sim.machines.machines import MachineError
@@ -44,7 +44,7 @@ def main(argv: Optional[List[str]] = None) -> int:
     args = _parse(argv)
     try:
         rate = slow_motion.parse_rate(args.speed)
-        if argv is None:
+        if argv is None and args.system != TILTING:  # pictures taken at rest have no clock
             slow_motion.begin_again_in(rate)
     except FcsvError as error:
         print(f"demo: {error}", file=sys.stderr)
@@ -56,6 +56,8 @@ def main(argv: Optional[List[str]] = None) -> int:
 
     interrupt.listen()
     try:
+        if args.system == TILTING:
+            return _tilt(args, say)
         system = _system(args.system)
         plan = _plan(system, args)
         return run(system, plan, say, fly_only=args.fly_only, method=args.method)
@@ -129,8 +131,19 @@ def _print_end(plan: FleetPlan, out: Path) -> None:
 
 def _system(name: str) -> System:
     if name not in SYSTEMS:
-        raise MachineError(f"no system '{name}': SYSTEM is one of {', '.join(SYSTEMS)}")
+        raise MachineError(f"no system '{name}': SYSTEM is one of {', '.join(SYSTEMS)}, {TILTING}")
     return SYSTEMS[name]
+
+
+def _tilt(args, say) -> int:
+    """The demo that flies nothing."""
+    if args.mission:
+        raise MachineError(f"--mission {args.mission}: system {TILTING} flies none")
+    if args.seed < 0:
+        raise MachineError(f"--seed {args.seed}: must not be negative")
+    from fcsv_sim.demo import tilting  # a second of imports that no flight needs
+
+    return tilting.run(Path(args.out), say, args.seed, args.overwrite == "1")
 
 
 def _plan(system: System, args) -> FleetPlan:
@@ -168,7 +181,8 @@ def _chosen(word: str, default: bool) -> bool:
 
 def _parse(argv):
     parser = argparse.ArgumentParser(prog="demo", description="Fly a mission in simulation and map what was seen.")
-    parser.add_argument("--system", default="tags", help=f"how cameras know where they are: {', '.join(SYSTEMS)}")
+    parser.add_argument("--system", default="tags", help=f"how cameras know where they are: {', '.join(SYSTEMS)}; "
+                        f"{TILTING}: a tilting stereo camera, which flies nothing")  # fmt: skip
     parser.add_argument("--mission", default="", help="a mission file, or the name of one in config/missions")
     parser.add_argument("--seed", type=int, default=1, help="of the town and of every noise")
     parser.add_argument("--world", choices=list(WORLDS), default="street", help="kind of world to fly in")

@@ -80,6 +80,9 @@ def _before(site: PairSite, T_world_odom: np.ndarray, mission: str, **more) -> S
     return System(_TELLOS, mission, fly, stamps=received_stamps, T_world_odom=T_world_odom, **more)
 
 
+#: A demo without vehicles (tilting.py), by its name beside the systems that fly.
+TILTING = "tilting"
+
 SYSTEMS: Dict[str, System] = {
     "tags": System(("uav1", "uav2"), "short", flights.fly_fleet, grows=True),
     "gimbal": _before(GIMBAL_SITE, np.eye(4), "gimbal", require=_gimbal_can),

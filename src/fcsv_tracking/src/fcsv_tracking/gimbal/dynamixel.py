@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The real gimbal: two MX-12W on a serial bus, through Robotis' dynamixel-sdk (protocol 1.0)."""
+"""MX-12W on a serial bus, a gimbal's two or any others, through Robotis' dynamixel-sdk (protocol 1.0)."""
 
 import termios
 import threading
 from collections import Counter
-from typing import Callable, Dict, List, Tuple
+from typing import Callable, Dict, List, NamedTuple, Sequence, Tuple
 
 import dynamixel_sdk as sdk
 import numpy as np
@@ -103,19 +103,28 @@ class DynamixelBus:
             raise ServoError(f"{self._name}: {error}; was it unplugged?") from error
 
 
-class DynamixelGimbal(GimbalServos):
-    """Raises ServoError at once where a servo is missing, of another model, or in wheel or multi-turn mode."""
+class DynamixelAxis(NamedTuple):
+    """A servo that turns one axis: id on the bus, reading at angle zero (ticks), which way it counts (1 or -1)."""
 
-    def __init__(self, bus: DynamixelBus, servo: GimbalServo, clock: Callable[[], float],
+    name: str
+    number: int
+    zero: int
+    sign: int
+
+
+class DynamixelAxes:
+    """Servos that turn together. Raises ServoError at once where one is missing, of another model, or in wheel or
+    multi-turn mode."""
+
+    def __init__(self, bus: DynamixelBus, axes: Sequence[DynamixelAxis], clock: Callable[[], float],
                  speed_degps: float = 400.0, acceleration_degps2: float = 2000.0):  # fmt: skip
-        self._bus, self._clock = bus, clock
-        self._axes = ((servo.pan_id, servo.pan_zero, servo.pan_sign), (servo.tilt_id, servo.tilt_zero, servo.tilt_sign))
-        self._limits = [self._check(number) for number, _, _ in self._axes]
-        self._present = [mx12w.present(bus.read(number, mx12w.PRESENT)) for number, _, _ in self._axes]
-        for number, _, _ in self._axes:
-            bus.write(number, mx12w.MOVING_SPEED, mx12w.speed_units(speed_degps))
-            bus.write(number, mx12w.GOAL_ACCELERATION, mx12w.acceleration_units(acceleration_degps2))
-            bus.write(number, mx12w.TORQUE_ENABLE, 1)
+        self._bus, self._clock, self._axes = bus, clock, tuple(axes)
+        self._limits = [self._check(a.number) for a in self._axes]
+        self._present = [mx12w.present(bus.read(a.number, mx12w.PRESENT)) for a in self._axes]
+        for a in self._axes:
+            bus.write(a.number, mx12w.MOVING_SPEED, mx12w.speed_units(speed_degps))
+            bus.write(a.number, mx12w.GOAL_ACCELERATION, mx12w.acceleration_units(acceleration_degps2))
+            bus.write(a.number, mx12w.TORQUE_ENABLE, 1)
 
     def _check(self, number: int) -> Tuple[int, int]:
         """The servo's own limits (ticks)."""
@@ -132,40 +141,60 @@ class DynamixelGimbal(GimbalServos):
             )
         return low, high
 
-    def turn(self, angles: Angles) -> None:
+    def turn_axes(self, angles_rad: Sequence[float]) -> None:
+        """All start together and hold. Raises ServoError; then none is turned."""
         goals = {}
-        for (number, zero, sign), (low, high), angle in zip(self._axes, self._limits, angles):
+        for axis, (low, high), angle in zip(self._axes, self._limits, angles_rad):
             if not np.isfinite(angle):
-                raise ServoError(f"servo {number}: told to turn to {angle}")
-            ticks = zero + sign * int(round(angle / mx12w.TICK_RAD))
+                raise ServoError(f"servo {axis.number}: told to turn to {angle}")
+            ticks = axis.zero + axis.sign * int(round(angle / mx12w.TICK_RAD))
             if not low <= ticks <= high:
                 raise ServoError(
-                    f"servo {number}: {np.degrees(angle):.1f} deg is tick {ticks}, its limits are {low}..{high}: "
+                    f"servo {axis.number}: {np.degrees(angle):.1f} deg is tick {ticks}, its limits are {low}..{high}: "
                     "make the gimbal's limits narrower, or mount the servo's middle ahead"
                 )
-            goals[number] = ticks
+            goals[axis.number] = ticks
         self._bus.write_all(mx12w.GOAL_POSITION, goals)
 
-    def read(self) -> GimbalReading:
-        """The two are asked one after the other, a millisecond apart; the stamp is the middle."""
+    def read_axes(self) -> Tuple[float, List[float]]:
+        """Stamp (s) and angles (rad). They are asked one after the other, a millisecond apart; the stamp is the
+        middle. Raises ServoError."""
         begun_s = self._clock()
-        self._present = [mx12w.present(self._bus.read(number, mx12w.PRESENT)) for number, _, _ in self._axes]
+        self._present = [mx12w.present(self._bus.read(a.number, mx12w.PRESENT)) for a in self._axes]
         stamp_s = 0.5 * (begun_s + self._clock())
-        pan, tilt = (
-            sign * (now.position - zero) * mx12w.TICK_RAD for (_, zero, sign), now in zip(self._axes, self._present)
-        )
-        return GimbalReading(stamp_s, Angles(float(pan), float(tilt)))
+        angles = [a.sign * (now.position - a.zero) * mx12w.TICK_RAD for a, now in zip(self._axes, self._present)]
+        return stamp_s, [float(a) for a in angles]
 
     def health(self) -> Dict[str, str]:
+        """For diagnostics: temperature, voltage, load and lost answers by name."""
         out = {}
-        for name, (number, _, _), now in zip(("pan", "tilt"), self._axes, self._present):
-            out[f"{name} servo"] = f"{now.temperature_c} C, {now.voltage_v:.1f} V, load {100 * now.load:.0f} %"
-            out[f"{name} lost answers"] = str(self._bus.failures[number])
+        for axis, now in zip(self._axes, self._present):
+            out[f"{axis.name} servo"] = f"{now.temperature_c} C, {now.voltage_v:.1f} V, load {100 * now.load:.0f} %"
+            out[f"{axis.name} lost answers"] = str(self._bus.failures[axis.number])
         return out
 
     def close(self) -> None:
-        """Torque off; the bus stays open for the other gimbal."""
-        self._bus.write_all(mx12w.TORQUE_ENABLE, {number: 0 for number, _, _ in self._axes})
+        """Torque off; the bus stays open for other servos."""
+        self._bus.write_all(mx12w.TORQUE_ENABLE, {a.number: 0 for a in self._axes})
+
+
+class DynamixelGimbal(DynamixelAxes, GimbalServos):
+    """Pan and tilt of a gimbal."""
+
+    def __init__(self, bus: DynamixelBus, servo: GimbalServo, clock: Callable[[], float],
+                 speed_degps: float = 400.0, acceleration_degps2: float = 2000.0):  # fmt: skip
+        axes = (
+            DynamixelAxis("pan", servo.pan_id, servo.pan_zero, servo.pan_sign),
+            DynamixelAxis("tilt", servo.tilt_id, servo.tilt_zero, servo.tilt_sign),
+        )
+        super().__init__(bus, axes, clock, speed_degps, acceleration_degps2)
+
+    def turn(self, angles: Angles) -> None:
+        self.turn_axes(angles)
+
+    def read(self) -> GimbalReading:
+        stamp_s, angles = self.read_axes()
+        return GimbalReading(stamp_s, Angles(*angles))
 
 
 def _bytes(value: int, register: Register) -> List[int]:

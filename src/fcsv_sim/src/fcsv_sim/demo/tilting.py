@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``make demo SYSTEM=tilting``: the tilting stereo camera before thin things. Nothing flies, no ROS is needed."""
+
+import shutil
+from pathlib import Path
+from typing import Callable, Optional, Sequence
+
+from fcsv_geometry.writing import require_folder
+from fcsv_sim.bringup import bringup
+from fcsv_sim.errors import SimulationError
+from fcsv_sim.tilting.report import table, write_curves, write_pictures
+from fcsv_sim.tilting.things import THINGS
+from fcsv_sim.tilting.trial import DISTANCES_M, Outcome, outcomes
+from fcsv_stereo import pipeline
+from fcsv_stereo.errors import StereoError
+from fcsv_tracking.tilting.aim import nearest_m
+from fcsv_tracking.tilting.rig import load_rig
+
+_FOLDERS = ("pairs", "map")
+_FILES = ("curves.png", "pictures.png", "table.md")
+_LEAST_MIB = 100
+_SIZE_M = 0.1  # of the thing whose nearest distance is told
+
+
+def run(
+    out: Path, say: Callable[[str], None], seed: int = 1, overwrite: bool = False,
+    things: Sequence[str] = tuple(THINGS), distances_m: Sequence[float] = DISTANCES_M, rig_file: str = "",
+) -> int:  # fmt: skip
+    """The whole story: a rig, pictures of thin things from near to far, depth as ``map`` makes it, table and pictures.
+
+    Raises SimulationError where ``out`` holds an earlier demo and ``overwrite`` is not said.
+    """
+    out = out.resolve()
+    _empty(out, overwrite)
+    path = Path(rig_file) if rig_file else bringup() / "config" / "tilting" / "rig.yaml"
+    rig = load_rig(path)
+    parallel_m, tilted_m = (nearest_m(rig, _SIZE_M, tilt) for tilt in (False, True))
+    say(f"rig: {path}, baseline {rig.baseline_m:.2f} m, cameras turn inward by up to {rig.limits_deg[1]:.0f} deg")
+    say(f"both cameras see a thing of {_SIZE_M:g} m whole from {parallel_m:.2f} m on, tilted from {tilted_m:.2f} m")
+    say(f"building farmland with {', '.join(things)}; pictures and their depth follow (seed {seed})")
+    found = list(outcomes(rig, things, distances_m, seed, out / "pairs", say=say))
+    (out / "table.md").write_text("\n".join(table(found)) + "\n")
+    write_curves(found, out / "curves.png")
+    shown_m = min(distances_m, key=lambda d: abs(d - 0.4))
+    write_pictures(found, shown_m, out / "pictures.png")
+    half_right = [o for o in found if o.tilt and not o.refused and o.right >= 0.5]
+    _report(out, min(half_right, key=lambda o: o.distance_m, default=None), say)
+    for name, what in zip(
+        _FILES, ("coverage and error over distance", f"pictures and depth at {shown_m:g} m", "table")
+    ):
+        print(f"{what}: {out / name}")
+    return 0
+
+
+def _report(out: Path, chosen: Optional[Outcome], say: Callable[[str], None]) -> None:
+    """The map command's own report, of the nearest pair that came out well."""
+    if chosen is None:
+        say("no pair was refined and half right: no report of a map")
+        return
+    name = f"{chosen.thing}_{chosen.distance_m:g}m"
+    pair = next(p for p in (out / "pairs" / f"{name}_tilted", out / "pairs" / f"{name}_parallel") if p.is_dir())
+    say(f"mapping {pair.name} with its report")
+    method = pipeline.METHODS[pipeline.DEFAULT_METHOD]
+    try:
+        pipeline.run(pair, out / "map", method.name, method.options(), None, lambda *_: None)
+    except StereoError as error:
+        raise SimulationError(f"{pair}: no map ({error})") from error
+    print(f"report: {out / 'map' / 'report.html'}")
+
+
+def _empty(out: Path, overwrite: bool) -> None:
+    """Remove what an earlier demo left, and nothing else."""
+    if any(p.exists() and not p.is_dir() for p in (out, *out.parents)):
+        raise SimulationError(f"{out}: a file stands there, not a folder; choose another with OUT=")
+    if (out / "session").exists():
+        raise SimulationError(f"{out} holds a recorded flight: choose another folder with OUT=")
+    if (out / "pairs").exists() and not overwrite:
+        raise SimulationError(f"{out} holds an earlier demo: OVERWRITE=1 replaces it, OUT=FOLDER makes another")
+    require_folder(out, _LEAST_MIB)
+    for name in _FOLDERS:
+        if (out / name).exists():
+            shutil.rmtree(out / name)
+    for name in _FILES:
+        (out / name).unlink(missing_ok=True)
+    out.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Depth of thin things from near to far, with and without tilt, against truth and equation 2.12."""
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Callable, Iterator, Optional, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_sim.tilting.place import Place, View
+from fcsv_sim.tilting.rig import SimulatedRig
+from fcsv_sim.tilting.shots import take
+from fcsv_stereo import pipeline
+from fcsv_stereo.errors import StereoError
+from fcsv_stereo.planning.toed_in import depth_error
+from fcsv_tracking.tilting.aim import PARALLEL, AimRules, crossing
+from fcsv_tracking.tilting.rig import TiltAngles, TiltingRig
+
+DISTANCES_M = (0.3, 0.4, 0.6, 1.0, 2.0, 4.0, 6.0, 10.0)
+_LEAST_RADIUS_M, _RADIUS_SHARE = 0.15, 0.15
+_RIGHT_SHARE = 0.1  # of the depth: what is farther off is wrong
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One pair of pictures. The thing is its part within 0.15 m of its middle, and 15 % of the distance.
+
+    Shares are of its pixels as a picture twice as wide would show them: ``shown`` in the left picture, ``covered``
+    with a depth, ``right`` within 10 %, ``bounded`` within equation 2.12 for one pixel. ``error_m`` is the median of
+    those with a depth, ``bound_m`` the median bound of them (NaN where there are none). ``refused``: why poses were not
+    refined.
+    """
+
+    thing: str
+    distance_m: float
+    tilt: bool
+    angles: TiltAngles
+    pixels: int
+    shown: float
+    covered: float
+    right: float
+    bounded: float
+    error_m: float
+    bound_m: float
+    refused: str
+    view: View
+    depth: np.ndarray
+
+
+def outcomes(
+    rig: TiltingRig, things: Sequence[str], distances_m: Sequence[float] = DISTANCES_M, seed: int = 1,
+    folder: Optional[Path] = None, rules: Optional[AimRules] = None, say: Callable[[str], None] = lambda _line: None,
+) -> Iterator[Outcome]:  # fmt: skip
+    """Of every thing from every distance, parallel and tilted; the folders that ``map`` reads stay in ``folder``."""
+    place, simulated, rules = Place(seed), SimulatedRig(rig, seed), rules or AimRules()
+    with tempfile.TemporaryDirectory() as scratch:
+        for thing in things:
+            for distance_m in distances_m:
+                tilted = crossing(rig, distance_m) if distance_m < rules.parallel_beyond_m else PARALLEL
+                name = f"{thing}_{distance_m:g}m"
+                simulated.turn(PARALLEL)
+                found = _one(place, simulated, thing, distance_m, False, (folder or Path(scratch)) / f"{name}_parallel")
+                say(in_words(found))
+                yield found
+                if tilted != PARALLEL:
+                    simulated.turn(tilted)
+                    found = _one(
+                        place, simulated, thing, distance_m, True, (folder or Path(scratch)) / f"{name}_tilted"
+                    )
+                    say(in_words(found))
+                yield replace(found, tilt=True)  # beyond it stands as it did: the same pictures
+
+
+def _one(place: Place, rig: SimulatedRig, thing: str, distance_m: float, tilt: bool, folder: Path) -> Outcome:
+    left, _ = take(place, rig, thing, distance_m, folder)
+    depth, refused = map_depth(folder, left.depth.shape)
+    camera, T_rig_left = rig.true.left.camera, rig.T_rig_cams()[0]
+    T_world_cam = place.T_world_rig(thing, distance_m) @ T_rig_left
+    radius_m = max(_LEAST_RADIUS_M, _RADIUS_SHARE * distance_m)
+    shown, pixels = place.shown(thing, T_world_cam, camera, radius_m)
+    part = left.thing & place.near(thing, left.depth, T_world_cam, camera, radius_m)
+    answered = part & np.isfinite(depth)
+    error = np.abs(depth[answered] - left.depth[answered])
+    xy = camera.rays()[answered][:, :2]
+    bound = depth_error(left.depth[answered], xy, rig.true.T_left_right(rig.angles), rig.true.right.camera)
+    right = error <= _RIGHT_SHARE * left.depth[answered]
+    pixels = max(pixels, 1)
+    nan = float("nan")
+    return Outcome(
+        thing, distance_m, tilt, rig.read(), pixels, shown / pixels, error.size / pixels, float(right.sum()) / pixels,
+        float((error <= bound).sum()) / pixels, float(np.median(error)) if error.size else nan,
+        float(np.median(bound)) if error.size else nan, refused, left, depth,
+    )  # fmt: skip
+
+
+def map_depth(folder: Path, shape: Tuple[int, int]) -> Tuple[np.ndarray, str]:
+    """Depth (H,W float32, m, NaN) as the command ``map`` makes it, and what it says against it.
+
+    Where refinement is refused, since pictures from so far apart share no features, the rig's own poses count, as with
+    ``map --no-refine``.
+    """
+    method, given = pipeline.METHODS[pipeline.DEFAULT_METHOD], pipeline.load(folder)
+    refused = ""
+    for options in (method.options(), method.trusting_poses(method.options())):
+        try:
+            return method.map(given, options).depth, refused
+        except StereoError as error:
+            refused = str(error)
+    return np.full(shape, np.nan, np.float32), refused
+
+
+def in_words(o: Outcome) -> str:
+    """One line for a person."""
+    turned = f"{np.degrees(np.mean(o.angles)):4.1f} deg" if o.tilt else "parallel"
+    ends = f"error {1e3 * o.error_m:.1f} mm, 2.12 {1e3 * o.bound_m:.1f} mm" if np.isfinite(o.error_m) else ""
+    shares = f"shown {o.shown:4.0%}, covered {o.covered:4.0%}, right {o.right:4.0%}"
+    kept = ", poses as read" if o.refused else ""
+    return f"{o.thing:6} {o.distance_m:4g} m  {turned}  {shares}  {ends}{kept}"
