@@ -74,7 +74,7 @@ def test_who_stands_is_left_alone_and_the_whole_is_bounded():
     assert not moves(still) and spread([still]) == [still]
     assert not moves(replace(still, others=still.others[:1]))
     many = [swept(line((0, -2, h), (0, -50, h)), 100.0 * h) for h in range(4)]
-    assert len(spread([still, *many])) <= 13 and spread([still, *many])[0] is still
+    assert len(spread([still, *many])) <= 9 and spread([still, *many])[0] is still
 
 
 def test_of_pictures_about_a_step_away_the_sharpest_is_taken():
@@ -141,6 +141,10 @@ def test_an_offset_that_cannot_be_seen_is_not_told():
     assert clock_offset(blank, track, R_FLU_OPTICAL) is None
     assert clock_offset(pictures[:5], track, R_FLU_OPTICAL) is None
     assert clock_offset(pictures, Trajectory(), R_FLU_OPTICAL) is None
+    rare = Trajectory()
+    for t_s in np.arange(-0.5, 5.5, 0.1):
+        rare.add(t_s, pose(t_s))
+    assert clock_offset(pictures, rare, R_FLU_OPTICAL) is None, "ten poses a second do not show a vibration"
     still = Trajectory()
     for t_s in np.arange(-0.5, 5.5, 0.005):
         still.add(t_s, np.eye(4))

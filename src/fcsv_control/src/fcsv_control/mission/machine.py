@@ -85,11 +85,6 @@ class MissionMachine(Operated):
         """0..1 of the configurations that are recorded or left out."""
         return 0.0 if self._flight_list is None else self._flight_list.share
 
-    @property
-    def so_far(self) -> List[CaptureWindow]:
-        """Windows of sweeps under way, for who maps meanwhile: pictures until then are taken."""
-        return [] if self._flight_list is None else self._flight_list.so_far
-
     # ---- what services say ------------------------------------------------------------------------------------
 
     def answer(self, what: str, success: bool, message: str) -> None:

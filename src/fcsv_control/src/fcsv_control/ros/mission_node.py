@@ -266,8 +266,7 @@ class MissionNode:
         if self._restored is not None and not self._judged:
             return  # after a restart recordings are told again, once who records them is connected
         wall_s = rospy.get_time()
-        news = [w for w in m.so_far if w not in self._so_far] + m.captures[self._published_captures :]
-        for window in news:
+        for window in [*(w for w in m.so_far if w not in self._so_far), *m.captures[self._published_captures :]]:
             offset_s = rospy.get_time() - time.monotonic()  # both now: ``now_s`` is as old as this step took
             self._captures.publish(capture_message(self._mission, window, wall_s, offset_s))
         self._so_far, self._published_captures = list(m.so_far), len(m.captures)

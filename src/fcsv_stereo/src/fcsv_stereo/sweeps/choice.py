@@ -13,7 +13,7 @@ import numpy as np
 from fcsv_stereo.model import Configuration, ConfigurationInput, Picture
 
 _STEPS = (0.42, 0.6, 0.85, 1.2, 2.0, 4.0)  # of the baseline, the first that leaves few enough pictures: 0.42 is sqrt(2)
-_MOST = 12  # pictures of all sweeps together; ``joint`` takes 16, and its time grows with them
+_MOST = 8  # pictures of all sweeps together; ``joint`` takes 16, and its time grows with them
 _SLACK = 0.25  # of a step: within it the sharpest picture is taken
 MOVES_M = 1.0  # a vehicle that holds strays by 0.15 m
 _REFERENCES = 3  # nearest in time to each chosen picture

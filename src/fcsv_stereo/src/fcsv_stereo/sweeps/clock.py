@@ -27,6 +27,7 @@ _CORNER_PX = 0.3
 _BACK_PX = 0.5  # a corner that is tracked there and back ends where it began
 _INVERSE_DEPTH, _OF_SCENE, _OF_CORNER = 0.03, 0.05, 0.1  # 1/m: expected; standard deviations of all in common, of one
 _TRACKER_RAD = np.radians(0.03)  # of a turn by the tracker
+_MOST_SPACING_S = 0.02  # of the tracker's poses: rarer ones do not show what vibrates
 _ROBUST = 2.5  # standard deviations
 _SURE = 25.0  # by how much the cost elsewhere is higher
 _APART_S = 0.006  # "elsewhere"
@@ -119,7 +120,7 @@ class _Track:
     def of(cls, turns: Sequence[Turn], track: Trajectory, R_body_cam: np.ndarray) -> Optional["_Track"]:
         first_s, last_s = turns[0].first_s - _MOST_S, turns[-1].second_s + _MOST_S
         stamps_s, poses = track.within(first_s - _MOST_S, last_s + _MOST_S)
-        if len(stamps_s) < 2:
+        if len(stamps_s) < 2 or float(np.median(np.diff(stamps_s))) > _MOST_SPACING_S:
             return None
         rotations = Rotation.from_matrix(poses[:, :3, :3] @ R_body_cam)
         return cls(RotationSpline(stamps_s, rotations), float(stamps_s[0]), float(stamps_s[-1]))
