@@ -262,11 +262,11 @@ def test_a_sweep_is_shown_as_a_way_that_is_not_dragged():
     c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2})
     c.load(OUTDOOR.with_name("sweep.yaml"))
     side, up = c.file.rows
-    assert (side.way_m, up.way_m[1]) == (((0.0, -2.0, 0.0), (0.0, -8.0, 0.0)), (0.0, -8.0, 7.0))
-    assert [cell.text for cell in cells.configuration_cells(side, False)][1:4] == ["hor. 2 to 8 m", "0°", "0+5 s"]
-    assert mission_file.seconds_left(c.file, 0) == pytest.approx(1.0 + 2 * 1.0 + 2.0 + 5.0 + 6.2, abs=2.0)
+    assert (side.way_m, up.way_m[1]) == (((0.0, -8.0, 0.0), (0.0, -2.0, 0.0)), (0.0, -2.0, 7.0))
+    assert [cell.text for cell in cells.configuration_cells(side, False)][1:4] == ["hor. 8 to 2 m", "0°", "0+5 s"]
+    assert mission_file.seconds_left(c.file, 0) == pytest.approx(5.2 + 1.0 + 5.0 + 1.0 + 6.2, abs=1.0)
     scale = above_view.Scale(400, 400, 20.0)
-    assert above_view.picked(c.file.rows, scale, *scale.to_px(0.0, -2.0)) is None
+    assert above_view.picked(c.file.rows, scale, *scale.to_px(0.0, -8.0)) is None
 
 
 def test_a_file_that_is_not_there_or_is_no_text(tmp_path):

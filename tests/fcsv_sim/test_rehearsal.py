@@ -50,9 +50,10 @@ def test_a_flight_without_faults_records_all_and_lands(mission, vehicles):
 
 def test_a_sweep_flies_its_line_without_a_stop(root):
     flight = Flight(load_mission(root / "config" / "missions" / "sweep.yaml"), 2, 2)
-    speeds_mps = []
+    speeds_mps, so_far = [], set()
 
     def look(f):
+        so_far.update((w.index, w.start_s, w.stop_s) for w in f.control.machine.so_far)
         if "recording sweep" in f.control.machine.detail:
             speeds_mps.append(float(np.linalg.norm(f.fleet["uav2"].body.velocity_mps)))
 
@@ -62,6 +63,9 @@ def test_a_sweep_flies_its_line_without_a_stop(root):
     assert 1.3 < max(speeds_mps) < 1.9, "as fast as the file says, and not faster"
     assert [w.stop_s - w.start_s < 10.0 for w in flight.control.machine.captures] == [True, True]
     assert 0.0 < result.off_m < 0.5
+    whole = {w.index: w for w in flight.control.machine.captures}
+    assert {i for i, _, _ in so_far} == {0, 1} and len(so_far) >= 4, "the map grows on the way"
+    assert all(start == whole[i].start_s and start + 1.9 < stop < whole[i].stop_s for i, start, stop in so_far)
 
 
 def test_the_same_seed_gives_the_same_flight(mission):

@@ -52,6 +52,19 @@ def test_pictures_before_and_after_the_end_of_a_window_is_said(session):
     assert np.allclose(c.others[0].T_home_cam[:3, 3], [1.0, 0.0, 0.0])  # T_home_odom @ T_odom_cam
 
 
+def test_a_sweep_grows_while_it_is_flown(session):
+    """Its window is told again as it gets longer; pictures that it had are kept though newer ones push them out."""
+    for k in range(60):
+        session.add_picture(picture("uav1", 10.0 + 0.1 * k))
+        session.add_picture(picture("uav2", 10.0 + 0.1 * k, y_m=-2.0 - 0.1 * k))
+        if k in (15, 30, 45, 59):
+            session.add_window(window(0, 9.9, 10.0 + 0.1 * k, "sweep"))
+            lengths_m = [c.configuration.baseline_m for c in session.inputs().configurations]
+            assert lengths_m == sorted(lengths_m) and lengths_m[0] == pytest.approx(2.236, abs=0.01)
+            assert lengths_m[-1] == pytest.approx(np.hypot(1.0, 2.0 + 0.1 * k), abs=0.15)
+    assert len(lengths_m) >= 4 and 3 <= len(session.inputs(1).configurations) <= 5, "the first look takes fewer"
+
+
 def test_what_comes_twice_counts_once_and_a_window_said_again_is_replaced(session):
     for _ in range(2):
         session.add_picture(picture("uav1", 10.0))

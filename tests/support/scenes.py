@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Synthetic pairs with known depth: textured planes seen by two cameras."""
 
+import functools
+
 import cv2
 import numpy as np
 
@@ -13,12 +15,15 @@ DEPTH_M = 20.0
 NEAR_M = 12.0
 
 
+@functools.lru_cache(maxsize=None)
 def texture(seed, size=1024):
     random = np.random.default_rng(seed)
     fine = cv2.GaussianBlur(random.random((size, size)).astype(np.float32), (0, 0), 2.0)
     coarse = cv2.GaussianBlur(random.random((size, size)).astype(np.float32), (0, 0), 12.0)
     both = cv2.normalize(fine, None, 0, 1, cv2.NORM_MINMAX) + cv2.normalize(coarse, None, 0, 1, cv2.NORM_MINMAX)
-    return cv2.cvtColor((both * 127).astype(np.uint8), cv2.COLOR_GRAY2RGB)
+    made = cv2.cvtColor((both * 127).astype(np.uint8), cv2.COLOR_GRAY2RGB)
+    made.setflags(write=False)  # it is made once
+    return made
 
 
 def _plane(camera, T_home_cam, distance_m, half_m, seed):

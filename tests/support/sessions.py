@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small session of two vehicles as bags, whole or with something missing."""
 
+from dataclasses import dataclass
+from typing import Callable
+
 import numpy as np
 import rosbag
 import rospy
@@ -22,14 +25,28 @@ T_O1_O2 = transforms.from_xyz_yaw([-3.0, 4.0, 0.5], -1.1)
 T_HOME_CAM = {"uav1": camera_pose([0, 0, 0], (0.2, 0.1, -0.3)), "uav2": camera_pose([0, -0.8, 0], (-0.2, 0.2, 0.3))}
 
 
+@dataclass(frozen=True)
+class Moving:
+    """Vehicles that move: T_home_cam of one at a time after T0, pictures ``hz`` times a second for so long, and by how
+    much its tracker's stamps are late against its camera's."""
+
+    pose: Callable[[str, float], np.ndarray]
+    seconds: float
+    hz: float
+    tracker_late_s: float = 0.0
+
+
+def odom_home(vehicle):
+    return T_O1_HOME if vehicle == "uav1" else transforms.invert(T_O1_O2) @ T_O1_HOME
+
+
 def odom_cam(vehicle):
-    T_odom_home = T_O1_HOME if vehicle == "uav1" else transforms.invert(T_O1_O2) @ T_O1_HOME
-    return T_odom_home @ T_HOME_CAM[vehicle]
+    return odom_home(vehicle) @ T_HOME_CAM[vehicle]
 
 
 def write_session(
     folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None,
-    covariance=None, odometry_s=0.05,
+    covariance=None, odometry_s=0.05, moving=None,
 ):  # fmt: skip
     """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by their end).
 
@@ -40,7 +57,10 @@ def write_session(
     folder.mkdir(parents=True, exist_ok=True)
     for vehicle in T_HOME_CAM:
         with rosbag.Bag(str(folder / f"{vehicle}.bag"), "w") as bag:
-            write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode, odometry_s)
+            if moving is None:
+                write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode, odometry_s)
+            else:
+                write_moving(bag, vehicle, moving)
     with rosbag.Bag(str(folder / "control.bag"), "w") as bag:
         write_control(bag, drop, windows or [window])
         if covariance is not None:
@@ -74,6 +94,25 @@ def write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode, odometry
         put(bag, f"/{vehicle}/camera/color/image_raw", image, t, drop)
         info = conversions.info_from_camera(CAMERA, t, image.header.frame_id)
         put(bag, f"/{vehicle}/camera/color/camera_info", info, t, drop)
+
+
+def write_moving(bag, vehicle, moving):
+    """All that ``write_vehicle`` writes, of a vehicle that moves."""
+    fixed = conversions.transform_stamped(T_BODY_CAM, T0, frames.base_link(vehicle), frames.camera_optical(vehicle))
+    put(bag, "/tf_static", TFMessage([fixed]), T0, ())
+    for t in np.arange(-0.3, moving.seconds + 0.3, 0.005).tolist():
+        stamp_s = T0 + t + moving.tracker_late_s
+        odometry = Odometry(header=conversions.header(stamp_s, frames.odom(vehicle)))
+        T_odom_body = odom_home(vehicle) @ moving.pose(vehicle, t) @ transforms.invert(T_BODY_CAM)
+        odometry.pose = PoseWithCovariance(pose=conversions.transform_to_pose(T_odom_body))
+        put(bag, f"/{vehicle}/odometry/body", odometry, stamp_s, ())
+    for t in np.arange(0.0, moving.seconds, 1.0 / moving.hz).tolist():
+        frame_id = f"{vehicle}/camera_color_optical_frame"
+        picture = photograph(moving.pose(vehicle, t))
+        image = conversions.array_to_image(picture, "rgb8", T0 + t, frame_id)
+        put(bag, f"/{vehicle}/camera/color/image_raw", image, T0 + t, ())
+        info = conversions.info_from_camera(CAMERA, T0 + t, frame_id)
+        put(bag, f"/{vehicle}/camera/color/camera_info", info, T0 + t, ())
 
 
 def write_camera_poses(bag, drop, covariance):

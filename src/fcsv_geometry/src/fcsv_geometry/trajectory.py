@@ -72,6 +72,11 @@ class Trajectory:
             return self._between(len(self) - 2, stamp_s)
         return self._between(max(bisect.bisect_left(self._stamps_s, stamp_s) - 1, 0), stamp_s)
 
+    def within(self, first_s: float, last_s: float) -> Tuple[np.ndarray, np.ndarray]:
+        """Stamps (N,) and poses (N, 4, 4) from one time to another, as they were added; N may be 0."""
+        of = slice(bisect.bisect_left(self._stamps_s, first_s), bisect.bisect_right(self._stamps_s, last_s))
+        return np.array(self._stamps_s[of]), np.array(self._poses[of]).reshape(-1, 4, 4)
+
     def _between(self, index: int, stamp_s: float) -> np.ndarray:
         if len(self) == 1:
             return self._poses[0]

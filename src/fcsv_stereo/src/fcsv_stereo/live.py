@@ -21,7 +21,10 @@ from fcsv_stereo.model import (
     Word,
 )
 from fcsv_stereo.pose_covariance import KnownCovariances, unknown_warning
+from fcsv_stereo.sweeps import MOVES_M, spread
 
+_ALL = 10**6  # pictures
+_SWEPT = {1: 5}  # pictures of all sweeps in a map, by how many of each stop; else what ``spread`` takes
 _MOST_COVARIANCES = 900  # of a vehicle: half a minute at 30 Hz, longer than a picture is on its way
 
 
@@ -79,10 +82,11 @@ class LiveSession:
 
     def add_window(self, window: Window) -> None:
         """A recording ended; said again with the same index it is replaced."""
+        before = self._kept.get(window.index, {})  # of a sweep that was shorter then
         self.windows[window.index] = window
         self._kept[window.index] = {}
         for vehicle in (window.reference, window.vehicle):
-            for picture in self._newest.get(vehicle, ()):
+            for picture in (*before.get(vehicle, ()), *self._newest.get(vehicle, ())):
                 if window.holds(picture.stamp_s):
                     self._keep(window, picture)
 
@@ -106,6 +110,7 @@ class LiveSession:
 
     def inputs(self, most_per_vehicle: int = 3) -> MapInput:
         """All windows that are complete, ``most_per_vehicle`` pictures of each about its middle; broken ones are named.
+        Of a sweep as many configurations as it has steps (``sweeps.spread``).
 
         Raises InputError where there is none, or where a vehicle's place in home is not known.
         """
@@ -113,12 +118,14 @@ class LiveSession:
         for index, window in sorted(self.windows.items()):
             if not self.complete(index):
                 continue
-            sides = [self._middle(index, v, most_per_vehicle, problems) for v in (window.reference, window.vehicle)]
+            most = _ALL if self._moves(index, window.vehicle) else most_per_vehicle
+            sides = [self._middle(index, v, most, problems) for v in (window.reference, window.vehicle)]
             if all(sides):
                 configurations.append(ConfigurationInput(window.configuration, *sides))
         if not configurations:
             raise InputError("; ".join(["no configuration has pictures of both vehicles yet", *problems]))
         problems += unknown_warning(configurations, FLOWN)
+        configurations = spread(configurations, *([_SWEPT[most_per_vehicle]] if most_per_vehicle in _SWEPT else []))
         return MapInput(InputKind.SESSION, configurations, None, problems, FLOWN)
 
     def newest(
@@ -148,6 +155,11 @@ class LiveSession:
         if all(picture.stamp_s != p.stamp_s for p in kept):
             kept.append(picture)
             kept.sort(key=lambda p: p.stamp_s)
+
+    def _moves(self, index: int, vehicle: str) -> bool:
+        """Whether the vehicle moved while it was recorded."""
+        places = np.array([p.T_odom_cam[:3, 3] for p in self._kept[index][vehicle]])
+        return float(np.linalg.norm(places - places[0], axis=1).max()) > MOVES_M
 
     def _middle(self, index: int, vehicle: str, most: int, problems: List[str]) -> List[Picture]:
         kept = self._kept[index][vehicle]

@@ -155,6 +155,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "spare_pictures": dict(result.spare),
         "warnings": result.warnings,
     }  # fmt: skip
+    if result.clocks:
+        document["time_offsets"] = {vehicle: clock.to_dict() for vehicle, clock in result.clocks.items()}
     if result.cut is not None:
         document["cloud"] = result.cut.to_dict()
     if evaluation is not None:

@@ -69,7 +69,7 @@ def run(
     if instant is not None:
         given = instants.of_one_instant(given, None if instant == "last" else float(instant))
     loaded = time.perf_counter()
-    result = replace(METHODS[method].map(given, options, progress), skews_s=instants.skews(given))
+    result = replace(METHODS[method].map(given, options, progress), skews_s=instants.skews(given), clocks=given.clocks)
     result = replace(result, spare=spare(given, result))
     result = bound_cloud(result, bounds or CloudBounds())
     result.timing_s["load"] = loaded - started

@@ -85,6 +85,11 @@ class FlightList:
         behind = len(set(self._list.flown))
         return behind / max(behind + len({t.index for t in self._list.left if t.index is not None}), 1)
 
+    @property
+    def so_far(self) -> List[CaptureWindow]:
+        """Of sweeps under way: what is recorded already."""
+        return self._standing.so_far if isinstance(self._standing, Sweeping) else []
+
     # ---- what interrupts it --------------------------------------------------------------------------------
 
     def pause(self, snapshot: Snapshot, taken: Collection[str] = ()) -> None:

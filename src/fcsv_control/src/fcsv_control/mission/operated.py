@@ -9,6 +9,7 @@ from fcsv_control.mission.hands import Hands
 from fcsv_control.mission.patience import Patience
 from fcsv_control.mission.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry.mission import Mission
 
 OPERATIONS = ("pause", "resume", "skip", "repeat", "next", "previous", "abort")
@@ -35,6 +36,11 @@ class Operated:
     _paused_by_operator: bool
     _stopped: str
     _indices: Optional[List[int]]
+
+    @property
+    def so_far(self) -> List[CaptureWindow]:
+        """Windows of sweeps under way, for who maps meanwhile: pictures until then are taken."""
+        return [] if self._flight_list is None else self._flight_list.so_far
 
     def _enter(self, phase: str, detail: str, waits_for: str = "") -> None:
         raise NotImplementedError

@@ -23,6 +23,7 @@ _LAG_S, _LAG_M = 2.0, 0.5  # so far behind its set-point a vehicle may be: an au
 _THERE_M = 0.5
 _LONGEST_STEP_S = 0.5  # after a pause of the mission's own process the set-point does not jump
 _END = 1e-3  # of the way
+_TOLD_EVERY_S = 2.0  # what is recorded so far: for the map that grows meanwhile
 
 
 class Sweeping:
@@ -45,6 +46,7 @@ class Sweeping:
         self._worst_m = 0.0
         self.detail = ""
         self.why = ""  # it was given up
+        self.so_far: List[CaptureWindow] = []  # the windows as long as they are already; replaced every two seconds
 
     def stop(self, snapshot: Snapshot) -> None:
         """Pictures off, where they are on."""
@@ -90,12 +92,21 @@ class Sweeping:
             self._ordered_s = now_s
             for name, configuration in self._of.items():
                 go_to(self._outbox, snapshot, name, sweep_place(configuration, self._share))
+        self._tell_so_far(now_s - LAST_PICTURE_S)
         away = {n: self._lag_m(snapshot, n) for n in self._movers}
         if self._share >= 1.0 and max(away.values()) < _THERE_M:
             self._stop_s = now_s
         elif now_s - self._moved_s > self._mission.settle.timeout_s:
             name = max(away, key=lambda n: away[n])
             raise MissionError(f"{name} does not follow {self._of[name].title}: {away[name]:.1f} m behind")
+
+    def _tell_so_far(self, stop_s: float) -> None:
+        told_s = self.so_far[0].stop_s if self.so_far else self._start_s
+        if stop_s - told_s >= _TOLD_EVERY_S:
+            self.so_far = self._windows(stop_s)
+
+    def _windows(self, stop_s: float) -> List[CaptureWindow]:
+        return [CaptureWindow(i, n, self._start_s, stop_s, self._worst_m) for n, i in self._movers.items()]
 
     def _lag_m(self, snapshot: Snapshot, name: str) -> float:
         place_m = self._of[name].sweep.place_m(self._share)
@@ -118,8 +129,7 @@ class Sweeping:
         self.stop(snapshot)
         if again:
             return Progress.AGAIN, []
-        window = (self._start_s, self._stop_s, self._worst_m)
-        return Progress.DONE, [CaptureWindow(i, n, *window) for n, i in self._movers.items()]
+        return Progress.DONE, self._windows(self._stop_s)
 
 
 class _Rates:

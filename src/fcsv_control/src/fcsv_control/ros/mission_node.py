@@ -81,6 +81,7 @@ class MissionNode:
         self._lock = threading.RLock()
         self._in_home = HomeFrames()
         self._published_captures = 0
+        self._so_far: List[CaptureWindow] = []  # published
         self._health = Health("mission")
         self._started_s, self._alive_s = time.monotonic(), float("-inf")
         self._alive = rospy.Publisher("/mission/alive", Heartbeat, queue_size=2)
@@ -265,10 +266,10 @@ class MissionNode:
         if self._restored is not None and not self._judged:
             return  # after a restart recordings are told again, once who records them is connected
         wall_s = rospy.get_time()
-        for window in m.captures[self._published_captures :]:
+        for window in [*(w for w in m.so_far if w not in self._so_far), *m.captures[self._published_captures :]]:
             offset_s = rospy.get_time() - time.monotonic()  # both now: ``now_s`` is as old as this step took
             self._captures.publish(capture_message(self._mission, window, wall_s, offset_s))
-        self._published_captures = len(m.captures)
+        self._so_far, self._published_captures = list(m.so_far), len(m.captures)
 
 
 def capture_message(mission: Mission, window: CaptureWindow, wall_s: float, wall_offset_s: float = 0.0) -> Capture:

@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List, Optional
+from typing import Any, List, Mapping, Optional
 
 import numpy as np
 
@@ -72,6 +72,7 @@ class MapInput:
     truth_folder: Optional[Path] = None
     warnings: List[str] = field(default_factory=list)
     prior: Optional[PosePrior] = None
+    clocks: Mapping[str, Any] = field(default_factory=dict)  # of sweeps, by vehicle (sweeps.ClockOffset)
 
     def __post_init__(self):
         object.__setattr__(self, "kind", InputKind(self.kind))

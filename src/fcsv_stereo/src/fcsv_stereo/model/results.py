@@ -2,7 +2,7 @@
 """What a mapping method gives back: the map, and everything a person needs to judge it."""
 
 from dataclasses import dataclass, field
-from typing import Callable, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -91,6 +91,7 @@ class MapResult:
     kind: Optional[np.ndarray] = None  # uint8 HxW, ``model.kinds``; by default one pair where there is a depth
     watched: List[str] = field(default_factory=list)  # other pictures before which nothing can have moved unseen
     skews_s: Mapping[str, float] = field(default_factory=dict)  # of sessions, by other picture (instants.skews)
+    clocks: Mapping[str, Any] = field(default_factory=dict)  # of sweeps, by vehicle (sweeps.ClockOffset)
     spare: Mapping[str, int] = field(default_factory=dict)  # by vehicle, pictures not needed (picture_list.spare)
     cut: Optional[CloudCut] = None  # what was left out of the cloud (cloud_bounds)
 

@@ -60,6 +60,7 @@ def summary(data: ReportData) -> List[Part]:
         ("coverage of the picture", f"{result.coverage:.1%}"),
         ("depth, 1st to 99th percentile", span),
         ("sigma over distance, median", percent(float(np.median(relative)) if relative.size else None, 2)),
+        *((f"time offset of {v}'s camera", c.words) for v, c in result.clocks.items()),
         ("processing", number(result.timing_s.get("total"), "{:.1f} s")),
     ]
     if e is not None:

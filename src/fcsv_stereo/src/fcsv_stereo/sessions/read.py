@@ -21,6 +21,7 @@ from fcsv_stereo.pose_covariance import KnownCovariances, turned, unknown_warnin
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
 from fcsv_stereo.sessions.pictures import read_pictures
+from fcsv_stereo.sweeps import on_time, spread
 
 #: what is read but for pictures: topics of the control PC, then those of a vehicle, with their types
 _TYPES = {
@@ -60,10 +61,10 @@ def read_session(path: Path) -> MapInput:
         recorded.tracks[vehicle] = track.bridging(float(np.clip(_GAP_POSES * track.spacing_s, *_GAP_S)))
     _require(path, recorded, warnings)
     T_home_odom = _odoms_in_home(path, recorded)
-    configurations = _pictures(path, recorded, T_home_odom, warnings)
+    configurations, clocks = _pictures(path, recorded, T_home_odom, warnings)
     warnings += unknown_warning(configurations, FLOWN, (k.refused for k in recorded.covariances.values()))
     truth = path / "truth" if path.is_dir() and (path / "truth").is_dir() else None
-    return MapInput(InputKind.SESSION, configurations, truth, warnings, FLOWN)
+    return MapInput(InputKind.SESSION, spread(configurations), truth, warnings, FLOWN, clocks)
 
 
 def _read_bag(path: Path, recorded: _Recorded, warnings: List[str]) -> None:
@@ -169,8 +170,22 @@ def _odoms_in_home(path: Path, recorded: _Recorded) -> Dict[str, np.ndarray]:
         raise InputError(f"{path}: /calibration or /home: {error}") from error
 
 
-def _pictures(path, recorded: _Recorded, T_home_odom, warnings: List[str]) -> List[ConfigurationInput]:
+def _pictures(path, recorded: _Recorded, T_home_odom, warnings: List[str]):
+    """Configurations, and of those who sweep the time offset between camera and tracker, which then is in the poses."""
     stock = {v: _vehicle_pictures(v, recorded, T_home_odom, warnings) for v in recorded.tracks if v in recorded.cameras}
+    T_body_cam = recorded.T_body_cam
+
+    def posed(vehicle: str, stamp_s: float) -> np.ndarray:
+        return camera_in_home(T_home_odom[vehicle], recorded.tracks[vehicle].at(stamp_s), T_body_cam[vehicle])
+
+    configurations = _windows(path, recorded, T_home_odom, stock, warnings)
+    R_body_cam = {v: T[:3, :3] for v, T in T_body_cam.items()}
+    configurations, clocks, words = on_time(configurations, recorded.tracks, R_body_cam, posed)
+    warnings += words
+    return configurations, clocks
+
+
+def _windows(path, recorded: _Recorded, T_home_odom, stock, warnings: List[str]) -> List[ConfigurationInput]:
     configurations = []
     for window in map(window_of, recorded.captures):
         inside = {}
