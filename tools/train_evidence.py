@@ -84,7 +84,7 @@ def _mapped(given: MapInput, true_depth: np.ndarray) -> Tuple[np.ndarray, np.nda
     reference, others = choose_pictures(given.configurations)
     refined = refine(reference, others, RefineOptions(prior=given.prior))
     options = MatchOptions(adjust_poses=True, keep_features=True)
-    pictures, covariances = [r.picture for r in refined.others], [r.covariance for r in refined.others]
+    pictures, covariances = [r.picture for r in refined.others], [r.told for r in refined.others]
     found = match_jointly(refined.reference, pictures, options, covariances)
     answered = np.isfinite(found.depth) & ~(true_depth > 400.0)
     with np.errstate(invalid="ignore"):

@@ -153,15 +153,15 @@ def to_camera(picture, position_too: bool) -> np.ndarray:
 def prior_covariance(reference, other, prior) -> np.ndarray:
     """(6, 6) of other's pose relative to the reference: rotation (rad, camera axes), position (m, home's axes).
 
-    From the pictures' covariances; a PosePrior serves where they have none. The scale's error is in both.
+    From the pictures' covariances; a PosePrior serves where they have none. Without the scale's (``of_scale``).
     """
     arm_m = other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
     known = relative(reference, other)
     if known is not None:
         turn = to_camera(other, position_too=False)
-        return turn @ known @ turn.T + of_scale(arm_m, prior.scale_sigma)
+        return turn @ known @ turn.T
     sigmas = [prior.rotation_rad, prior.position_sigma_m(float(np.linalg.norm(arm_m)))]
-    return np.diag(np.repeat(sigmas, 3) ** 2) + of_scale(arm_m, prior.scale_sigma)
+    return np.diag(np.repeat(sigmas, 3) ** 2)
 
 
 def of_scale(arm_m: np.ndarray, scale_sigma: float) -> np.ndarray:

@@ -91,7 +91,7 @@ def match_jointly(
     """Depth of ``reference`` from all ``others``; poses are taken as they are, with their 6x6 ``covariances``.
 
     ``untold`` (6x6 each) is besides in these poses whatever the pixels say (``RefinedPicture.untold``): it is in sigma,
-    and has no part in what speaks for a depth.
+    and has no part in whether there is a depth, nor in what speaks for it.
     Raises MatchingError where no other picture can be used.
     """
     options = options or MatchOptions()
@@ -112,10 +112,10 @@ def match_jointly(
     sigma_w = np.hypot(matching_sigma(fine, known), geometry)
     with ThreadPoolExecutor(options.threads) as pool:
         kind, columns = _judged(pictures, fine, sigma_w, known, options, pool)
+    depth, sigma, support = _certain_depth(fine, sigma_w, reference.blank, options)
     if untold:
         besides = geometry_sigma(reference, pictures.others, [untold[i] for i in used], fine)
-        sigma_w = np.hypot(sigma_w, besides)
-    depth, sigma, support = _certain_depth(fine, sigma_w, reference.blank, options)
+        sigma = np.hypot(sigma, depth * besides / np.maximum(fine.w, 1e-9)).astype(np.float32)
     if reference.blank is not None:
         kind[reference.blank] = Kind.NOTHING
     return JointDepth(depth, sigma, support, used, left_out, fine, known, pictures.others, kind, columns)

@@ -127,8 +127,8 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     matching = replace(options.matching, adjust_poses=options.refine_poses)
     if options.scale < 1.0:
         reference, pictures = reference.shrunk(options.scale), [p.shrunk(options.scale) for p in pictures]
-    told = [refined[i].covariance - refined[i].untold for i in kept]
-    found = match_jointly(reference, pictures, matching, told, [refined[i].untold for i in kept])
+    told, untold = [refined[i].told for i in kept], [refined[i].untold for i in kept]
+    found = match_jointly(reference, pictures, matching, told, untold)
     for i, picture in zip(found.used, found.pictures):
         pictures[i] = picture
         refined[kept[i]] = replace(refined[kept[i]], picture=picture)
@@ -185,9 +185,9 @@ def _refine(
     prior = options.refinement.prior
     unrefined = []
     for o in others:
-        covariance, nan = prior_covariance(reference, o, prior), float("nan")
+        told, nan = prior_covariance(reference, o, prior), float("nan")
         untold = of_scale(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3], prior.scale_sigma)
-        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, covariance, untold))
+        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, told, untold))
     return reference, unrefined
 
 

@@ -2,7 +2,7 @@
 """One robust adjustment of all pictures' poses with their priors (GTSAM), points eliminated."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import gtsam
 import numpy as np
@@ -46,6 +46,7 @@ class Adjusted:
     time_offsets_s: List[float]  # in the order of the problem's moving vehicles
     residual_px: np.ndarray
     focal_sigma: float = 0.0  # standard deviation of ``focal_scale``, 0 where it was held
+    systematic: Optional[np.ndarray] = None  # as ``covariance``, beside it: of errors that all points share
 
 
 def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> Adjusted:

@@ -30,22 +30,22 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
         reason = direct.reason or "no picture that it overlaps with could be refined"
     compared = 0
     if not reason:
-        covariance, untold = _covariance(views[0], adjusted, k, options)
+        told, untold = _covariances(views[0], adjusted, k, options)
         T_home_cam = views[0].picture.T_home_cam @ adjusted.poses[k]
-        if _no_gain(views, k, covariance, options):
-            sigma_deg = np.degrees(np.sqrt(np.diag(covariance)[:3]).max())
+        if _no_gain(views, k, told + untold, options):
+            sigma_deg = np.degrees(np.sqrt(np.diag(told + untold)[:3]).max())
             reason = f"the pictures fix its rotation no better than {sigma_deg:.2g} degrees"
             compared = _epipolar(views, k, consensus)[2]
         else:
             reason = _doubt(views, k, T_home_cam, options)
     if reason:
         arm_m = prior_T[:3, 3] - views[0].picture.T_home_cam[:3, 3]
-        covariance, untold = _prior(views, k, options), of_scale(arm_m, options.prior.scale_sigma)
-        return RefinedPicture(views[k].picture, prior_T, False, reason, compared, np.nan, np.nan, covariance, untold)
+        told, untold = _prior(views, k, options), of_scale(arm_m, options.prior.scale_sigma)
+        return RefinedPicture(views[k].picture, prior_T, False, reason, compared, np.nan, np.nan, told, untold)
     before, after, inliers = _epipolar(views, k, consensus)
     camera = scaled(views[k].picture.camera, adjusted.focal_scale)
     picture = replace(views[k].picture, T_home_cam=T_home_cam, camera=camera)
-    return RefinedPicture(picture, prior_T, True, "", inliers, before, after, covariance, untold)
+    return RefinedPicture(picture, prior_T, True, "", inliers, before, after, told, untold)
 
 
 def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
@@ -81,14 +81,16 @@ def _position_surprise_m(views: List[View], k: int, options: RefineOptions) -> f
     return _SURPRISE * prior_to_reference(views, k, options.prior).position_m
 
 
-def _covariance(reference: View, adjusted, k: int, options: RefineOptions) -> Tuple[np.ndarray, np.ndarray]:
-    """6x6, rotation in camera axes and position turned from camera to home axes; and what of it nothing can tell."""
+def _covariances(reference: View, adjusted, k: int, options: RefineOptions) -> Tuple[np.ndarray, np.ndarray]:
+    """Told and untold (6x6), rotation in camera axes and position turned from camera to home axes."""
     own = slice(6 * adjusted.order.index(k), 6 * adjusted.order.index(k) + 6)
     R_home_ref = reference.picture.T_home_cam[:3, :3]
     turn = np.eye(6)
     turn[3:, 3:] = R_home_ref @ adjusted.poses[k][:3, :3]
     untold = of_scale(R_home_ref @ adjusted.poses[k][:3, 3], options.prior.scale_sigma)
-    return turn @ adjusted.covariance[own, own] @ turn.T + untold, untold
+    if adjusted.systematic is not None:
+        untold = untold + turn @ adjusted.systematic[own, own] @ turn.T
+    return turn @ adjusted.covariance[own, own] @ turn.T, untold
 
 
 def _prior(views: List[View], k: int, options: RefineOptions) -> np.ndarray:

@@ -18,6 +18,7 @@ from fcsv_stereo.refinement.judge import judge, scaled, surprise
 from fcsv_stereo.refinement.links import Link
 from fcsv_stereo.refinement.rolling_shutter import ReadoutTurns, readout_turns, straightened
 from fcsv_stereo.refinement.symptoms import symptom
+from fcsv_stereo.refinement.systematic import systematic
 from fcsv_stereo.refinement.time_offset import motions
 from fcsv_stereo.refinement.tracks import observe
 from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptions
@@ -109,7 +110,7 @@ def _turns(found: _Adjustment, before: Optional[ReadoutTurns]) -> Optional[Reado
 
 
 def _refinement(found: _Adjustment, words: List[str], options: RefineOptions, clock: "_Clock") -> Refinement:
-    consensus, views, direct = found.consensus, found.views, found.direct
+    consensus, views, direct = _with_systematic(found), found.views, found.direct
     refined = [_explained(judge(views, k, direct[k], consensus, options), views, k) for k in range(1, len(views))]
     clock.lap("adjust")
     warnings = [*found.unmoving, *words, *_warnings(refined, views, options)]
@@ -119,6 +120,16 @@ def _refinement(found: _Adjustment, words: List[str], options: RefineOptions, cl
         offsets_s = {m.vehicle: s for m, s in zip(consensus.moving, consensus.adjusted.time_offsets_s)}
     reference = replace(found.pictures[0], camera=scaled(found.pictures[0].camera, scale))
     return Refinement(reference, refined, warnings, clock.laps_s, scale, offsets_s)
+
+
+def _with_systematic(found: _Adjustment) -> Consensus:
+    """With what errors that all points of a picture share may have made of the poses."""
+    consensus = found.consensus
+    if consensus.adjusted is None:
+        return consensus
+    cameras = {k: v.camera for k, v in enumerate(found.views)}
+    adjusted = replace(consensus.adjusted, systematic=systematic(consensus, cameras).covariance)
+    return replace(consensus, adjusted=adjusted)
 
 
 class _Clock:

@@ -41,8 +41,9 @@ class RefinedPicture:
 
     ``covariance`` is 6x6 of the pose relative to the reference: rotation (rad, camera axes), position (m, home axes).
     ``inliers`` of a refused one: those that agree with a prior which they do not better. The epipolar errors are rms
-    over the inliers (px), NaN where there are none; ``reason`` says why it was refused. ``untold`` (6x6) is the part of
-    the covariance that stays however many pixels are compared: the scale that all poses share.
+    over the inliers (px), NaN where there are none; ``reason`` says why it was refused. The covariance is the sum of
+    ``told`` (6x6), which further pixels make smaller, and ``untold``, which stays however many are compared: the scale
+    that all poses share, and errors that all points of a picture share (``systematic``).
     """
 
     picture: Picture
@@ -52,8 +53,13 @@ class RefinedPicture:
     inliers: int
     epipolar_before_px: float
     epipolar_after_px: float
-    covariance: np.ndarray
+    told: np.ndarray
     untold: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(6, 6), of all errors."""
+        return self.told + self.untold
 
     @property
     def correction_rad(self) -> float:
