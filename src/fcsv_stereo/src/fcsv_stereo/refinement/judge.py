@@ -32,7 +32,7 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
     if not reason:
         told, untold = _covariances(views[0], adjusted, k, options)
         T_home_cam = views[0].picture.T_home_cam @ adjusted.poses[k]
-        if _no_gain(views, k, told + untold, options):
+        if _no_gain(views, k, told, untold, options):
             sigma_deg = np.degrees(np.sqrt(np.diag(told + untold)[:3]).max())
             reason = f"the pictures fix its rotation no better than {sigma_deg:.2g} degrees"
             compared = _epipolar(views, k, consensus)[2]
@@ -53,10 +53,11 @@ def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
     return replace(camera, fx=camera.fx * focal_scale, fy=camera.fy * focal_scale) if focal_scale != 1.0 else camera
 
 
-def _no_gain(views: List[View], k: int, covariance, options: RefineOptions) -> bool:
-    """Whether the prior's rotation is as good as what the pictures tell."""
-    sigma_rad = float(np.sqrt(np.diag(covariance)[:3]).max())
-    return sigma_rad > _LEAST_GAIN * prior_to_reference(views, k, options.prior).rotation_rad
+def _no_gain(views: List[View], k: int, told, untold, options: RefineOptions) -> bool:
+    """Whether the prior's rotation is as good as what the pictures tell, by their noise or by all their errors."""
+    noise_rad, all_rad = (float(np.sqrt(np.diag(c)[:3]).max()) for c in (told, told + untold))
+    prior_rad = prior_to_reference(views, k, options.prior).rotation_rad
+    return noise_rad > _LEAST_GAIN * prior_rad or all_rad > prior_rad
 
 
 def _doubt(views: List[View], k: int, T_home_cam, options: RefineOptions) -> str:
