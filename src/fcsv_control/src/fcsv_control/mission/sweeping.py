@@ -87,7 +87,7 @@ class Sweeping:
         self._moved_s = now_s if self._share > before else self._moved_s
         self._worst_m = max(self._worst_m, self._off_m(snapshot))
         waits = f" (waiting for {' and '.join(behind)})" if behind else ""
-        self.detail = f"recording {self._title}: {self._share:.0%}{waits}"
+        self.detail = f"recording {self._title}{waits}"
         if now_s - self._ordered_s >= _ORDER_EVERY_S - 1e-6:
             self._ordered_s = now_s
             for name, configuration in self._of.items():
