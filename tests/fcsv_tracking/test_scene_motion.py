@@ -8,6 +8,7 @@ import pytest
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.transforms import R_FLU_OPTICAL
+from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.scene_motion import SceneWatch, look, off_lines
 
 CAMERA = PinholeCamera.from_fov(320, 240, np.radians(56.0))
@@ -84,6 +85,8 @@ def test_a_new_frame_or_another_picture_size_begins_anew(wall):
     assert watch.see(0.6, wall, CAMERA, T_ODOM_CAM) is None
     assert watch.see(0.9, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None
     assert watch.see(0.5, wall[:200], CAMERA.resized(320, 200), T_ODOM_CAM) is None  # a clock that was set back
+    with pytest.raises(TrackingError, match="320x240, its camera_info 320x200"):
+        watch.see(1.2, wall, CAMERA.resized(320, 200), T_ODOM_CAM)
 
 
 def test_a_point_may_be_as_near_as_two_metres():

@@ -15,6 +15,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_tracking.errors import TrackingError
 
 NEAREST_M = 2.0  # of the scene: nearer points would move further
 SHARE_THAT_MAY_MOVE = 0.7  # of the points by themselves: people, leaves, another vehicle
@@ -89,7 +90,10 @@ class SceneWatch:
         self, stamp_s: float, grey: np.ndarray, camera: PinholeCamera, T_odom_cam: np.ndarray
     ) -> Optional[SceneLook]:
         """A picture (H, W; uint8), and the pose of its camera's optical frame. None where points were only taken now,
-        or too few are left."""
+        or too few are left. Raises TrackingError where the camera is of another size."""
+        if grey.shape != (camera.height, camera.width):
+            have = f"{grey.shape[1]}x{grey.shape[0]}"
+            raise TrackingError(f"picture is {have}, its camera_info {camera.width}x{camera.height}")
         shrunk = min(1.0, _WIDTH_PX / grey.shape[1])
         size = (int(round(grey.shape[1] * shrunk)), int(round(grey.shape[0] * shrunk)))
         small, camera = cv2.resize(grey, size, interpolation=cv2.INTER_AREA), camera.resized(*size)

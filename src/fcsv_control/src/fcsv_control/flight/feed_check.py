@@ -80,6 +80,7 @@ class FeedCheck:
         self._tracker_m: Optional[float] = None  # its height
         self._height.begin_again()
         self._scene.begin_again()
+        self.scene_says = ""  # stays like a doubt
         self.doubt = ""
 
     def on_ground(self) -> None:
@@ -116,7 +117,9 @@ class FeedCheck:
     def scene(self, now_s: float, span_s: float, off_rad: float, turn_rad: float, points: int) -> None:
         """What the vehicle's own pictures say of the tracker's motion (SceneMotion.msg), while it flies."""
         if self._tracker_m is not None:
-            self.doubt = self.doubt or self._scene.look(now_s, span_s, off_rad, turn_rad, points)
+            self.scene_says = self._scene.look(now_s, span_s, off_rad, turn_rad, points) or self.scene_says
+            if self._rules.scene.lands:
+                self.doubt = self.doubt or self.scene_says
 
     def judge(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """Whether a pose of a flying vehicle may go to the autopilot. ``came_back``: it is the first after a silence

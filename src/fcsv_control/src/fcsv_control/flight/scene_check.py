@@ -20,6 +20,7 @@ class SceneCheckRules:
     least_s: float = 0.6  # between the two pictures
     looks: int = 3  # in a row
     longest_s: float = 2.0  # between two of those
+    lands: bool = False  # whether it is a doubt, upon which the vehicle lands; else it is only said
 
     def __post_init__(self):
         require_positive(self)

@@ -105,7 +105,8 @@ class PoseFeed:
         else:
             (self._check.begin_again if state.in_the_air is None else self._check.on_ground)()
             believed = True
-        self._health.problem("tracker", f"{self._name}: {self._check.doubt}" if self._check.doubt else "")
+        doubt = self._check.doubt or self._check.scene_says
+        self._health.problem("tracker", f"{self._name}: {doubt}" if doubt else "")
         return believed
 
     def watch(self, now_s: float) -> None:

@@ -265,6 +265,11 @@ class OnBoard:
         self._requests = [] if died else self._requests
 
     @property
+    def scene_says(self) -> str:
+        """What its pictures say against its tracker."""
+        return self._check.scene_says
+
+    @property
     def watchdog(self) -> FeedWatchdog:
         """The link's, on the feed."""
         return self._watchdog
