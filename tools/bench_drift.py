@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What on board could witness a tracker that drifts slowly; the table goes into docs/safety.md.
 
-python tools/bench_drift.py [--calm 10] [--drifts 20]
+python tools/bench_drift.py [--calm 10] [--drifts 20] [--flown]
 
 Flies rehearsals and looks at their recordings: --calm flights without a fault say how far a witness is off by itself,
 1.15 times the worst of that is its bound, and --drifts flights with `tracker drifts slowly` say when it is crossed.
 Witnesses: the accelerometer, turned by the autopilot's attitude and integrated, against the tracker's velocity; the
 barometer against the tracker's height. Both are predicted by a line through what was before, over windows of 2 to 8 s.
+What the flight link itself doubted, by its barometer and by its camera's pictures, are the last rows; --flown prints
+those alone.
 """
 
 import argparse
@@ -17,6 +19,7 @@ from typing import Callable, List, Tuple
 import numpy as np
 
 from fcsv_control.flight.height_check import HeightCheckRules, height_m
+from fcsv_control.flight.scene_check import SceneCheckRules
 from fcsv_geometry import transforms
 from fcsv_geometry.mission import load_mission
 from fcsv_sim.autopilot.barometer import Barometer
@@ -63,6 +66,7 @@ class Flown:
     p_odom_m: np.ndarray
     began_s: float
     doubted_s: float
+    by_pictures: bool
 
 
 def fly(faults: str, first: int, flights: int) -> List[Flown]:
@@ -97,7 +101,7 @@ class Recorder:
             p = vehicle.T_odom_body[:3, 3] if vehicle.odometry is not before else (np.nan, np.nan, np.nan)
             body, yaw_rad = vehicle.body, vehicle.autopilot.estimator.yaw_ext_rad
             turn_rad = yaw_rad - transforms.yaw(body.T_world_body)
-            doubted = bool(vehicle.guardian.air.link.doubt)
+            doubted = 1 if vehicle.guardian.air.link.doubt else 2 if vehicle.scene_says else 0
             rows.append((now_s, *body.velocity_mps, body.air_mps, body.position_m[2], yaw_rad, turn_rad, *p, doubted))
 
         return stepped
@@ -108,7 +112,8 @@ def _cut(a: np.ndarray, began_s: float) -> Flown:
     a = a[up[0] : up[-1]]
     doubted = a[a[:, 11] > 0, 0]
     doubted_s = float(doubted[0]) if len(doubted) else np.nan
-    return Flown(a[:, 0], a[:, 1:4], a[:, 4], a[:, 5], a[:, 6], a[:, 7], a[:, 8:11], began_s, doubted_s)
+    by_pictures = bool(len(doubted)) and bool(a[a[:, 11] > 0, 11][0] == 2)
+    return Flown(a[:, 0], a[:, 1:4], a[:, 4], a[:, 5], a[:, 6], a[:, 7], a[:, 8:11], began_s, doubted_s, by_pictures)
 
 
 # ---- witnesses -------------------------------------------------------------------------------------------------
@@ -210,21 +215,27 @@ def row(name: str, witness: Callable, sensors: Sensors, calm: List[Flown], drift
     return f"| {name} | {limits} | {len(seen)} of {len(drifts)} | {times} | {metres} |"
 
 
-def as_flown(calm: List[Flown], drifts: List[Flown]) -> str:
-    """The row of what the flight link itself doubted, with the rules and means of its height check."""
-    seen = [f for f in drifts if np.isfinite(f.doubted_s)]
+def as_flown(calm: List[Flown], drifts: List[Flown], by_pictures: bool) -> str:
+    """The row of what the flight link itself doubted first by one of its witnesses, with its rules."""
+    bound = f"{SceneCheckRules().off_rad:g} rad" if by_pictures else f"{HeightCheckRules().off_m:g} m"
+    witness = "pictures" if by_pictures else "barometer"
+    calm = [f for f in calm if f.by_pictures == by_pictures]
+    seen = [f for f in drifts if np.isfinite(f.doubted_s) and f.by_pictures == by_pictures]
+    false = sum(np.isfinite(f.doubted_s) for f in calm)
+    name = f"{witness}, as the flight link has it ({false} calm vehicles doubted)"
+    if not seen:
+        return f"| {name} | {bound} | 0 of {len(drifts)} | – | – |"
     after_s = np.array([f.doubted_s - f.began_s for f in seen])
     off_m = np.array([drifted_m(f, f.doubted_s) for f in seen])
     times, metres = (f"{np.median(a):.1f}, worst {a.max():.1f}" for a in (after_s, off_m))
-    false = sum(np.isfinite(f.doubted_s) for f in calm)
-    name = f"barometer, as the flight link has it ({false} of {len(calm)} calm vehicles doubted)"
-    return f"| {name} | {HeightCheckRules().off_m:g} m | {len(seen)} of {len(drifts)} | {times} | {metres} |"
+    return f"| {name} | {bound} | {len(seen)} of {len(drifts)} | {times} | {metres} |"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--calm", type=int, default=10, help="flights without a fault")
     parser.add_argument("--drifts", type=int, default=20, help="flights with a tracker that drifts slowly")
+    parser.add_argument("--flown", action="store_true", help="only what the flight link doubted")
     args = parser.parse_args()
     logging.disable(logging.CRITICAL)
     calm, drifting = fly(NONE, 50001, args.calm), fly(FAULT, 50101, args.drifts)
@@ -235,13 +246,15 @@ def main() -> None:
     windows = ", ".join(f"{w:g}" for w, _ in WINDOWS_S)
     print(f"| witness | bounds (m/s; m) over {windows} s | seen | after (s) | off by then (m) |")
     print("| --- | --- | --- | --- | --- |")
-    for vibration_mps2 in (0.1, 0.3, 0.5):
+    for vibration_mps2 in () if args.flown else (0.1, 0.3, 0.5):
         for follows_s in (np.inf, 10.0, 2.5):
             sensors = Sensors(vibration_mps2, follows_s)
             lean = "never" if follows_s == np.inf else f"in {follows_s:g} s"
             print(row(f"IMU, vibration {vibration_mps2:g} m/s², lean follows {lean}", by_imu, sensors, calm, missed))
-    print(row("barometer, likewise", by_barometer, Sensors(), calm, missed))
-    print(as_flown(calm, missed))
+    if not args.flown:
+        print(row("barometer, likewise", by_barometer, Sensors(), calm, missed))
+    for by_pictures in (False, True):
+        print(as_flown(calm, missed, by_pictures))
 
 
 if __name__ == "__main__":

@@ -409,11 +409,17 @@ class TestTags:
         from support.tag_pictures import pose, render
 
         from fcsv_geometry.camera import PinholeCamera
+        from fcsv_msgs.msg import SceneMotion
 
         found, health, out = self.running(start_node, listen, talk, folder)
+        motion = listen("/uav2/tags/scene_motion", SceneMotion)
         tag = render(pose(3.0))
         self.show(out, tag)
         assert found.wait(lambda m: len(m.detections) == 1) is not None
+        blocks = np.random.default_rng(1).integers(0, 256, (24, 32), np.uint8)
+        self.show(out, np.kron(blocks, np.ones((20, 20), np.uint8)), times=10)
+        assert motion.wait(lambda m: m.points >= 15 and m.span_s > 0.3) is not None
+        assert all(m.off_rad < 0.002 and m.turn_rad < 1e-6 for m in motion.messages)  # nothing moves, nor does its pose
         wrong_size = PinholeCamera.from_fov(320, 240, np.radians(56.0))
         for kwargs, word in (
             ({"frame": "uav1/camera_color_optical_frame"}, "dropped: picture"),

@@ -16,6 +16,7 @@ import numpy as np
 
 from fcsv_control.flight.estimate import apart_m
 from fcsv_control.flight.height_check import HeightCheck, HeightCheckRules
+from fcsv_control.flight.scene_check import SceneCheck, SceneCheckRules
 from fcsv_geometry.config import require_positive
 
 _CLOCK_STEP_S = 0.15  # between the sender's clock and ours
@@ -45,6 +46,7 @@ class FeedCheckRules:
     apart_lag_s: float = 0.2
     apart_s: float = 0.5  # for so long
     height: HeightCheckRules = field(default_factory=HeightCheckRules)
+    scene: SceneCheckRules = field(default_factory=SceneCheckRules)
 
     def __post_init__(self):
         require_positive(self)
@@ -61,6 +63,7 @@ class FeedCheck:
         self._skew_s = 0.0
         self._settled_s = -math.inf
         self._height = HeightCheck(self._rules.height)
+        self._scene = SceneCheck(self._rules.scene)
         self._first_s: Optional[float] = None
         self.came_back = False
         self.begin_again()
@@ -76,6 +79,8 @@ class FeedCheck:
         self._off_m = 0.0
         self._tracker_m: Optional[float] = None  # its height
         self._height.begin_again()
+        self._scene.begin_again()
+        self.scene_says = ""  # stays like a doubt
         self.doubt = ""
 
     def on_ground(self) -> None:
@@ -108,6 +113,13 @@ class FeedCheck:
         if self._tracker_m is not None:
             off_m = self._height.barometer(now_s, height_m, self._tracker_m)
             self.doubt = self.doubt or self._height.doubt(off_m)
+
+    def scene(self, now_s: float, span_s: float, off_rad: float, turn_rad: float, points: int) -> None:
+        """What the vehicle's own pictures say of the tracker's motion (SceneMotion.msg), while it flies."""
+        if self._tracker_m is not None:
+            self.scene_says = self._scene.look(now_s, span_s, off_rad, turn_rad, points) or self.scene_says
+            if self._rules.scene.lands:
+                self.doubt = self.doubt or self.scene_says
 
     def judge(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """Whether a pose of a flying vehicle may go to the autopilot. ``came_back``: it is the first after a silence

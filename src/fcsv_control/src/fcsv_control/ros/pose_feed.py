@@ -18,6 +18,7 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
+from fcsv_msgs.msg import SceneMotion
 from mavros_msgs.msg import StatusText
 
 WATCH_S = 0.05
@@ -44,6 +45,7 @@ class PoseFeed:
         """Feed the autopilot behind this link from now on."""
         self._link = link
         rospy.Subscriber("mavros/vision_pose/pose", PoseStamped, self._on_vision, queue_size=1, tcp_nodelay=True)
+        rospy.Subscriber("tags/scene_motion", SceneMotion, self._on_scene, queue_size=1)
 
     @property
     def doubt(self) -> str:
@@ -57,6 +59,9 @@ class PoseFeed:
     def barometer(self, height_m: float) -> None:
         """The autopilot's barometer was heard."""
         self._check.barometer(time.monotonic(), height_m)
+
+    def _on_scene(self, m: SceneMotion) -> None:
+        self._check.scene(time.monotonic(), m.span_s, m.off_rad, m.turn_rad, m.points)
 
     def begin_again(self) -> None:
         """The odometry's frame was begun anew: the next pose is adopted at once."""
@@ -100,7 +105,8 @@ class PoseFeed:
         else:
             (self._check.begin_again if state.in_the_air is None else self._check.on_ground)()
             believed = True
-        self._health.problem("tracker", f"{self._name}: {self._check.doubt}" if self._check.doubt else "")
+        doubt = self._check.doubt or self._check.scene_says
+        self._health.problem("tracker", f"{self._name}: {doubt}" if doubt else "")
         return believed
 
     def watch(self, now_s: float) -> None:

@@ -24,6 +24,7 @@ from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose
+from fcsv_tracking.scene_motion import SceneLook
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _TEXTS = {"STATUSTEXT": "text", "PARAM_VALUE": "param_id", "PARAM_SET": "param_id", "PARAM_REQUEST_READ": "param_id"}
@@ -144,6 +145,11 @@ class OnBoard:
             self.link.send_pose(stamp_s, T_odom_body)
             self._watchdog.feed(now_s)
 
+    def _scene_looked(self, now_s: float, seen: SceneLook) -> None:
+        """Its pictures were held against its tracker."""
+        if self.link_runs:
+            self._check.scene(now_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points)
+
     def _on_board(self, now_s: float) -> None:
         """The line between autopilot and link, the link's events, the watchdog, the agent."""
         for message in self._server.outgoing():
@@ -257,6 +263,11 @@ class OnBoard:
         for ask, _ in self._requests if died else []:
             self.agent.finished(ask, "the flight link died")
         self._requests = [] if died else self._requests
+
+    @property
+    def scene_says(self) -> str:
+        """What its pictures say against its tracker."""
+        return self._check.scene_says
 
     @property
     def watchdog(self) -> FeedWatchdog:

@@ -17,6 +17,7 @@ from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.people.operator import Sight, Sticks
 from fcsv_sim.people.rc import frame_of
 from fcsv_sim.rehearsal.board import OnBoard
+from fcsv_sim.sensors.scene import SimulatedScene
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.vehicles.dynamics import STEP_S, Airframe, Quadrotor
 from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
@@ -24,6 +25,7 @@ from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
 _SUBSTEPS = int(round(PASS_S / STEP_S))
 _BOARD_EVERY = 2  # passes between two steps of link and agent
 _READY_S = 2.0  # until the autopilot may be armed; 20 s in a real one, in which nothing happens on the ground
+_PICTURE_EVERY = 33  # passes between two pictures that are held against the tracker; a multiple of the next
 _TRACKER_EVERY = 3  # passes between two samples of the tracker: 33 Hz, what goes to the autopilot of its 200 Hz
 
 
@@ -49,6 +51,8 @@ class RehearsedVehicle(OnBoard):
         self._server = MavlinkServer(self.autopilot, geometry.system_id)
         self.tracker = T265(start.tracker, geometry.T_body_t265, seed)
         self.tracker_on = True
+        self._scene = SimulatedScene(geometry.T_body_cam, seed)
+        self._scene_epoch = 0
         super().__init__(geometry, start.rules, start.guardian)
         self.by_hand: Optional[Tuple[float, int]] = None  # when its transmitter chose which mode
         self._switch_at = ""
@@ -97,4 +101,17 @@ class RehearsedVehicle(OnBoard):
     def _track(self, now_s: float) -> None:
         stamp_s = self._wall_s(now_s)
         self.guardian.confidence(self.tracker.confidence)
-        self._sampled(now_s, stamp_s, *self.tracker.odometry(stamp_s, self.body.T_world_body))
+        T_world_body = self.body.T_world_body
+        self._sampled(now_s, stamp_s, *self.tracker.odometry(stamp_s, T_world_body))
+        if self._passes % _PICTURE_EVERY == 0 and self.odometry is not None and self.odometry.stamp_s == stamp_s:
+            self._pictured(now_s, T_world_body)
+
+    def _pictured(self, now_s: float, T_world_body: np.ndarray) -> None:
+        """A picture held against the tracker's motion; another epoch of the odometry is another frame."""
+        if self._scene_epoch != self.epoch.number:
+            self._scene_epoch = self.epoch.number
+            self._scene.begin_again()
+        angular_radps = np.array(self.odometry.angular_radps)
+        seen = self._scene.see(now_s, T_world_body, self.T_odom_body, angular_radps)
+        if seen is not None:
+            self._scene_looked(now_s, seen)

@@ -18,9 +18,10 @@ from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_msgs.msg import TagDetection, TagDetections
+from fcsv_msgs.msg import Epoch, SceneMotion, TagDetection, TagDetections
 from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.ros.picture_sender import PictureSender, SendingParameters
+from fcsv_tracking.scene_motion import SceneWatch
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, TagObservation
 
 _WAIT_FOR_ODOMETRY_S = 0.15
@@ -37,11 +38,12 @@ class TagsParameters:
     vehicles_dir: str
     rate_hz: float = 6.0
     search_rate_hz: float = 2.0
+    scene_rate_hz: float = 3.0  # of the comparison of pictures with the tracker's motion
     decimate: float = ON_BOARD_DECIMATE
     sending: SendingParameters = field(default_factory=SendingParameters)
 
     def __post_init__(self):
-        for name in ("rate_hz", "search_rate_hz"):
+        for name in ("rate_hz", "search_rate_hz", "scene_rate_hz"):
             if not 0.1 <= getattr(self, name) <= 60.0:
                 raise ValueError(f"{name}: {getattr(self, name)} is not in 0.1..60")
         if not 1.0 <= self.decimate <= 4.0:
@@ -59,6 +61,8 @@ class TagsNode:
         self._T_body_cam = vehicles[self._name].T_body_cam
         self._rate_hz, self._search_rate_hz = parameters.rate_hz, parameters.search_rate_hz
         self._gate, self._seen_s = RateGate(parameters.search_rate_hz), 0.0
+        self._scene_gate, self._scene = RateGate(parameters.scene_rate_hz), SceneWatch()
+        self._epoch = self._scene_epoch = 0  # of the odometry
         self._health = Health(self._name, {"pictures": 1.0})
         self._sender = PictureSender(self._name, parameters.sending, self._health)
         self._others = [n for n in vehicles if n != self._name]
@@ -72,7 +76,9 @@ class TagsNode:
         self._picture_came = threading.Condition()
         self._health.problem("camera_info", f"{self._name}: no camera_info yet; pictures cannot be used")
         self._detections = rospy.Publisher("tags/detections", TagDetections, queue_size=5)
+        self._scene_motion = rospy.Publisher("tags/scene_motion", SceneMotion, queue_size=2, tcp_nodelay=True)
         rospy.Subscriber("odometry/body", Odometry, self._on_odometry, queue_size=50, tcp_nodelay=True)
+        rospy.Subscriber("odometry/epoch", Epoch, lambda m: setattr(self, "_epoch", m.epoch), queue_size=1)
         rospy.Subscriber("camera/color/camera_info", CameraInfo, self._on_info, queue_size=1)
         rospy.Subscriber("camera/color/image_raw", Image, self._on_picture, queue_size=1, buff_size=4 << 20)
 
@@ -125,24 +131,27 @@ class TagsNode:
 
     def _process(self, message: Image) -> None:
         stamp_s = message.header.stamp.to_sec()
-        look = self._gate.due(stamp_s)
+        look, compare = self._gate.due(stamp_s), self._scene_gate.passes(stamp_s)
         send = self._sender.wants_capture(message)
-        if not look and not send:
+        if not (look or compare or send):
             return
         picture = conversions.image_to_array(message, "bgr8")
         try:
+            grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if look or compare else None
             if look:
-                observations = self._detect(picture, stamp_s)
+                observations = self._detect(grey, stamp_s)
             T_odom_cam = self._body_at(stamp_s) @ self._T_body_cam
             if look:
                 self._publish(observations, T_odom_cam, stamp_s)
+            if compare:
+                self._compare(grey, T_odom_cam, stamp_s)
         finally:
             self._sender.preview(message, picture)  # last: nobody flies by it
         if send:
             self._sender.capture(message, picture, self._info, T_odom_cam)
 
-    def _detect(self, picture, stamp_s: float) -> List[TagObservation]:
-        observations = self._detector.detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), self._camera)
+    def _detect(self, grey, stamp_s: float) -> List[TagObservation]:
+        observations = self._detector.detect(grey, self._camera)
         for reason, count in self._detector.rejected.items():
             self._health.value(f"tags rejected: {reason}", count)
         if observations:
@@ -158,6 +167,16 @@ class TagsNode:
         out.detections = [_message(o) for o in observations]
         self._detections.publish(out)
         self._health.tick("pictures")
+
+    def _compare(self, grey, T_odom_cam, stamp_s: float) -> None:
+        """The picture against the tracker's motion: what the flight link believes the tracker by."""
+        if self._scene_epoch != self._epoch:
+            self._scene_epoch = self._epoch
+            self._scene.begin_again()
+        seen = self._scene.see(stamp_s, grey, self._camera, T_odom_cam)
+        if seen is not None:
+            header = conversions.header(stamp_s, frames.camera_optical(self._name))
+            self._scene_motion.publish(SceneMotion(header, seen.span_s, seen.off_rad, seen.turn_rad, seen.points))
 
     def _body_at(self, stamp_s: float):
         """T_odom_body at a picture's stamp; odometry that is still under way is waited for."""
