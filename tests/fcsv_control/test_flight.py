@@ -252,14 +252,13 @@ def test_parameters_are_read_one_by_one_and_what_is_wrong_is_named():
     assert any("VISO_TYPE is 0, not 2 or 3" in line for line in lines)
     assert any("EK3_SRC1_POSXY is 3, not 6" in line for line in lines)
     assert any("VISO_ORIENT" in line and "not answered" in line for line in lines)
-    assert len(lines) == 3 and check.complete and not check.known
+    assert any("BATT_FS_LOW_ACT is 0" in line for line in lines) and any("FS_THR_ENABLE is 1" in line for line in lines)
+    assert len(lines) == 5 and check.complete and not check.known
     assert check.unknown() == ["VISO_ORIENT", "FENCE_RADIUS"]
     check.answer("VISO_TYPE", 2.0)  # corrected meanwhile
     assert not any("VISO_TYPE" in line for line in check.problems())
     assert [line.split(":")[0] for line in check.warnings()] == [
-        "FS_THR_ENABLE is 1, not 3 or 7", "BATT_FS_LOW_ACT is 0, not 1 or 7", "BATT_LOW_VOLT is 0, not 1..",
-        "RC_OPTIONS is 32, not without bit 5",
-    ]  # fmt: skip
+        "BATT_LOW_VOLT is 0, not 1..", "RC_OPTIONS is 32, not without bit 5"]  # fmt: skip
 
 
 def test_the_clocks_are_compared_by_the_quickest_answer():
