@@ -16,6 +16,7 @@ from interest import interest
 from nearest import nearest
 from page import Page
 from rectification import rectification
+from seams import seams
 from tilt import tilt
 
 from fcsv_geometry.errors import FcsvError
@@ -23,6 +24,7 @@ from fcsv_geometry.errors import FcsvError
 SECTIONS = {
     "growing": growing, "house": house, "trimming": trimming, "axes": axes, "tilt": tilt, "at_once": at_once,
     "rectification": rectification, "interest": interest, "nearest": nearest,
+    "seams": seams,
 }  # fmt: skip
 
 
