@@ -38,6 +38,9 @@ PICTURES_HZ, TRACKER_EVERY = 6.0, 2  # of 400 steps a second
 CALIBRATION_M, CALIBRATION_RAD = 0.03, np.radians(0.3)  # as in fcsv_sim.rehearsal.control
 BEFORE_S = 20.0  # the trackers' drift is of the way flown since
 MIDDLE = 3  # pictures of each stop: `joint` takes the middle one
+HEAD = ("mission", "seed", "pairs", "to the last picture (s)", "map, processor time (s)", "map, wall (s)",
+        "to the map (s)", "within 10 % to 400 m", "0–50 m", "50–100 m", "100–200 m", "200–400 m", "wrong of answered",
+        "time offset found")  # fmt: skip
 RANGES_M = ((0.0, 400.0), (0.0, 50.0), (50.0, 100.0), (100.0, 200.0), (200.0, 400.0))
 
 
@@ -189,10 +192,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="1,2", help="of the flights, with commas")
     parser.add_argument("--offset-ms", type=float, default=5.0, help="by which the cameras' stamps are early")
     args = parser.parse_args()
-    head = ("mission", "seed", "pairs", "to the last picture (s)", "map, processor time (s)", "map, wall (s)",
-            "to the map (s)", "within 10 % to 400 m", "0–50 m", "50–100 m", "100–200 m",
-            "200–400 m", "wrong of answered", "time offset found")  # fmt: skip
-    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}", flush=True)
+    print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}", flush=True)
     for seed in map(int, args.seeds.split(",")):
         for name in args.missions.split(","):
             print(f"| {' | '.join(measure(name, seed, args.offset_ms / 1e3))} |", flush=True)

@@ -17,6 +17,7 @@ from nearest import nearest
 from page import Page
 from rectification import rectification
 from seams import seams
+from sweeps import sweeps
 from tilt import tilt
 
 from fcsv_geometry.errors import FcsvError
@@ -24,7 +25,7 @@ from fcsv_geometry.errors import FcsvError
 SECTIONS = {
     "growing": growing, "house": house, "trimming": trimming, "axes": axes, "tilt": tilt, "at_once": at_once,
     "rectification": rectification, "interest": interest, "nearest": nearest,
-    "seams": seams,
+    "seams": seams, "sweeps": sweeps,
 }  # fmt: skip
 
 
