@@ -14,6 +14,7 @@ from tf2_msgs.msg import TFMessage
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Calibration, CalibrationLink, Capture, Configuration, Home
+from fcsv_stereo.sessions.depth import DEPTH, DEPTH_INFO
 from support.scenes import CAMERA, camera_pose, photograph
 
 T0 = 1000.0
@@ -46,13 +47,14 @@ def odom_cam(vehicle):
 
 def write_session(
     folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None,
-    covariance=None, odometry_s=0.05, moving=None,
+    covariance=None, odometry_s=0.05, moving=None, depth=None,
 ):  # fmt: skip
     """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by their end).
 
     ``odometry_s``: from one pose to the next.
 
-    ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says.
+    ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says. ``depth`` gives the
+    depth (H,W uint16 mm) that a camera at T_home_cam sees: both vehicles then record it once a second.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for vehicle in T_HOME_CAM:
@@ -61,6 +63,8 @@ def write_session(
                 write_vehicle(bag, vehicle, drop, encoding, stamp_offset_s, encode, odometry_s)
             else:
                 write_moving(bag, vehicle, moving)
+            if depth is not None:
+                write_depth(bag, vehicle, depth(T_HOME_CAM[vehicle]), drop)
     with rosbag.Bag(str(folder / "control.bag"), "w") as bag:
         write_control(bag, drop, windows or [window])
         if covariance is not None:
@@ -113,6 +117,17 @@ def write_moving(bag, vehicle, moving):
         put(bag, f"/{vehicle}/camera/color/image_raw", image, T0 + t, ())
         info = conversions.info_from_camera(CAMERA, T0 + t, frame_id)
         put(bag, f"/{vehicle}/camera/color/camera_info", info, T0 + t, ())
+
+
+def write_depth(bag, vehicle, millimetres, drop):
+    """Six frames as realsense2_camera aligns them with the colour camera, one a second; the last has no odometry."""
+    for i in range(6):
+        t = T0 - 0.4 + 1.0 * i
+        frame_id = f"{vehicle}/camera_color_optical_frame"
+        encoding = "16UC1" if millimetres.dtype == np.uint16 else "32FC1"
+        image = conversions.array_to_image(millimetres, encoding, t, frame_id)
+        put(bag, f"/{vehicle}/{DEPTH}", image, t, drop)
+        put(bag, f"/{vehicle}/{DEPTH_INFO}", conversions.info_from_camera(CAMERA, t, frame_id), t, drop)
 
 
 def write_camera_poses(bag, drop, covariance):

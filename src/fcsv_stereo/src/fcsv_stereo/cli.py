@@ -59,7 +59,7 @@ def _map(args) -> None:
     poi = Path(args.poi) if args.poi else None
     document = pipeline.run(
         Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress, poi, products,
-        _instant(args.instant), CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma),
+        _instant(args.instant), CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma), not args.no_near,
     )  # fmt: skip
     print(demo_table(document))
     written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]
@@ -142,6 +142,10 @@ def _parser() -> argparse.ArgumentParser:
         "--instant", nargs="?", const="last", metavar="STAMP",
         help="sessions: only the pictures of one instant (within 20 ms), so that what moves is mapped where it was; "
         "by default that of the middle of the last recording",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-near", action="store_true",
+        help="sessions: leave out what depth cameras recorded; by default it is joined with the map (docs/near.md)",
     )  # fmt: skip
     parser.add_argument("--products", default="", metavar="LIST", help=f"also: {','.join(PRODUCTS)} (or all)")
     parser.add_argument(

@@ -81,7 +81,8 @@ def write_arrays(result: MapResult, folder: Path) -> None:
 
 
 def write_ply(cloud: Cloud, path: Path) -> None:
-    """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the configuration).
+    """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the configuration,
+    255: of a depth camera).
 
     Raises OutputError where the disk does not take it.
     """
@@ -159,6 +160,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         document["time_offsets"] = {vehicle: clock.to_dict() for vehicle, clock in result.clocks.items()}
     if result.cut is not None:
         document["cloud"] = result.cut.to_dict()
+    if result.near is not None:
+        document["near"] = result.near.to_dict()
     if evaluation is not None:
         document["truth"] = evaluation.to_dict()
     return document

@@ -15,11 +15,13 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import Joint
 from fcsv_stereo.model import MapInput, MapResult, Method, Progress
+from fcsv_stereo.near import with_near
 from fcsv_stereo.picture_list import spare
 from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
 from fcsv_stereo.report import write_report
+from fcsv_stereo.report.charts import STEPS
 from fcsv_stereo.sessions import is_session, read_session
 from fcsv_stereo.thesis import Thesis
 from fcsv_stereo.truth import Truth, load_truth
@@ -54,12 +56,14 @@ def run(
     products: Sequence[str] = (),
     instant: Optional[str] = None,
     bounds: Optional[CloudBounds] = None,
+    near: bool = True,
 ) -> dict:
     """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written.
 
     ``options`` are of the method's ``options`` class. ``poi`` names a file of points of interest; a session may hold
     one (poi.yaml). ``products`` are written besides. ``instant``: only pictures of one, ``last`` or a stamp (s).
-    ``bounds`` are those of the cloud (None: its defaults).
+    ``bounds`` are those of the cloud (None: its defaults). ``near``: join what depth cameras saw, where a session holds
+    it (docs/near.md).
     """
     started = time.perf_counter()
     output.check_out(out)
@@ -72,13 +76,14 @@ def run(
     result = replace(METHODS[method].map(given, options, progress), skews_s=instants.skews(given), clocks=given.clocks)
     result = replace(result, spare=spare(given, result))
     result = bound_cloud(result, bounds or CloudBounds())
+    result = with_near(result, given) if near else result
     result.timing_s["load"] = loaded - started
     truth, true_depth = _truth(given, result)
     with output.StagedOutput(out) as staged:
         writing = time.perf_counter()
         output.write_arrays(result, staged.folder)
         result.timing_s["write"] = time.perf_counter() - writing
-        result.timing_s["total"] = sum(result.timing_s[k] for k in ("load", "refine", "match", "fuse", "write"))
+        result.timing_s["total"] = sum(result.timing_s[k] for k in STEPS if k in result.timing_s)
         write_products(products, result, given, staged.folder)
         evaluation = evaluate(result, truth, true_depth) if truth else None
         sampled = sample(result, points, true_depth)

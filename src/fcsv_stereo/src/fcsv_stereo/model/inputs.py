@@ -73,6 +73,7 @@ class MapInput:
     warnings: List[str] = field(default_factory=list)
     prior: Optional[PosePrior] = None
     clocks: Mapping[str, Any] = field(default_factory=dict)  # of sweeps, by vehicle (sweeps.ClockOffset)
+    near: Optional[Any] = None  # frames of depth cameras (sessions.RecordedDepth); None: none were recorded
 
     def __post_init__(self):
         object.__setattr__(self, "kind", InputKind(self.kind))

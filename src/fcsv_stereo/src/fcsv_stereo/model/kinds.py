@@ -19,6 +19,7 @@ class Kind(IntEnum):
     BLANK = 203  # too little texture: every depth fits as well
     SKY = 204
     MOVED = 205  # something moved there between the recordings
+    NEAR = 206  # of a depth camera, not of pairs (fcsv_stereo.near)
 
 
 #: In words, for reports.
@@ -30,6 +31,7 @@ WORDS: Dict[str, str] = {
     "blank": "too little texture to tell",
     "sky": "sky",
     "moved": "something moved there",
+    "near": "the depth camera's",
     "nothing": "not known",
 }
 
@@ -40,8 +42,10 @@ def supported(kind: np.ndarray) -> np.ndarray:
 
 
 def masks(kind: np.ndarray) -> Dict[str, np.ndarray]:
-    """HxW bool by the names of ``WORDS``."""
+    """HxW bool by the names of ``WORDS``; "near" only where there is a near field."""
     found = {"agreed": (kind >= 2) & (kind <= MOST_PAIRS), "one pair": kind == 1}
     for one in (Kind.HIDDEN, Kind.OUTSIDE, Kind.BLANK, Kind.SKY, Kind.MOVED, Kind.NOTHING):
         found[one.name.lower()] = kind == one
+    if (kind == Kind.NEAR).any():
+        found["near"] = kind == Kind.NEAR
     return found

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One picture of a depth camera, with its pose; which of its pixels count, and which pictures of a flight."""
 
-from dataclasses import dataclass
-from typing import Dict, Iterable, Iterator, Optional, Tuple
+from dataclasses import dataclass, replace
+from typing import Dict, Iterable, Iterator, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -62,6 +62,18 @@ class DepthFrame:
             between = (depth - nearest > step) & (farthest - depth > step)
         depth[between] = np.nan
         return depth
+
+    def without(self, places_home_m: Sequence[np.ndarray], radius_m: float) -> "DepthFrame":
+        """The frame without what lies within a radius of places (3,) in home: other vehicles are not of the map."""
+        if not len(places_home_m):
+            return self
+        T_cam_home = transforms.invert(self.T_home_cam)
+        points, gone = self.camera.rays() * self.depth_m[..., None], np.zeros(self.depth_m.shape, bool)
+        for place in places_home_m:
+            p_cam = T_cam_home[:3, :3] @ place + T_cam_home[:3, 3]
+            with np.errstate(invalid="ignore"):
+                gone |= ((points - p_cam) ** 2).sum(axis=-1) < radius_m**2
+        return replace(self, depth_m=np.where(gone, np.float32(np.nan), self.depth_m)) if gone.any() else self
 
     def pose_variance_m2(self, depth_m: np.ndarray) -> np.ndarray:
         """(H,W): variance per axis (mean of three) of where the pose puts the points of ``depth_m`` (H,W) in home.

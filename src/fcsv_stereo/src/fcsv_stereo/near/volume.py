@@ -11,7 +11,6 @@ from typing import Optional
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import require_positive
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.near.frame import DepthFrame
@@ -21,7 +20,7 @@ from fcsv_stereo.near.surface import NearSurface
 
 _BLOCK = 8  # voxels along the edge of one
 _BLOCKS = 4096  # at first; the grid grows
-_BANDS_M = (0.0, 4.0, 6.0, 8.0, np.inf)  # depths that share how far around them blocks are opened
+_STRIDE = 4  # pixels of which one opens blocks: less than a block apart at any depth
 _LEAST_WEIGHT = 1e-3  # 1/m2: whatever was looked at
 _COLOUR = 255.0  # what open3d divides it by
 
@@ -48,7 +47,7 @@ class NearVolume:
             import open3d  # a heavy import, which the wheel and maps without a near field do without
         except ImportError as error:
             raise InputError("open3d is not installed: pip install open3d, or map with --no-near") from error
-        self._o3d, self._core = open3d, open3d.core
+        self._core = open3d.core
         self._sensor, self._rules = sensor or DepthSensor(), rules or NearRules()
         f32 = self._core.float32
         # extraction interpolates and hands out one attribute besides, by this name (see ``summing``)
@@ -61,11 +60,11 @@ class NearVolume:
     def integrate(self, frame: DepthFrame) -> None:
         """Add one frame; one without a depth that can be believed changes nothing."""
         depth = frame.believed(self._sensor)
-        if not np.isfinite(depth).any():
+        if not np.isfinite(depth[::_STRIDE, ::_STRIDE]).any():
             return
         self.frames += 1
         T_cam_home = transforms.invert(frame.T_home_cam)
-        keys = self._open_blocks(depth, frame.camera, T_cam_home)
+        keys = self._open_blocks(depth, frame)
         indices, _ = self._grid.hashmap().find(keys)
         xyz, flat = self._grid.voxel_coordinates_and_flattened_indices(indices)
         noise2 = np.square(self._sensor.noise_m(depth))
@@ -96,21 +95,29 @@ class NearVolume:
         """What a signed distance of 1 in the grid is."""
         return self._rules.truncation_voxels * self._rules.voxel_m
 
-    def _open_blocks(self, depth: np.ndarray, camera: PinholeCamera, T_cam_home: np.ndarray):
-        """Keys (tensor, M x 3) of the blocks around a frame's depths, now in the grid."""
-        tensor, found = self._core.Tensor, []
-        for near_m, far_m in zip(_BANDS_M, _BANDS_M[1:]):
-            band = np.where((depth >= near_m) & (depth < far_m), depth, np.float32(0.0))
-            if not band.any():
-                continue
-            sigmas_m = self._rules.truncation_sigmas * float(self._sensor.noise_m(min(far_m, self._sensor.most_m)))
-            voxels = max(self._rules.truncation_voxels, sigmas_m / self._rules.voxel_m)
-            image = self._o3d.t.geometry.Image(tensor(np.ascontiguousarray(band)))
-            found.append(
-                self._grid.compute_unique_block_coordinates(
-                    image, tensor(camera.K), tensor(T_cam_home), 1.0, float(self._sensor.most_m), voxels
-                ).numpy()
-            )
-        keys = tensor(np.unique(np.concatenate(found), axis=0))
+    def _open_blocks(self, depth: np.ndarray, frame: DepthFrame):
+        """Keys (tensor, M x 3) of the blocks around a frame's depths, as far as these count; now in the grid.
+
+        Open3D's own search takes one truncation for all depths, and raises where few pixels have one.
+        """
+        depth, rays = depth[::_STRIDE, ::_STRIDE], frame.camera.rays()[::_STRIDE, ::_STRIDE]
+        known = np.isfinite(depth)
+        z, rays = depth[known].astype(float), rays[known] @ frame.T_home_cam[:3, :3].T
+        reach = np.maximum(self._unit_m, self._rules.truncation_sigmas * self._sensor.noise_m(z))
+        edge_m = _BLOCK * self._rules.voxel_m
+        steps = np.linspace(-1.0, 1.0, 2 + int(np.ceil(4.0 * reach.max(initial=0.0) / edge_m)))
+        along = np.maximum(z[:, None] + steps * reach[:, None], 0.0)
+        places = frame.T_home_cam[:3, 3] + along[..., None] * rays[:, None, :]
+        keys = _unique_rows(np.floor(places.reshape(-1, 3) / edge_m).astype(np.int64))
+        keys = self._core.Tensor(keys.astype(np.int32))
         self._grid.hashmap().activate(keys)
         return keys
+
+
+def _unique_rows(keys: np.ndarray) -> np.ndarray:
+    """Rows (M,3) of whole numbers (N,3), each once."""
+    least = keys.min(axis=0)
+    size = keys.max(axis=0) - least + 1
+    x, y, z = (keys - least).T
+    flat = np.unique((x * size[1] + y) * size[2] + z)
+    return np.stack([flat // (size[1] * size[2]), flat // size[2] % size[1], flat % size[2]], axis=-1) + least

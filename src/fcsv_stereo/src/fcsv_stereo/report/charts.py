@@ -11,7 +11,7 @@ from fcsv_stereo.report.evidence import PairEvidence, correction
 from fcsv_stereo.report.figures import round_numbers
 
 #: of a run, in their order
-STEPS = ("load", "refine", "match", "fuse", "write")
+STEPS = ("load", "refine", "match", "fuse", "near", "write")
 
 
 def timing(result: MapResult):

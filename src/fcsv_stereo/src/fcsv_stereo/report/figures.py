@@ -14,6 +14,7 @@ from fcsv_geometry import transforms
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import Axis, MapResult, Pair
 from fcsv_stereo.model.kinds import WORDS, masks
+from fcsv_stereo.near import NEAR_BASELINE
 
 DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"
@@ -21,7 +22,7 @@ _NONE = "#20242b"
 _FEW_DECADES, _MANY_DECADES, _MOST_DECADES = 0.6, 2.2, 3.5
 _KIND_COLOURS = {
     "agreed": "#009e73", "one pair": "#a8ddb5", "hidden": "#d55e00", "outside": "#e69f00", "blank": "#cc79a7",
-    "sky": "#56b4e9", "moved": "#f0e442", "nothing": _NONE,
+    "sky": "#56b4e9", "moved": "#f0e442", "near": "#0072b2", "nothing": _NONE,
 }  # fmt: skip
 
 
@@ -108,6 +109,9 @@ def from_above(result: MapResult, by_baseline: bool):
         colors = plt.get_cmap("tab10")(index % 10)
         for i, p in enumerate(result.pairs):
             axes.scatter([], [], color=plt.get_cmap("tab10")(i % 10), label=p.configuration.name, s=20)
+        if result.near is not None:
+            colors[index == NEAR_BASELINE] = matplotlib.colors.to_rgba(_KIND_COLOURS["near"])
+            axes.scatter([], [], color=_KIND_COLOURS["near"], label="depth camera", s=20)
         axes.legend(fontsize=8, loc="upper right")
     else:
         colors = cloud.colors[keep] / 255.0

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
-from fcsv_stereo.report import evidence, pictures, sections
+from fcsv_stereo.report import evidence, near, pictures, sections
 from fcsv_stereo.report.parts import Part
 from fcsv_stereo.report.sections import ReportData
 
@@ -26,6 +26,7 @@ SECTIONS: List[Tuple[str, Callable[[ReportData], List[Part]]]] = [
     ("Pictures", pictures.pictures),
     ("Poses", sections.poses),
     ("Seams", sections.seams),
+    ("Near field", near.near_field),
     ("Confidence", sections.confidence),
     ("Timing", sections.timing),
     ("Points of interest", sections.points_of_interest),

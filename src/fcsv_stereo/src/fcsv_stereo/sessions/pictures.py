@@ -67,11 +67,11 @@ def rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
         sizes = f"{message.width}x{message.height}, camera_info says {camera.width}x{camera.height}"
         raise InputError(f"{where}: picture is {sizes}")
     samples, code = _KINDS[message.encoding[: -len(str(bits))]]
-    array = _samples(where, message, samples, _DTYPES[bits])
+    array = samples_of(where, message, samples, _DTYPES[bits])
     return array if code is None else cv2.cvtColor(array, code)
 
 
-def _samples(where: str, message, samples: int, dtype: np.dtype) -> np.ndarray:
+def samples_of(where: str, message, samples: int, dtype: np.dtype) -> np.ndarray:
     """HxW or HxWxN as they stand in the message, in this machine's order of bytes. Raises InputError."""
     line, step, data = message.width * samples * dtype.itemsize, message.step, message.data
     if len(data) != step * message.height:

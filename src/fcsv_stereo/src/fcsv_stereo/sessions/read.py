@@ -18,6 +18,7 @@ from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pose_covariance import KnownCovariances, turned, unknown_warning
+from fcsv_stereo.sessions.depth import DEPTH_INFO, RecordedDepth
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
 from fcsv_stereo.sessions.pictures import read_pictures
@@ -30,7 +31,7 @@ _TYPES = {
 }  # fmt: skip
 _VEHICLE_TYPES = {
     "camera/color/camera_info": "sensor_msgs/CameraInfo", "odometry/body": "nav_msgs/Odometry",
-    "camera_pose": "geometry_msgs/PoseWithCovarianceStamped",
+    "camera_pose": "geometry_msgs/PoseWithCovarianceStamped", DEPTH_INFO: "sensor_msgs/CameraInfo",
 }  # fmt: skip
 #: Silence of poses that is bridged (least and most, s): some lost ones, at the rate at which they come. A tracker on
 #: the ground gives 8 to 10 a second; over 0.4 s a straight line is 1 to 2 cm off where the vehicle brakes by 1 m/s2.
@@ -47,6 +48,7 @@ class _Recorded:
     home: Optional[object] = None
     T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
     cameras: Dict[str, PinholeCamera] = field(default_factory=dict)
+    depth_cameras: Dict[str, PinholeCamera] = field(default_factory=dict)
     tracks: Dict[str, Trajectory] = field(default_factory=dict)
     covariances: Dict[str, KnownCovariances] = field(default_factory=lambda: defaultdict(KnownCovariances))
 
@@ -64,7 +66,18 @@ def read_session(path: Path) -> MapInput:
     configurations, clocks = _pictures(path, recorded, T_home_odom, warnings)
     warnings += unknown_warning(configurations, FLOWN, (k.refused for k in recorded.covariances.values()))
     truth = path / "truth" if path.is_dir() and (path / "truth").is_dir() else None
-    return MapInput(InputKind.SESSION, spread(configurations), truth, warnings, FLOWN, clocks)
+    near = _near(recorded, T_home_odom)
+    return MapInput(InputKind.SESSION, spread(configurations), truth, warnings, FLOWN, clocks, near)
+
+
+def _near(recorded: _Recorded, T_home_odom) -> Optional[RecordedDepth]:
+    """Where the depth frames are; None where no vehicle recorded any."""
+    if not recorded.depth_cameras:
+        return None
+    return RecordedDepth(
+        recorded.bags, recorded.depth_cameras, recorded.tracks, T_home_odom, recorded.T_body_cam, recorded.covariances,
+        FLOWN,
+    )  # fmt: skip
 
 
 def _read_bag(path: Path, recorded: _Recorded, warnings: List[str]) -> None:
@@ -98,6 +111,8 @@ def _take(path: Path, topic: str, message, recorded: _Recorded) -> None:
             _take_extrinsics(message, recorded)
         elif name == "camera/color/camera_info":
             recorded.cameras.setdefault(vehicle, camera_from_info(message))
+        elif name == DEPTH_INFO:
+            recorded.depth_cameras.setdefault(vehicle, camera_from_info(message))
         elif name == "odometry/body":
             track = recorded.tracks.setdefault(vehicle, Trajectory())
             track.add(seconds(message.header.stamp), pose_to_transform(message.pose.pose))

@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the near field is where it is, and meets the map of distant configurations; the table is in docs/near.md.
+
+.venv/bin/python tools/bench_near.py [--worlds village street field] [--seeds 1 2] [--out FOLDER]
+
+Two vehicles hover 2 m and then 4 m apart, 2 m high, at the lane (the avenue) of a simulated world, and take the pictures
+of which the map is made. Then they fly 24 m along it and turn to what stands on both sides. Both carry a simulated D435F (2 frames a second: noise, range, holes) and a simulated T265, whose
+odometry gives the poses; covariances are those of its drift. Truth is the renderer's. Home is where uav1 began.
+
+there: of the true surfaces that some frame showed within 8 m of its vehicle, the share with a point of the near field
+within 5 cm and 2 % of that distance. wrong: share of its points that are farther than that from every true surface.
+--out: pictures of the map and of the near field, a report.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Dict, Iterator, List, Optional, Tuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fcsv_geometry import transforms
+from fcsv_geometry.home import Place
+from fcsv_geometry.tracker import T265_PROFILE
+from fcsv_geometry.vehicle import load_vehicles
+from fcsv_sim.bringup import bringup
+from fcsv_sim.render.renderer import Renderer
+from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
+from fcsv_sim.sensors.depth_camera import DepthParameters, SimulatedDepth
+from fcsv_sim.sensors.t265 import T265
+from fcsv_sim.world.town import Town
+from fcsv_stereo.joint import Joint
+from fcsv_stereo.model import FLOWN, Axis, Configuration, ConfigurationInput, MapInput, MapResult, Picture
+from fcsv_stereo.near import DepthFrame, DepthSensor, NearSurface, NearVolume, join, worth_it
+from fcsv_stereo.report import write_report
+from fcsv_tracking.camera_covariance import camera_covariance
+from fcsv_tracking.drift import Drift
+
+_HZ, _TRACKER_HZ, _SPEED_MPS, _HEIGHT_M, _BEGIN_M = 2.0, 50.0, 1.0, 2.0, 8.0
+_LEGS = (
+    (6.0, 0.0),
+    (0.0, 0.5),
+    (6.0, 0.0),
+    (0.0, -1.0),
+    (6.0, 0.0),
+    (0.0, 0.5),
+    (6.0, 0.0),
+)  # m ahead, rad to the left
+_APART_M, _RECORDED_S = (2.0, 4.0), (2.0, 12.0)  # baselines, and when their pictures are taken
+_WITHIN_M, _SHARE, _FIXED_M = 8.0, 0.02, 0.05
+_EVERY = 7  # pixels of the truth
+_STANDING_M = 0.3  # above the ground below uav1: not of the ground
+_TRACKER = np.diag([0.005**2] * 3 + [np.radians(0.1) ** 2] * 3)  # of the odometry's own
+
+
+@dataclass(frozen=True)
+class Row:
+    """One flight."""
+
+    world: str
+    seed: int
+    frames: int
+    seconds: float
+    points: int
+    true_points: int
+    there: float
+    standing: int
+    standing_there: float
+    wrong: float
+    median_m: float
+    sigma_m: float
+    within_1_sigma: float
+    joined: MapResult
+
+
+class Flown:
+    """A vehicle on its way: truth, its tracker and what it says."""
+
+    def __init__(self, name: str, renderer: Renderer, seed: int):
+        geometry = load_vehicles(str(bringup() / "config" / "vehicles"), [name])[name]
+        self.name, self._T_body_cam = name, geometry.T_body_cam
+        lens = CameraParameters()
+        self._camera = SimulatedCamera(renderer, geometry.T_body_cam, lens, 1000 * seed + geometry.system_id)
+        self._depth = SimulatedDepth(
+            self._camera.model, 1000 * seed + geometry.system_id, DepthSensor(), DepthParameters()
+        )
+        T_body_t265 = geometry.tracking_camera.T_body_part
+        self._tracker, self._T_t265_body = (
+            T265(T265_PROFILE, T_body_t265, 1000 * seed + geometry.system_id),
+            transforms.invert(T_body_t265),
+        )
+        self._drift = Drift()
+        self._T_home_odom: Optional[Place] = None
+
+    def feel(self, stamp_s: float, T_world_body: np.ndarray, T_world_home: np.ndarray) -> None:
+        """The tracker's next sample; the first one is calibrated by truth."""
+        T_odom_t265, _, _ = self._tracker.odometry(stamp_s, T_world_body)
+        self._T_odom_body = T_odom_t265 @ self._T_t265_body
+        if self._T_home_odom is None:
+            T = transforms.invert(T_world_home) @ T_world_body @ transforms.invert(self._T_odom_body)
+            self._T_home_odom = Place(T, np.diag([0.01**2] * 3 + [np.radians(0.1) ** 2]))
+        self._drift.feed(stamp_s, self._T_odom_body[:3, 3])
+
+    def look(
+        self, stamp_s: float, T_world_body: np.ndarray, samples: int = 1
+    ) -> Tuple[DepthFrame, Picture, np.ndarray, np.ndarray]:
+        """A frame and a picture as said, and the truth: depth (H,W) and T_world_cam."""
+        shot = self._camera.shoot(stamp_s, T_world_body, samples=samples)
+        T_home_cam = self._T_home_odom.T_a_b @ self._T_odom_body @ self._T_body_cam
+        C = camera_covariance(self._T_home_odom, self._T_odom_body, self._T_body_cam, self._drift, _TRACKER)
+        measured, model = self._depth.measure(shot.depth, shot.rgb), self._camera.model
+        frame = DepthFrame.of_millimetres(self.name, stamp_s, measured, model, T_home_cam, C)
+        picture = Picture.undistorted(f"{self.name}/{stamp_s:.3f}", self.name, stamp_s, shot.rgb, model, T_home_cam, C)
+        return frame, picture, shot.depth, shot.T_world_cam
+
+
+def way(town: Town) -> Iterator[Tuple[float, np.ndarray, float]]:
+    """Stamp, position (x, y, yaw) of the middle between both vehicles in the world, and how far they are apart."""
+    plan, s, turn, n = town.plan, _BEGIN_M, 0.0, 0
+    lane_t = float(plan.avenues_t[1]) if len(plan.avenues_t) else 0.0
+    spread = [(0.0, 0.0, 4.0, 0.0), (0.0, 0.0, 6.0, _APART_M[1] - _APART_M[0]), (0.0, 0.0, 4.0, 0.0)]
+    back = [(0.0, 0.0, 6.0, _APART_M[0] - _APART_M[1])]
+    apart_m = _APART_M[0]
+    for metres, radians, seconds, wider_m in [
+        *spread,
+        *back,
+        *((m, r, max(m / _SPEED_MPS, 4.0 * abs(r)), 0.0) for m, r in _LEGS),
+    ]:
+        steps = int(seconds * _TRACKER_HZ)
+        for _ in range(steps):
+            s, turn, apart_m, n = s + metres / steps, turn + radians / steps, apart_m + wider_m / steps, n + 1
+            yield n / _TRACKER_HZ, np.array([*plan.world(s, lane_t)[:2], plan.heading(s) + turn]), apart_m
+
+
+def bodies(at: np.ndarray, apart_m: float, ground_m: float, random) -> Dict[str, np.ndarray]:
+    """T_world_body of both, with the sway of a hovering quadrotor."""
+    x, y, yaw = at
+    across = 0.5 * apart_m * np.array([-np.sin(yaw), np.cos(yaw)])
+    return {
+        name: transforms.from_xyz_rpy([x + side * across[0], y + side * across[1], ground_m + _HEIGHT_M], [*random.normal(0.0, 0.012, 2), yaw])
+        for name, side in (("uav1", 1.0), ("uav2", -1.0))
+    }  # fmt: skip
+
+
+def flight(world: str, seed: int, size: float = 1.0) -> Row:
+    """One row of the table."""
+    town = Town.generate(seed, world)
+    renderer, random = Renderer(town), np.random.default_rng([seed, 31])
+    vehicles = {name: Flown(name, renderer, seed) for name in ("uav1", "uav2")}
+    ground_m, T_world_home = 0.0, None
+    frames: List[DepthFrame] = []
+    true_points, ranges = [], []
+    pictures: Dict[str, List[Picture]] = {"uav1": [], "uav2": []}
+    for n, (t, at, apart_m) in enumerate(way(town)):
+        if T_world_home is None:
+            T_world_home = transforms.from_xyz_yaw([at[0], at[1], ground_m + _HEIGHT_M], at[2])
+        T_world = bodies(at, apart_m, ground_m, random)
+        for name, flown in vehicles.items():
+            flown.feel(t, T_world[name], T_world_home)
+            if n % int(_TRACKER_HZ / _HZ) == 0:
+                frame, _, depth, T_world_cam = flown.look(t, T_world[name])
+                frames.append(frame)
+                p, r = within(depth, flown._camera.model, T_world_cam, T_world_home)
+                true_points.append(p), ranges.append(r)
+        if t in _RECORDED_S:
+            for name, flown in vehicles.items():
+                pictures[name].append(flown.look(t, T_world[name], 5)[1])
+    started = time.perf_counter()
+    volume, counted = NearVolume(), {}
+    for frame in worth_it(frames):
+        volume.integrate(frame)
+        counted[frame.vehicle] = counted.get(frame.vehicle, 0) + 1
+    surface = volume.surface()
+    seconds = time.perf_counter() - started
+    joined = join(far_map(pictures), surface, counted, [pictures["uav1"][0]])
+    return judged(
+        world,
+        seed,
+        counted,
+        seconds,
+        surface,
+        np.concatenate(true_points),
+        np.concatenate(ranges),
+        scene(town, T_world_home),
+        joined,
+    )
+
+
+def within(depth, camera, T_world_cam, T_world_home):
+    """True points in home (N,3) that a picture shows within 8 m, and their distances (N,)."""
+    rays, z = camera.rays()[::_EVERY, ::_EVERY].reshape(-1, 3), depth[::_EVERY, ::_EVERY].ravel()
+    p_cam = rays * z[:, None]
+    distance = np.linalg.norm(p_cam, axis=1)
+    near = distance <= _WITHIN_M
+    T_home_cam = transforms.invert(T_world_home) @ T_world_cam
+    return transforms.apply(T_home_cam, p_cam[near]), distance[near]
+
+
+def scene(town: Town, T_world_home: np.ndarray):
+    """The true surfaces, in home."""
+    import open3d as o3d
+
+    mesh = o3d.t.geometry.RaycastingScene()
+    vertices = transforms.apply(transforms.invert(T_world_home), town.vertices.astype(float)).astype(np.float32)
+    mesh.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(town.triangles.astype(np.uint32)))
+    return lambda points: mesh.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
+
+
+def far_map(pictures: Dict[str, List[Picture]]) -> MapResult:
+    """Of the pictures of both baselines, before the first of uav1."""
+    reference = pictures["uav1"][0]
+    found = []
+    for baseline_m, own, other in zip(_APART_M, pictures["uav1"], pictures["uav2"]):
+        found.append(
+            ConfigurationInput(Configuration(Axis.HORIZONTAL, baseline_m), [reference if not found else own], [other])
+        )
+    return Joint().map(MapInput("session", found, prior=FLOWN), Joint().options())
+
+
+def judged(world, seed, counted, seconds, surface: NearSurface, true, ranges, distance_to, joined) -> Row:
+    """Against the truth."""
+    points = surface.points()
+    there = cKDTree(points.points_home_m).query(true)[0] <= _FIXED_M + _SHARE * ranges
+    standing = true[:, 2] > _STANDING_M - _HEIGHT_M
+    off = distance_to(points.points_home_m)
+    allowed = _FIXED_M + _SHARE * _WITHIN_M
+    return Row(
+        world, seed, sum(counted.values()), seconds, len(points), len(true),
+        float(there.mean()), int(standing.sum()), float(there[standing].mean()), float((off > allowed).mean()), float(np.median(off)),
+        float(np.median(points.sigma_m)), float((off <= points.sigma_m).mean()), joined,
+    )  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--worlds", nargs="+", default=["village", "street", "field"])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
+    parser.add_argument("--out", type=Path, help="folder for pictures and a report of each flight")
+    args = parser.parse_args()
+    for world in args.worlds:
+        for seed in args.seeds:
+            r = flight(world, seed)
+            n = r.joined.near
+            print(
+                r.world,
+                r.seed,
+                "frames",
+                r.frames,
+                f"{r.seconds:.1f} s",
+                "points",
+                r.points,
+                "true",
+                r.true_points,
+                f"there {r.there:.1%} standing {r.standing} there {r.standing_there:.1%} wrong {r.wrong:.1%} median {r.median_m:.3f} sigma {r.sigma_m:.3f} in1 {r.within_1_sigma:.0%}",
+                n.to_dict(),
+                flush=True,
+            )
+            if args.out:
+                folder = args.out / f"{world}_{seed}"
+                folder.mkdir(parents=True, exist_ok=True)
+                write_report(r.joined, folder)
+
+
+if __name__ == "__main__":
+    main()
