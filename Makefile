@@ -6,10 +6,11 @@ SEED ?= 1
 WORLD ?= street
 RVIZ ?=
 LIVE ?=
+NEAR ?=
 SPEED ?= auto
 OUT ?= out/demo
 OVERWRITE ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE SPEED OUT OVERWRITE
+export SYSTEM MISSION SEED WORLD RVIZ LIVE NEAR SPEED OUT OVERWRITE
 
 .PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
 setup build:

@@ -3,9 +3,11 @@
 
 .venv/bin/python tools/bench_near.py [--worlds village street field] [--seeds 1 2] [--out FOLDER]
 
-Two vehicles hover 2 m and then 4 m apart, 2 m high, at the lane (the avenue) of a simulated world, and take the pictures
-of which the map is made. Then they fly 24 m along it and turn to what stands on both sides. Both carry a simulated D435F (2 frames a second: noise, range, holes) and a simulated T265, whose
-odometry gives the poses; covariances are those of its drift. Truth is the renderer's. Home is where uav1 began.
+Two vehicles hover 2 m and then 4 m apart, 2 m high, at the lane (the avenue) of a simulated world, and take the
+pictures of which the map is made. Then they fly 24 m along it and turn to what stands on both sides. Both carry a
+simulated D435F (2 frames a second: noise, range, holes) and a simulated T265, whose odometry gives the poses;
+covariances are those of its drift. Truth is the renderer's. Home is where uav1 began. The way is moved beside the lane
+until nothing stands within 1 m of it.
 
 there: of the true surfaces that some frame showed within 8 m of its vehicle, the share with a point of the near field
 within 5 cm and 2 % of that distance. wrong: share of its points that are farther than that from every true surface.
@@ -14,7 +16,7 @@ within 5 cm and 2 % of that distance. wrong: share of its points that are farthe
 
 import argparse
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Tuple
 
@@ -34,6 +36,7 @@ from fcsv_sim.world.town import Town
 from fcsv_stereo.joint import Joint
 from fcsv_stereo.model import FLOWN, Axis, Configuration, ConfigurationInput, MapInput, MapResult, Picture
 from fcsv_stereo.near import DepthFrame, DepthSensor, NearSurface, NearVolume, join, worth_it
+from fcsv_stereo.output import write_ply
 from fcsv_stereo.report import write_report
 from fcsv_tracking.camera_covariance import camera_covariance
 from fcsv_tracking.drift import Drift
@@ -50,6 +53,7 @@ _LEGS = (
 )  # m ahead, rad to the left
 _APART_M, _RECORDED_S = (2.0, 4.0), (2.0, 12.0)  # baselines, and when their pictures are taken
 _WITHIN_M, _SHARE, _FIXED_M = 8.0, 0.02, 0.05
+_CLEAR_M = 1.0
 _EVERY = 7  # pixels of the truth
 _STANDING_M = 0.3  # above the ground below uav1: not of the ground
 _TRACKER = np.diag([0.005**2] * 3 + [np.radians(0.1) ** 2] * 3)  # of the odometry's own
@@ -116,16 +120,18 @@ class Flown:
         return frame, picture, shot.depth, shot.T_world_cam
 
 
-def way(town: Town) -> Iterator[Tuple[float, np.ndarray, float]]:
-    """Stamp, position (x, y, yaw) of the middle between both vehicles in the world, and how far they are apart."""
+def way(town: Town, aside_m: float) -> Iterator[Tuple[float, np.ndarray, float]]:
+    """Stamp, position (x, y, yaw) of the middle between both vehicles in the world, and how far they are apart.
+
+    ``aside_m``: how far to the left of the lane's middle.
+    """
     plan, s, turn, n = town.plan, _BEGIN_M, 0.0, 0
-    lane_t = float(plan.avenues_t[1]) if len(plan.avenues_t) else 0.0
-    spread = [(0.0, 0.0, 4.0, 0.0), (0.0, 0.0, 6.0, _APART_M[1] - _APART_M[0]), (0.0, 0.0, 4.0, 0.0)]
-    back = [(0.0, 0.0, 6.0, _APART_M[0] - _APART_M[1])]
+    lane_t = (float(plan.avenues_t[1]) if len(plan.avenues_t) else 0.0) + aside_m
+    wider_m = _APART_M[1] - _APART_M[0]
+    hover = [(0.0, 0.0, 4.0, 0.0), (0.0, 0.0, 6.0, wider_m), (0.0, 0.0, 4.0, 0.0), (0.0, 0.0, 6.0, -wider_m)]
     apart_m = _APART_M[0]
     for metres, radians, seconds, wider_m in [
-        *spread,
-        *back,
+        *hover,
         *((m, r, max(m / _SPEED_MPS, 4.0 * abs(r)), 0.0) for m, r in _LEGS),
     ]:
         steps = int(seconds * _TRACKER_HZ)
@@ -134,29 +140,42 @@ def way(town: Town) -> Iterator[Tuple[float, np.ndarray, float]]:
             yield n / _TRACKER_HZ, np.array([*plan.world(s, lane_t)[:2], plan.heading(s) + turn]), apart_m
 
 
-def bodies(at: np.ndarray, apart_m: float, ground_m: float, random) -> Dict[str, np.ndarray]:
+def clear(town: Town) -> float:
+    """How far beside the lane nothing stands within ``_CLEAR_M`` of a vehicle's way: nobody flies through a hedge."""
+    distance_to, random = scene(town, np.eye(4)), np.random.default_rng(0)
+    for aside_m in (0.0, 1.0, -1.0, 2.0, -2.0, 3.0, -3.0, 4.0, -4.0, 6.0, -6.0):
+        places = [
+            T[:3, 3] for _, at, apart_m in list(way(town, aside_m))[::10] for T in bodies(at, apart_m, random).values()
+        ]
+        if distance_to(np.array(places)).min() > _CLEAR_M:
+            return aside_m
+    raise SystemExit(f"{town.plan}: no free way beside the lane")
+
+
+def bodies(at: np.ndarray, apart_m: float, random) -> Dict[str, np.ndarray]:
     """T_world_body of both, with the sway of a hovering quadrotor."""
     x, y, yaw = at
     across = 0.5 * apart_m * np.array([-np.sin(yaw), np.cos(yaw)])
-    return {
-        name: transforms.from_xyz_rpy([x + side * across[0], y + side * across[1], ground_m + _HEIGHT_M], [*random.normal(0.0, 0.012, 2), yaw])
-        for name, side in (("uav1", 1.0), ("uav2", -1.0))
-    }  # fmt: skip
+    found = {}
+    for name, side in (("uav1", 1.0), ("uav2", -1.0)):
+        xyz = [x + side * across[0], y + side * across[1], _HEIGHT_M]
+        found[name] = transforms.from_xyz_rpy(xyz, [*random.normal(0.0, 0.012, 2), yaw])
+    return found
 
 
-def flight(world: str, seed: int, size: float = 1.0) -> Row:
+def flight(world: str, seed: int) -> Row:
     """One row of the table."""
     town = Town.generate(seed, world)
     renderer, random = Renderer(town), np.random.default_rng([seed, 31])
     vehicles = {name: Flown(name, renderer, seed) for name in ("uav1", "uav2")}
-    ground_m, T_world_home = 0.0, None
+    T_world_home, aside_m = None, clear(town)
     frames: List[DepthFrame] = []
     true_points, ranges = [], []
     pictures: Dict[str, List[Picture]] = {"uav1": [], "uav2": []}
-    for n, (t, at, apart_m) in enumerate(way(town)):
+    for n, (t, at, apart_m) in enumerate(way(town, aside_m)):
         if T_world_home is None:
-            T_world_home = transforms.from_xyz_yaw([at[0], at[1], ground_m + _HEIGHT_M], at[2])
-        T_world = bodies(at, apart_m, ground_m, random)
+            T_world_home = transforms.from_xyz_yaw([at[0], at[1], _HEIGHT_M], at[2])
+        T_world = bodies(at, apart_m, random)
         for name, flown in vehicles.items():
             flown.feel(t, T_world[name], T_world_home)
             if n % int(_TRACKER_HZ / _HZ) == 0:
@@ -228,39 +247,46 @@ def judged(world, seed, counted, seconds, surface: NearSurface, true, ranges, di
     allowed = _FIXED_M + _SHARE * _WITHIN_M
     return Row(
         world, seed, sum(counted.values()), seconds, len(points), len(true),
-        float(there.mean()), int(standing.sum()), float(there[standing].mean()), float((off > allowed).mean()), float(np.median(off)),
-        float(np.median(points.sigma_m)), float((off <= points.sigma_m).mean()), joined,
+        float(there.mean()), int(standing.sum()), float(there[standing].mean()), float((off > allowed).mean()),
+        float(np.median(off)), float(np.median(points.sigma_m)), float((off <= points.sigma_m).mean()), joined,
     )  # fmt: skip
 
 
+_HEAD = (
+    "world, seed", "frames", "time", "points", "there", "there, what stands", "wrong", "off, median", "sigma, median",
+    "within sigma", "seam", "seam at", "seam, step", "seam, size",
+)  # fmt: skip
+
+
+def cells(r: Row) -> List[str]:
+    """A row of the table."""
+    n = r.joined.near
+    seam = ["none", "–", "–", "–"]
+    if n.step is not None:
+        seam = [f"{n.shared:,} px", f"{n.from_m:.1f} to {n.to_m:.1f} m", f"{n.step:+.1%}", f"{n.apart:.1%}"]
+    return [
+        f"{r.world} {r.seed}", str(r.frames), f"{r.seconds:.0f} s", f"{r.points:,}", f"{r.there:.1%}",
+        f"{r.standing_there:.1%} of {r.standing:,}", f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm",
+        f"{1e3 * r.sigma_m:.0f} mm", f"{r.within_1_sigma:.0%}", *seam,
+    ]  # fmt: skip
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", nargs="+", default=["village", "street", "field"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
-    parser.add_argument("--out", type=Path, help="folder for pictures and a report of each flight")
+    parser.add_argument("--out", type=Path, help="folder for a cloud and a report of each flight")
     args = parser.parse_args()
+    print(f"| {' | '.join(_HEAD)} |\n|{'---|' * len(_HEAD)}", flush=True)
     for world in args.worlds:
         for seed in args.seeds:
-            r = flight(world, seed)
-            n = r.joined.near
-            print(
-                r.world,
-                r.seed,
-                "frames",
-                r.frames,
-                f"{r.seconds:.1f} s",
-                "points",
-                r.points,
-                "true",
-                r.true_points,
-                f"there {r.there:.1%} standing {r.standing} there {r.standing_there:.1%} wrong {r.wrong:.1%} median {r.median_m:.3f} sigma {r.sigma_m:.3f} in1 {r.within_1_sigma:.0%}",
-                n.to_dict(),
-                flush=True,
-            )
+            row = flight(world, seed)
+            print(f"| {' | '.join(cells(row))} |", flush=True)
             if args.out:
                 folder = args.out / f"{world}_{seed}"
                 folder.mkdir(parents=True, exist_ok=True)
-                write_report(r.joined, folder)
+                write_report(row.joined, folder)
+                write_ply(row.joined.cloud, folder / "map.ply")
 
 
 if __name__ == "__main__":

@@ -51,6 +51,29 @@ def test_infrared_stands_in_the_place_of_colour(launch):
     assert launch()["nodes"]["/uav1/camera/realsense2_camera"]["remaps"] == {}
 
 
+def test_depth_is_recorded_where_the_near_field_is_wanted(launch):
+    """In the pixels of the pictures; nothing of it runs or is recorded otherwise."""
+    driver, topics = "/uav1/camera/realsense2_camera/", "/uav1/recorder/topics"
+    off, on = launch()["params"], launch("near:=true")["params"]
+    assert topics not in off and [off[driver + n].lower() for n in ("enable_depth", "align_depth")] == [
+        "false",
+        "false",
+    ]
+    assert on[topics] == [f"/uav1/camera/aligned_depth_to_color/{n}" for n in ("image_raw", "camera_info")]
+    shape = [
+        on[driver + n].lower() for n in ("enable_depth", "align_depth", "depth_width", "depth_height", "depth_fps")
+    ]
+    assert shape == ["true", "true", "848", "480", "6"]
+    infrared = launch("near:=true", "infrared:=true")
+    assert infrared["params"][driver + "align_depth"].lower() == "false"
+    assert infrared["params"][driver + "depth_width"] == infrared["params"][driver + "infra_width"] == "640"
+    assert infrared["params"][driver + "depth_fps"] == infrared["params"][driver + "infra_fps"] == "30"
+    throttle = infrared["nodes"]["/uav1/depth_throttle"]["args"].split()
+    assert throttle[1::2] == ["camera/depth/image_rect_raw", "camera/aligned_depth_to_color/image_raw"]
+    simulated = launch("sim:=true", "near:=true", without=True)["params"]
+    assert simulated["/uav1/camera/near"] is True and simulated[topics] == on[topics]
+
+
 def test_exposure_is_automatic_unless_given(launch):
     params = launch()["params"]
     assert params["/uav1/camera/rgb_camera/enable_auto_exposure"] is True

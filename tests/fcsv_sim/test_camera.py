@@ -103,14 +103,17 @@ def test_node_publishes_pictures_infos_and_truth(start_node, root, tmp_path):
     from fcsv_tracking.tags import TagDetector
 
     hovering = Hovering(tmp_path)
-    images, infos = [], []
+    images, infos, depths, depth_infos = [], [], [], []
+    aligned = "/uav2/camera/aligned_depth_to_color/"
     subscribers = [
+        rospy.Subscriber(aligned + "image_raw", Image, depths.append),
+        rospy.Subscriber(aligned + "camera_info", CameraInfo, depth_infos.append),
         rospy.Subscriber("/uav2/camera/color/image_raw", Image, images.append),
         rospy.Subscriber("/uav2/camera/color/camera_info", CameraInfo, infos.append),
     ]
     folder = str(root / "config" / "vehicles")
     params = {"vehicle": "uav2", "vehicles": ["uav1", "uav2"], "vehicles_dir": folder, "sim_dir": str(tmp_path),
-              "seed": 1, "rate_hz": 4.0}  # fmt: skip
+              "seed": 1, "rate_hz": 4.0, "near": True}  # fmt: skip
     try:
         start_node("fcsv_sim", "camera", ns="uav2", params=params)
         deadline = time.monotonic() + 60
@@ -126,6 +129,14 @@ def test_node_publishes_pictures_infos_and_truth(start_node, root, tmp_path):
     assert images[0].header.frame_id == infos[0].header.frame_id == "uav2/camera_color_optical_frame"
     assert (images[0].encoding, images[0].width, images[0].height) == ("rgb8", 640, 480)
     assert conversions.camera_from_info(infos[0]) == CameraParameters().model
+    # depth of some of the pictures, in their pixels, as realsense2_camera gives it: mm; uav1 hovers in it
+    assert {m.header.stamp.to_nsec() for m in depths} <= {s.to_nsec() for s in stamps} and 2 <= len(depths) < len(
+        images
+    )
+    assert (depths[0].encoding, depths[0].width, depths[0].height) == ("16UC1", 640, 480)
+    assert conversions.camera_from_info(depth_infos[0]) == CameraParameters().model
+    millimetres = conversions.image_to_array(depths[-1], "16UC1")
+    assert 1000 < np.median(millimetres[millimetres > 0]) < 10000
     gray = cv2.cvtColor(conversions.image_to_array(images[-1], "bgr8"), cv2.COLOR_BGR2GRAY)
     assert [d.id for d in TagDetector({1: 0.16}).detect(gray, CameraParameters().model)] == [1]
     # periods are skipped when the machine is busy, never queued: no two pictures closer than most of a period

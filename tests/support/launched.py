@@ -22,7 +22,8 @@ print(json.dumps({"nodes": nodes, "params": {k: p.value for k, p in config.param
 # what realsense2_camera 2.3 declares in its includes/nodelet.launch.xml, as far as anybody here gives it
 _REALSENSE_ARGS = (
     "manager tf_prefix device_type serial_no respawn initial_reset enable_color color_width color_height color_fps"
-    " enable_infra1 infra_width infra_height infra_fps enable_depth publish_tf enable_pose enable_fisheye1"
+    " enable_infra1 infra_width infra_height infra_fps enable_depth align_depth depth_width"
+    " depth_height depth_fps publish_tf enable_pose enable_fisheye1"
     " enable_fisheye2 publish_odom_tf"
 ).split()
 

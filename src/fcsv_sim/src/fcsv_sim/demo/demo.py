@@ -159,7 +159,8 @@ def _plan(system: System, args) -> FleetPlan:
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
     return FleetPlan(
-        out, mission, args.seed, args.world, vehicles, rviz=rviz, live=live, flight_link=args.flight_link
+        out, mission, args.seed, args.world, vehicles, rviz=rviz, live=live, near=args.near == "1",
+        flight_link=args.flight_link,
     )  # fmt: skip
 
 
@@ -193,6 +194,7 @@ def _parse(argv):
     parser.add_argument(
         "--live", default="", help="1 maps in flight, 0 does not; default: where there are more than two cores"
     )
+    parser.add_argument("--near", default="", help="system tags: 1 records depth cameras, for the near field (near.md)")
     parser.add_argument(
         "--speed", default=slow_motion.AUTO,
         help="share of real time at which all is simulated; default: auto: 1, or less where the machine cannot keep up",

@@ -37,6 +37,7 @@ class FleetPlan:
     column_spacing_m: float = 3.5
     rviz: bool = False
     live: bool = False
+    near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
 
     @property
@@ -148,6 +149,7 @@ class SimulatedFleet(Machines):
             **self._common_args(vehicle),
             "uav": vehicle,
             "world": self.plan.world,
+            "near": self.plan.near,
             "flight_link": self.plan.flight_link,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
             "sim_mavlink_port": self._mavlink_ports[vehicle],

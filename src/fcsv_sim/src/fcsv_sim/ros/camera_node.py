@@ -10,15 +10,19 @@ from typing import List, Optional
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
 
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicle import load_vehicles
 from fcsv_msgs.msg import RecorderStatus
 from fcsv_sim.render.renderer import require_samples
 from fcsv_sim.sensors import trigger
-from fcsv_sim.sensors.camera import CameraParameters
+from fcsv_sim.sensors.camera import CameraParameters, Shot
+from fcsv_sim.sensors.depth_camera import DepthParameters, SimulatedDepth
 from fcsv_sim.sensors.photographer import Photographer
 from fcsv_sim.world.town import Town
+from fcsv_stereo.near import DepthSensor
 
 #: Pictures are of a moment that just passed: the truth on both sides of it is there.
 _LATENCY_S = 0.02
@@ -45,11 +49,14 @@ class CameraNodeParameters:
     samples: int = 3
     preview_samples: int = 1
     preview_rate_hz: Optional[float] = None  # while the recorder takes no pictures; none: as always
+    near: bool = False  # also depth, in the pictures' pixels
+    near_rate_hz: float = 2.0  # of depth, at most that of the pictures
     camera: CameraParameters = field(default_factory=CameraParameters)
 
     def __post_init__(self):
-        if self.rate_hz <= 0:
-            raise ValueError(f"rate_hz: {self.rate_hz} must be positive")
+        for name in ("rate_hz", "near_rate_hz"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name}: {getattr(self, name)} must be positive")
         if self.preview_rate_hz is not None and self.preview_rate_hz <= 0:
             raise ValueError(f"preview_rate_hz: {self.preview_rate_hz} must be positive")
         require_samples(self.samples)
@@ -69,6 +76,7 @@ class CameraNode:
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)
         self._infos = rospy.Publisher("camera/color/camera_info", CameraInfo, queue_size=2)
+        self._depth = _DepthPublisher(p, self._camera.model, self._frame) if p.near else None
         self._samples = parameters.samples
         self._rate_hz, self._rate_changed = parameters.rate_hz, threading.Event()
         self._catch_up = 0
@@ -115,8 +123,32 @@ class CameraNode:
         shot = self._camera.take(stamp_s, samples)
         self._infos.publish(conversions.info_from_camera(self._camera.model, stamp_s, self._frame))
         self._pictures.publish(conversions.array_to_image(shot.rgb, "rgb8", stamp_s, self._frame))
+        if self._depth is not None:
+            self._depth.see(shot)
         self._health.tick("pictures")
         self._health.value("time per picture [ms]", f"{(time.perf_counter() - started_s) * 1e3:.0f}")
+
+
+class _DepthPublisher:
+    """Depth of some of the pictures, as realsense2_camera aligns it with the colour camera's."""
+
+    def __init__(self, parameters: CameraNodeParameters, camera: PinholeCamera, frame: str):
+        own = load_vehicles(parameters.vehicles_dir, [parameters.vehicle])[parameters.vehicle]
+        seed = parameters.seed * 1000 + own.system_id
+        self._measured = SimulatedDepth(camera, seed, DepthSensor(), DepthParameters())
+        self._camera, self._frame, self._stamp_s = camera, frame, -math.inf
+        self._period_s = 1.0 / parameters.near_rate_hz - 0.5 / parameters.rate_hz
+        self._images = rospy.Publisher("camera/aligned_depth_to_color/image_raw", Image, queue_size=2)
+        self._infos = rospy.Publisher("camera/aligned_depth_to_color/camera_info", CameraInfo, queue_size=2)
+
+    def see(self, shot: Shot) -> None:
+        """A picture that was just taken."""
+        if shot.stamp_s - self._stamp_s < self._period_s:
+            return
+        self._stamp_s = shot.stamp_s
+        millimetres = self._measured.measure(shot.depth, shot.rgb)
+        self._infos.publish(conversions.info_from_camera(self._camera, shot.stamp_s, self._frame))
+        self._images.publish(conversions.array_to_image(millimetres, "16UC1", shot.stamp_s, self._frame))
 
 
 def main() -> int:
