@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The near field in a map: joined with distant configurations, from a session's bags, by the command."""
 
-import json
+import sys
 
 import numpy as np
 import pytest
@@ -14,9 +14,10 @@ from fcsv_stereo.cli import main
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference
 from fcsv_stereo.model.kinds import Kind
-from fcsv_stereo.near import NEAR_BASELINE, DepthFrame, DepthSensor, NearVolume, join
+from fcsv_stereo.near import NEAR_BASELINE, DepthFrame, DepthSensor, NearVolume, join, with_near
 from fcsv_stereo.output import read_ply
-from fcsv_stereo.report import write_report
+from fcsv_stereo.report.near import near_field
+from fcsv_stereo.report.sections import ReportData
 from fcsv_stereo.sessions.read import read_session
 from fcsv_stereo.thesis import ThesisOptions
 
@@ -106,15 +107,15 @@ def test_a_map_without_a_near_field_stays_as_it_is():
     assert len(joined.cloud) == len(result.cloud) and joined.near.points == 0
 
 
-def test_the_report_shows_it(tmp_path):
+def test_the_report_says_what_it_brought_and_warns_of_a_seam():
     result = far(12.0, 0.1)
-    page = write_report(join(result, ground(), {"uav1": 4, "uav2": 2}), tmp_path).read_text()
-    assert "Near field" in page and "uav1: 4, uav2: 2" in page
-    assert "Near field" not in write_report(result, tmp_path).read_text()
+    heading, table, *said = near_field(ReportData(join(result, ground(), {"uav1": 4, "uav2": 2}), [], []))
+    assert "differ by +" in heading.text and ("frames summed", "uav1: 4, uav2: 2") in table.rows and said
+    assert near_field(ReportData(result, [], [])) == []
 
 
 def mapped(session, out, **options):
-    return pipeline.run(session, out, "thesis", ThesisOptions(), None, lambda *_: None, **options)
+    return pipeline.run(session, out, "thesis", ThesisOptions(matcher="sgbm"), None, lambda *_: None, **options)
 
 
 def test_a_session_that_holds_depth_is_mapped_with_it(tmp_path):
@@ -127,22 +128,17 @@ def test_a_session_that_holds_depth_is_mapped_with_it(tmp_path):
         of_near.sum() == document["near"]["points"] > 1000 and (kind == Kind.NEAR).sum() == document["near"]["pixels"]
     )
     assert np.abs(np.median(cloud.points_home_m[of_near, 2]) - GROUND_M) < 0.03
-    assert document["kinds"]["near"] > 0.05
+    assert document["kinds"]["near"] > 0.05 and 'id="near-field"' in (out / "report.html").read_text()
     assert any("3 depth frames of uav1 have no odometry" in w for w in document["warnings"])
 
 
 def test_without_depth_or_with_no_near_a_session_is_mapped_as_ever(tmp_path):
-    write_session(tmp_path / "plain")
-    write_session(tmp_path / "session", depth=ground_depth)
-    plain, left_out = (
-        mapped(tmp_path / "plain", tmp_path / "a"),
-        mapped(tmp_path / "session", tmp_path / "b", near=False),
-    )
-    assert set(plain) == set(left_out) and "near" not in plain and "near" not in plain["kinds"]
+    plain = mapped(write_session(tmp_path / "plain"), tmp_path / "a")
+    assert "near" not in plain and "near" not in plain["kinds"]
+    session = write_session(tmp_path / "session", depth=ground_depth)
+    assert main([str(session), "-o", str(tmp_path / "b"), "--method", "thesis", "--matcher", "sgbm", "--no-near"]) == 0
     for name in ("map.ply", "depth.npy", "kind.npy"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-    assert main([str(tmp_path / "session"), "-o", str(tmp_path / "c"), "--method", "thesis", "--no-near"]) == 0
-    assert "near" not in json.loads((tmp_path / "c" / "report.json").read_text())
 
 
 def test_another_vehicle_is_not_of_the_map():
@@ -177,7 +173,14 @@ def test_a_vehicle_whose_covariance_is_not_known_has_that_of_a_flight(tmp_path):
     assert np.sqrt(frame.covariance[0, 0]) == pytest.approx(0.15, abs=0.02)
 
 
+def test_without_open3d_the_map_says_that_it_has_no_near_field(monkeypatch, tmp_path):
+    given = read_session(write_session(tmp_path / "session", depth=ground_depth))
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    result = with_near(far(5.0, 0.1), given)
+    assert result.near is None and result.warnings == ["no near field: open3d is not installed: pip install open3d"]
+
+
 def test_frames_of_nothing_are_a_warning(tmp_path):
-    session = write_session(tmp_path / "session", depth=lambda T: np.zeros_like(ground_depth(T)))
-    document = mapped(session, tmp_path / "map")
-    assert "near" not in document and any("no near field" in w for w in document["warnings"])
+    given = read_session(write_session(tmp_path / "session", depth=lambda T: np.zeros_like(ground_depth(T))))
+    result = with_near(far(5.0, 0.1), given)
+    assert result.near is None and any("no near field" in w for w in result.warnings)

@@ -5,6 +5,7 @@ import time
 from dataclasses import replace
 from typing import Dict, List
 
+from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import MapInput, MapResult, Picture
 from fcsv_stereo.near.frame import worth_it
 from fcsv_stereo.near.join import join
@@ -12,13 +13,19 @@ from fcsv_stereo.near.volume import NearVolume
 
 
 def with_near(result: MapResult, given: MapInput) -> MapResult:
-    """The map joined with what ``given.near`` saw along the whole flight; unchanged where there is no frame of use.
+    """The map joined with what ``given.near`` saw along the whole flight.
 
-    Raises InputError where a frame is none, or open3d is not installed.
+    Without a frame of use, and without open3d, it is unchanged but for a warning. Raises InputError where a frame is
+    none.
     """
     if given.near is None:
         return result
-    started, volume = time.perf_counter(), NearVolume()
+    started = time.perf_counter()
+    try:
+        volume = NearVolume()
+    except InputError as error:
+        result.warnings.append(f"no near field: {error}")
+        return result
     counted: Dict[str, int] = {}
     for frame in worth_it(given.near.frames()):
         volume.integrate(frame)

@@ -46,7 +46,7 @@ class NearVolume:
         try:
             import open3d  # a heavy import, which the wheel and maps without a near field do without
         except ImportError as error:
-            raise InputError("open3d is not installed: pip install open3d, or map with --no-near") from error
+            raise InputError("open3d is not installed: pip install open3d") from error
         self._core = open3d.core
         self._sensor, self._rules = sensor or DepthSensor(), rules or NearRules()
         f32 = self._core.float32
