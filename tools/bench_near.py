@@ -233,7 +233,11 @@ def far_map(pictures: Dict[str, List[Picture]]) -> MapResult:
     found = []
     for baseline_m, own, other in zip(_APART_M, pictures["uav1"], pictures["uav2"]):
         found.append(
-            ConfigurationInput(Configuration(Axis.HORIZONTAL, baseline_m), [reference if not found else own], [other])
+            ConfigurationInput(
+                Configuration(Axis.HORIZONTAL, baseline_m, 0.0, f"horizontal {baseline_m:g} m"),
+                [reference if not found else own],
+                [other],
+            )
         )
     return Joint().map(MapInput("session", found, prior=FLOWN), Joint().options())
 
@@ -243,12 +247,13 @@ def judged(world, seed, counted, seconds, surface: NearSurface, true, ranges, di
     points = surface.points()
     there = cKDTree(points.points_home_m).query(true)[0] <= _FIXED_M + _SHARE * ranges
     standing = true[:, 2] > _STANDING_M - _HEIGHT_M
+    standing_there = float(there[standing].mean()) if standing.any() else float("nan")
     off = distance_to(points.points_home_m)
     allowed = _FIXED_M + _SHARE * _WITHIN_M
     return Row(
-        world, seed, sum(counted.values()), seconds, len(points), len(true),
-        float(there.mean()), int(standing.sum()), float(there[standing].mean()) if standing.any() else float("nan"), float((off > allowed).mean()),
-        float(np.median(off)), float(np.median(points.sigma_m)), float((off <= points.sigma_m).mean()), joined,
+        world, seed, sum(counted.values()), seconds, len(points), len(true), float(there.mean()), int(standing.sum()),
+        standing_there, float((off > allowed).mean()), float(np.median(off)), float(np.median(points.sigma_m)),
+        float((off <= points.sigma_m).mean()), joined,
     )  # fmt: skip
 
 
@@ -261,13 +266,14 @@ _HEAD = (
 def cells(r: Row) -> List[str]:
     """A row of the table."""
     n = r.joined.near
+    standing = f"{r.standing_there:.1%} of {r.standing:,}" if r.standing else "nothing"
     seam = ["none", "–", "–", "–"]
     if n.step is not None:
         seam = [f"{n.shared:,} px", f"{n.from_m:.1f} to {n.to_m:.1f} m", f"{n.step:+.1%}", f"{n.apart:.1%}"]
     return [
         f"{r.world} {r.seed}", str(r.frames), f"{r.seconds:.0f} s", f"{r.points:,}", f"{r.there:.1%}",
-        f"{r.standing_there:.1%} of {r.standing:,}" if r.standing else "nothing", f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm",
-        f"{1e3 * r.sigma_m:.0f} mm", f"{r.within_1_sigma:.0%}", *seam,
+        standing, f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm", f"{1e3 * r.sigma_m:.0f} mm",
+        f"{r.within_1_sigma:.0%}", *seam,
     ]  # fmt: skip
 
 
