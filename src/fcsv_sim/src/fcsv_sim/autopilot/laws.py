@@ -2,7 +2,7 @@
 """How each mode is flown: from targets or sticks to the airframe's command."""
 
 import math
-from typing import Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class FlightLaws:
         self._takeoff_m: Optional[float] = None
         self._hold_alt_m = 0.0
         self._climb_mps = 0.0
+        self._slowing_mps: List[float] = [0.0, 0.0]  # LAND: what is left of the speed with which it began
 
     def rc_alive(self, now_s: float) -> bool:
         return self._rc_s is not None and now_s - self._rc_s < _RC_LOST_S
@@ -45,6 +46,7 @@ class FlightLaws:
         self._target_m = self.estimator.p_ext_m.copy()
         if self._flying and self.mode == modes.BRAKE:
             self._target_m += self.estimator.v_ext_mps * 0.5
+        self._slowing_mps = self.estimator.v_ext_mps[:2].tolist() if self._flying else [0.0, 0.0]
         self._target_yaw_rad = self.estimator.yaw_ext_rad
         self._target_v, self._takeoff_m = None, None
         self._hold_alt_m = self.estimator.baro_m
@@ -95,7 +97,19 @@ class FlightLaws:
         if not self._position_usable(now_s):
             lean_roll, lean_pitch, _ = self.controller.sticks(roll, pitch, 0.0)
             return self.controller.to_lean(lean_roll, lean_pitch, 0.0, sink, self._climb_mps, dt_s)
-        offset_m = zip(self._target_m[:2].tolist(), self.estimator.p_ext_m.tolist())
-        hold = (min(1.0, max(-1.0, target - p)) for target, p in offset_m)
         rate = self.controller.yaw_rate(self._target_yaw_rad, self.estimator)
-        return self.controller.to_velocity((*hold, sink), rate, self.estimator, dt_s)
+        return self.controller.to_velocity((*self._stopped(dt_s), sink), rate, self.estimator, dt_s)
+
+    def _stopped(self, dt_s: float) -> Tuple[float, float]:
+        """Velocity that brings it to a stand and keeps it there: ArduCopter's LAND slows down by WPNAV_ACCEL, and holds
+        the place where it stands then. From 2 m/s the real one came down 1.9 m further on."""
+        x, y = self._slowing_mps
+        speed_mps = math.hypot(x, y)
+        less_mps = self.controller.limits.acceleration_mps2 * dt_s
+        if speed_mps > less_mps:
+            share = 1.0 - less_mps / speed_mps
+            self._slowing_mps = [x * share, y * share]
+            self._target_m[:2] = self.estimator.p_ext_m[:2]
+            return x * share, y * share
+        x, y = (float(target) - p for target, p in zip(self._target_m[:2], self.estimator.p_ext_m.tolist()))
+        return min(1.0, max(-1.0, x)), min(1.0, max(-1.0, y))
