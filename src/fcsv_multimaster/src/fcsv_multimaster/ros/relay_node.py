@@ -2,6 +2,7 @@
 """The relay of one machine: listed local topics out, listed topics of peers in, as raw messages."""
 
 import datetime
+import os
 import sys
 import time
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from fcsv_multimaster.addresses import AddressWatch
 from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
 from fcsv_multimaster.errors import EndpointError, RelayError
 from fcsv_multimaster.exchange import Exchange
+from fcsv_multimaster.joining import Joining
 from fcsv_multimaster.keyring import open_keyring
 from fcsv_multimaster.links import TF_TOPICS, load_links
 from fcsv_multimaster.parcel import Parcel
@@ -137,7 +139,7 @@ class RelayNode:
 
     def spin(self) -> None:
         """Report the links, and watch the local master."""
-        known, lost, ticks, addresses = True, False, 0, AddressWatch()
+        known, ticks, addresses, joining = True, 0, AddressWatch(), Joining()
         while not rospy.is_shutdown():
             before_s = time.monotonic()
             time.sleep(0.5)
@@ -154,8 +156,11 @@ class RelayNode:
                 rospy.logwarn("%s: its addresses are others now; looking for its peers from there", self._name)
             if slept:
                 rospy.logwarn("%s: it slept; joining its peers anew", self._name)
-            if moved or slept or lost:
-                lost = not self._join_anew()
+            if joining.due(slept, moved):
+                joining.ended(self._join_anew())
+            if joining.hopeless:
+                rospy.logfatal("%s: after it slept its port does not get free; to be started again", self._name)
+                os._exit(1)  # an orderly end would wait for the session that does not close; roslaunch respawns it
             ticks += 1
             if ticks % 2 == 0:
                 self._report()
