@@ -87,17 +87,28 @@ class DepthFrame:
         return np.maximum((np.trace(C_pp) + 2.0 * arm @ skew + turned) / 3.0, 0.0)
 
 
+class Thinning:
+    """Which frames of each vehicle show something else than its last one, or come a second after it."""
+
+    def __init__(self):
+        self._last: Dict[str, Tuple[float, np.ndarray]] = {}
+
+    def takes(self, vehicle: str, stamp_s: float, T_home_cam: np.ndarray) -> bool:
+        """Whether the next frame counts; those of one vehicle come in order of time."""
+        worth = self._differs(self._last.get(vehicle), stamp_s, T_home_cam)
+        if worth:
+            self._last[vehicle] = stamp_s, T_home_cam
+        return worth
+
+    @staticmethod
+    def _differs(last: Optional[Tuple[float, np.ndarray]], stamp_s: float, T_home_cam: np.ndarray) -> bool:
+        if last is None or stamp_s - last[0] >= _EVERY_S:
+            return True
+        moved_m = np.linalg.norm(T_home_cam[:3, 3] - last[1][:3, 3])
+        return bool(moved_m >= _MOVED_M or transforms.rotation_angle(last[1], T_home_cam) >= _TURNED_RAD)
+
+
 def worth_it(frames: Iterable[DepthFrame]) -> Iterator[DepthFrame]:
-    """Frames of each vehicle that show something else than its last one, or come a second after it."""
-    last: Dict[str, Tuple[float, np.ndarray]] = {}
-    for frame in frames:
-        if _differs(last.get(frame.vehicle), frame):
-            last[frame.vehicle] = frame.stamp_s, frame.T_home_cam
-            yield frame
-
-
-def _differs(last: Optional[Tuple[float, np.ndarray]], frame: DepthFrame) -> bool:
-    if last is None or frame.stamp_s - last[0] >= _EVERY_S:
-        return True
-    moved_m = np.linalg.norm(frame.T_home_cam[:3, 3] - last[1][:3, 3])
-    return bool(moved_m >= _MOVED_M or transforms.rotation_angle(last[1], frame.T_home_cam) >= _TURNED_RAD)
+    """The frames that a Thinning takes."""
+    thinning = Thinning()
+    return (f for f in frames if thinning.takes(f.vehicle, f.stamp_s, f.T_home_cam))

@@ -7,7 +7,6 @@ from typing import Dict, List
 
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import MapInput, MapResult, Picture
-from fcsv_stereo.near.frame import worth_it
 from fcsv_stereo.near.join import join
 from fcsv_stereo.near.volume import NearVolume
 
@@ -27,7 +26,7 @@ def with_near(result: MapResult, given: MapInput) -> MapResult:
         result.warnings.append(f"no near field: {error}")
         return result
     counted: Dict[str, int] = {}
-    for frame in worth_it(given.near.frames()):
+    for frame in given.near.frames():
         volume.integrate(frame)
         counted[frame.vehicle] = counted.get(frame.vehicle, 0) + 1
     result.warnings += given.near.warnings

@@ -15,7 +15,7 @@ from fcsv_geometry.messages import seconds
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import PosePrior
-from fcsv_stereo.near import DepthFrame
+from fcsv_stereo.near import DepthFrame, Thinning
 from fcsv_stereo.pose_covariance import KnownCovariances, turned
 from fcsv_stereo.sessions.pictures import samples_of
 
@@ -47,31 +47,33 @@ class RecordedDepth:
         return sorted(v for v in self.cameras if all(v in k for k in known))
 
     def frames(self) -> Iterator[DepthFrame]:
-        """Every frame that has a pose, bag by bag; those without are counted in ``warnings``.
+        """Frames that show something new (near.Thinning), bag by bag; those without a pose are counted in ``warnings``.
 
         Raises InputError naming bag, topic and what is wrong with the picture.
         """
         lost: Dict[str, int] = {}
+        thinning = Thinning()
         for bag in self.bags:
             try:
-                yield from self._of_bag(bag, lost)
+                yield from self._of_bag(bag, thinning, lost)
             except BagError as error:
                 self.warnings.append(f"{error}; the depth frames that follow there are left out")
         for vehicle, count in lost.items():
             self.warnings.append(f"{count} depth frames of {vehicle} have no odometry at their stamp: left out")
 
-    def _of_bag(self, bag: Path, lost: Dict[str, int]) -> Iterator[DepthFrame]:
+    def _of_bag(self, bag: Path, thinning: Thinning, lost: Dict[str, int]) -> Iterator[DepthFrame]:
         topics = {f"/{v}/{DEPTH}": v for v in self.vehicles}
         for topic, message in reading.messages(bag, lambda name, kind: _holds_depth(bag, topics, name, kind)):
-            vehicle = topics[topic]
+            vehicle, stamp_s = topics[topic], seconds(message.header.stamp)
             try:
-                yield self._frame(f"{bag}, topic {topic}", vehicle, message)
+                T_home_cam = self._camera_in_home(vehicle, stamp_s)
             except PoseUnavailable:
                 lost[vehicle] = lost.get(vehicle, 0) + 1
+                continue
+            if thinning.takes(vehicle, stamp_s, T_home_cam):
+                yield self._frame(f"{bag}, topic {topic}", vehicle, stamp_s, T_home_cam, message)
 
-    def _frame(self, where: str, vehicle: str, message) -> DepthFrame:
-        stamp_s = seconds(message.header.stamp)
-        T_home_cam = self._camera_in_home(vehicle, stamp_s)
+    def _frame(self, where: str, vehicle: str, stamp_s: float, T_home_cam: np.ndarray, message) -> DepthFrame:
         if message.encoding not in _ENCODINGS:
             raise InputError(f"{where}: encoding '{message.encoding}' is not depth in mm: {', '.join(_ENCODINGS)}")
         millimetres = samples_of(where, message, 1, np.dtype(np.uint16))
