@@ -26,6 +26,13 @@ class GoalMoved:
 
 
 @dataclass(frozen=True)
+class GoalsElsewhere:
+    """A fact: the window of that node has the goals in rviz; empty: this one has them."""
+
+    window: str
+
+
+@dataclass(frozen=True)
 class Goal:
     """One configuration's baseline and place in home (m), and the unit vector along which it may be dragged.
 
