@@ -200,16 +200,13 @@ class Console:
             level = "info" if fact.state in ("passed", "stopped") else "warning"
             self._event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
         elif isinstance(fact, f.JobTold):
-            words = f"{fact.state}: {fact.words}".rstrip(": ")
-            level = "error" if fact.state == "failed" else "info"
-            self._changed(now_s, f"job {fact.job}", fact.job, "runs" if fact.state == "runs" else words, level)
+            words = "runs" if fact.state == "runs" else f"{fact.state}: {fact.words}".rstrip(": ")
+            self._changed(now_s, f"job {fact.job}", fact.job, words, "error" if fact.state == "failed" else "info")
         elif isinstance(fact, GoalsElsewhere):
-            whose = f"of {fact.window}, opened before this window" if fact.window else "this window's again"
-            self._changed(now_s, "goals", "console", f"goals in rviz are {whose}", "warning" if fact.window else "info")
-        elif isinstance(fact, f.MasterTold):
-            if fact.problem or self._master_problem:
-                words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
-                self._changed(now_s, "master", "console", words, level)
+            self._changed(now_s, "goals", "console", fact.words, "warning" if fact.window else "info")
+        elif isinstance(fact, f.MasterTold) and (fact.problem or self._master_problem):
+            words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
+            self._changed(now_s, "master", "console", words, level)
 
     # ---- what is shown -----------------------------------------------------------------------------------------
 

@@ -31,6 +31,12 @@ class GoalsElsewhere:
 
     window: str
 
+    @property
+    def words(self) -> str:
+        """As an event."""
+        whose = f"of {self.window}, opened before this window" if self.window else "this window's again"
+        return f"goals in rviz are {whose}"
+
 
 @dataclass(frozen=True)
 class Goal:
