@@ -278,6 +278,17 @@ def test_the_docks_open_and_close_by_key(shown, app):
         assert not dock.isVisible()
 
 
+def test_function_keys_work_while_the_focus_is_in_a_field(shown, app):
+    window, _, asked = shown("landed")
+    hold(app, window, KEYS.Key_F5, 0.0)
+    window.after.fields["sources"].setFocus()
+    app.processEvents()
+    hold(app, window, KEYS.Key_P, 0.0)
+    assert asked == [] and window.after.isVisible() and window.after.fields["sources"].text().endswith("p")
+    hold(app, window, KEYS.Key_F5, 0.0)
+    assert not window.after.isVisible()
+
+
 def test_a_plan_from_the_form_stands_in_the_list_and_its_rehearsal_is_asked_for(shown, app):
     window, console, asked = shown("ready")
     form = window.mission.plan
