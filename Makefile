@@ -10,7 +10,8 @@ NEAR ?=
 SPEED ?= auto
 OUT ?= out/demo
 OVERWRITE ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE NEAR SPEED OUT OVERWRITE
+OPERATOR ?=
+export SYSTEM MISSION SEED WORLD RVIZ LIVE NEAR SPEED OUT OVERWRITE OPERATOR
 
 .PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
 setup build:

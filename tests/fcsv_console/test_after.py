@@ -6,6 +6,7 @@ import os
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -138,6 +139,24 @@ def test_one_that_fails_says_why_and_one_that_is_stopped_says_so(runner):
     one.start("map", PLACES)
     one.cancel("map")
     assert ended() and jobs(heard)[-1].state == "stopped"
+
+
+def test_a_report_that_no_browser_opens_is_told_with_its_place(monkeypatch, tmp_path):
+    pytest.importorskip("python_qt_binding")
+    from fcsv_console.ros import window_command
+    from fcsv_console.ros.shell import Shell
+
+    monkeypatch.setattr(Shell, "_join", lambda self: None)  # no master is looked for
+    shell = Shell(landed(), "console")
+    opened = []
+    for opens in (False, True):
+        answer = SimpleNamespace(openUrl=lambda url, opens=opens: opened.append(url.toLocalFile()) or opens)
+        monkeypatch.setattr(window_command, "QDesktopServices", answer)
+        window_command.after(shell, "report", after.Places("", "", str(tmp_path / "my map")))
+        told = next(s for s in shell.view().after if s.name == "report").told
+        assert told == ("done: " if opens else "FAILED: no browser opens here; the page is ") + opened[-1]
+    assert opened == [str(tmp_path / "my map" / "report.html")] * 2
+    shell.close()
 
 
 # ---- the dock ----------------------------------------------------------------------------------------------------

@@ -3,12 +3,14 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fcsv_console.model.console import Console
-from fcsv_console.model.goals import GoalEnabled, GoalMoved
+from fcsv_console.model.goals import GoalEnabled, GoalMoved, GoalsElsewhere
+from fcsv_console.model.turns import Turns, Window
 
 OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"
 
@@ -100,6 +102,53 @@ def test_a_marker_has_arrows_along_its_way_only_while_it_may_be_dragged(c):
         x_axis = matrix_of_quaternion((q.x, q.y, q.z, q.w))[:, 0]
         assert np.abs(x_axis @ along) == pytest.approx(1.0) and made.header.frame_id == "home"
     assert [marker(goals[k]).description for k in (0, 2)] == ["2 m", "6 m, free"]
+
+
+def test_of_two_windows_the_one_that_was_opened_first_has_the_goals_until_it_dies(c):
+    """A second window that is opened shows none in between, whoever hears the other first."""
+    one, two = Turns(Window(10.0, "/console_1")), Turns(Window(20.0, "/console_2"))
+    alive, had = [one], []
+    for k in range(200):
+        now_s = 0.1 * k
+        alive = [one, two] if k == 50 else [two] if k == 120 else [one] if k == 170 else alive
+        for turns in alive:
+            if turns.due(now_s):
+                one.heard(now_s, turns.own)
+                two.heard(now_s, turns.own)
+        had.append([turns.own.name for turns in alive if turns.mine(now_s)])
+    assert all(len(names) <= 1 for names in had)
+    assert had[26:120] == [["/console_1"]] * 94 and had[120] == []
+    assert had[146:170] == [["/console_2"]] * 24 and two.due(99.0) and not two.due(99.4)
+
+
+def test_whose_the_goals_are_is_told_where_it_changes(c):
+    for at_s, name in ((1.0, "/console_1"), (2.0, "/console_1"), (3.0, "")):
+        c.tell(at_s, GoalsElsewhere(name))
+    told = [e.what for e in c.view(4.0).events]
+    assert told == ["goals in rviz are of /console_1, opened before this window",
+                    "goals in rviz are this window's again"]  # fmt: skip
+
+
+def test_windows_tell_each_other_on_their_topic(monkeypatch):
+    """With a topic and clocks that stand in for rospy's."""
+    from fcsv_console.ros import window_turns
+
+    heard, told, clock = [], {"/one": [], "/two": []}, SimpleNamespace(now_s=100.0)
+    names = iter(("/one", "/one", "/two", "/two"))
+    send = SimpleNamespace(publish=lambda word: [hear(word) for hear in heard])
+    monkeypatch.setattr(window_turns.rospy, "get_name", lambda: next(names))
+    monkeypatch.setattr(window_turns.rospy, "Publisher", lambda *_a, **_k: send)
+    monkeypatch.setattr(window_turns.rospy, "Subscriber", lambda _topic, _kind, hear, **_k: heard.append(hear))
+    monkeypatch.setattr(window_turns, "time", SimpleNamespace(time=lambda: clock.now_s, monotonic=lambda: clock.now_s))
+    one = window_turns.WindowTurns(told["/one"].append)
+    clock.now_s += 1.5
+    two = window_turns.WindowTurns(told["/two"].append)
+    for _ in range(40):
+        clock.now_s += 0.1
+        has = one.mine(), two.mine()
+    assert has == (True, False) and told == {"/one": [], "/two": [GoalsElsewhere("/one")]}
+    clock.now_s += 2.6
+    assert two.mine() and told["/two"][-1] == GoalsElsewhere(""), "the other died"
 
 
 class Server:

@@ -36,8 +36,8 @@ def sample(name):
 @pytest.mark.parametrize("name", samples.SAMPLES)
 def test_every_situation_fits_on_one_screen_of_80_columns(name):
     lines = printed(sample(name))
-    assert max(len(line) for line in lines) <= 80 and len(lines) <= 30
-    assert any("S stop all" in line and "L land all" in line for line in lines)
+    assert max(len(line) for line in lines) <= 80 and len(lines) <= (25 if name == "wrong" else 24)
+    assert "S stop all" in lines[0] and "L land all" in lines[0], "however low the terminal is"
 
 
 @pytest.mark.parametrize("name, words", [
@@ -50,6 +50,17 @@ def test_every_situation_fits_on_one_screen_of_80_columns(name):
 def test_a_situation_is_told_in_words(name, words):
     text = "\n".join(printed(sample(name)))
     assert not [w for w in words if w not in text]
+
+
+def test_poses_in_odometry_in_home_and_against_the_others_stand_whole_in_80_columns():
+    text = printed(sample("flying"))
+    assert len(text) <= 24 and "uav2    odometry +0.2 -6.0 +8.0 m, +2°  home +0.0 -6.0 +0.0 m, +1°" in map(
+        str.rstrip, text
+    )
+    assert [line.rstrip() for line in text if " from " in line] == ["uav2    from uav1: 6.02 m (+0.0 -6.0 +0.0), +1°"]
+    gone = "\n".join(printed(sample("silent")))
+    assert "odometry +0.2 -4.0 +8.0 m, +2°  home +0.0 -4.0 +0.0 m, +1°, 2.3 s old" in gone
+    assert "from uav1: not known" in "\n".join(printed(Console(["uav1", "uav2"]).view(0.0)))
 
 
 def test_a_console_that_heard_nothing_shows_it():

@@ -3,6 +3,7 @@
 
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,8 @@ pytest.importorskip("python_qt_binding")
 from python_qt_binding import QtCore, QtGui, QtWidgets
 from python_qt_binding.QtTest import QTest
 
-from fcsv_console.model import above_view, actions, mission_file, samples
+from fcsv_console.model import above_view, actions, facts, mission_file, samples
+from fcsv_control.flight_check.lines import State
 
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
 KEYS = QtCore.Qt
@@ -229,6 +231,26 @@ def test_an_amber_line_is_accepted_by_its_name(shown, app):
     assert asked == [("accept", {"vehicle": "uav2", "line": "battery"})]
 
 
+def test_the_line_that_is_chosen_stays_chosen_where_another_comes_above_it(shown, app):
+    """The worst stand first: the row under the selection is another line's all of a sudden."""
+    window, console, asked = shown("ground")
+
+    def lines():
+        return [tuple(window.check.item(i, k).text() for k in (0, 1)) for i in range(window.check.rowCount())]
+
+    window.check.selectRow(lines().index(("uav2", "battery")))
+    slow = {("uav1", "camera"): {"state": State.AMBER, "what": "0.4 pictures a second"}}
+    told = [replace(li, **slow.get((li.vehicle, li.name), {})) for li in console.view(samples.NOW_S).check]
+    console.tell(samples.NOW_S, facts.Check(tuple(told)))
+    window.show_view(console.view(samples.NOW_S))
+    assert lines() == [("uav1", "pre-arm"), ("uav1", "camera"), ("uav2", "battery")] and window.accept.isEnabled()
+    hold(app, window, KEYS.Key_Return, 0.0)
+    assert asked == [("accept", {"vehicle": "uav2", "line": "battery"})]
+    console.tell(samples.NOW_S, facts.Check(tuple(li for li in told if li.name != "battery")))
+    window.show_view(console.view(samples.NOW_S))
+    assert window.check.chosen() == [] and not window.accept.isEnabled(), "it is gone: no other is chosen for it"
+
+
 def test_execute_takes_the_configurations_that_are_chosen(shown, app):
     window, _, asked = shown("ready")
     window.mission.table.selectRow(2)
@@ -254,6 +276,17 @@ def test_the_docks_open_and_close_by_key(shown, app):
         assert dock.isVisible()
         hold(app, window, key, 0.0)
         assert not dock.isVisible()
+
+
+def test_function_keys_work_while_the_focus_is_in_a_field(shown, app):
+    window, _, asked = shown("landed")
+    hold(app, window, KEYS.Key_F5, 0.0)
+    window.after.fields["sources"].setFocus()
+    app.processEvents()
+    hold(app, window, KEYS.Key_P, 0.0)
+    assert asked == [] and window.after.isVisible() and window.after.fields["sources"].text().endswith("p")
+    hold(app, window, KEYS.Key_F5, 0.0)
+    assert not window.after.isVisible()
 
 
 def test_a_plan_from_the_form_stands_in_the_list_and_its_rehearsal_is_asked_for(shown, app):

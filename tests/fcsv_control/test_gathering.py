@@ -133,6 +133,7 @@ def test_what_is_missing_or_no_bag_is_said_and_the_rest_is_gathered(machines, ca
     said = capsys.readouterr()
     assert "uav1.1.bag: is a bag of version 1.2, only 2.0 is read" in said.err
     assert "uav2: " in said.err and "No such file" in said.err and "uav2: uav2.bag is missing" in said.err
+    assert said.err.endswith("uav2: uav2.bag is missing; gather it from its machine\n"), "what the window shows"
     assert "uav1: uav1.bag\n" in said.out and "control: control.bag\n" in said.out
 
 

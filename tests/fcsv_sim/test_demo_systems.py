@@ -63,6 +63,7 @@ def test_the_view_that_is_checked_is_that_of_the_simulated_mocap():
     (["--mission", "mocap"], ["reference 'tello1'", "uav1, uav2"]),
     (["--mission", "five"], ["configurations[2].vehicle is 'uav4'", "uav1, uav2, uav3"]),
     (["--system", "mocap", "--mission", "nowhere"], ["no mission 'nowhere'", "mocap"]),
+    (["--system", "mocap", "--operator", "you"], ["--operator you", "system mocap"]),
 ])  # fmt: skip
 def test_a_wrong_choice_is_one_line_and_starts_nothing(arguments, words, tmp_path, capsys):
     assert demo.main([*arguments, "--out", str(tmp_path / "out")]) == 2
@@ -81,6 +82,8 @@ def test_a_recorded_flight_is_not_removed_unasked(tmp_path, capsys, monkeypatch)
     plans = []
     monkeypatch.setattr(demo, "run", lambda system, plan, say, **_: plans.append(plan) or 0)
     assert demo.main(["--out", str(out), "--overwrite", "1", "--speed", "1"]) == 0 and plans[0].folder == out
+    assert demo.main(["--out", str(out), "--overwrite", "1", "--speed", "1", "--operator", "you"]) == 0
+    assert [plan.buttons for plan in plans] == [True, False]
 
 
 @pytest.mark.parametrize("below", ["", "deeper/still"])

@@ -34,8 +34,8 @@ def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
         ("connection", lambda v: Cell(v.connection, PLAIN if v.connection == "connected" else GONE)),
         ("mode", _mode),
         ("pose", lambda v: _rate(v.pose)),
-        ("in odometry", _in_odometry),
-        ("in home", _place),
+        ("in odometry", in_odometry),
+        ("in home", in_home),
         ("from others", lambda v: _against(view.against_others(v.name))),
         ("picture", lambda v: _rate(v.picture)),
         ("battery", _battery),
@@ -63,25 +63,36 @@ def _rate(aged: Aged) -> Cell:
     return Cell(f"{aged.rate_hz:.0f} Hz" if aged.rate_hz >= 9.5 else f"{aged.rate_hz:.1f} Hz")
 
 
-def _in_odometry(v: VehicleRow) -> Cell:
+def in_odometry(v: VehicleRow) -> Cell:
+    """The body in the vehicle's own odometry; its age is that of ``pose``."""
     if v.pose.value is None:
         return Cell("not known", GONE)
-    words = f"{_vector(v.pose.value.p_odom_m)} m, {_degrees(v.pose.value.yaw_rad)}"
-    return Cell(words, GONE if v.pose.stale else PLAIN)
+    return Cell(_pose(v.pose.value.p_odom_m, v.pose.value.yaw_rad), GONE if v.pose.stale else PLAIN)
 
 
-def _place(v: VehicleRow) -> Cell:
+def in_home(v: VehicleRow) -> Cell:
+    """The camera in home, with its age where it is stale."""
     if v.place.value is None:
         return Cell("not known", GONE)
-    words = f"{_vector(v.place.value.p_home_m)} m, {_degrees(v.place.value.heading_rad)}"
-    return Cell(words, GONE if v.place.stale else PLAIN)
+    words = _pose(v.place.value.p_home_m, v.place.value.heading_rad)
+    return Cell(f"{words}, {v.place.words} old", GONE) if v.place.stale else Cell(words)
+
+
+def _pose(p_m: Sequence[float], yaw_rad: float) -> str:
+    return f"{_vector(p_m)} m, {_degrees(yaw_rad)}"
+
+
+def against(r: Relative) -> Cell:
+    """From one other vehicle: distance, vector in home, turn."""
+    if not r.known:
+        return Cell(f"{r.other}: not known", GONE)
+    return Cell(f"{r.other}: {r.distance_m:.2f} m ({_vector(r.p_home_m)}), {_degrees(r.yaw_rad)}")
 
 
 def _against(others: Sequence[Relative]) -> Cell:
-    """A line per other vehicle: distance, vector in home, turn."""
-    lines = [f"{r.other}: {r.distance_m:.2f} m ({_vector(r.p_home_m)}), {_degrees(r.yaw_rad)}" if r.known
-             else f"{r.other}: not known" for r in others]  # fmt: skip
-    return Cell("\n".join(lines), PLAIN if all(r.known for r in others) else GONE)
+    """A line per other vehicle."""
+    lines = [against(r) for r in others]
+    return Cell("\n".join(c.text for c in lines), GONE if any(c.tone == GONE for c in lines) else PLAIN)
 
 
 def _vector(p_m: Sequence[float]) -> str:

@@ -11,7 +11,7 @@ from fcsv_console.model.actions import FLOWN, Situation, actions, column_problem
 from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.events import EventLog
-from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals
+from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
 from fcsv_console.model.hearing import STALE_S, Heard
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import RUNS, Rehearsals
@@ -147,8 +147,8 @@ class Console:
             why = self.drag(fact.index, baseline_m) if baseline_m is not None else ""
             if why:
                 self._note_bad(now_s, f"goal {fact.index + 1} stays: {why}")
-        elif isinstance(fact, f.MapPicture):
-            pass  # Pictures keeps it
+        elif isinstance(fact, (f.MapPicture, GoalsElsewhere)):
+            pass  # Pictures keeps the one, the other is an event
         elif fact.vehicle == CONTROL:
             if isinstance(fact, f.Recorder):
                 self._recorder.tell(now_s, fact)
@@ -200,13 +200,13 @@ class Console:
             level = "info" if fact.state in ("passed", "stopped") else "warning"
             self._event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
         elif isinstance(fact, f.JobTold):
-            words = f"{fact.state}: {fact.words}".rstrip(": ")
-            level = "error" if fact.state == "failed" else "info"
-            self._changed(now_s, f"job {fact.job}", fact.job, "runs" if fact.state == "runs" else words, level)
-        elif isinstance(fact, f.MasterTold):
-            if fact.problem or self._master_problem:
-                words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
-                self._changed(now_s, "master", "console", words, level)
+            words = "runs" if fact.state == "runs" else f"{fact.state}: {fact.words}".rstrip(": ")
+            self._changed(now_s, f"job {fact.job}", fact.job, words, "error" if fact.state == "failed" else "info")
+        elif isinstance(fact, GoalsElsewhere):
+            self._changed(now_s, "goals", "console", fact.words, "warning" if fact.window else "info")
+        elif isinstance(fact, f.MasterTold) and (fact.problem or self._master_problem):
+            words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
+            self._changed(now_s, "master", "console", words, level)
 
     # ---- what is shown -----------------------------------------------------------------------------------------
 

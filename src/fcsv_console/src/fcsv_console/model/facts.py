@@ -267,7 +267,7 @@ class RehearsalTold:
 
 @dataclass(frozen=True)
 class JobTold:
-    """Of "gather" or "map"; ``state``: "runs", "done", "failed", "stopped"; ``share`` (0..1) of it, NaN: not known."""
+    """Of "gather", "map" or "report". ``state``: "runs", "done", "failed", "stopped"; ``share``: 0..1; NaN: unknown."""
 
     job: str
     state: str

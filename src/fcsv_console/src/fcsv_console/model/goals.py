@@ -26,6 +26,19 @@ class GoalMoved:
 
 
 @dataclass(frozen=True)
+class GoalsElsewhere:
+    """A fact: the window of that node has the goals in rviz; empty: this one has them."""
+
+    window: str
+
+    @property
+    def words(self) -> str:
+        """As an event."""
+        whose = f"of {self.window}, opened before this window" if self.window else "this window's again"
+        return f"goals in rviz are {whose}"
+
+
+@dataclass(frozen=True)
 class Goal:
     """One configuration's baseline and place in home (m), and the unit vector along which it may be dragged.
 

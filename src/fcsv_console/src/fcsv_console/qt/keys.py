@@ -33,7 +33,7 @@ class Keys(QObject):
             return False
         button = self._by_key.get(event.key())
         if button is None:
-            return self._other(event) if not writes else False
+            return self._other(event) if not writes or Qt.Key_F1 <= event.key() <= Qt.Key_F35 else False
         if writes and event.key() != Qt.Key_Space:
             return False
         if not event.isAutoRepeat():

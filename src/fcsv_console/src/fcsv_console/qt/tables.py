@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of cells. Only what changed is touched, so that ten refreshes a second cost little."""
 
-from typing import List, Sequence
+from typing import Callable, List, Sequence
 
 from python_qt_binding.QtCore import Qt, QTimer
 from python_qt_binding.QtGui import QBrush, QFont
@@ -55,7 +55,7 @@ class CellTable(QTableWidget):
         if rows == self._shown:
             return
         if self.rowCount() != len(rows):
-            self.setRowCount(len(rows))
+            self._quietly(lambda: self.setRowCount(len(rows)))  # a row that goes is not let go of by the operator
             self._shown = self._shown[: len(rows)]
         for i, row in enumerate(rows):
             before = self._shown[i] if i < len(self._shown) else []
@@ -94,6 +94,18 @@ class CellTable(QTableWidget):
     def chosen(self) -> List[int]:
         """Numbers of the selected rows, in order."""
         return sorted({index.row() for index in self.selectionModel().selectedRows()})
+
+    def choose(self, rows: Sequence[int]) -> None:
+        """In place of what is selected; nobody is told of it as of what the operator selects."""
+        if list(rows) != self.chosen():
+            self._quietly(self.clearSelection)
+            for i in rows:
+                self._quietly(lambda i=i: self.selectRow(i))
+
+    def _quietly(self, change: Callable[[], None]) -> None:
+        before = self.blockSignals(True)
+        change()
+        self.blockSignals(before)
 
     def _put(self, i: int, k: int, cell: Cell) -> None:
         item = self.item(i, k)

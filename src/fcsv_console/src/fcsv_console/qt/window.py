@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The window: it shows a view and tells which action was asked for."""
 
-from typing import Dict, Optional
+from typing import Dict, Optional, Tuple
 
 from python_qt_binding.QtCore import Qt, Signal
 from python_qt_binding.QtGui import QFont
@@ -54,6 +54,7 @@ class ConsoleWindow(QMainWindow):
         super().__init__()
         self.setWindowTitle("fcsv console")
         self._view, self._lines = view, []  # type: View, List[Line]
+        self._chosen: Optional[Tuple[str, str]] = None  # vehicle and name of the line that is chosen
         self.buttons: Dict[str, ActionButton] = {}
         for action in view.actions.values():
             self.buttons[action.name] = ActionButton(action)
@@ -113,7 +114,7 @@ class ConsoleWindow(QMainWindow):
         for k in range(1, len(view.vehicles) + 1):
             self.vehicles.horizontalHeaderItem(k).setIcon(colours.disc(k - 1))
         self.check = CellTable("Flight check", cells.CHECK_HEADS, (3, 4), wraps=True)
-        self.check.itemSelectionChanged.connect(self._show_accept)
+        self.check.itemSelectionChanged.connect(self._choose_line)
         self.mission = MissionPanel([self.buttons["rehearse"], self.buttons["waive"]])
         self.mission.planned.connect(self.planned)
         self.mission.edited.connect(self.edited)
@@ -215,8 +216,7 @@ class ConsoleWindow(QMainWindow):
         self._say(self.stereo, stereo.text, stereo.tone)
         rows = cells.vehicle_rows(view)
         self.vehicles.show_cells([[cells.Cell(label, cells.QUIET), *of] for label, of in rows])
-        self._lines = cells.check_lines(view)
-        self.check.show_cells([cells.check_cells(li) for li in self._lines])
+        self._show_check(view)
         verdict = cells.check_words(view)
         self._say(self.verdict, verdict.text, verdict.tone)
         self._say(self.problems, "\n".join(view.problems[:4]), cells.CARE)
@@ -243,9 +243,20 @@ class ConsoleWindow(QMainWindow):
         if label.styleSheet() != style:
             label.setStyleSheet(style)
 
-    def _chosen_line(self) -> Optional[Line]:
+    def _show_check(self, view: View) -> None:
+        """Lines come, go and change places; what is chosen stays the line, not its row."""
+        self._lines = cells.check_lines(view)
+        self.check.show_cells([cells.check_cells(li) for li in self._lines])
+        self.check.choose([k for k, li in enumerate(self._lines) if (li.vehicle, li.name) == self._chosen])
+
+    def _choose_line(self) -> None:
         chosen = self.check.chosen()
-        return self._lines[chosen[0]] if len(chosen) == 1 and chosen[0] < len(self._lines) else None
+        line = self._lines[chosen[0]] if len(chosen) == 1 and chosen[0] < len(self._lines) else None
+        self._chosen = None if line is None else (line.vehicle, line.name)
+        self._show_accept()
+
+    def _chosen_line(self) -> Optional[Line]:
+        return next((li for li in self._lines if (li.vehicle, li.name) == self._chosen), None)
 
     def _show_accept(self) -> None:
         line = self._chosen_line()

@@ -16,7 +16,7 @@ import rospy
 from fcsv_console.children.after import AfterRunner
 from fcsv_console.children.rehearse import Rehearser
 from fcsv_console.model import facts as f
-from fcsv_console.model.after import Places
+from fcsv_console.model.after import DONE, FAILED, REPORT, Places
 from fcsv_console.model.console import Console
 from fcsv_console.model.rehearsal import RUNS
 from fcsv_console.model.view import View
@@ -25,6 +25,7 @@ from fcsv_console.ros.epipolar import EpipolarHearing
 from fcsv_console.ros.event_file import EventFile
 from fcsv_console.ros.goal_markers import GoalMarkers
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
+from fcsv_console.ros.window_turns import WindowTurns
 from fcsv_geometry.vehicle import load_vehicles
 
 _LOOK_S = 0.5
@@ -67,6 +68,7 @@ class Shell:
     def __init__(self, console: Console, name: str, recorded: bool = False, windowed: bool = False):
         self.console, self._name, self._windowed = console, name, windowed
         self._goals: Optional[GoalMarkers] = None
+        self._turns: Optional[WindowTurns] = None
         self._hearing, self._commands = Hearing(console.names, recorded), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
         self.events: Optional[EventFile] = None
@@ -86,7 +88,9 @@ class Shell:
         self._commands = Commands(self.console.names)
         self._hearing.subscribe()
         self._epipolar.subscribe()
-        self._goals = GoalMarkers(self._hearing.put) if self._windowed else None
+        if self._windowed:
+            self._turns = WindowTurns(self._hearing.put)
+            self._goals = GoalMarkers(self._hearing.put)
         self._hearing.put(f.MasterTold())
 
     def view(self) -> View:
@@ -101,7 +105,8 @@ class Shell:
             self.events.keep(view.now_s, self.console.log)
         self._epipolar.pair = view.stereo.pair
         if self._goals is not None:
-            self._goals.show(view.goals if view.home_set else ())
+            mine = self._turns.mine()
+            self._goals.show(view.goals if view.home_set and mine else ())
         return view
 
     def do(self, name: str, **given) -> None:
@@ -136,6 +141,11 @@ class Shell:
         """Begin "gather" or "map", or stop the one that runs."""
         runs = next((s.state == RUNS for s in self.console.view(time.monotonic()).after if s.name == step), False)
         self._after.cancel(step) if runs else self._after.start(step, places)
+
+    def report_opened(self, page: Path, opened: bool) -> None:
+        """Whether the desktop took it; where it did not, the operator is told where the page is."""
+        words = str(page) if opened else f"no browser opens here; the page is {page}"
+        self._hearing.put(f.JobTold(REPORT, DONE if opened else FAILED, words=words))
 
     def _rehearse(self) -> None:
         """The list that is shown; or end the one that runs."""
@@ -175,6 +185,8 @@ class Shell:
         if self.events is not None:
             self.events.close(self.console.log)
         self._epipolar.close()
+        if self._turns is not None:
+            self._turns.close()
         self._hearing.close()
         rospy.signal_shutdown("the console was closed")
 

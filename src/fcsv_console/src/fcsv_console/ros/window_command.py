@@ -97,9 +97,10 @@ def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
 
 
 def after(shell: Shell, step: str, places: Places) -> None:
-    """A step of after the flight; the report is opened by the desktop's own browser."""
+    """A step of after the flight; the report is opened by the desktop's own browser, if there is one."""
     if step == REPORT:
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(report_of(places).resolve())))
+        page = report_of(places).resolve()
+        shell.report_opened(page, QDesktopServices.openUrl(QUrl.fromLocalFile(str(page))))
     else:
         shell.after(step, places)
 

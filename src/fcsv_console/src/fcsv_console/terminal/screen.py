@@ -9,30 +9,38 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
+from fcsv_console.model import cells
 from fcsv_console.model.cells import check_lines
 from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.lines import State
 
-WIDTH = 80
+WIDTH, HEIGHT = 80, 24
 _FLIERS = {PILOT: "bold cyan", MISSION: "bold blue", GUARDIAN: "bold yellow", FAILSAFE: "bold white on red", NOBODY: ""}
 _STATES = {State.GREEN: "bold blue", State.AMBER: "bold yellow", State.RED: "bold white on red",
            State.UNKNOWN: "bold magenta"}  # fmt: skip
+_GONE = "bold magenta"
 _LEVELS = {"info": "", "warning": "yellow", "error": "bold red"}
 _CHECKS, _EVENTS, _PROBLEMS, _BAR = 6, 5, 3, 20
 KEYS = "S stop all   L land all   P pause   Q quit"
 
 
 def screen(view: View) -> Group:
-    """Everything that matters, in at most 24 lines with two vehicles that are well."""
-    parts: List = [_head(view), Rule(style="dim")]
-    parts += [_vehicles(view)]
+    """Everything that matters, the keys first: a low terminal cuts the end. What is wrong takes lines from events."""
+    parts: List = [Text(KEYS, "bold", justify="center"), _head(view), Rule(style="dim")]
+    parts += [_vehicles(view), *_poses(view)]
     parts += [Text(f" {a.words}", "bold yellow", no_wrap=True, overflow="ellipsis") for a in view.above]
     parts += [Rule(style="dim"), _stereo(view), _check(view)]
     parts += [Text(f" ! {p}", "yellow", no_wrap=True, overflow="ellipsis") for p in view.problems[:_PROBLEMS]]
-    parts += [Rule(style="dim"), *_events(view), Rule(style="dim"), Text(KEYS, "bold", justify="center")]
-    return Group(*parts)
+    left = HEIGHT - 1 - sum(_lines(part) for part in parts)
+    return Group(*parts, Rule(style="dim"), *_events(view, max(1, min(_EVENTS, left))))
+
+
+def _lines(part) -> int:
+    if isinstance(part, Group):
+        return len(part.renderables)
+    return part.row_count + 1 if isinstance(part, Table) else 1
 
 
 def _line(words: str, style: str = "") -> Text:
@@ -74,6 +82,26 @@ def _vehicles(view: View) -> Table:
         if v.said.value is not None:
             table.add_row("", _line(f'"{v.said.value.text}" {v.said.words} ago', "dim"))
     return table
+
+
+def _poses(view: View) -> List[Text]:
+    """A line per vehicle, then one per pair."""
+    told = []
+    for v in view.vehicles:
+        odometry, home = (
+            Text(c.text, _GONE if c.tone == cells.GONE else "") for c in (cells.in_odometry(v), cells.in_home(v))
+        )
+        told.append(Text.assemble((f"{v.name:<8}", "bold"), "odometry ", odometry, "  home ", home))
+    for k, v in enumerate(view.vehicles):
+        before = [other.name for other in view.vehicles[:k]]
+        pairs = [cells.against(r) for r in view.against_others(v.name) if r.other in before]
+        told += [
+            Text.assemble((f"{v.name:<8}", "bold"), "from ", (c.text, _GONE if c.tone == cells.GONE else ""))
+            for c in pairs
+        ]
+    for line in told:
+        line.no_wrap, line.overflow = True, "ellipsis"
+    return told
 
 
 def _battery(v: VehicleRow) -> Text:
@@ -131,9 +159,9 @@ def _check(view: View) -> Group:
     return Group(*lines)
 
 
-def _events(view: View) -> List[Text]:
+def _events(view: View, number: int) -> List[Text]:
     told = [
         _line(f"{e.clock} {e.who}: {e.what}{' -> ' + e.answer if e.answer else ''}", _LEVELS[e.level])
-        for e in view.events[-_EVENTS:]
+        for e in view.events[-number:]
     ]
     return told or [_line("no events yet", "dim")]

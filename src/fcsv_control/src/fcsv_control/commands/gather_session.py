@@ -37,11 +37,12 @@ def _gather(args) -> int:
     gathered = gatherer.gathered
     for machine, bags in gathered.bags.items():
         print(f"{machine}: {', '.join(bags)}")
-    for problem in gathered.problems:
+    if gathered.bags:
+        print(f"wrote {described or args.out}; next: rosrun fcsv_stereo map {args.out} -o OUT", flush=True)
+    for problem in gathered.problems:  # last: what is missing must not be overlooked
         print(problem, file=sys.stderr)
     if not gathered.bags:
         raise SessionError(f"{args.out}: no bag was gathered")
-    print(f"wrote {described or args.out}; next: rosrun fcsv_stereo map {args.out} -o OUT")
     return 1 if gathered.problems else 0
 
 

@@ -154,13 +154,15 @@ def _plan(system: System, args) -> FleetPlan:
     require_flyable(flown, vehicles, {n: v.radius_m for n, v in load_vehicles(vehicles_folder(), vehicles).items()})
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
+    if args.operator == "you" and args.system != "tags":
+        raise MachineError(f"--operator you: in system {args.system} the buttons are pressed by its simulated pilots")
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
     return FleetPlan(
         out, mission, args.seed, args.world, vehicles, rviz=rviz, live=live, near=args.near == "1",
-        flight_link=args.flight_link,
+        flight_link=args.flight_link, buttons=args.operator != "you",
     )  # fmt: skip
 
 
@@ -202,6 +204,10 @@ def _parse(argv):
     parser.add_argument(
         "--flight-link", choices=("mavlink", "mavros"), default="mavlink",
         help="system tags: what flies the autopilots; mavros: MAVROS's node, which must be installed (docs/mavros.md)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--operator", choices=("simulated", "you"), default="simulated",
+        help="system tags: who presses buttons; you: in the operator's window (docs/console.md); pilots are simulated",
     )  # fmt: skip
     parser.add_argument("--fly-only", action="store_true", help="leave the session, make no map")
     return parser.parse_args(argv)

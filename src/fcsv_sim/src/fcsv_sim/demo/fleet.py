@@ -39,6 +39,7 @@ class FleetPlan:
     live: bool = False
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
+    buttons: bool = True  # a simulated operator presses them; else somebody does in the window
 
     @property
     def run_folder(self) -> Path:
@@ -164,4 +165,5 @@ class SimulatedFleet(Machines):
             "sim_rc_ports": ",".join(str(p) for p in self._rc_ports.values()),
             "rviz": self.plan.rviz,
             "live": self.plan.live,
+            "sim_buttons": self.plan.buttons,
         }

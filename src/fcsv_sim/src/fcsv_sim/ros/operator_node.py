@@ -31,6 +31,7 @@ class OperatorParameters:
     vehicles_dir: str = ""  # not looked at: people see the vehicles
     seed: int = 1
     rate_hz: float = 50.0
+    buttons: bool = True  # it presses and accepts; else somebody does in the window
     # lines of the flight check that this operator accepts where they are amber, and says so: what a small or busy
     # computer lacks, a simulated vehicle flies without
     accepts: Tuple[str, ...] = ("disk", "recorder", "camera")
@@ -58,7 +59,8 @@ class OperatorNode:
         self._health = Health("operator", {"sticks": p.rate_hz / 3.0})
         self._proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
         self._accept = rospy.ServiceProxy("/flight_check/accept", AcceptLine)
-        rospy.Subscriber("/flight_check", FlightCheck, self._on_check, queue_size=1)
+        if p.buttons:
+            rospy.Subscriber("/flight_check", FlightCheck, self._on_check, queue_size=1)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         for name in p.vehicles:
             rospy.Subscriber(f"/{name}/mavros/state", State, self._on_state, name, queue_size=2)
@@ -96,7 +98,7 @@ class OperatorNode:
         for pilot, radio, sight in zip(self._pilots, self._radios, sights.values()):
             s = pilot.sticks(now_s, phase, sight)
             radio.send(s.roll, s.pitch, s.throttle, s.yaw, s.mode)
-        if self._presser.press(now_s, mission.waits_for, phase, sights, self._pilots):
+        if self._parameters.buttons and self._presser.press(now_s, mission.waits_for, phase, sights, self._pilots):
             # a service may take its time; the hands stay on the sticks
             threading.Thread(target=self._press, args=(mission.waits_for,), name="finger", daemon=True).start()
 
