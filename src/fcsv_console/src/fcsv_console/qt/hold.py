@@ -2,6 +2,7 @@
 """A button of an action: a click, or held for so long; its reason in the tooltip; the key does the same."""
 
 import time
+from typing import Optional
 
 from python_qt_binding.QtCore import QRectF, QTimer, Signal
 from python_qt_binding.QtGui import QColor, QPainter
@@ -19,7 +20,9 @@ class ActionButton(QPushButton):
 
     def __init__(self, action: Action, parent=None):
         super().__init__(action.title, parent)
-        self.action, self._since_s = action, None  # type: Action, Optional[float]
+        self.action = action
+        self._since_s: Optional[float] = None
+        self._let_go_s: Optional[float] = None
         font = self.font()
         font.setPointSizeF(0.84 * font.pointSizeF())  # twelve of them stand in 960 px
         self.setFont(font)
@@ -48,16 +51,25 @@ class ActionButton(QPushButton):
         """Mouse or key went down."""
         if not self.action.enabled or self._since_s is not None:
             return
+        self._let_go_s = None
         if not self.action.hold_s:
             self.asked.emit(self.action.name)
             return
         self._since_s = time.monotonic()
         self._timer.start(_PAINT_MS)
 
+    def let_go(self) -> None:
+        """Perhaps let go of, now: ``still_held`` takes it back, ``end`` makes it so."""
+        self._let_go_s = time.monotonic()
+
+    def still_held(self) -> None:
+        """The key only repeated itself."""
+        self._let_go_s = None
+
     def end(self) -> None:
         """It was let go of; too early is nothing."""
         self._tick()
-        self._since_s = None
+        self._since_s = self._let_go_s = None
         self._timer.stop()
         self.update()
 
@@ -66,7 +78,8 @@ class ActionButton(QPushButton):
         """How much of the time it was held, 0..1."""
         if self._since_s is None:
             return 0.0
-        return min(1.0, (time.monotonic() - self._since_s) / self.action.hold_s)
+        until_s = time.monotonic() if self._let_go_s is None else self._let_go_s
+        return min(1.0, (until_s - self._since_s) / self.action.hold_s)
 
     def _tick(self) -> None:
         if self._since_s is not None and self.share >= 1.0:
