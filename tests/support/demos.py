@@ -2,6 +2,7 @@
 """A demo as a process of its own: what it says, and what it leaves behind."""
 
 import json
+import os
 import socket
 import subprocess
 import time
@@ -17,7 +18,8 @@ def start_demo(out: Path, *args: str) -> subprocess.Popen:
     out.mkdir(parents=True, exist_ok=True)
     command = ["rosrun", "fcsv_sim", "demo", "--out", str(out), "--rviz", "0", *args]
     log = open(out / "stdout.txt", "wb")
-    return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+    env = {k: v for k, v in os.environ.items() if k != "DISPLAY"}  # it opens no window on somebody's screen
+    return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True, env=env)
 
 
 def said(out: Path) -> str:

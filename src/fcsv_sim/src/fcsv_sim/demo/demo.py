@@ -76,6 +76,9 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     """The whole story: a world, a flight in it, its truth, a map, a table."""
     _empty(plan.folder)
     build_world(plan, say)
+    if not plan.buttons:
+        window = f"{plan.run_folder / 'on_control'} rosrun fcsv_console console"
+        say(f"the buttons are yours, in the operator's window; where none opened, or to open it again: {window}")
     begun = slow_motion.both_clocks()
     flight_s, moved_m = system.fly(plan, say)
     speed = slow_motion.share_of_real_time(begun)
