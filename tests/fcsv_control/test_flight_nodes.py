@@ -201,7 +201,7 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
     landing_overtakes_what_waits(pc)
 
     arm_in_guided(pc)
-    assert pc.command("TAKEOFF", altitude_m=2.0) == (0, "")
+    assert pc.command("TAKEOFF", altitude_m=2.0) == (0, ""), pc.texts
     until(lambda: pc.T_odom_body[2, 3] > 1.8, 30.0, "2 m")
     pc.tracker.stop()
     until(lambda: pc.found("feed")[0] == pc.found("tracker")[0] == "RED", 5.0, "what the flight check says of it")

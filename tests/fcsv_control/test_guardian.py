@@ -378,6 +378,22 @@ def test_a_take_off_begins_under_the_floor():
     assert air.run(1.0).modes == ["BRAKE"], "who sinks to the ground in GUIDED"
 
 
+def test_who_is_armed_again_at_once_may_take_off():
+    """The autopilot says a second late that it stands: no flight under the floor."""
+    air = Aloft()
+    air.report = LinkReport(throttle=0.0, in_the_air=True)
+    air.p[2] = 3.0
+    air.run(1.0)
+    air.guardian.mode_asked(air.now_s, "LAND")
+    air.mode, air.p[2] = "LAND", 0.0
+    air.run(0.5)
+    air.armed = False
+    air.run(0.5)
+    air.hand_over()
+    air.armed = True
+    assert air.run(1.0).asked == []
+
+
 def test_a_brake_that_does_not_show_becomes_land():
     air = Aloft(GuardianRules(fence=Fence(radius_m=5.0)), obeys=False)
     air.p[0] = 7.0

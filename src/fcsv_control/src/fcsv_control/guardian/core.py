@@ -61,6 +61,7 @@ class Guardian:
         if not armed:
             self._landing = False
             self._answered.clear()
+            self._watches.disarmed()
         elif not self.air.armed:
             self._lost = False
         self.air.mode, self.air.armed, self.air.state_s = mode, armed, now_s

@@ -58,6 +58,10 @@ class Watches:
         """What is wrong with an armed vehicle."""
         return [finding for watch in self._watches for finding in watch(now_s, air)]
 
+    def disarmed(self) -> None:
+        """What counts from a take-off begins anew, also where the autopilot still says that it flies."""
+        self._took_off = False
+
     def forbids(self, now_s: float, air: Air) -> List[str]:
         """Why the vehicle must not be handed over to the mission now."""
         r, reasons = self._rules, []
