@@ -10,7 +10,7 @@ from fcsv_control.guardian.air import LinkReport, Other
 from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Warned
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import transforms
+from fcsv_geometry import config, transforms
 from fcsv_geometry.fence import Fence
 
 STEP_S = 0.05
@@ -363,6 +363,24 @@ def test_a_fence_brakes_once_per_crossing():
     air.run(1.0)
     air.p[2] = 11.0
     assert air.run(1.0).modes == ["BRAKE", "BRAKE"]
+
+
+def test_the_fence_of_a_mission_counts_besides_its_own():
+    air = Aloft()
+    air.guardian.mission_fence(Fence(ceiling_m=20.0, polygon=[(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]))
+    air.p[0] = 10.8
+    assert air.run(1.0).asked == [], "a way along the fence is flown with errors"
+    air.T_home_odom, air.p[0] = None, 12.0
+    assert air.run(1.0).asked == [], "before home is set nobody knows where the polygon is"
+    air.T_home_odom = np.eye(4)
+    assert air.run(1.0).modes == ["BRAKE"]
+
+
+def test_a_polygon_of_its_own_brakes_whom_it_bounds():
+    square = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
+    air = Aloft(config.from_mapping({"fence": {"polygon": square}}, GuardianRules, "test"))
+    air.p[1] = -10.5
+    assert air.run(1.0).modes == ["BRAKE"]
 
 
 def test_a_take_off_begins_under_the_floor():

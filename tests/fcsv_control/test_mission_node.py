@@ -10,6 +10,7 @@ import yaml
 from support.waiting import within
 
 from fcsv_geometry import transforms
+from fcsv_geometry.mission import load_mission
 from fcsv_geometry.vehicle import load_vehicles
 
 pytestmark = pytest.mark.ros
@@ -112,7 +113,8 @@ class ControlPc:
         from std_msgs.msg import String
         from std_srvs.srv import Trigger
 
-        from fcsv_msgs.msg import Calibration, Capture, Epochs, Home, MissionState
+        from fcsv_geometry.ros import fences
+        from fcsv_msgs.msg import Calibration, Capture, Epochs, Fence, Home, MissionState
         from fcsv_msgs.srv import Calibrate, Control, Proceed, SetHome
 
         self.fleet, self.mission, self.captures, self.calibrations = fleet, MissionState(), [], 0
@@ -127,6 +129,7 @@ class ControlPc:
             rospy.Subscriber("/mission/state", MissionState, lambda m: setattr(self, "mission", m)),
             rospy.Subscriber("/mission/capture", Capture, self.captures.append),
             rospy.Subscriber("/mission/file", String, lambda m: setattr(self, "file", m.data)),
+            rospy.Subscriber("/mission/fence", Fence, lambda m: setattr(self, "fence", fences.from_message(m))),
         ]
         self.proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
         self.abort = rospy.ServiceProxy("/mission/abort", Trigger)
@@ -221,7 +224,7 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         start_node("fcsv_control", "mission", params=params)
         check = the_check_locks_take_off(pc)
         pc.wait_for("TAKE_OFF")
-        assert pc.file == (folder / "mission.yaml").read_text()
+        assert pc.file == (folder / "mission.yaml").read_text() and pc.fence == load_mission(folder / "mission.yaml").fence
         assert not pc.proceed("calibrate").success
         for v in fleet:
             v.armed, v.mode = True, "LOITER"

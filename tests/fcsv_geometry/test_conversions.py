@@ -9,7 +9,8 @@ from sensor_msgs.msg import CameraInfo
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.fence import Fence
+from fcsv_geometry.ros import conversions, fences
 
 T_A_B = transforms.from_xyz_rpy([1.0, -2.0, 3.0], [0.1, -0.2, 2.5])
 
@@ -60,3 +61,12 @@ def test_image_errors():
     message.encoding = "yuv999"
     with pytest.raises(GeometryError, match="yuv999"):
         conversions.image_to_array(message, "bgr8")
+
+
+def test_a_fence_comes_through_its_message_and_nan_is_none():
+    fence = Fence(1.0, 20.0, 50.0, [(0.0, -5.0), (40.0, 0.0), (0.0, 5.0)])
+    message = fences.to_message(fence, 3.5)
+    assert fences.from_message(message) == fence
+    message.polygon.points[1].x = float("nan")
+    with pytest.raises(GeometryError, match="polygon"):
+        fences.from_message(message)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from fcsv_geometry import camera, config, rotations, transforms, vehicle
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import ConfigError, GeometryError, PoseUnavailable
+from fcsv_geometry.fence import Fence
 from fcsv_geometry.trajectory import Trajectory
 
 ROUNDING = 1e-9  # float64, a few products of numbers of order 100
@@ -196,6 +197,11 @@ class Outer:
     count: int = 1
 
 
+@dataclass(frozen=True)
+class Bounded:
+    fence: Fence = field(default_factory=lambda: Fence(0.3, 45.0, 100.0))
+
+
 class TestConfig:
     def load(self, tmp_path, text):
         path = tmp_path / "some.yaml"
@@ -205,6 +211,9 @@ class TestConfig:
     def test_reads(self, tmp_path):
         outer = self.load(tmp_path, "name: a\nparts: [{size_m: 1}, {size_m: 2.5}]\nxy: [1, 2]\nnote: null\n")
         assert outer == Outer("a", [Inner(1.0), Inner(2.5)], (1.0, 2.0))
+
+    def test_what_a_nested_mapping_does_not_name_is_as_the_outer_default_has_it(self):
+        assert config.from_mapping({"fence": {"radius_m": 9.0}}, Bounded, "test").fence == Fence(0.3, 45.0, 9.0)
 
     @pytest.mark.parametrize(
         "text, words",

@@ -5,7 +5,7 @@ import dataclasses
 import math
 import typing
 from pathlib import Path
-from typing import Any, Mapping, Type, TypeVar
+from typing import Any, Mapping, Optional, Type, TypeVar
 
 import yaml
 
@@ -44,8 +44,9 @@ def read_yaml(path) -> Any:
         raise ConfigError(f"{path}{where}: not valid YAML ({getattr(error, 'problem', error)})") from error
 
 
-def from_mapping(document: Any, cls: Type[T], source: str, at: str = "") -> T:
-    """A dataclass from a parsed mapping; ``source`` and ``at`` name file and field in errors."""
+def from_mapping(document: Any, cls: Type[T], source: str, at: str = "", base: Optional[T] = None) -> T:
+    """A dataclass from a parsed mapping; ``source`` and ``at`` name file and field in errors. What the mapping does
+    not name is as in ``base``, or the class's default."""
     here = at or "top level"
     if not isinstance(document, Mapping):
         raise ConfigError(f"{source}: {here} must be a mapping of {_names(cls)}, got {_kind(document)}")
@@ -57,23 +58,29 @@ def from_mapping(document: Any, cls: Type[T], source: str, at: str = "") -> T:
             raise ConfigError(f"{source}: unknown key '{field}'; known here: {_names(cls)}", field, "is not known")
     for name, f in fields.items():
         required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-        if required and name not in document:
+        if required and name not in document and base is None:
             field = _join(at, name)
             raise ConfigError(f"{source}: '{field}' is missing", field, "is missing")
-    values = {k: _convert(v, hints[k], source, _join(at, k)) for k, v in document.items()}
+    values = {k: _convert(v, hints[k], source, _join(at, k), _default(fields[k])) for k, v in document.items()}
     try:
-        return cls(**values)
+        return cls(**values) if base is None else dataclasses.replace(base, **values)
     except ValueError as error:
         name, _, problem = str(error).partition(": ")  # the contract of load()
         raise ConfigError(f"{source}: {_join(at, str(error))}", _join(at, name), problem) from error
 
 
-def _convert(value: Any, kind: Any, source: str, at: str) -> Any:
+def _default(field: dataclasses.Field) -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return None if field.default is dataclasses.MISSING else field.default
+
+
+def _convert(value: Any, kind: Any, source: str, at: str, base: Any = None) -> Any:
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Union:  # Optional[X]
-        return None if value is None else _convert(value, args[0], source, at)
+        return None if value is None else _convert(value, args[0], source, at, base)
     if dataclasses.is_dataclass(kind):
-        return from_mapping(value, kind, source, at)
+        return from_mapping(value, kind, source, at, base)
     if origin in (list, tuple):
         return _convert_sequence(value, origin, args, source, at)
     if origin is dict:

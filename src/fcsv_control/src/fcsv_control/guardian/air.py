@@ -10,6 +10,7 @@ import numpy as np
 
 from fcsv_control.flight.estimate import apart_m
 from fcsv_geometry import transforms
+from fcsv_geometry.fence import Fence
 
 _INF = float("inf")
 _WAY_S = 0.3
@@ -74,6 +75,7 @@ class Air:
     control_s: float = -_INF
     agent_s: float = -_INF
     T_home_odom: Optional[np.ndarray] = None
+    mission_fence: Optional[Fence] = None  # besides the guardian's own
     others: Dict[str, Other] = field(default_factory=dict)
     feeds: Deque[float] = field(default_factory=deque)  # times within the last second
     way: Deque[Tuple[float, np.ndarray]] = field(default_factory=deque)  # estimates of the last moments: time, position

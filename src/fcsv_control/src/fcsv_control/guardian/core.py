@@ -17,6 +17,7 @@ from fcsv_control.guardian.hands import COMPANIONS_MODES, Hands
 from fcsv_control.guardian.messages import AskMode, HoldAt, Output, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import separation, transforms
+from fcsv_geometry.fence import Fence
 from fcsv_geometry.flow import RateGate
 
 _SET_POINT_HZ = 10.0
@@ -111,6 +112,10 @@ class Guardian:
     def home(self, T_home_odom: Optional[np.ndarray]) -> None:
         """Where this vehicle's odometry frame stands in home; None: not known (any more)."""
         self.air.T_home_odom = T_home_odom
+
+    def mission_fence(self, fence: Fence) -> None:
+        """The fence of the mission that is flown; the guardian's own goes on counting."""
+        self.air.mission_fence = fence
 
     def other(self, name: str, other: Other) -> None:
         """Another vehicle was heard. What it says of a place that it has lost counts for nothing."""

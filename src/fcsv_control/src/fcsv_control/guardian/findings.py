@@ -206,6 +206,9 @@ class Watches:
         if not self._took_off or air.mode == "LAND":
             height_m = max(height_m, fence.floor_m)  # a take-off begins under the floor, and a landing ends there
         out_m = fence.outside_m(place if home is None else home, height_m, home is not None)
+        if air.mission_fence is not None and home is not None:
+            slack_m = self._rules.mission_fence_slack_m
+            out_m = max(out_m, air.mission_fence.outside_m(home, height_m) - slack_m)
         if out_m > self._rules.fence_land_m:
             yield Finding("far outside", Wish.LAND_ASIDE, "it is far outside the fence")
         elif out_m > 0.0:

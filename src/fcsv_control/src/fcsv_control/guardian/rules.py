@@ -42,6 +42,7 @@ class GuardianRules:
     throttle_middle: float = 0.25  # of the stick's way either side
     fence: Fence = field(default_factory=lambda: Fence(0.3, 45.0, 100.0))
     fence_land_m: float = 5.0  # further out than this: LAND
+    mission_fence_slack_m: float = 1.0  # a mission's own fence, in which every way was planned, counts from so far out
     separation: SeparationRules = field(default_factory=SeparationRules)
     clear_m: float = 2.5  # horizontally, for one to come down beside another
     uncontrolled_clear_m: float = LOST_CLEAR_M  # likewise, of one that comes down without a position

@@ -27,9 +27,10 @@ from fcsv_control.ros.guardian_others import OtherVehicles
 from fcsv_control.tracker_confidence import confidence
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, ModeAsked
+from fcsv_msgs.msg import Fence as FenceMessage
 from mavros_msgs.msg import State, StatusText
 from mavros_msgs.srv import SetMode
 
@@ -82,6 +83,7 @@ class GuardianNode:
         hear("mavros/battery", BatteryState, self._on_battery)
         hear("flight_link/health", LinkHealth, self._on_link)
         hear("agent/alive", Heartbeat, lambda _m: self._hear(self._core.agent_lives))
+        hear("/mission/fence", FenceMessage, self._on_fence)
         hear("/mission/alive", Heartbeat, lambda _m: self._hear(self._core.control_heard))
         hear("command", Command, self._on_command)
         hear("command_ack", CommandAck, self._on_ack)
@@ -107,6 +109,16 @@ class GuardianNode:
     def _on_state(self, message: State) -> None:
         if message.mode:
             self._hear(self._core.state, message.mode, message.armed)
+
+    def _on_fence(self, message: FenceMessage) -> None:
+        try:
+            fence = fences.from_message(message)
+        except FcsvError as error:
+            self._health.drop("fence of the mission", str(error))
+            return
+        rospy.loginfo("%s: the mission's fence is %s", self._name, fence)
+        with self._lock:
+            self._core.mission_fence(fence)
 
     def _on_battery(self, message: BatteryState) -> None:
         with self._lock:

@@ -25,7 +25,7 @@ from fcsv_geometry import home_messages
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.mission import Mission, load_mission
-from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import (
     Calibration,
@@ -33,6 +33,7 @@ from fcsv_msgs.msg import (
     Command,
     CommandAck,
     Configuration,
+    Fence,
     FlightCheck,
     Heartbeat,
     Home,
@@ -93,6 +94,8 @@ class MissionNode:
         self._captures = rospy.Publisher("/mission/capture", Capture, queue_size=50, latch=True)
         self._file = rospy.Publisher("/mission/file", String, queue_size=1, latch=True)
         self._file.publish(String(Path(self._parameters.mission).read_text()))
+        self._fence = rospy.Publisher("/mission/fence", Fence, queue_size=1, latch=True)
+        self._fence.publish(fences.to_message(self._mission.fence, rospy.get_time()))
         self._commands = {n: rospy.Publisher(f"/{n}/command", Command, queue_size=20) for n in names}
         self._calibrate = rospy.ServiceProxy("/calibrate", Calibrate)
         self._set_home = rospy.ServiceProxy("/set_home", SetHome)

@@ -20,6 +20,7 @@ from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import AskMode, HoldAt
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
+from fcsv_geometry.fence import Fence
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_tracking.errors import OdometryRejected
@@ -88,10 +89,11 @@ class OnBoard:
             self.guardian.moved(now_s)
         self.agent.take(now_s, instruction)
 
-    def hear_control(self, now_s: float, sender: str, T_home_odom: Dict[str, np.ndarray]) -> None:
-        """The mission's state came, and where odometry frames stand in home."""
+    def hear_control(self, now_s: float, sender: str, T_home_odom: Dict[str, np.ndarray], fence: Fence) -> None:
+        """The mission's state and fence came, and where odometry frames stand in home."""
         self.agent.control_heard(now_s, sender)
         self.guardian.control_heard(now_s)
+        self.guardian.mission_fence(fence)
         self.T_home_odom = T_home_odom
         self.guardian.home(T_home_odom.get(self.name))
 

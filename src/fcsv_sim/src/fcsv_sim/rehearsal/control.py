@@ -130,7 +130,7 @@ class ControlPc:
                 now_s, lambda c, v=vehicle, t=now_s: v.obey(c, t), _instruction(order, self.sender, now_s)
             )
         for name, vehicle in self._fleet.items():
-            told = (self.sender, self.T_home_odom)
+            told = (self.sender, self.T_home_odom, self._mission.fence)
             self._radios[name].send(now_s, lambda m, v=vehicle, t=now_s: v.hear_control(t, *m), told)
 
     def restart(self) -> None:
