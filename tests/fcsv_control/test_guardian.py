@@ -59,7 +59,8 @@ class Aloft:
         g.state(now_s, self.mode, self.armed)
         if "link" not in self.silent:
             g.link(now_s, self.report)
-        g.battery(self.battery)
+        if "battery" not in self.silent:
+            g.battery(now_s, self.battery)
         g.confidence(self.confidence)
         if "agent" not in self.silent:
             g.agent_lives(now_s)
@@ -161,6 +162,18 @@ def test_a_battery_that_is_low_empty_or_unknown_lands(share, after_s):
     assert not air.asked
     air.run(2.0)
     assert air.modes == ["LAND"]
+
+
+def test_a_battery_that_is_not_told_any_more_is_not_known():
+    air = Aloft()
+    air.silent.add("battery")
+    air.run(9.0)
+    assert not air.texts
+    air.run(4.0)
+    assert air.texts == ["uav1: battery not known"] and not air.asked
+    air.mode = "LOITER"
+    air.run(0.1)
+    assert any("the battery is not known" in reason for reason in air.guardian.verdict.forbids)
 
 
 def test_without_the_control_pc_it_holds_then_lands():

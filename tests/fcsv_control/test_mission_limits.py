@@ -114,6 +114,15 @@ def test_pictures_are_counted_over_the_restart_of_a_recorder():
     assert counted == [0, 10, 25, 25, 30, 32, 39]
 
 
+def test_a_battery_that_is_not_told_any_more_is_not_known_while_its_vehicle_is_heard():
+    heard = VehicleHeard(np.eye(4))
+    heard.battery(0.0, 0.7)
+    heard.state(9.0, "GUIDED", True, True)
+    assert heard.view(30.0, None).battery_share == 0.7, "a cut radio is another pause"
+    heard.state(11.0, "GUIDED", True, True)
+    assert np.isnan(heard.view(11.0, None).battery_share)
+
+
 def test_a_recorder_that_refuses_costs_its_configurations(flight):
     f = flight(mission(recorder_s=10.0))
     f.up_to_configurations()

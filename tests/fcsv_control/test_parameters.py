@@ -143,10 +143,10 @@ def test_parameters_are_not_written_while_it_is_armed(served, capsys):
     assert "it is armed" in capsys.readouterr().err and served.parameters["VISO_TYPE"][0] == 0
 
 
-def test_another_firmware_is_named_and_refused(served, capsys, monkeypatch):
+def test_another_firmware_is_named_and_refused(request, capsys, monkeypatch):
     monkeypatch.setattr(M, "MAV_AUTOPILOT_ARDUPILOTMEGA", M.MAV_AUTOPILOT_PX4, raising=True)  # what the peer says it is
     monkeypatch.setattr(firmware, "_M", type("Other", (), {**vars(M), "MAV_AUTOPILOT_ARDUPILOTMEGA": 3}))
-    assert parameters("compare", served.url) == 2
+    assert parameters("compare", request.getfixturevalue("served").url) == 2  # its first heartbeat says so already
     assert "PX4 speaks; only ArduCopter is flown" in capsys.readouterr().err
 
 

@@ -43,7 +43,7 @@ class _Board:
         state, tracking = core.state(now_s), core.tracking
         self.agent.state(state.mode, state.armed)
         self.guardian.state(now_s, state.mode, state.armed)
-        self.guardian.battery(state.battery_share)
+        self.guardian.battery(now_s, state.battery_share)
         self.guardian.agent_lives(now_s)
         if tracking.T_odom_body is not None:
             self.agent.pose(now_s, tracking.T_odom_body)
@@ -133,7 +133,7 @@ class TelloMission(ByHand):
             heard.state(now_s, state.mode, state.armed, state.connected)
             v = board.guardian.verdict
             heard.guardian(now_s, v.in_words, v.lost)
-            heard.battery(state.battery_share)
+            heard.battery(now_s, state.battery_share)
             board.pictures += board.recording and self._steps % (5 * _MISSION_STEPS) == 0
             heard.recorder(now_s, "", board.pictures)
             for ack in board.acks:

@@ -72,6 +72,7 @@ class Air:
     link: LinkReport = field(default_factory=LinkReport)
     link_s: float = -_INF
     battery_share: float = math.nan
+    battery_s: float = -_INF
     control_s: float = -_INF
     agent_s: float = -_INF
     T_home_odom: Optional[np.ndarray] = None
@@ -97,13 +98,17 @@ class Air:
 
     def slept(self, seconds: float) -> None:
         """This process itself did not run for so long."""
-        for name in ("feed_s", "link_s", "agent_s", "control_s"):
+        for name in ("feed_s", "link_s", "agent_s", "control_s", "battery_s"):
             setattr(self, name, getattr(self, name) + seconds)
 
     def velocity_mps(self) -> np.ndarray:
         """(3,) of the estimate, odometry frame; zero while there is too little of it."""
         (early_s, p_then), (late_s, p_now) = (self.way[0], self.way[-1]) if self.way else ((0.0, 0.0), (0.0, 0.0))
         return (p_now - p_then) / (late_s - early_s) if late_s - early_s > 0.5 * _WAY_S else np.zeros(3)
+
+    def battery_now(self, now_s: float, old_s: float) -> float:
+        """0..1; NaN where it is not known, or was last heard ``old_s`` ago."""
+        return self.battery_share if now_s - self.battery_s <= old_s else math.nan
 
     def feed_hz(self, now_s: float) -> float:
         """Poses in the last second."""

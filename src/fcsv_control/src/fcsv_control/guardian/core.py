@@ -82,9 +82,9 @@ class Guardian:
         self._link_heard = True
         self.air.link, self.air.link_s = report, now_s
 
-    def battery(self, share: float) -> None:
+    def battery(self, now_s: float, share: float) -> None:
         """0..1, NaN where not known."""
-        self.air.battery_share = share
+        self.air.battery_share, self.air.battery_s = share, now_s
 
     def confidence(self, level: float) -> None:
         """Of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""

@@ -78,9 +78,10 @@ class Watches:
             reasons.append("no poses come from the tracking camera")
         if not air.flying and self._lasts(now_s, "apart", air.apart_m > r.apart_m, 0.5):
             reasons.append(f"autopilot and tracker are {air.apart_m:.1f} m apart; restart the autopilot")
-        if math.isnan(air.battery_share):
+        share = air.battery_now(now_s, r.battery_old_s)
+        if math.isnan(share):
             reasons.append("the battery is not known; see BATT_MONITOR")
-        elif air.battery_share < r.low_battery:
+        elif share < r.low_battery:
             reasons.append(f"battery below {r.low_battery:.0%}")
         if abs(air.link.throttle) > r.throttle_middle:
             reasons.append(STICK)
@@ -161,15 +162,16 @@ class Watches:
     # ---- what it lives on, and who flies it ------------------------------------------------------------------
 
     def _battery(self, now_s: float, air: Air) -> Iterator[Finding]:
-        r, share = self._rules, air.battery_share
+        r, share = self._rules, air.battery_now(now_s, self._rules.battery_old_s)
         unknown = math.isnan(share)
+        text = "battery not known" if unknown else f"battery below {r.low_battery:.0%}"
         low = unknown or share < r.low_battery
         if self._lasts(now_s, "empty", share < r.empty_battery, r.battery_s):
             yield Finding("battery", Wish.LAND_ASIDE, f"battery below {r.empty_battery:.0%}")
         elif self._lasts(now_s, "low", low, r.low_battery_s):
-            yield Finding("battery", Wish.LAND_ASIDE, f"battery below {r.low_battery:.0%} for too long")
+            yield Finding("battery", Wish.LAND_ASIDE, f"{text} for too long")
         elif self._lasts(now_s, "low", low, r.battery_s):
-            yield Finding("battery", Wish.SAY, "battery not known" if unknown else f"battery below {r.low_battery:.0%}")
+            yield Finding("battery", Wish.SAY, text)
 
     def _control(self, now_s: float, air: Air) -> Iterator[Finding]:
         r, silent_s = self._rules, now_s - air.control_s

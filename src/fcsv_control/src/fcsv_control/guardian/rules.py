@@ -33,6 +33,7 @@ class GuardianRules:
     low_battery_s: float = 60.0  # so long the mission has to bring it down
     empty_battery: float = 0.1
     battery_s: float = 2.0  # a voltage that sags for a moment is no empty battery
+    battery_old_s: float = 10.0  # what was heard of it counts for so long
     link_warn_s: float = 2.0
     link_hold_s: float = 30.0  # without the control PC: then aside and LAND
     link_loss: str = "land"

@@ -12,6 +12,7 @@ from fcsv_geometry.home import camera_in_home
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _GUARDIAN_OLD_S = 3.0  # it speaks five times a second
+_BATTERY_OLD_S = 10.0  # before the last state: it is told once a second
 _NEVER_S = -math.inf
 
 
@@ -49,7 +50,7 @@ class VehicleHeard:
         self._tag_s = self._tag_since_s = _NEVER_S
         self._z_m = self._ground_z_m = 0.0
         self._mode, self._armed, self._connected = "", False, False
-        self._battery_share = math.nan
+        self._battery_share, self._battery_s = math.nan, _NEVER_S
         self._guarded, self._guarded_s, self._lost = "", _NEVER_S, False
         self._problem, self._pictures, self._pictures_before = "", 0, 0
 
@@ -75,9 +76,9 @@ class VehicleHeard:
         flight, and where it is has not been known since."""
         self._guarded, self._guarded_s, self._lost = words, now_s, lost
 
-    def battery(self, share: float) -> None:
+    def battery(self, now_s: float, share: float) -> None:
         """0..1, NaN where unknown."""
-        self._battery_share = share
+        self._battery_share, self._battery_s = share, now_s
 
     def recorder(self, now_s: float, problem: str, pictures: int) -> None:
         """What its recorder says; one that is started again counts its pictures from nothing."""
@@ -109,7 +110,7 @@ class VehicleHeard:
             mode=self._mode,
             sees_front_s=self._tag_s - self._tag_since_s if seen else 0.0,
             T_home_cam=camera_in_home(T_home_odom, self._T_odom_body, self._T_body_cam) if known else None,
-            battery_share=self._battery_share,
+            battery_share=self._battery_share if self._state_s - self._battery_s <= _BATTERY_OLD_S else math.nan,
             recorder_age_s=now_s - self._recorder_s,
             recorder_problem=self._problem,
             pictures=None if self._recorder_s == _NEVER_S else self._pictures_before + self._pictures,

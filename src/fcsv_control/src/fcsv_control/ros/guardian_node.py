@@ -121,8 +121,7 @@ class GuardianNode:
             self._core.mission_fence(fence)
 
     def _on_battery(self, message: BatteryState) -> None:
-        with self._lock:
-            self._core.battery(conversions.battery_share(message))
+        self._hear(self._core.battery, conversions.battery_share(message))
 
     def _on_link(self, m: LinkHealth) -> None:
         throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan  # no transmitter is heard

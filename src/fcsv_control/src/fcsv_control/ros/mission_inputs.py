@@ -96,7 +96,7 @@ class VehicleInputs:
 
     def _on_battery(self, message: BatteryState) -> None:
         with self._lock:
-            self._heard.battery(conversions.battery_share(message))
+            self._heard.battery(time.monotonic(), conversions.battery_share(message))
 
     def _on_recorder(self, m: RecorderStatus) -> None:
         with self._lock:

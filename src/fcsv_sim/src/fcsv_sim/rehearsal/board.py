@@ -168,7 +168,7 @@ class OnBoard:
                 self.agent.state(self.link.state.mode, self.link.state.armed)
                 self.guardian.state(now_s, self.link.state.mode, self.link.state.armed)
                 share = self.link.state.battery_share if self.battery_said is None else self.battery_said
-                self.guardian.battery(share)
+                self.guardian.battery(now_s, share)
         state = self.link.state
         if self._watchdog.check(now_s, state.armed, state.mode) is Alarm.LAND:
             self._set_mode(now_s, "LAND")

@@ -101,7 +101,7 @@ class ControlPc:
         self.heard[name].guardian(self._now_s, guarded, lost)
 
     def _slow(self, name: str, battery_share: float, pictures: int) -> None:
-        self.heard[name].battery(battery_share)
+        self.heard[name].battery(self._now_s, battery_share)
         self.heard[name].recorder(self._now_s, "", pictures)
 
     def _acknowledged(self, name: str):
