@@ -129,7 +129,8 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
              *(f"{key}:={value}" for key, value in line.items())],
             "flight_link_mavros",
         )  # fmt: skip
-    start_node("fcsv_control", "guardian", ns=NAME, params={"vehicle": NAME, "vehicles": [NAME]})
+    rules = {"transmitter": False}  # nobody flies by hand here
+    start_node("fcsv_control", "guardian", ns=NAME, params={"vehicle": NAME, "vehicles": [NAME], "rules": rules})
     start_node("fcsv_control", "agent", ns=NAME, params={"vehicle": NAME})
     start_node("fcsv_control", "vehicle_check", ns=NAME, params={"vehicle": NAME})
     try:

@@ -14,6 +14,7 @@ from fcsv_geometry import config, transforms
 from fcsv_geometry.fence import Fence
 
 STEP_S = 0.05
+SQUARE = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
 PILOTS_MODES = ("STABILIZE", "ALT_HOLD", "LOITER", "LAND", "BRAKE")
 
 
@@ -366,6 +367,14 @@ def test_who_is_held_in_flight_is_held_where_it_comes_to_rest():
     assert 1.0 < ahead_m < 2.5, "v^2 / 2a at 3 m/s"
 
 
+def test_a_place_that_calibration_knows_badly_needs_more_room():
+    for sigma_m, held in ((0.02, False), (0.3, True)):
+        air = Aloft()
+        air.others["uav2"] = {"p_home_m": np.array([0.0, 1.2, 8.0]), "sigma_m": sigma_m}
+        air.run(1.0)
+        assert bool(air.held) is held, sigma_m
+
+
 def test_a_fence_brakes_once_per_crossing():
     air = Aloft(GuardianRules(fence=Fence(ceiling_m=10.0)))
     air.p[2] = 11.0
@@ -380,7 +389,7 @@ def test_a_fence_brakes_once_per_crossing():
 
 def test_the_fence_of_a_mission_counts_besides_its_own():
     air = Aloft()
-    air.guardian.mission_fence(Fence(ceiling_m=20.0, polygon=[(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]))
+    air.guardian.mission_fence(Fence(ceiling_m=20.0, polygon=SQUARE))
     air.p[0] = 10.8
     assert air.run(1.0).asked == [], "a way along the fence is flown with errors"
     air.T_home_odom, air.p[0] = None, 12.0
@@ -390,8 +399,7 @@ def test_the_fence_of_a_mission_counts_besides_its_own():
 
 
 def test_a_polygon_of_its_own_brakes_whom_it_bounds():
-    square = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
-    air = Aloft(config.from_mapping({"fence": {"polygon": square}}, GuardianRules, "test"))
+    air = Aloft(config.from_mapping({"fence": {"polygon": SQUARE}}, GuardianRules, "test"))
     air.p[1] = -10.5
     assert air.run(1.0).modes == ["BRAKE"]
 
@@ -520,6 +528,7 @@ def test_a_guardian_started_in_flight_knows_guided_and_leaves_other_modes_alone(
     (lambda air: setattr(air, "battery", math.nan), "battery"),
     (lambda air: setattr(air, "battery", 0.1), "battery"),
     (lambda air: setattr(air, "report", LinkReport(throttle=-1.0)), "throttle"),
+    (lambda air: setattr(air, "report", LinkReport()), "no transmitter"),
     (lambda air: setattr(air, "report", LinkReport("frozen", throttle=0.0)), "frozen"),
     (lambda air: setattr(air, "confidence", 0.0), "confidence"),
     (lambda air: setattr(air, "report", LinkReport(throttle=0.0, origin_set=False)), "no origin"),

@@ -224,7 +224,8 @@ def test_from_the_ground_to_a_capture_and_down_again(ros_master, start_node, fol
         start_node("fcsv_control", "mission", params=params)
         check = the_check_locks_take_off(pc)
         pc.wait_for("TAKE_OFF")
-        assert pc.file == (folder / "mission.yaml").read_text() and pc.fence == load_mission(folder / "mission.yaml").fence
+        assert pc.file == (folder / "mission.yaml").read_text()
+        assert pc.fence == load_mission(folder / "mission.yaml").fence
         assert not pc.proceed("calibrate").success
         for v in fleet:
             v.armed, v.mode = True, "LOITER"

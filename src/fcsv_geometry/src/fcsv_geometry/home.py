@@ -63,6 +63,15 @@ class Place:
         H[:3, 3] = -about_z(T_b_a[:3, 3])
         return Place(T_b_a, H @ self.covariance @ H.T)
 
+    def sigma_m(self, p_b_m: np.ndarray) -> float:
+        """Standard deviation (m) of a point of frame b in frame a, along its worst horizontal axis.
+
+        >>> turned = Place(np.eye(4), np.diag([0.0, 0.0, 0.0, 0.01**2]))
+        >>> round(turned.sigma_m(np.array([8.0, 0.0, 3.0])), 6)  # 0.01 rad over 8 m
+        0.08
+        """
+        return float(np.sqrt(max(0.0, np.linalg.eigvalsh(self.at(p_b_m)[:2, :2])[-1])))
+
     def at(self, p_b_m: np.ndarray) -> np.ndarray:
         """Covariance (4, 4) of a point of frame b, and of the yaw, in frame a."""
         F = np.eye(4)

@@ -43,7 +43,7 @@ class Other:
     armed: bool = True
     mode: str = ""
     uncontrolled: bool = False
-    sigma_m: float = 0.05  # of its place in home
+    sigma_m: float = 0.0  # of its place in home, as calibration left it
     lost: bool = False
     taken: bool = False
 
@@ -76,6 +76,7 @@ class Air:
     control_s: float = -_INF
     agent_s: float = -_INF
     T_home_odom: Optional[np.ndarray] = None
+    sigma_m: float = 0.0  # of its own place in home, as calibration left it
     mission_fence: Optional[Fence] = None  # besides the guardian's own
     others: Dict[str, Other] = field(default_factory=dict)
     feeds: Deque[float] = field(default_factory=deque)  # times within the last second
@@ -127,6 +128,11 @@ class Air:
     def apart_m(self) -> float:
         """Between the tracker's pose and the estimate; NaN where one of them is not known."""
         return apart_m(*(None if T is None else T[:3, 3].tolist() for T in (self.feed, self.estimate)))
+
+    @property
+    def p_odom_m(self) -> np.ndarray:
+        """(3,) the estimate's place in the odometry frame; its origin while there is none."""
+        return np.zeros(3) if self.estimate is None else self.estimate[:3, 3]
 
     @property
     def from_take_off_m(self) -> Optional[np.ndarray]:

@@ -109,9 +109,10 @@ class Guardian:
         """A command moves the vehicle."""
         self._hands.commanded(now_s)
 
-    def home(self, T_home_odom: Optional[np.ndarray]) -> None:
-        """Where this vehicle's odometry frame stands in home; None: not known (any more)."""
-        self.air.T_home_odom = T_home_odom
+    def home(self, T_home_odom: Optional[np.ndarray], sigma_m: float = 0.0) -> None:
+        """Where this vehicle's odometry frame stands in home, None: not known (any more); and how well its place in
+        home is known by that."""
+        self.air.T_home_odom, self.air.sigma_m = T_home_odom, sigma_m
 
     def mission_fence(self, fence: Fence) -> None:
         """The fence of the mission that is flown; the guardian's own goes on counting."""

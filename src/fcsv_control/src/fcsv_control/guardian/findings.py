@@ -16,6 +16,8 @@ STICK = "the throttle stick is not in the middle: who takes over would climb or 
 ABOVE = "above"  # a finding about one who comes down
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
 _USUAL_AGE_S = 0.25  # of a state that comes ten times a second over a radio
+_TRACKERS_SIGMA_M = 0.05  # of two places against each other by what both trackers drifted since calibration
+_MOST_SPEED_MPS = 2.0
 _MOST_AGE_S = 1.0  # of a pose of another vehicle, in the separation: then it is its silence that counts
 _BELOW_M = 0.5
 _ABOVE_FLOOR_M = 0.5
@@ -83,6 +85,8 @@ class Watches:
             reasons.append("the battery is not known; see BATT_MONITOR")
         elif share < r.low_battery:
             reasons.append(f"battery below {r.low_battery:.0%}")
+        if r.transmitter and math.isnan(air.link.throttle):
+            reasons.append("no transmitter is heard: nobody could take over")
         if abs(air.link.throttle) > r.throttle_middle:
             reasons.append(STICK)
         if air.confidence <= r.confidence:
@@ -97,13 +101,10 @@ class Watches:
         for name, other in air.others.items():
             age_s = min(max(0.0, now_s - other.heard_s - _USUAL_AGE_S), _MOST_AGE_S)
             if other.armed and now_s - other.heard_s < _OLD_S:
+                sigma_m = math.sqrt(_TRACKERS_SIGMA_M**2 + air.sigma_m**2 + other.sigma_m**2)
+                speed_mps = min(other.speed_mps, _MOST_SPEED_MPS)
                 offset = here - other.p_home_m
-                yield (
-                    name,
-                    separation.margin_m(
-                        offset, self._rules.separation, other.sigma_m, age_s, min(other.speed_mps, 2.0)
-                    ),
-                )
+                yield name, separation.margin_m(offset, self._rules.separation, sigma_m, age_s, speed_mps)
 
     def beneath(self, now_s: float, air: Air) -> Optional[str]:
         """A vehicle that this one would come down upon, flying or not."""

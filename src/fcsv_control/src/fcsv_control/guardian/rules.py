@@ -40,6 +40,7 @@ class GuardianRules:
     agent_silent_s: float = 1.0
     agent_land_s: float = 15.0
     link_silent_s: float = 2.0
+    transmitter: bool = True  # without one that is heard no hand-over: nobody could take over
     throttle_middle: float = 0.25  # of the stick's way either side
     fence: Fence = field(default_factory=lambda: Fence(0.3, 45.0, 100.0))
     fence_land_m: float = 5.0  # further out than this: LAND

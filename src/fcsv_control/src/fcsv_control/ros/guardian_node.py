@@ -151,9 +151,12 @@ class GuardianNode:
 
     def _step(self, _event) -> None:
         now_s = time.monotonic()
-        T_home_odom, others = self._others.now()
+        place, others = self._others.now()
         with self._lock:
-            self._core.home(T_home_odom)
+            if place is None:
+                self._core.home(None)
+            else:
+                self._core.home(place.T_a_b, place.sigma_m(self._core.air.p_odom_m))
             for name, other in others.items():
                 self._core.other(name, other)
             self._core.step(now_s)

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from fcsv_control.guardian.air import Other
 from fcsv_geometry import home_messages, transforms
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.home import HomeFrames
+from fcsv_geometry.home import HomeFrames, Place
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Calibration, GuardianState, Home
 from mavros_msgs.msg import State
@@ -36,15 +36,16 @@ class OtherVehicles:
                 rospy.Subscriber(f"/{name}/guardian/state", GuardianState, self._on_guardian, name, queue_size=5)
                 rospy.Subscriber(f"/{name}/odometry/state", Odometry, self._on_odometry, name, queue_size=5)
 
-    def now(self) -> Tuple[Optional[np.ndarray], Dict[str, Other]]:
-        """T_home_odom of this vehicle (None: not known), and each other whose place in home is known."""
+    def now(self) -> Tuple[Optional[Place], Dict[str, Other]]:
+        """This vehicle's odometry in home (None: not known), and each other whose place in home is known."""
         with self._lock:
-            T_home_odom = self._in_home.T_home_odom
+            places = self._in_home.places
             found: Dict[str, Other] = {}
             for name, (p_odom, other) in self._heard.items():
-                if name in T_home_odom:
-                    found[name] = replace(other, p_home_m=transforms.apply(T_home_odom[name], p_odom))
-            return T_home_odom.get(self._own), found
+                if name in places:
+                    p_home = transforms.apply(places[name].T_a_b, p_odom)
+                    found[name] = replace(other, p_home_m=p_home, sigma_m=places[name].sigma_m(p_odom))
+            return places.get(self._own), found
 
     def _compose(self, message, take) -> None:
         with self._lock:
