@@ -25,6 +25,10 @@ def pytest_configure(config):
     tiers.register(config)
 
 
+def pytest_ignore_collect(collection_path, config):
+    return True if tiers.pass_over(collection_path, config) else None
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_collection_modifyitems(config, items):
     tiers.mark_what_needs_ros(items)  # before pytest looks at -m

@@ -78,7 +78,7 @@ def test_every_control_has_a_name_for_a_screen_reader(shown):
     kinds = (QtWidgets.QPushButton, QtWidgets.QTableWidget, QtWidgets.QPlainTextEdit, QtWidgets.QProgressBar,
              QtWidgets.QTabWidget, QtWidgets.QDockWidget)  # fmt: skip
     controls = [c for kind in kinds for c in window.findChildren(kind)]
-    controls += [window.plan, window.headline, window.problems, window.stereo, window.verdict]
+    controls += [window.plan, window.headline, window.problems, window.map.stereo, window.verdict]
     own = [c for c in controls if not isinstance(c.parent(), QtWidgets.QDockWidget)]
     assert len(own) > 20 and not [type(c).__name__ for c in own if not c.accessibleName()]
 
@@ -295,13 +295,38 @@ def test_a_vehicle_that_vanishes_is_shown_and_nothing_is_lost_on_the_way_back(sh
 
 
 def test_the_docks_open_and_close_by_key(shown, app):
-    """rviz says in its place what is missing: without a master it is not started."""
     window, _, _ = shown("silent")
-    for key, dock in ((KEYS.Key_F2, window.rviz), (KEYS.Key_F4, window.pictures)):
+    for key, dock in ((KEYS.Key_F4, window.pictures), (KEYS.Key_F5, window.after)):
         hold(app, window, key, 0.0)
         assert dock.isVisible()
         hold(app, window, key, 0.0)
         assert not dock.isVisible()
+
+
+@pytest.mark.parametrize("size", [(1366, 740), (960, 540)])
+def test_rviz_stands_in_the_plans_place_then_alone_then_the_plan_is_back(shown, app, size):
+    """It says in its place what is missing: without a master it is not started. Who is above whom is always told."""
+    window, console, _ = shown("wrong")
+    console.tell(samples.NOW_S, facts.MasterTold("the master does not answer"))
+    window.resize(*size)
+    window.show_view(console.view(samples.NOW_S))
+    for _ in range(4):
+        app.processEvents()
+    before = window.panels.sizes()
+    for rviz_wide, others in ((before[0], True), (sum(before), False)):
+        hold(app, window, KEYS.Key_F2, 0.0)
+        assert window.size() == QtCore.QSize(*size) and not window.plan.isVisible()
+        assert window.map.rviz.isVisible() and window.map.rviz.width() >= rviz_wide
+        assert window.vehicles.isVisible() is window.events.isVisible() is others
+        assert "uav2 is 5.0 m above uav1" in window.stop_words.text()
+        assert any(p in window.stop_words.text() for p in console.view(samples.NOW_S).problems) is not others
+        for name in ("stop_all", "land", "abort"):
+            button = window.buttons[name]
+            assert button.visibleRegion().boundingRect().size() == button.size()
+    assert "open it again" in window.map.rviz.findChild(QtWidgets.QLabel).text()
+    hold(app, window, KEYS.Key_F2, 0.0)
+    assert window.plan.isVisible() and window.vehicles.isVisible() and window.panels.sizes() == before
+    assert "above" not in window.stop_words.text()
 
 
 def test_function_keys_work_while_the_focus_is_in_a_field(shown, app):
@@ -366,7 +391,7 @@ def test_no_figure_of_a_vehicle_or_a_configuration_is_cut(shown, app, size):
     assert size[1] == 540 or table.verticalScrollBar().maximum() == 0, "eight configurations without scrolling"
 
 
-@pytest.mark.parametrize("key, name", [(KEYS.Key_F2, "rviz"), (KEYS.Key_F4, "pictures"), (KEYS.Key_F5, "after")])
+@pytest.mark.parametrize("key, name", [(KEYS.Key_F4, "pictures"), (KEYS.Key_F5, "after")])
 def test_what_is_opened_at_200_percent_stands_in_place_of_the_panels(shown, app, key, name):
     window, _, _ = shown("silent")
     window.resize(960, 540)

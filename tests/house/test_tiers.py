@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from support import tiers
@@ -112,3 +113,41 @@ def test_who_shares_an_expensive_fixture_shares_a_worker(fixtures, group):
     item = Item()
     item._fixtureinfo = type("Info", (), {"name2fixturedefs": {name: [d] for name, d in fixtures.items()}})
     assert tiers.group_of(item) == group
+
+
+@pytest.mark.parametrize("text, plain", [
+    ("def test_a(tmp_path): ...", True),
+    ("def test_a(start_node): ...", False),
+    ("def test_a(tello_air): ...", False),
+    ("pytestmark = [pytest.mark.slow, pytest.mark.ros]", False),
+    ("@pytest.mark.slow_motion", False),
+    ("@pytest.mark.rosy\n# microstart_nodes", True),
+])  # fmt: skip
+def test_a_files_text_says_whether_it_can_have_tests_that_are_not_plain(tmp_path, text, plain):
+    (tmp_path / "test_a.py").write_text(text)
+    assert tiers.only_plain(tmp_path / "test_a.py") is plain
+
+
+def test_files_of_plain_tests_are_not_imported_for_another_tier_unless_they_are_named(tmp_path):
+    path = tmp_path / "test_a.py"
+    path.write_text("def test_a(): ...")
+
+    def passed_over(tier, *args, at=path):
+        config = SimpleNamespace(
+            args=args, invocation_params=SimpleNamespace(dir=tmp_path), getoption=lambda _name: tier
+        )
+        return tiers.pass_over(at, config)
+
+    assert passed_over("alone", ".") and passed_over("nodes", str(tmp_path))
+    assert not passed_over("plain", ".") and not passed_over(None, ".")
+    assert not passed_over("nodes", "test_a.py::test_a") and not passed_over("nodes", str(path))
+    assert not passed_over("nodes", ".", at=tmp_path), "a folder"
+
+
+def test_a_test_that_hides_its_tier_is_told(tmp_path):
+    """In the plain tier, which imports all files."""
+    item = Item(marks=["ros"])
+    item.path = tmp_path / "test_a.py"
+    item.path.write_text("from elsewhere import *")
+    with pytest.raises(pytest.UsageError, match="test_a.py has tests that are not plain"):
+        tiers.keep_tier(SimpleNamespace(getoption=lambda _name: "plain"), [item])

@@ -5,6 +5,7 @@ have the machine for itself. Marks and fixtures say which a test is. How to run 
 
 import json
 import os
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -16,6 +17,8 @@ STARTS_ROS = {"ros_master", "start_node", "bench_link", "tello_air"}
 # of these the ones whose tests have the machine for themselves: an emulated radio's rates mean nothing on a busy one
 MEASURES = {"bench_link"}
 SYSTEMS = "tests/system/"  # each test in it is marked system
+# what stands in a file that has tests of another tier than plain: a fixture or a mark
+_NOT_PLAIN = re.compile(rf"\b({'|'.join(sorted(STARTS_ROS))})\b|\bmark\.(ros|alone|system|slow_motion)\b")
 # fixtures that are shared but cost next to nothing: no reason to keep their tests on one worker
 CHEAP = {"root", "shared_data", "pool", "ros_master"}
 OUTCOMES = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")
@@ -45,9 +48,26 @@ def mark_what_needs_ros(items) -> None:
             item.add_marker("system")
 
 
+def only_plain(path: Path) -> bool:
+    """Whether a file's text says that all its tests are plain. ``keep_tier`` holds files to it."""
+    return SYSTEMS not in path.as_posix() and not _NOT_PLAIN.search(path.read_text(errors="replace"))
+
+
+def pass_over(path: Path, config) -> bool:
+    """Whether a file need not be imported: imports of all files take longer than many a tier's tests."""
+    if config.getoption("--tier") not in (NODES, ALONE) or not path.is_file() or path.name == "conftest.py":
+        return False
+    named = {Path(config.invocation_params.dir, arg.split("::")[0]).resolve() for arg in config.args}
+    return path.resolve() not in named and only_plain(path)
+
+
 def keep_tier(config, items) -> None:
-    """Deselect the other tiers, where ``--tier`` names one."""
+    """Deselect the other tiers, where ``--tier`` names one. Raises UsageError where only_plain is wrong."""
     wanted = config.getoption("--tier")
+    if wanted == PLAIN:
+        hidden = {item.path for item in items if tier_of(item) != PLAIN}
+        for path in sorted(path for path in hidden if only_plain(path)):
+            raise pytest.UsageError(f"{path} has tests that are not plain, and names none of {_NOT_PLAIN.pattern}")
     if wanted:
         config.hook.pytest_deselected(items=[item for item in items if tier_of(item) != wanted])
         items[:] = [item for item in items if tier_of(item) == wanted]

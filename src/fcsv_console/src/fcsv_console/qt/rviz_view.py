@@ -2,24 +2,28 @@
 """rviz inside the window, through its Python bindings; made when it is looked at first."""
 
 from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtWidgets import QDockWidget, QLabel, QWidget
+from python_qt_binding.QtWidgets import QLabel, QVBoxLayout, QWidget
 
 
-class RvizDock(QDockWidget):
+class RvizView(QWidget):
     """``config``: path of an .rviz file; without bindings or without a master it says so."""
 
     def __init__(self, config: str, parent=None):
-        super().__init__("Map in rviz [F2]", parent)
+        super().__init__(parent)
         self.setAccessibleName("Map in rviz")
-        self.setObjectName("rviz")
-        self._config, self._frame = config, None  # type: str, Optional[QWidget]
-        self.setMinimumSize(320, 240)
+        self._config, self._inside, self._frame = config, None, None
+        self._layout = QVBoxLayout(self)
+        self._layout.setContentsMargins(0, 0, 0, 0)
 
     def open(self, master_problem: str) -> None:
-        """Show it; what is missing is told in its place."""
-        if self._frame is None:
-            self.setWidget(self._made(master_problem))
-        self.show()
+        """What is missing is told in its place, and looked for again at the next opening."""
+        if self._frame is not None:
+            return
+        if self._inside is not None:
+            self._layout.removeWidget(self._inside)
+            self._inside.deleteLater()
+        self._inside = self._made(master_problem)
+        self._layout.addWidget(self._inside)
 
     def _made(self, master_problem: str) -> QWidget:
         if master_problem:
@@ -33,10 +37,10 @@ class RvizDock(QDockWidget):
         frame.initialize()
         reader, config = bindings.YamlConfigReader(), bindings.Config()
         reader.readFile(config, self._config)
+        config.mapMakeChild("Window Geometry").mapSetValue("Hide Left Dock", True)  # its displays; an arrow opens them
         frame.load(config)
         frame.setMenuBar(None)
         frame.setStatusBar(None)
-        frame.setHideButtonVisibility(False)
         frame.setAccessibleName("Map in rviz")
         self._frame = frame
         return frame

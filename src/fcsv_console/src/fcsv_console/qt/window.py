@@ -29,11 +29,10 @@ from fcsv_console.qt.after_dock import AfterDock
 from fcsv_console.qt.hold import ActionButton
 from fcsv_console.qt.keys import Keys
 from fcsv_console.qt.layouts import column, panel
+from fcsv_console.qt.map_panel import RVIZ_ALONE, MapPanel
 from fcsv_console.qt.mission_panel import MissionPanel
 from fcsv_console.qt.pictures import PicturesDock
-from fcsv_console.qt.plan_view import PlanView
 from fcsv_console.qt.room import Room
-from fcsv_console.qt.rviz_view import RvizDock
 from fcsv_console.qt.tables import CellTable
 from fcsv_control.flight_check.lines import Line
 
@@ -61,20 +60,20 @@ class ConsoleWindow(QMainWindow):
             self.buttons[action.name].asked.connect(self._ask)
         self.accept = QPushButton("Accept line [Enter]")
         self.accept.clicked.connect(self._accept)
-        self._make_parts(view, fov_rad)
+        self.map = MapPanel(fov_rad, rviz_config)
+        self.plan, self.drag = self.map.plan, self.map.drag
+        self._make_parts(view)
         self._lay_out()
-        self.rviz = RvizDock(rviz_config, self)
-        self.addDockWidget(Qt.BottomDockWidgetArea, self.rviz)
         self.pictures = PicturesDock(view, self)
         self.addDockWidget(Qt.BottomDockWidgetArea, self.pictures)
         self.after = AfterDock(view, self)
         self.addDockWidget(Qt.BottomDockWidgetArea, self.after)
-        for dock in (self.rviz, self.pictures, self.after):
+        for dock in (self.pictures, self.after):
             dock.hide()
-        self.room = Room(self, self.panels, (self.rviz, self.pictures, self.after))
+        self.room = Room(self, self.panels, (self.pictures, self.after))
         self.keys = Keys(self, self.buttons, {
             Qt.Key_Return: self._accept, Qt.Key_Enter: self._accept, Qt.Key_D: self.drag.toggle,
-            Qt.Key_F2: self._toggle_rviz, Qt.Key_F3: self._export, Qt.Key_Plus: lambda: self.plan.zoom(1.15),
+            Qt.Key_F2: self._turn_map, Qt.Key_F3: self._export, Qt.Key_Plus: lambda: self.plan.zoom(1.15),
             Qt.Key_Minus: lambda: self.plan.zoom(1 / 1.15), Qt.Key_F4: self._toggle_pictures,
             Qt.Key_F5: self._toggle_after,
         })  # fmt: skip
@@ -84,11 +83,10 @@ class ConsoleWindow(QMainWindow):
 
     # ---- parts ---------------------------------------------------------------------------------------------------
 
-    def _make_parts(self, view: View, fov_rad: float) -> None:
-        self.headline, self.stop_words, self.problems = QLabel(), QLabel(), QLabel()
-        self.stereo, self.verdict = QLabel(), QLabel()
+    def _make_parts(self, view: View) -> None:
+        self.headline, self.stop_words, self.problems, self.verdict = QLabel(), QLabel(), QLabel(), QLabel()
         named = ((self.headline, "What the mission does"), (self.stop_words, "What stop-all did"),
-                 (self.problems, "Problems"), (self.verdict, "Flight check"), (self.stereo, "Stereo pair"))  # fmt: skip
+                 (self.problems, "Problems"), (self.verdict, "Flight check"))  # fmt: skip
         for label, name in named:
             label.setAccessibleName(name)
             label.setWordWrap(True)
@@ -102,13 +100,8 @@ class ConsoleWindow(QMainWindow):
         self.progress.setRange(0, 100)
         self.progress.setFixedHeight(8)
         self.progress.setTextVisible(False)
-        self.plan = PlanView(fov_rad)
         self.plan.goal_changed.connect(self.goal_changed)
-        self.drag = QPushButton("Drag goals [D]")
-        self.drag.setCheckable(True)
-        self.drag.setToolTip("Change baselines: goals sideways with the mouse, vertical ones with the wheel")
-        self.drag.setAccessibleName("Drag goals")
-        self.drag.toggled.connect(lambda on: setattr(self.plan, "editable", on))
+        self.map.showed.connect(self._make_room_for_map)
         self.vehicles = CellTable("Vehicles", ["", *(v.name for v in view.vehicles)],
                                   range(1, len(view.vehicles) + 1), rows=False, wraps=True)  # fmt: skip
         for k in range(1, len(view.vehicles) + 1):
@@ -124,8 +117,8 @@ class ConsoleWindow(QMainWindow):
         self.export.setToolTip("All events as a table (CSV, times in UTC)")
         self.export.clicked.connect(self._export)
         self.show_rviz = QPushButton("rviz\n[F2]")
-        self.show_rviz.setToolTip("Show or hide the map, embedded from rviz")
-        self.show_rviz.clicked.connect(self._toggle_rviz)
+        self.show_rviz.setToolTip("The map, embedded from rviz, in the plan's place; again: alone; again: the plan")
+        self.show_rviz.clicked.connect(self._turn_map)
         self.show_pictures = QPushButton("Pictures\n[F4]")
         self.show_pictures.setToolTip("Show or hide what the cameras see, and the map's depth")
         self.show_pictures.clicked.connect(self._toggle_pictures)
@@ -148,10 +141,6 @@ class ConsoleWindow(QMainWindow):
         head = QHBoxLayout()
         head.addLayout(column(self.headline, self.stop_words, self.progress), 1)
         head.addWidget(stop)
-        below = QHBoxLayout()
-        below.addWidget(self.stereo, 1)
-        below.addWidget(self.drag, 0, Qt.AlignTop)
-        left = panel(self.plan, below, stretch=self.plan)
         check_line = QHBoxLayout()
         check_line.addWidget(self.verdict, 1)
         check_line.addWidget(self.accept)
@@ -170,7 +159,8 @@ class ConsoleWindow(QMainWindow):
         right.addWidget(panel(self.events, lower, stretch=self.events))
         right.setSizes([380, 230])
         self.panels = across = QSplitter(Qt.Horizontal)
-        for part in (left, middle, right):
+        self._beside_map = (middle, right)
+        for part in (self.map, middle, right):
             across.addWidget(part)
         across.setSizes([400, 460, 506])
         for splitter, name in ((across, "Panels"), (middle, "Vehicles and check"), (right, "Mission and events")):
@@ -205,15 +195,16 @@ class ConsoleWindow(QMainWindow):
         self._say(self.headline, view.headline, cells.PLAIN if view.mission_alive else cells.GONE)
         stop = view.stop.value
         told = [stop.words] if stop and stop.asked else []
-        told += [*(a.words for a in view.above), *view.problems[:2]] if self.panels.isHidden() else []
+        told += [a.words for a in view.above] if not self.plan.isVisibleTo(self) else []
+        told += view.problems[:2] if not self.problems.parentWidget().isVisibleTo(self) else []
         self._say(self.stop_words, "\n".join(told), cells.BAD)
         self.stop_words.setVisible(bool(self.stop_words.text()))
         share = int(round(100.0 * view.progress))
         if self.progress.value() != share:
             self.progress.setValue(share)
-        self.plan.show_view(view)
+        self.map.show_view(view)
         stereo = cells.stereo_cell(view)
-        self._say(self.stereo, stereo.text, stereo.tone)
+        self._say(self.map.stereo, stereo.text, stereo.tone)
         rows = cells.vehicle_rows(view)
         self.vehicles.show_cells([[cells.Cell(label, cells.QUIET), *of] for label, of in rows])
         self._show_check(view)
@@ -274,11 +265,13 @@ class ConsoleWindow(QMainWindow):
         if line is not None and self.accept.isEnabled():
             self.asked.emit("accept", {"vehicle": line.vehicle, "line": line.name})
 
-    def _toggle_rviz(self) -> None:
-        if self.rviz.isVisible():
-            self.rviz.hide()
-        else:
-            self.rviz.open(self._view.master_problem)
+    def _turn_map(self) -> None:
+        self.map.turn(self._view.master_problem)
+        self.show_view(self._view)
+
+    def _make_room_for_map(self, shows: int) -> None:
+        for part in self._beside_map:
+            part.setVisible(shows != RVIZ_ALONE)
 
     def _toggle_pictures(self) -> None:
         self.pictures.setVisible(not self.pictures.isVisible())
