@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder's writer without a master, in a process of its own that is killed, or whose disk refuses."""
 
+import io
+import os
 import signal
 import subprocess
 import sys
 import time
 
+import genpy
 import pytest
 import rosbag
+import rospy
+from std_msgs.msg import String
 from support.waiting import within
 
 from fcsv_control.recording import begin
+from fcsv_control.ros.bag_writer import BagWriter
 from fcsv_geometry.bags.parts import parts_in
 from fcsv_geometry.bags.repair import check, repaired
 from fcsv_geometry.errors import BagError
@@ -122,3 +128,70 @@ def test_a_disk_that_refuses_is_told_and_what_is_written_can_be_repaired(write, 
     path, salvaged = repaired(tmp_path / "uav1.bag.active")
     kept = numbers(path)
     assert kept == list(range(len(kept))) and 100 < len(kept) < 160 and salvaged.topics["/a"] == len(kept)
+
+
+class Disk:
+    """In place of os.fsync: what a power cut leaves of a file is what it held when the last call for it began."""
+
+    def __init__(self, takes_s):
+        self._fsync, self._takes_s, self.synced = os.fsync, takes_s, []
+
+    def fsync(self, descriptor):
+        size = os.fstat(descriptor).st_size
+        time.sleep(self._takes_s)
+        self._fsync(descriptor)
+        self.synced.append((time.monotonic(), size))
+
+
+def numbered(number):
+    message, buffer = rospy.AnyMsg(), io.BytesIO()
+    String(f"{number} " + "x" * 2000).serialize(buffer)
+    message._buff = buffer.getvalue()
+    message._connection_header = {"type": String._type, "md5sum": String._md5sum,
+                                  "message_definition": String._full_text}  # fmt: skip
+    return message
+
+
+@pytest.mark.parametrize("takes_s", [0.0, 0.3])
+def test_at_a_power_cut_at_most_a_second_is_lost(tmp_path, monkeypatch, takes_s):
+    """Cut at any moment: just before the next call to the disk is over most is lost."""
+    disk, put_s = Disk(takes_s), []
+    monkeypatch.setattr(os, "fsync", disk.fsync)
+    writer = BagWriter(tmp_path, "uav1", 96 << 20, 1 << 31)
+    for number in range(130):
+        put_s.append(time.monotonic())
+        assert writer.put("/a", numbered(number), genpy.Time(100 + number))
+        time.sleep(0.01)
+    content, calls = (tmp_path / "uav1.bag.active").read_bytes(), list(disk.synced)
+    writer.close()
+    files = [call for call in calls if call[1] > 0]
+    assert len(files) >= 3
+    kept = {}
+    for i, (_, size) in enumerate(files):
+        cut = tmp_path / f"cut{i}.bag"
+        cut.write_bytes(content[:size])
+        try:
+            kept[i] = numbers(repaired(cut)[0])
+        except BagError as error:  # the first call may find no message
+            assert i == 0 and "no whole message" in str(error)
+            kept[i] = []
+        assert kept[i] == list(range(len(kept[i])))
+    for i, (cut_s, _) in enumerate(files):
+        oldest_lost_s = put_s[len(kept[i - 1]) if i else 0]
+        assert cut_s - oldest_lost_s <= 1.0, f"{cut_s - oldest_lost_s:.2f} s lost at {cut_s - put_s[0]:.2f} s"
+
+
+def test_a_new_part_and_a_closed_bag_stand_in_their_folder_after_a_power_cut(tmp_path, monkeypatch):
+    """A file's name is on the disk once its folder was written, too."""
+    folders, fsync = [], os.fsync
+
+    def told(descriptor):
+        if os.path.isdir(f"/proc/self/fd/{descriptor}"):
+            folders.append(sorted(p.name for p in tmp_path.iterdir()))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", told)
+    writer = BagWriter(tmp_path, "uav1", 96 << 20, 1 << 31)
+    writer.put("/a", numbered(0), genpy.Time(100))
+    assert writer.close()
+    assert folders == [["uav1.bag.active"], ["uav1.bag"]]

@@ -17,7 +17,7 @@ def test_shipped_links_carry_what_they_must_and_no_raw_pictures(root):
     down = links.crossing("control", "uav2")
     assert set(down) == {
         "/uav2/command", "/uav2/clock/ping", "/uav2/clock/offset", "/calibration", "/home", "/mission/state",
-        "/calibration_epochs", "/mission/alive", "/mission/fence",
+        "/calibration_epochs", "/mission/alive", "/mission/fence", "/mission/capture",
     }  # fmt: skip
     assert set(links.crossing("uav1", "uav2")) == {
         "/uav1/odometry/state", "/uav1/mavros/state", "/uav1/guardian/state",

@@ -9,7 +9,7 @@ import rosbag
 import rospy
 from std_msgs.msg import String
 from support.scenes import true_depth
-from support.sessions import T0, T_HOME_CAM, write_session
+from support.sessions import T0, T_HOME_CAM, write_control, write_session
 
 from fcsv_stereo import pipeline
 from fcsv_stereo.cli import main
@@ -215,6 +215,36 @@ def test_what_is_missing_is_named(tmp_path):
     (session / "control.bag").unlink()
     with pytest.raises(InputError, match=r"/mission/capture is missing.*control\.bag is missing: copy it"):
         read_session(session)
+
+
+_WINDOWS = [(T0, T0 + 0.5), (T0 + 0.5, T0 + 1.0)]
+_LOST = "control.bag is missing or lacks "
+
+
+def test_without_the_control_pcs_bag_what_the_vehicles_heard_makes_the_map(tmp_path):
+    heard = {"uav1": _WINDOWS[:1], "uav2": _WINDOWS}  # the radio to uav1 was cut
+    session = write_session(tmp_path / "session", windows=_WINDOWS, heard=heard)
+    whole = read_session(session)
+    assert not any(_LOST in w for w in whole.warnings)
+    (session / "control.bag").unlink()
+    given = read_session(session)
+    assert [len(c.others) for c in given.configurations] == [len(c.others) for c in whole.configurations] == [2, 2]
+    for a, b in zip(given.configurations, whole.configurations):
+        assert np.array_equal(a.others[0].T_home_cam, b.others[0].T_home_cam)
+    (lost,) = [w for w in given.warnings if _LOST in w]
+    assert "/calibration, /home, /mission/capture of 2 configurations: taken from what the vehicles heard" in lost
+    assert any("control.bag is missing: copy it" in w for w in given.warnings)
+
+
+def test_windows_that_the_control_pcs_bag_lost_come_from_the_vehicles_but_none_of_a_flight_before(tmp_path):
+    session = write_session(tmp_path / "session", windows=_WINDOWS[:1], heard={"uav1": _WINDOWS})
+    given = read_session(session)
+    assert len(given.configurations) == 2
+    assert [w for w in given.warnings if f"{_LOST}/mission/capture of 1 configuration:" in w]
+    split(session, "uav1", T0 + 1.5, 1)  # home is set anew
+    with rosbag.Bag(str(session / "uav1.1.bag"), "a") as bag:
+        write_control(bag, ("/calibration", "capture"), [], stamp_s=T0 + 1.6)
+    assert len(read_session(session).configurations) == 1
 
 
 def split(session, name, at_s, number):

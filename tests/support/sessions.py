@@ -47,14 +47,15 @@ def odom_cam(vehicle):
 
 def write_session(
     folder, drop=(), encoding="rgb8", window=(T0, T0 + 1.0), stamp_offset_s=0.0, encode=None, windows=None,
-    covariance=None, odometry_s=0.05, moving=None, depth=None,
+    covariance=None, odometry_s=0.05, moving=None, depth=None, heard=None,
 ):  # fmt: skip
     """A session of one configuration, or of as many as ``windows``; ``drop`` leaves topics out (by their end).
 
     ``odometry_s``: from one pose to the next.
 
     ``encode`` makes what a picture holds of its RGB; without it ``encoding`` is only what it says. ``depth`` gives the
-    depth (H,W uint16 mm) that a camera at T_home_cam sees: both vehicles then record it once a second.
+    depth (H,W uint16 mm) that a camera at T_home_cam sees: both vehicles then record it once a second. ``heard``: what
+    of the control PC's words a vehicle records too, its windows by vehicle.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for vehicle in T_HOME_CAM:
@@ -65,6 +66,8 @@ def write_session(
                 write_moving(bag, vehicle, moving)
             if depth is not None:
                 write_depth(bag, vehicle, depth(T_HOME_CAM[vehicle]), drop)
+            if heard is not None and vehicle in heard:
+                write_control(bag, (), heard[vehicle])
     with rosbag.Bag(str(folder / "control.bag"), "w") as bag:
         write_control(bag, drop, windows or [window])
         if covariance is not None:
@@ -141,16 +144,16 @@ def write_camera_poses(bag, drop, covariance):
             put(bag, f"/{vehicle}/camera_pose", message, t, drop)
 
 
-def write_control(bag, drop, windows):
+def write_control(bag, drop, windows, stamp_s=T0):
     link = CalibrationLink(
         parent="uav1", child="uav2", child_odom_in_parent_odom=conversions.transform_to_pose(T_O1_O2)
     )
-    put(bag, "/calibration", Calibration(conversions.header(T0, "uav1/odom"), [link]), T0, drop)
-    home = Home(conversions.header(T0, "uav1/odom"), "uav1", conversions.transform_to_pose(T_O1_HOME))
-    put(bag, "/home", home, T0, drop)
+    put(bag, "/calibration", Calibration(conversions.header(stamp_s, "uav1/odom"), [link]), stamp_s, drop)
+    home = Home(conversions.header(stamp_s, "uav1/odom"), "uav1", conversions.transform_to_pose(T_O1_HOME))
+    put(bag, "/home", home, stamp_s, drop)
     for index, window in enumerate(windows):
-        capture = Capture(header=conversions.header(T0, ""), index=index, reference="uav1", vehicle="uav2")
+        capture = Capture(header=conversions.header(stamp_s, ""), index=index, reference="uav1", vehicle="uav2")
         name = f"horizontal 0.8 m{f' ({index})' if index else ''}"
         capture.configuration = Configuration(name, Configuration.HORIZONTAL, 0.8, 0.0, 1.0)
         capture.start, capture.stop = (rospy.Time.from_sec(t) for t in window)
-        put(bag, "/mission/capture", capture, T0, drop)
+        put(bag, "/mission/capture", capture, stamp_s, drop)

@@ -18,6 +18,8 @@ _VEHICLE: Tuple[str, ...] = (
     "mavros/local_position/pose", "mavros/rc/in", "mavros/battery", "recorder/status", "flight_check",
     "tello/odom", "tello/imu",
 )  # fmt: skip
+#: What a map needs of the control PC, as a vehicle hears it by radio: control.bag may be lost (docs/sessions.md).
+_OF_CONTROL: Tuple[str, ...] = ("/calibration", "/home", "/mission/capture")
 _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",
     "camera_pose", "recorder/status", "odometry/epoch", "agent/alive", "command", "command_ack",
@@ -83,9 +85,9 @@ class RecordingPlan:
 
 
 def plan(p: RecorderParameters) -> RecordingPlan:
-    """Of a machine: role "vehicle" (its own topics) or "control" (what it hears of all vehicles)."""
+    """Of a machine: role "vehicle" (its own topics, what a map needs of the control PC) or "control" (all heard)."""
     if p.role == "vehicle":
-        always = [f"/{p.name}/{t}" for t in _VEHICLE] + ["/tf_static"]
+        always = [f"/{p.name}/{t}" for t in _VEHICLE] + [*_OF_CONTROL, "/tf_static"]
         return RecordingPlan([*always, DIAGNOSTICS, *p.topics], [f"/{p.name}/{t}" for t in PICTURES])
     heard = [f"/{v}/{t}" for v in p.vehicles for t in _HEARD] + [f"/mocap/{v}/pose" for v in p.vehicles]
     return RecordingPlan([*_CONTROL, *heard, *p.topics], [])

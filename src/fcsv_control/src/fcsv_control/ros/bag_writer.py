@@ -80,6 +80,7 @@ class BagWriter:
         self._file = self._active.open("w+b")
         with contextlib.suppress(OSError):  # a file system without locks
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # nobody repairs it meanwhile
+        self._sync_folder()
         self._bag = rosbag.Bag(self._file, "w", chunk_threshold=_CHUNK_BYTES)
 
     def _run(self) -> None:
@@ -154,6 +155,16 @@ class BagWriter:
         finally:
             os.close(keep)
         os.replace(self._active, self.path)
+        self._sync_folder()
+
+    def _sync_folder(self) -> None:
+        """A name that the folder on the disk does not hold is gone after a power cut, and the file with it."""
+        with contextlib.suppress(OSError):  # a file system whose folders cannot be synced
+            folder = os.open(self._folder, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
 
     def _sync(self) -> None:
         """A thread of its own: while a slow disk takes what is flushed, messages are still written."""

@@ -22,12 +22,12 @@ from fcsv_stereo.sessions.depth import DEPTH_INFO, RecordedDepth
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
 from fcsv_stereo.sessions.pictures import read_pictures
+from fcsv_stereo.sessions.told import CALIBRATION, CAPTURE, HOME, TYPES, Told
 from fcsv_stereo.sweeps import on_time, spread
 
 #: what is read but for pictures: topics of the control PC, then those of a vehicle, with their types
 _TYPES = {
-    "/mission/capture": "fcsv_msgs/Capture", "/calibration": "fcsv_msgs/Calibration", "/home": "fcsv_msgs/Home",
-    "/tf_static": "tf2_msgs/TFMessage",
+    **TYPES, "/tf_static": "tf2_msgs/TFMessage",
 }  # fmt: skip
 _VEHICLE_TYPES = {
     "camera/color/camera_info": "sensor_msgs/CameraInfo", "odometry/body": "nav_msgs/Odometry",
@@ -43,9 +43,8 @@ class _Recorded:
     """What the bags of a session hold, but for the pictures."""
 
     bags: List[Path]
+    told: Told = field(default_factory=Told)
     captures: List = field(default_factory=list)
-    calibration: Optional[object] = None
-    home: Optional[object] = None
     T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
     cameras: Dict[str, PinholeCamera] = field(default_factory=dict)
     depth_cameras: Dict[str, PinholeCamera] = field(default_factory=dict)
@@ -101,12 +100,8 @@ def _wanted(path: Path, topic: str, kind: str) -> bool:
 def _take(path: Path, topic: str, message, recorded: _Recorded) -> None:
     vehicle, _, name = topic.strip("/").partition("/")
     try:
-        if topic == "/mission/capture":
-            recorded.captures = [c for c in recorded.captures if c.index != message.index] + [message]
-        elif topic == "/calibration":
-            recorded.calibration = message
-        elif topic == "/home":
-            recorded.home = message
+        if topic in TYPES:
+            recorded.told.take(path, topic, message)
         elif topic == "/tf_static":
             _take_extrinsics(message, recorded)
         elif name == "camera/color/camera_info":
@@ -145,22 +140,25 @@ def _take_extrinsics(message, recorded: _Recorded) -> None:
 def _require(path: Path, recorded: _Recorded, warnings: List[str]) -> None:
     """Name what is missing, and where it should have come from; a recording without its vehicles is left out."""
     because = "".join(f"; {w}" for w in warnings)
+    flown = {*recorded.tracks, *recorded.T_body_cam}
+    captures = recorded.told.captures(flown)
     needed = {
-        "/mission/capture": (recorded.captures, "no configuration was recorded"),
-        "/calibration": (recorded.calibration, "the vehicles were never calibrated"),
-        "/home": (recorded.home, "home was never set"),
+        CAPTURE: (captures, "no configuration was recorded"),
+        CALIBRATION: (recorded.told.newest(CALIBRATION), "the vehicles were never calibrated"),
+        HOME: (recorded.told.newest(HOME), "home was never set"),
     }
     for topic, (value, meaning) in needed.items():
         if not value:
-            meaning = f"{meaning}, or control.bag is not in the session"
+            meaning = f"{meaning}, or control.bag is not in the session and no vehicle heard it by radio"
             raise InputError(f"{path}: topic {topic} is missing: {meaning}{because}")
-    vehicles = {v for c in recorded.captures for v in (c.reference, c.vehicle)}
+    warnings += filter(None, [recorded.told.from_vehicles(flown)])
+    vehicles = {v for c in captures for v in (c.reference, c.vehicle)}
     lacking = {v: text for v in sorted(vehicles) for text in [_lacks(v, recorded)] if text}
-    kept = [c for c in recorded.captures if not {c.reference, c.vehicle} & set(lacking)]
+    kept = [c for c in captures if not {c.reference, c.vehicle} & set(lacking)]
     if not kept:
         raise InputError(f"{path}: {next(iter(lacking.values()))}{because}")
     warnings += [f"{text}: configurations with {v} are left out" for v, text in lacking.items()]
-    recorded.captures = sorted(kept, key=lambda c: c.index)
+    recorded.captures = kept
 
 
 def _lacks(vehicle: str, recorded: _Recorded) -> str:
@@ -178,8 +176,8 @@ def _lacks(vehicle: str, recorded: _Recorded) -> str:
 def _odoms_in_home(path: Path, recorded: _Recorded) -> Dict[str, np.ndarray]:
     in_home = HomeFrames()
     try:
-        home_messages.take_calibration(in_home, recorded.calibration)
-        home_messages.take_home(in_home, recorded.home)
+        home_messages.take_calibration(in_home, recorded.told.newest(CALIBRATION))
+        home_messages.take_home(in_home, recorded.told.newest(HOME))
         return in_home.T_home_odom
     except GeometryError as error:
         raise InputError(f"{path}: /calibration or /home: {error}") from error
