@@ -315,6 +315,22 @@ def test_a_reference_that_was_moved_goes_home_first(flying):
     resumed(flying)
 
 
+def test_who_was_blown_into_the_references_place_goes_to_its_own_first(flying):
+    """It is not the end of the mission: they were flown on, and never nearer to each other."""
+    flying.wait(1.0)
+    for name, p in (("uav1", [3.0, 0.0, 0.0]), ("uav2", [0.3, 0.2, 0.0])):
+        flying.fleet[name].mode = "LOITER"
+        flying.fleet[name].T_home_body[:3, 3] = p  # the reference is 2.7 m in front of its place, the other one in it
+    flying.wait(0.5)
+    flying.closest_m = float("inf")
+    for v in flying.fleet.values():
+        v.mode, v.target = "GUIDED", None
+    flying.press("resume")
+    flying.phase("CONFIGURATIONS")
+    resumed(flying)
+    assert flying.closest_m > 2.3  # 2.7 m when they began, and what is kept is 2.5 m, less a fifth at a goal
+
+
 # ---- a vehicle that comes down upon another ------------------------------------------------------------------------
 
 

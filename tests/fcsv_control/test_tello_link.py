@@ -177,6 +177,21 @@ def test_a_tracker_that_jumps_is_not_followed(flown):
     assert "refused" in flown.core.tracking.doubt(flown.now_s)
 
 
+def test_a_pilot_or_a_brake_ends_the_landing_that_the_link_began(flown):
+    """A Tello lands on, whatever its sticks say, until it is told to stay; first orders are lost in the air."""
+    for ends in (lambda: flown.core.pilot(flown.now_s, Sticks(up=0.5)),
+                 lambda: flown.core.set_mode(flown.now_s, "BRAKE")):  # fmt: skip
+        flown.core.set_mode(flown.now_s, "LAND")
+        flown.run(1.0)
+        assert flown.tello.flight.state == "LAND"
+        ends()
+        flown.lost_orders = 3
+        flown.run(1.0)
+        height_m = flown.p_m[2]
+        flown.run(5.0)
+        assert flown.tello.flight.state == "FLY" and flown.p_m[2] == pytest.approx(height_m, abs=0.2)
+
+
 def test_wifi_that_is_lost_for_ten_seconds_holds_then_lands(flown):
     flown.wifi = False
     place = flown.p_m

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where nothing can be written is said before the work, in a sentence."""
 
+import argparse
 import errno
 import os
 import shutil
@@ -8,7 +9,7 @@ from collections import namedtuple
 
 import pytest
 
-from fcsv_geometry import writing
+from fcsv_geometry import commands, writing
 from fcsv_geometry.writing import PlaceError, in_words, require_file, require_folder
 
 _Usage = namedtuple("_Usage", "total used free")
@@ -25,6 +26,25 @@ def test_a_file_in_the_way_is_named(below, tmp_path):
     (tmp_path / "out").write_text("a file")
     with pytest.raises(PlaceError, match="out: a file stands there"):
         require_folder(tmp_path / "out" / below)
+
+
+def test_a_command_that_the_system_stops_says_where_it_wrote(capsys):
+    """The first of the arguments that name it and are given; an error that names its own file keeps it."""
+    parser = argparse.ArgumentParser(prog="draw")
+    for name in ("--trace", "--json"):
+        parser.add_argument(name)
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def end(error, *argv):
+        assert commands.run(parser, list(argv), lambda _args: raised(error), writes=("trace", "json")) == 2
+        return capsys.readouterr().err
+
+    def raised(error):
+        raise error
+
+    assert end(full, "--json", "a.json") == "draw: a.json: the disk is full: make room, or choose another folder\n"
+    assert end(full) == "draw: the disk is full: make room, or choose another folder\n"
+    assert "draw: b: does not exist" in end(FileNotFoundError(errno.ENOENT, "", "b"), "--trace", "a.png")
 
 
 def test_a_folder_in_place_of_a_file_is_named(tmp_path):

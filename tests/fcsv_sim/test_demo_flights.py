@@ -114,6 +114,27 @@ def test_landing_a_fleet_is_asked_for_once_and_waited_for(monkeypatch, lands_aft
     assert len(asked_s) == 1 and said == [words]
 
 
+def test_a_mission_node_that_ends_at_its_start_ends_the_demo_at_once_with_what_it_said(tmp_path, monkeypatch):
+    """roslaunch would start it again and again. One that lived and is started again in flight is none."""
+    log, clock = tmp_path / "control.log", Clock()
+    monkeypatch.setattr(flights, "time", clock)
+    log.write_text(
+        "process[mission-3]: started with pid [7]\nmission: /tmp/m.yaml: configurations: is empty\n"
+        "\x1b[31m[mission-3] process has died [pid 7, exit code 2]\x1b[0m\n[mission-3] restarting process\n"
+    )
+    machines = object.__new__(SimulatedTellos)
+    machines.launches = {"control": SimpleNamespace(log=log, returncode=None)}
+    machines.meanwhile = lambda _phase: None
+    watch = SimpleNamespace(over=False, aborted=False, landed=True, phase=None, states={})
+    with pytest.raises(MachineError, match=r"(?s)mission node ended at its start.*m\.yaml: configurations: is empty$"):
+        flights._follow(machines, watch, print)
+    assert clock.now_s < 1001.0
+    watch.phase, machines.plan = 0, SimpleNamespace(run_folder=tmp_path)
+    watch.landed, watch.abort = False, lambda: setattr(watch, "landed", True)
+    with pytest.raises(MachineError, match="did not end within 900 s"):
+        flights._follow(machines, watch, print)
+
+
 # ---- Tellos before a tracker --------------------------------------------------------------------------------
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_control.errors import CommandRefused
 from fcsv_control.tello.core import TelloCore
-from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, TakeOffNow
+from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, StayUp, TakeOffNow
 from fcsv_control.tello.pid import PidConfig
 from fcsv_control.tello.rules import TelloRules
 from fcsv_control.tello.telemetry import OwnOdometry
@@ -190,6 +190,8 @@ class ByHand:
                 flight.take_off()
             elif isinstance(output, LandNow):
                 flight.land()
+            elif isinstance(output, StayUp):
+                flight.cancel_landing()
 
 
 def apart_m(air: ByHand) -> float:

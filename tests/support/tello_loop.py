@@ -8,7 +8,7 @@ from typing import List, Tuple
 import numpy as np
 
 from fcsv_control.tello.core import TelloCore
-from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, LogReport, Said, TakeOffNow
+from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, LogReport, Said, StayUp, TakeOffNow
 from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
 from fcsv_control.tello.rules import TelloRules
@@ -83,7 +83,7 @@ class LinkedTello:
         self._seen, self._ticks = SeenPoses(kind, seed), 0
         self.battery_share, self.wifi, self.tracked, self.seen_off_m = 0.9, True, True, np.zeros(3)
         self.said: List[str] = []
-        self.land_orders = 0
+        self.land_orders = self.lost_orders = 0
 
     @property
     def p_m(self) -> np.ndarray:
@@ -138,6 +138,10 @@ class LinkedTello:
             self.tello.flight.take_off()
         elif isinstance(output, LandNow):
             self.tello.flight.land()
+        elif isinstance(output, StayUp) and self.lost_orders:
+            self.lost_orders -= 1
+        elif isinstance(output, StayUp):
+            self.tello.flight.cancel_landing()
 
     def guided(self, target: np.ndarray, altitude_m: float = 1.5) -> None:
         """Off the ground, into GUIDED, at a target."""

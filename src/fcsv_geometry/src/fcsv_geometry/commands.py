@@ -3,7 +3,7 @@
 
 import argparse
 import sys
-from typing import Callable, List, Optional, Tuple, Type
+from typing import Callable, List, Optional, Sequence, Tuple, Type
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.writing import in_words
@@ -13,11 +13,12 @@ Action = Callable[[argparse.Namespace], Optional[int]]
 
 def run(
     parser: argparse.ArgumentParser, argv: Optional[List[str]], action: Action,
-    refused: Tuple[Type[Exception], ...] = (FcsvError,), left: str = "",
+    refused: Tuple[Type[Exception], ...] = (FcsvError,), left: str = "", writes: Sequence[str] = ("out",),
 ) -> int:  # fmt: skip
     """The action's exit status; 2 with one line on stderr that says what is wrong, 130 on Ctrl-C.
 
     ``refused``: errors whose words are that line. ``left``: what a full disk or Ctrl-C leaves, behind the line's end.
+    ``writes``: arguments that name where it writes, for errors of the system that do not; the first that is given.
     """
     args = parser.parse_args(argv)
     left = f"; {left}" if left else ""
@@ -27,7 +28,8 @@ def run(
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"{parser.prog}: {in_words(error, getattr(args, 'out', None) or '')}{left}", file=sys.stderr)
+        place = next(filter(None, (getattr(args, name, None) for name in writes)), "")
+        print(f"{parser.prog}: {in_words(error, place)}{left}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"{parser.prog}: interrupted{left}", file=sys.stderr)

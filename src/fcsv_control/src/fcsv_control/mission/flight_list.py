@@ -37,7 +37,7 @@ class FlightList:
         self._list = task_list
         self._attempts: Dict[int, int] = {}
         self._home = self._way_home()
-        self._reference_is_home = False
+        self._reference_is_home = self._makes_room = False
         self._convoy: Optional[Convoy] = None
         self._standing: Optional[Union[Standing, Sweeping]] = None
         self._holding: Optional[Holding] = None
@@ -150,7 +150,7 @@ class FlightList:
             return []
         moment = self._list.moment
         self._watch_time(snapshot, moment)
-        if not self.going_back and not self._bring_reference_home(snapshot):
+        if not self.going_back and not self._bring_reference_home(snapshot, moment):
             return []
         if self._standing is not None:
             return self._stand(snapshot, moment)
@@ -192,7 +192,7 @@ class FlightList:
             self._standing.stop(snapshot)
         self._convoy, self._standing = None, None
         self._home = self._way_home()
-        self._reference_is_home = False
+        self._reference_is_home = self._makes_room = False
 
     def _next(self) -> None:
         self._list.done()
@@ -206,12 +206,19 @@ class FlightList:
     def _others(self, names: Collection[str]) -> List[str]:
         return [n for n in self._vehicles if n not in names]
 
-    def _bring_reference_home(self, snapshot: Snapshot) -> bool:
-        """It goes there once and stays; nobody else moves before."""
-        if not self._reference_is_home:
-            name = self._mission.reference
-            self.detail = f"{name} goes home"
+    def _bring_reference_home(self, snapshot: Snapshot, moment: Sequence[Task]) -> bool:
+        """It goes there once and stays; nobody else moves before, unless one is where it must go: blown there, or put
+        there by a pilot. Then the others go to their places first."""
+        if self._reference_is_home or (self._makes_room and not self._travel(snapshot, moment)):
+            return self._reference_is_home
+        self._makes_room, name = False, self._mission.reference
+        self.detail = f"{name} goes home"
+        try:
             self._reference_is_home = self._home.step(snapshot, self._others([name]))
+        except MissionError:
+            if self._home.planned:
+                raise
+            self._makes_room, self.detail = True, f"{name} goes home once there is room"
         return self._reference_is_home
 
     def _travel(self, snapshot: Snapshot, moment: Sequence[Task]) -> bool:

@@ -43,6 +43,11 @@ class Journey:
         self.behind = 0  # way-points
 
     @property
+    def planned(self) -> bool:
+        """Whether its way was found."""
+        return self._way is not None
+
+    @property
     def between(self) -> bool:
         """Whether it stands before its first, or between two way-points."""
         return self._order is None

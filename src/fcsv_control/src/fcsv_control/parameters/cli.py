@@ -2,18 +2,18 @@
 """``rosrun fcsv_control parameters``: an autopilot's parameters compared with a profile, written, saved."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
 from tqdm import tqdm
 
-from fcsv_control.errors import ControlError, ProfileError
+from fcsv_control.errors import ProfileError
 from fcsv_control.flight import parameter_files
 from fcsv_control.flight.profile import Profile, load_profile, port_of
 from fcsv_control.flight.signing import read_key
 from fcsv_control.parameters.vehicle import Vehicle
-from fcsv_geometry.writing import in_words, require_file
+from fcsv_geometry import commands
+from fcsv_geometry.writing import require_file
 
 _PROFILE = "config/autopilot/arducopter-4.3-t265.param"
 _EXAMPLES = """SOURCE is a line to a vehicle, as the flight link's fcu_url (udpin:0.0.0.0:14550, tcp:HOST:5760,
@@ -32,15 +32,8 @@ exit status: 0 all that must be so is so; 1 something is not; 2 a wrong argument
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    args = _parser().parse_args(argv)
-    try:
-        return {"compare": _compare, "write": _write, "save": _save}[args.action](args)
-    except ControlError as error:
-        print(f"parameters: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("parameters: interrupted", file=sys.stderr)
-        return 130
+    acts = {"compare": _compare, "write": _write, "save": _save}
+    return commands.run(_parser(), argv, lambda args: acts[args.action](args), writes=("output",))
 
 
 def _profile(args) -> Profile:
@@ -132,10 +125,7 @@ def _save(args) -> int:
         text = parameter_files.mission_planner(values)
         if target.suffix == ".params":
             text = parameter_files.qgroundcontrol(values, vehicle.system)
-    try:
-        target.write_text(text)
-    except OSError as error:
-        raise ProfileError(in_words(error, target)) from error
+    target.write_text(text)
     print(f"wrote {len(values)} parameters to {target}")
     return 0
 

@@ -17,7 +17,7 @@ from fcsv_control.ros.tello_messages import TelloMessages
 from fcsv_control.ros.tello_video import TelloVideo, VideoParameters
 from fcsv_control.tello.core import TelloCore
 from fcsv_control.tello.library import Hears, RadioParameters, TelloRadio, where
-from fcsv_control.tello.messages import EstimateMoved, GiveSticks, LandNow, Output, Said, TakeOffNow
+from fcsv_control.tello.messages import EstimateMoved, GiveSticks, LandNow, Output, Said, StayUp, TakeOffNow
 from fcsv_control.tello.observer import ObserverRules
 from fcsv_control.tello.pid import PidConfig, Sticks
 from fcsv_control.tello.rules import TelloRules
@@ -68,6 +68,7 @@ class TelloLinkNode:
             GiveSticks: lambda o: self._radio.sticks(o.sticks),
             TakeOffNow: lambda _o: self._radio.take_off(),
             LandNow: lambda _o: self._radio.land(),
+            StayUp: lambda _o: self._radio.stay_up(),
             Said: lambda o: self._out.text(o.severity, o.text),
             EstimateMoved: lambda o: self._out.moved(o.step_m),
         }

@@ -24,6 +24,7 @@ from fcsv_control.tello.messages import (
     LogReport,
     Output,
     Said,
+    StayUp,
     TelloState,
 )
 from fcsv_control.tello.observer import ObserverRules
@@ -34,6 +35,7 @@ from fcsv_geometry import transforms
 
 _STOPS_S = 0.5  # a vehicle that is told to hold comes to rest so much further
 _OURS = (GUIDED, BRAKE)
+_STAY_UP_TIMES = 10  # at 25 Hz: one of them may be lost in the air
 _LONGEST_STEP_S = 0.2
 
 
@@ -50,6 +52,7 @@ class TelloCore:
         self._sticks, self._step_s = Sticks(), -math.inf
         self._pilot, self._pilot_s = Sticks(), -math.inf
         self._heard_s = self._land_asked_s = self._entered_s = -math.inf
+        self._stay_up_left = 0
         self._on_flow = self._silent = False
         self._battery_said = math.inf
         self._out: List[Output] = []
@@ -158,6 +161,7 @@ class TelloCore:
             self._watch_wifi(now_s)
             self._watch_battery(now_s)
             self._watch_feed(now_s)
+        self._stay_up()
         self._sticks = self._decide(now_s, dt_s)
         self._out.append(GiveSticks(self._sticks))
 
@@ -239,6 +243,12 @@ class TelloCore:
             self._land_asked_s = now_s
             self._out.append(LandNow())
 
+    def _stay_up(self) -> None:
+        """A Tello that was told to land goes on landing, whatever its sticks say, until it is told to stay."""
+        if self._stay_up_left and self.flying and not self._silent:
+            self._stay_up_left -= 1
+            self._out.append(StayUp())
+
     def _take_off_step(self, now_s: float) -> Sticks:
         climb = self._climb
         wish = climb.step(now_s, self.flying, self.tracking.height_m)
@@ -254,6 +264,7 @@ class TelloCore:
         return Sticks()
 
     def _enter(self, now_s: float, mode: str, severity: int, why: str) -> None:
+        self._stay_up_left = _STAY_UP_TIMES if self.mode == LAND and mode != LAND else 0
         self.mode, self._on_flow, self._entered_s = mode, False, now_s
         self._say(severity, why)
         self._pid.reset()

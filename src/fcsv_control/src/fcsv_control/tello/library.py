@@ -20,6 +20,7 @@ from fcsv_geometry import netns
 
 _log = logging.getLogger(__name__)
 _CONNECTION_REQUEST = b"conn_req:\x96\x17"  # pictures to port 6038 (0x1796), as tellopy asks
+_LAND = 0x0055  # message; payload 0: land, 1: stop landing
 _STUCK_S = 1.0  # packets arrive, and tellopy is not connected for so long
 _JOIN_S = 3.0
 
@@ -109,6 +110,10 @@ class TelloRadio:
     def land(self) -> None:
         """The Tello's own landing; may be lost in the air."""
         self._tello.land()
+
+    def stay_up(self) -> None:
+        """An end of the Tello's own landing, for which tellopy has no name; may be lost in the air."""
+        self._tello.send_packet_data(_LAND, payload=b"\x01")
 
     def mind(self, now_s: float, video: bool) -> None:
         """Ask for what tellopy does not ask for by itself.

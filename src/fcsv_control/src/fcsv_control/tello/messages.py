@@ -48,6 +48,11 @@ class LandNow:
 
 
 @dataclass(frozen=True)
+class StayUp:
+    """An end of the Tello's own landing."""
+
+
+@dataclass(frozen=True)
 class Said:
     """For people; ``severity`` as MAVLink has it."""
 
@@ -62,7 +67,7 @@ class EstimateMoved:
     step_m: np.ndarray
 
 
-Output = Union[GiveSticks, TakeOffNow, LandNow, Said, EstimateMoved]
+Output = Union[GiveSticks, TakeOffNow, LandNow, StayUp, Said, EstimateMoved]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@
 Horizontal sticks of a Tello are lean angles. With "velocity" the PID's output is a velocity, and an inner loop leans
 towards it; with "attitude" it is the acceleration itself. The derivative is on the measured velocity, so that a new
 set-point gives no kick. Output is saturated as a vector; an integrator waits while its axis is saturated and would be
-driven further, and far from the set-point.
+driven further, and far from the set-point. An error that would saturate one axis is made smaller in all three, so that
+the way to a set-point is straight: a mission keeps vehicles apart along straight legs.
 """
 
 import math
@@ -125,11 +126,11 @@ class PositionPid:
         """Sticks from where it is towards where it should be."""
         c, heading = self.config, transforms.yaw(T_odom_body)
         error = T_odom_target[:3, 3] - T_odom_body[:3, 3]
-        flat = self._axis(dt_s, slice(0, 2), error[:2], v_odom_mps[:2], c.horizontal)
-        up = self._axis(dt_s, slice(2, 3), error[2:], v_odom_mps[2:], c.vertical)
-        turn = self._axis(
-            dt_s, slice(3, 4), np.array([wrap(transforms.yaw(T_odom_target) - heading)]), np.zeros(1), c.yaw
-        )
+        near = min(1.0, self._most_share(error[:2], c.horizontal), self._most_share(error[2:], c.vertical)) * error
+        flat = self._axis(dt_s, slice(0, 2), error[:2], near[:2], v_odom_mps[:2], c.horizontal)
+        up = self._axis(dt_s, slice(2, 3), error[2:], near[2:], v_odom_mps[2:], c.vertical)
+        turned = np.array([wrap(transforms.yaw(T_odom_target) - heading)])
+        turn = self._axis(dt_s, slice(3, 4), turned, turned, np.zeros(1), c.yaw)
         acc = self._acceleration(flat, v_odom_mps[:2])
         forward, left = (turn_about_z(-heading)[:2, :2] @ acc).tolist()
         m = c.sticks
@@ -144,13 +145,21 @@ class PositionPid:
             return flat
         return self.config.velocity_per_s * (flat - v_mps) + self.config.sticks.drag_per_s * flat
 
-    def _axis(self, dt_s: float, axes: slice, error: np.ndarray, v: np.ndarray, gains: Gains) -> np.ndarray:
-        """Output of axes that share gains and one saturation."""
+    @staticmethod
+    def _most_share(error: np.ndarray, gains: Gains) -> float:
+        """Of an error, that its proportional part alone does not saturate."""
+        asked = gains.p * float(np.linalg.norm(error))
+        return gains.most / asked if asked > 0.0 else math.inf
+
+    def _axis(
+        self, dt_s: float, axes: slice, error: np.ndarray, near: np.ndarray, v: np.ndarray, gains: Gains
+    ) -> np.ndarray:
+        """Output of axes that share gains and one saturation; ``near``: the error that is flown by."""
         before = self._integral[axes]
-        wished = gains.p * error + before - gains.d * v
+        wished = gains.p * near + before - gains.d * v
         length = float(np.linalg.norm(wished))
         saturated = length > gains.most
         within = float(np.linalg.norm(error)) <= gains.integral_within
         if within and not (saturated and float(error @ wished) > 0.0):
-            self._integral[axes] = np.clip(before + gains.i * error * dt_s, -gains.integral_most, gains.integral_most)
+            self._integral[axes] = np.clip(before + gains.i * near * dt_s, -gains.integral_most, gains.integral_most)
         return wished * (gains.most / length) if saturated else wished

@@ -4,6 +4,7 @@ vehicle and the control PC. Tellos before a tracker, all on one machine, are in 
 
 import json
 import os
+import re
 import shlex
 import socket
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
 
 CONTROL = "control"
+_TOLD_LINES = 6
 _SLOW_NOTE = (
     "LD_PRELOAD and FCSV_SLOW_MOTION make a program share the flight's clock, which may be slower than real time: "
     "set them for one command (run/on_NAME COMMAND does), not for a shell"
@@ -95,6 +97,14 @@ class Machines:
     def dead_launches(self) -> List[str]:
         """Those whose launch has ended by itself."""
         return [name for name, process in self.launches.items() if process.returncode is not None]
+
+    def require_begun(self, launch: str, node: str) -> None:
+        """Raises MachineError with what roslaunch wrote where a node that it starts again and again ended already."""
+        said, log = self.launches[launch].log.read_text(errors="replace"), self.launches[launch].log
+        end = re.search(rf"\[{node}-\d+\] process has (died|finished)", said)
+        if end:
+            words = [line for line in said[: end.start()].splitlines() if line.strip(" \x1b[0m31")][-_TOLD_LINES:]
+            raise MachineError("\n".join([f"the {node} node ended at its start: {log}", *words]))
 
     def require_alive(self) -> None:
         """Raises MachineError with the end of the log of a launch that ended by itself."""

@@ -4,7 +4,7 @@
 import time
 from typing import Callable, Tuple
 
-from fcsv_sim.demo.fleet import FleetPlan, Machines, SimulatedFleet
+from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines, SimulatedFleet
 from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.tellos import SimulatedTellos
@@ -69,6 +69,8 @@ def _follow(fleet: Machines, watch, say: Say) -> None:
     while not watch.over:
         time.sleep(0.2)
         fleet.require_alive()
+        if watch.phase is None:
+            fleet.require_begun(CONTROL, "mission")
         fleet.meanwhile(watch.phase)
         if time.monotonic() > deadline:
             _land_fleet(watch, say)

@@ -7,7 +7,6 @@ import json
 import logging
 import multiprocessing
 import os
-import sys
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -16,9 +15,9 @@ from typing import Callable, Iterable, List, Optional, Sequence, Tuple
 from tqdm import tqdm
 
 from fcsv_control.mission import plan_check
-from fcsv_geometry.errors import FcsvError
+from fcsv_geometry import commands
 from fcsv_geometry.mission import Mission, load_mission
-from fcsv_geometry.writing import in_words, require_file
+from fcsv_geometry.writing import require_file
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import takeover, trace
@@ -66,28 +65,21 @@ def rehearse(job: Job, watched: Optional[Callable[[Flight], None]] = None) -> Re
 
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0 where nothing broke, 1 where something did, 2 for a wrong argument."""
-    args = _parse(argv)
-    try:
-        jobs = _jobs(args)
-        if args.faults == _TAKEOVER_TABLE:
-            return _takeover_table(args, jobs[0].mission)
-        if args.trace is not None:
-            require_file(args.trace)
-            return _trace(jobs[0], args.trace)
-        if args.json is not None:
-            require_file(args.json)
-        results = list(zip(jobs, _on_all_cores(rehearse, jobs, args.jobs)))
-        if args.json is not None:
-            _write(results, args.json)
-    except FcsvError as error:
-        print(f"rehearse: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"rehearse: {in_words(error, args.trace or args.json or '')}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("rehearse: interrupted", file=sys.stderr)
-        return 130
+    return commands.run(_parser(), argv, _rehearse, writes=("trace", "json"))
+
+
+def _rehearse(args) -> int:
+    jobs = _jobs(args)
+    if args.faults == _TAKEOVER_TABLE:
+        return _takeover_table(args, jobs[0].mission)
+    if args.trace is not None:
+        require_file(args.trace)
+        return _trace(jobs[0], args.trace)
+    if args.json is not None:
+        require_file(args.json)
+    results = list(zip(jobs, _on_all_cores(rehearse, jobs, args.jobs)))
+    if args.json is not None:
+        _write(results, args.json)
     print("\n".join(table([(job.name, r) for job, r in results])))
     print(speed_line([r for _, r in results]))
     broken = [(job, r) for job, r in results if r.violations]
@@ -179,7 +171,7 @@ def _jobs(args) -> List[Job]:
     return [Job(mission, args.vehicles, args.seed + i, faults, args.longest) for i in range(args.flights)]
 
 
-def _parse(argv):
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="rehearse", description=__doc__, epilog=_HELP, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -199,4 +191,4 @@ def _parse(argv):
         "--trace", nargs="?", const="rehearsal.png", metavar="FILE.png", help="fly the flight of --seed and draw it"
     )
     parser.add_argument("--json", metavar="FILE", help="write how every flight went, for programs")
-    return parser.parse_args(argv)
+    return parser

@@ -9,6 +9,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.messages import pose_to_transform, seconds
 from fcsv_geometry.writing import require_folder
 from fcsv_tracking import commands
 from fcsv_tracking.errors import EvaluationError
@@ -45,8 +46,7 @@ def _export(args) -> None:
 
 
 def _tracks(paths: List[Path]) -> Dict[str, Track]:
-    from fcsv_geometry.ros import conversions  # ROS is needed for bags alone
-    from fcsv_tracking.ros import bags
+    from fcsv_tracking.ros import bags  # ROS is needed for bags alone
 
     kinds = ("nav_msgs/Odometry", "geometry_msgs/PoseStamped", "geometry_msgs/PoseWithCovarianceStamped")
     topics = [t for k in kinds for t in bags.topics_of(paths, k) if t.strip("/").partition("/")[2] in _TOPICS]
@@ -57,12 +57,11 @@ def _tracks(paths: List[Path]) -> Dict[str, Track]:
         vehicle, _, rest = topic.strip("/").partition("/")
         pose = message.pose if hasattr(message.pose, "position") else message.pose.pose
         try:
-            T = conversions.pose_to_transform(pose)
+            T = pose_to_transform(pose)
         except GeometryError as error:
             raise EvaluationError(f"topic {topic}: {error}") from error
-        found.setdefault(f"{vehicle}_{_TOPICS[rest]}", {})[message.header.stamp.to_sec()] = transforms.require_rigid(
-            T, topic
-        )
+        stamp_s = seconds(message.header.stamp)
+        found.setdefault(f"{vehicle}_{_TOPICS[rest]}", {})[stamp_s] = transforms.require_rigid(T, topic)
     return {name: _sorted(poses) for name, poses in found.items() if len(poses) > 1}
 
 

@@ -2,14 +2,14 @@
 """What the desk commands read out of bags: grey pictures, cameras, odometry."""
 
 from pathlib import Path
-from typing import Dict, Iterable, Iterator, List, Sequence, Tuple
+from typing import Callable, Dict, Iterable, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
-import rosbag
-from rosbag.bag import ROSBagException, ROSBagUnindexedException
 
+from fcsv_geometry.bags import reading
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.errors import FcsvError, GeometryError
+from fcsv_geometry.errors import BagError, FcsvError, GeometryError
+from fcsv_geometry.messages import seconds
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.errors import TrackingError
@@ -17,28 +17,30 @@ from fcsv_tracking.errors import TrackingError
 
 def messages(paths: Sequence[Path], topics: Iterable[str]) -> Iterator[Tuple[str, object]]:
     """(topic, message) of all bags, one after the other. Raises TrackingError naming bag and what to do."""
+    wanted = set(topics)
     for path in paths:
-        try:
-            with rosbag.Bag(str(path)) as bag:
-                for topic, message, _ in bag.read_messages(topics=list(topics)):
-                    yield topic, message
-        except ROSBagUnindexedException as error:
-            raise TrackingError(f"{path}: is cut or was not closed: run 'rosrun fcsv_control repair_bag'") from error
-        except (ROSBagException, EOFError, OSError, AssertionError) as error:
-            raise TrackingError(f"{path}: cannot be read as a bag ({error})") from error
+        yield from _read(path, lambda topic, _kind: topic in wanted)
 
 
 def topics_of(paths: Sequence[Path], kind: str) -> List[str]:
-    """Topics of a type ("sensor_msgs/Image") in any of the bags."""
-    found = set()
+    """Topics of a type ("sensor_msgs/Image") in any of the bags. Raises TrackingError like messages."""
+    found: Set[str] = set()
+
+    def note(topic: str, its_kind: str) -> bool:
+        found.update([topic] if its_kind == kind else [])
+        return False
+
     for path in paths:
-        try:
-            with rosbag.Bag(str(path)) as bag:
-                found |= {t for t, info in bag.get_type_and_topic_info().topics.items() if info.msg_type == kind}
-        except (ROSBagException, EOFError, OSError, AssertionError) as error:
-            remedy = "'rosrun fcsv_control repair_bag' may help"
-            raise TrackingError(f"{path}: cannot be read as a bag ({error}); {remedy}") from error
+        for _ in _read(path, note):
+            pass
     return sorted(found)
+
+
+def _read(path: Path, wanted: Callable[[str, str], bool]) -> Iterator[Tuple[str, object]]:
+    try:
+        yield from reading.messages(path, wanted)
+    except BagError as error:
+        raise TrackingError(f"{error}; one that is cut or was not closed: rosrun fcsv_control repair_bag") from error
 
 
 def gray_pictures(paths: Sequence[Path], topic: str) -> Iterator[Tuple[float, np.ndarray]]:
@@ -47,7 +49,7 @@ def gray_pictures(paths: Sequence[Path], topic: str) -> Iterator[Tuple[float, np
     for _, message in messages(paths, [topic]):
         count += 1
         try:
-            yield message.header.stamp.to_sec(), conversions.image_to_array(message, "mono8")
+            yield seconds(message.header.stamp), conversions.image_to_array(message, "mono8")
         except GeometryError as error:
             raise TrackingError(f"topic {topic}: {error}") from error
     if not count:
@@ -75,7 +77,7 @@ def odometry(paths: Sequence[Path], topic: str, gap_s: float = 0.1) -> Trajector
     track = Trajectory(gap_s=gap_s)
     for _, message in messages(paths, [topic]):
         try:
-            track.add(message.header.stamp.to_sec(), conversions.pose_to_transform(message.pose.pose))
+            track.add(seconds(message.header.stamp), conversions.pose_to_transform(message.pose.pose))
         except GeometryError as error:
             raise TrackingError(f"topic {topic}: {error}") from error
     if not len(track):
