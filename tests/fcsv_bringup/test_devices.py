@@ -3,6 +3,7 @@
 
 import pytest
 from support.launched import fake_realsense, launched
+from support.mavros_package import installed, stand_in
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +39,18 @@ def test_the_thesis_cameras_start_by_serial_number_under_the_names_of_the_driver
     assert names and {"/uav1/" + n for n in names} <= set(found["nodes"])
     for device, prefix in (("camera", camera), ("odometry", t265)):
         assert f"/uav1/{params[f'/uav1/driver_watch/devices/{device}/reset']}" == prefix + "reset"
+
+
+def test_the_autopilots_port_reaches_either_flight_link(root, tmp_path):
+    """Whose stream rates the profile means."""
+    packages = fake_realsense(tmp_path / "packages")
+    if not installed():
+        stand_in(packages, "exit 1")
+    for link in ("mavlink", "mavros"):
+        params = launched(root / "launch/uav.launch", "uav:=uav1", f"flight_link:={link}", "autopilot_port:=1",
+                          "fcu_url:=/dev/ttyTHS1:921600", packages=packages)["params"]  # fmt: skip
+        assert params["/uav1/flight_link/autopilot_port"] == 1
+        assert params["/uav1/flight_link/fcu_url"] == "/dev/ttyTHS1:921600"
 
 
 def test_infrared_stands_in_the_place_of_colour(launch):

@@ -21,12 +21,13 @@ class StandIns:
         from nav_msgs.msg import Odometry
 
         from fcsv_geometry.ros import node
-        from fcsv_msgs.msg import ClockOffset, FlightCheck, TagDetections
+        from fcsv_msgs.msg import ClockOffset, FlightCheck, ParameterReport, TagDetections
 
         kinds = {"flight_check": FlightCheck, "odometry/state": Odometry, "clock/offset": ClockOffset,
-                 "tags/detections": TagDetections}  # fmt: skip
+                 "tags/detections": TagDetections, "flight_link/parameters": ParameterReport}  # fmt: skip
         self.topics = {(n, t): rospy.Publisher(f"/{n}/{t}", k, queue_size=5) for n in NAMES for t, k in kinds.items()}
         self.table, self.battery, self.sees, self.quiet = FlightCheck(), 1, [NAMES[0]], ()
+        self.speed = 200.0  # cm/s, of the second one
         self.heard = rospy.Subscriber("/flight_check", FlightCheck, lambda m: setattr(self, "table", m))
         self.timer = node.every(0.05, self.talk)
 
@@ -36,7 +37,8 @@ class StandIns:
 
         from fcsv_control.flight_check.lines import Line, State
         from fcsv_control.ros.flight_check_messages import small
-        from fcsv_msgs.msg import ClockOffset, TagDetection, TagDetections
+        from fcsv_geometry.flight_limits import FlightBounds
+        from fcsv_msgs.msg import ClockOffset, ParameterReport, TagDetection, TagDetections
 
         for n in set(NAMES) - set(self.quiet):
             battery = self.battery if n == NAMES[1] else State.GREEN
@@ -44,6 +46,9 @@ class StandIns:
             offset = ClockOffset(vehicle=n, offset_s=0.001, uncertainty_s=0.002)
             offset.header.stamp = rospy.Time.now()
             self.topics[n, "flight_check"].publish(small(n, lines, 0.2))
+            limits = {**FlightBounds().autopilot_parameters, **({"WPNAV_SPEED": self.speed} if n == NAMES[1] else {})}
+            report = ParameterReport(complete=True, limits=list(limits), limit_values=list(limits.values()))
+            self.topics[n, "flight_link/parameters"].publish(report)
             self.topics[n, "odometry/state"].publish(Odometry())
             self.topics[n, "clock/offset"].publish(offset)
         tags = [TagDetection(id=NAMES.index(n)) for n in self.sees]
@@ -72,7 +77,9 @@ def fleet(root, tmp_path, start_node):
         document = yaml.safe_load((root / f"config/vehicles/{source}.yaml").read_text())
         (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump({**document, "name": name, "tag_id": tag}))
     fleet = StandIns()
-    start_node("fcsv_control", "fleet_check", params={"vehicles": list(NAMES), "vehicles_dir": str(tmp_path)})
+    mission = str(root / "config/missions/short.yaml")
+    start_node("fcsv_control", "fleet_check",
+               params={"vehicles": list(NAMES), "vehicles_dir": str(tmp_path), "mission": mission})  # fmt: skip
     yield fleet
     fleet.close()
 
@@ -88,7 +95,11 @@ def test_one_table_for_the_fleet(fleet, ros_master):
     until(lambda: fleet.lines() and not fleet.wrong(), what="a table that is green but for the control PC's programs")
     assert LACKING <= set(fleet.lines()) and "sees k_front" in fleet.lines()[NAMES[1], "tags"].what
 
-    fleet.battery, fleet.sees = 2, []
+    fleet.speed = 500.0  # ArduCopter's default
+    until(lambda: fleet.wrong() == {(NAMES[1], "speed")}, what="an autopilot that flies faster than the mission plans")
+    assert "WPNAV_SPEED is 500, planned 200" in fleet.lines()[NAMES[1], "speed"].what
+
+    fleet.battery, fleet.sees, fleet.speed = 2, [], 200.0
     until(lambda: fleet.wrong() == {(NAMES[1], "battery"), (NAMES[1], "tags")}, what="two amber lines")
     assert fleet.lines()[NAMES[1], "battery"].remedy.startswith("change it")
     until(lambda: "does not see k_front, for 3 s" in fleet.lines()[NAMES[1], "tags"].what, what="since when")

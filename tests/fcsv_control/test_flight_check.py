@@ -11,7 +11,7 @@ import pytest
 
 from fcsv_control.flight_check import table
 from fcsv_control.flight_check.acceptance import Acceptances
-from fcsv_control.flight_check.fleet import CONTROL_CHECKS, FLEET_CHECKS, FleetCheckRules, FleetTable
+from fcsv_control.flight_check.fleet import CONTROL_CHECKS, FLEET_CHECKS, FleetCheckRules, FleetTable, speed_check
 from fcsv_control.flight_check.keys import Keys
 from fcsv_control.flight_check.lines import Judged, Line, State, worst
 from fcsv_control.flight_check.links import CHECKS, TELLO_CHECKS
@@ -21,6 +21,7 @@ from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
 from fcsv_control.guardian.findings import STICK
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import config
+from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_tracking.clocks import ClockOffset
 
 NAN, INF = float("nan"), float("inf")
@@ -304,8 +305,9 @@ class Fleet:
     now_s = 100.0
     names = ("uav1", "uav2", "uav3")
 
-    def __init__(self):
-        self.table = FleetTable(self.names, {n: i for i, n in enumerate(self.names)}, FleetCheckRules(), "relay")
+    def __init__(self, planned=None):
+        tags = {n: i for i, n in enumerate(self.names)}
+        self.table = FleetTable(self.names, tags, FleetCheckRules(), "relay", planned=planned)
         c = self.table.control
         c.mission.tell(self.now_s, "WAIT_VEHICLES")
         c.stop_all.tell(self.now_s, True)
@@ -386,6 +388,42 @@ def test_the_control_pcs_own_programs():
     assert gone == {"mission", "stop-all", "recorder", "disk"}
 
 
+def limits(**changed):
+    """fcsv_msgs/ParameterReport of an autopilot that flies as fast as missions plan with, but for what is changed."""
+    values = {**FlightBounds().autopilot_parameters, **changed}
+    return SimpleNamespace(complete=True, limits=list(values), limit_values=list(values.values()))
+
+
+@pytest.mark.parametrize("planned, report, state, words", [
+    ({}, limits(), G, "2 m/s, as planned"),
+    ({}, limits(WPNAV_SPEED=201.0), G, "as planned"),
+    ({"speed_mps": 1.0}, limits(), R, "faster than planned: WPNAV_SPEED is 200, planned 100"),
+    ({"speed_mps": 1.0}, limits(WPNAV_SPEED=100.0), G, "1 m/s"),
+    ({"speed_mps": 1.0, "acceleration_mps2": 0.5}, limits(), R, "WPNAV_SPEED is 200, planned 100; WPNAV_ACCEL is 150"),
+    ({}, limits(WPNAV_SPEED_DN=50.0), A, "slower than planned: WPNAV_SPEED_DN is 50, planned 150"),
+    ({}, limits(WPNAV_SPEED_DN=50.0, WPNAV_SPEED_UP=160.0), R, "faster than planned: WPNAV_SPEED_UP is 160"),
+    ({}, limits(WPNAV_ACCEL_Z=NAN), A, "not known of it: WPNAV_ACCEL_Z"),
+    ({}, SimpleNamespace(complete=True, limits=[], limit_values=[]), A, "WPNAV_SPEED, WPNAV_SPEED_UP"),
+    ({}, SimpleNamespace(**{**vars(limits(WPNAV_SPEED=NAN)), "complete": False}), U, "being read"),
+    ({}, None, U, "not heard"),
+])  # fmt: skip
+def test_an_autopilot_flies_as_fast_as_the_mission_plans(planned, report, state, words):
+    fleet = Fleet(FlightBounds(**planned))
+    for v in fleet.table.vehicles.values():
+        v.parameters = limits(WPNAV_SPEED=100.0 * planned.get("speed_mps", 2.0),
+                              WPNAV_ACCEL=100.0 * planned.get("acceleration_mps2", 1.5))  # fmt: skip
+    fleet.table.vehicles["uav2"].parameters = report
+    assert fleet.not_green() == ({} if state is G else {("uav2", "speed"): state})
+    line = fleet.lines()["uav2", "speed"]
+    assert words in line.what and (state is G or "parameters write LINE --set NAME=PLANNED" in line.remedy)
+    assert fleet.lines(later_s=20.0)["uav2", "speed"].state is U, "of a vehicle that is not heard"
+
+
+def test_beside_a_tracker_on_the_ground_speeds_are_not_compared():
+    table = FleetTable(["tello1"], {"tello1": 0}, FleetCheckRules(), "relay", ground=True, planned=FlightBounds())
+    assert "speed" not in {line.name for line in table.lines(9.0)}
+
+
 # ---- what the operator accepts --------------------------------------------------------------------------------
 
 
@@ -424,7 +462,7 @@ def rows(root, heading):
 
 
 @pytest.mark.parametrize("heading, checks", [
-    ("Lines of a vehicle", VEHICLE_CHECKS), ("Lines about a vehicle", FLEET_CHECKS),
+    ("Lines of a vehicle", VEHICLE_CHECKS), ("Lines about a vehicle", (*FLEET_CHECKS, speed_check(FlightBounds()))),
     ("Lines of the control PC", CONTROL_CHECKS), ("Lines of a Tello", TELLO_CHECKS),
 ])  # fmt: skip
 def test_the_page_has_every_line_as_the_code_has_it(root, heading, checks):

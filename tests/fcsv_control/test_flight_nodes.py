@@ -14,6 +14,7 @@ from support.waiting import within
 
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS
 from fcsv_geometry import transforms
+from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_sim.machines.machines import free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -174,6 +175,7 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
     until(lambda: pc.state.connected, 40.0, "autopilot")
     report = pc.parameters()
     assert report.profile == PROFILE.name and not report.blocks and not report.advises
+    assert dict(zip(report.limits, report.limit_values)) == FlightBounds().autopilot_parameters
     assert pc.command("GOTO", target=target(0, 0, 3, 0.0))[0] == 1  # not in GUIDED: refused, not queued
     assert "GUIDED" in pc.acks[pc.number][-1].reason
     arm_in_guided(pc)

@@ -83,7 +83,9 @@ def test_a_long_cut_of_the_feed_ends_in_the_autopilots_own_landing(loop):
     assert loop.until(lambda: not loop.core.state.armed, 40.0)
 
 
-@pytest.mark.parametrize("jump_m, reset, swing_m", [(0.5, False, 1.0), (5.0, False, 3.5), (5.0, True, 1.0)])
+@pytest.mark.parametrize("jump_m, reset, swing_m", [
+    (0.5, False, 1.0), (0.5, True, 1.0), (5.0, False, 3.5), (5.0, True, 1.0),
+])  # fmt: skip
 def test_with_a_target_that_moves_along_a_jump_of_the_feed_is_not_flown(loop, jump_m, reset, swing_m):
     """Before, a jump that was first rejected and then adopted was missed: 5 to 6 m were flown, and it stayed there.
 

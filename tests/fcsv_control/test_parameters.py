@@ -136,6 +136,18 @@ def test_compare_write_save_and_compare_again(served, tmp_path, capsys):
     assert {n: v for n, (v, _) in served.parameters.items()} == pytest.approx({n: v for n, (v, _) in before.items()})
 
 
+def test_single_values_are_written_for_a_mission_that_is_slower_and_the_profile_leaves_them(served, capsys):
+    assert parameters("write", served.url, "--set", "WPNAV_SPEED=100", "--set", "WPNAV_SPEED_UP=80") == 0
+    assert "WPNAV_SPEED 200 -> 100" in capsys.readouterr().out
+    assert served.parameters["WPNAV_SPEED"][0] == 100 and served.parameters["WPNAV_SPEED_UP"][0] == 80
+    assert parameters("compare", served.url) == 0 and parameters("write", served.url) == 0
+    assert "0 that should be" in capsys.readouterr().out and served.parameters["WPNAV_SPEED"][0] == 100
+    for wrong in ("WPNAV_SPEED", "WPNAV_SPEED=fast", "=1", "A=nan"):
+        with pytest.raises(SystemExit):
+            parameters("write", served.url, "--set", wrong)
+        assert f"'{wrong}' is not NAME=VALUE" in capsys.readouterr().err
+
+
 def test_parameters_are_not_written_while_it_is_armed(served, capsys):
     served.pilot.armed = True
     served.parameters["VISO_TYPE"] = (0, 2)

@@ -1,16 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bytes that no relay would send, in what comes in from a peer: nothing dies, and what is right afterwards is heard."""
 
+import contextlib
 import random
+import socket
 import struct
 
 import pytest
+from support.waiting import within
 
 from fcsv_multimaster import wire
+from fcsv_multimaster.endpoints import Endpoint
 from fcsv_multimaster.errors import WireError
 from fcsv_multimaster.inbound import Inbound
-from fcsv_multimaster.links import Rule, TrafficClass
+from fcsv_multimaster.links import LINKS, Rule, TrafficClass
 from fcsv_multimaster.peer import Peer
+from fcsv_multimaster.transport import Transport
+from fcsv_sim.machines.machines import free_port
+
+until = within(15.0)
 
 ROUNDS = 10_000
 HERE, THERE = 7, 9  # boots
@@ -91,3 +99,77 @@ def test_ten_thousand_mangled_messages_and_notes_end_nothing(seed, monkeypatch):
     bench.inbound.deliver_overdue()
     assert bench.heard == [b"good"] * 6
     assert bench.peer.report(now[0])["link"]["round_trip_s"] == pytest.approx(0.01)
+
+
+# ---- the relay's own ports -------------------------------------------------------------------------------------------
+
+
+def first_words(port):
+    """What a relay says first to a peer, at its UDP and TCP ports: Zenoh's own frames, to be mangled."""
+    heard = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp, socket.create_server(("127.0.0.1", port)) as tcp:
+        udp.bind(("127.0.0.1", port))
+        udp.settimeout(5.0)
+        tcp.settimeout(5.0)
+        relay = transport(free_endpoint(), {"control": Endpoint("127.0.0.1", port, port + 1)}, "uav1", [])
+        try:
+            heard.append(udp.recv(2048))
+            connection, _ = tcp.accept()
+            with connection:
+                connection.settimeout(5.0)
+                heard.append(connection.recv(2048))
+        finally:
+            relay.close()
+    return heard
+
+
+def free_endpoint():
+    return Endpoint("127.0.0.1", free_port(), free_port())
+
+
+def transport(listen, peers, name, heard):
+    return Transport(name, listen, peers, None, lambda *parcel: None, lambda *note: heard.append(note))
+
+
+def shouted(endpoint, words, rng):
+    """Ten thousand inputs: datagrams, and pieces on a hundred connections that end in the midst."""
+    inputs = [mangled(rng.choice(words), rng)[:1400] for _ in range(ROUNDS)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        for data in inputs[: ROUNDS // 2]:
+            udp.sendto(data, ("127.0.0.1", endpoint.urgent_port))
+    rest = inputs[ROUNDS // 2 :]
+    for k in range(100):
+        port = endpoint.urgent_port if k % 2 else endpoint.bulk_port
+        with socket.create_connection(("127.0.0.1", port), 5.0) as tcp, contextlib.suppress(ConnectionError):
+            for data in rest[k::100]:
+                tcp.sendall(data)
+
+
+def test_ten_thousand_raw_inputs_at_a_relays_ports_end_nothing():
+    """A peer that is joined is heard after it on all links, and so is one that joins then."""
+    rng, heard = random.Random(1), []
+    words = first_words(free_port())
+    here, there = free_endpoint(), free_endpoint()
+    control = transport(here, {"uav1": there}, "control", heard)
+    uav1 = transport(there, {"control": here}, "uav1", [])
+
+    def is_heard():
+        for link in LINKS:
+            said = f"{link} {len(heard)}".encode()
+
+            def arrived(link=link, said=said):
+                uav1.note("control", said, link)
+                return ("uav1", said) in heard
+
+            until(arrived, what=f"a note on {link}")
+
+    try:
+        is_heard()
+        shouted(here, words, rng)
+        is_heard()
+        uav1.close()
+        uav1 = transport(there, {"control": here}, "uav1", [])
+        is_heard()
+    finally:
+        uav1.close()
+        control.close()

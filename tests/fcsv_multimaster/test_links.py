@@ -14,6 +14,7 @@ def test_shipped_links_carry_what_they_must_and_no_raw_pictures(root):
     up = links.crossing("uav1", "control")
     assert {"/uav1/odometry/state", "/uav1/tags/detections", "/uav1/command_ack", "/uav1/mavros/state"} <= set(up)
     assert {"/uav1/odometry/epoch", "/uav1/agent/alive", "/uav1/guardian/state", "/uav1/guardian/said"} <= set(up)
+    assert {"/uav1/flight_check", "/uav1/flight_link/parameters"} <= set(up)
     down = links.crossing("control", "uav2")
     assert set(down) == {
         "/uav2/command", "/uav2/clock/ping", "/uav2/clock/offset", "/calibration", "/home", "/mission/state",

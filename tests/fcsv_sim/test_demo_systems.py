@@ -5,12 +5,14 @@ import errno
 import json
 import os
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
+from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
 from fcsv_geometry.writing import in_words
 from fcsv_sim.demo import demo
@@ -50,6 +52,15 @@ def test_what_the_tracker_cannot_follow_is_refused(system, axis, baseline_m, hei
     with pytest.raises(MissionError) as error:
         SYSTEMS[system].require(mission(axis, baseline_m, height_m))
     assert all(w in str(error.value) for w in words) and "\n" not in str(error.value)
+
+
+def test_a_mission_that_plans_with_other_speeds_than_the_simulated_autopilots_have_is_refused(root):
+    """The flight check would keep its vehicles on the ground."""
+    slow = replace(load_mission(root / "config/missions/short.yaml"), flight=FlightBounds(speed_mps=1.0))
+    with pytest.raises(MissionError, match="plans with WPNAV_SPEED 100, the simulated autopilots have 200"):
+        SYSTEMS["tags"].require(slow)
+    for name in ("at_once", "five", "ten", "sweep", "outdoor", "simulated_400m"):
+        SYSTEMS["tags"].require(load_mission(root / f"config/missions/{name}.yaml"))
 
 
 def test_the_view_that_is_checked_is_that_of_the_simulated_mocap():

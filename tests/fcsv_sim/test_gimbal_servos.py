@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver of the real servos against a bus that speaks their protocol, and the simulated gimbal beside it."""
 
+import random
 import time
 
 import numpy as np
@@ -36,6 +37,39 @@ def line():
         driver = DynamixelBus(bus.port, answer_s=0.3)  # the machine may be busy
         yield bus, driver
         driver.close()
+
+
+class Noise:
+    """In place of the serial line: whatever is asked, the answer is noise, or nearly what a servo says."""
+
+    def __init__(self, rng):
+        self._rng, self._heard, self.answers = rng, b"", 0
+
+    def reset_input_buffer(self):
+        self._heard = b""
+
+    flush = reset_input_buffer
+
+    def write(self, packet):
+        self._heard = self._answer(packet[2])
+        self.answers += 1
+        return len(packet)
+
+    def read(self, size):
+        heard, self._heard = self._heard[:size], self._heard[size:]
+        return heard
+
+    def _answer(self, number):
+        rng = self._rng
+        data = rng.getrandbits(8 * 40).to_bytes(40, "little")[: rng.choice([0, 1, 2, 7, 8, 9, 40])]
+        body = bytes([rng.choice([number] * 3 + [rng.randrange(256)]), rng.choice([len(data) + 2] * 3 + [0, 1, 2, 255]),
+                      rng.choice([0, 0, 0, rng.randrange(256)])]) + data  # fmt: skip
+        whole = b"\xff\xff" + body + bytes([~sum(body) & 0xFF])
+        at = rng.randrange(len(whole))
+        return rng.choice([
+            whole, whole, whole[:at], whole[at:] + whole, data, b"\xff" * at, b"",
+            whole[:at] + bytes([whole[at] ^ 1 << rng.randrange(8)]) + whole[at + 1 :],
+        ])  # fmt: skip
 
 
 class TestDynamixel:
@@ -103,6 +137,33 @@ class TestDynamixel:
         bus._answer = lossy
         gimbal.read()
         assert driver.failures[1] == 1 and answered == [1, 1, 2]
+
+    def test_ten_thousand_answers_of_noise_end_nothing(self, line):
+        bus, driver = line
+        gimbal = DynamixelGimbal(driver, SERVO, time.time)
+        servos, noise = driver._port.ser, Noise(random.Random(1))
+        driver._port.ser, driver._port.isPacketTimeout = noise, lambda: True  # no more bytes come
+        taken = 0
+        while noise.answers < 10_000:
+            try:
+                assert np.isfinite(gimbal.read().angles).all()
+                taken += 1
+            except ServoError as error:
+                assert "servo 1" in str(error) or "servo 2" in str(error)
+        assert 0 < taken < 1_000
+        driver._port.ser = servos
+        del driver._port.isPacketTimeout
+        assert gimbal.read().angles.pan_rad == pytest.approx(0.0, abs=mx12w.TICK_RAD)
+
+    @pytest.mark.parametrize("length", [0, 3, 7, 9])
+    def test_an_answer_of_another_length_is_damaged(self, line, length):
+        """Taken as it is, its checksum was read as data, or the reading node ended."""
+        bus, driver = line
+        gimbal = DynamixelGimbal(driver, SERVO, time.time)
+        answer = bus._answer
+        bus._answer = lambda number, servo, error, data: answer(number, servo, error, (data + b"\0")[:length])
+        with pytest.raises(ServoError, match="answers of servo 1 are damaged"):
+            gimbal.read()
 
     def test_a_servo_that_is_missing_or_another(self, line):
         bus, driver = line

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The autopilot's parameters against a profile: read and reported, not changed silently."""
 
+import math
 from typing import Dict, List, Optional
 
 from fcsv_control.flight.profile import Profile, Rule
@@ -37,6 +38,10 @@ class ParameterCheck:
             return None
         self._values[name] = value
         return rule if rule.must and rule.complaint(value) else None
+
+    def value(self, name: str) -> float:
+        """What the autopilot answered; NaN where it has not, or where the profile has no such name."""
+        return self._values.get(name, math.nan)
 
     @property
     def known(self) -> bool:

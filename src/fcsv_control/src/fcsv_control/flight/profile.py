@@ -109,9 +109,10 @@ def port_of(url: str) -> int:
 
     >>> [port_of(url) for url in ("/dev/ttyACM0:115200", "/dev/serial/by-id/usb-Holybro:1", "/dev/ttyTHS1:921600")]
     [0, 0, 2]
-    >>> port_of("udpin:0.0.0.0:14550")
-    0
+    >>> port_of("udpin:0.0.0.0:14550"), port_of("serial:///dev/ttyTHS1:921600")
+    (0, 2)
     """
+    url = url[len("serial://") :] if url.startswith("serial://") else url  # MAVROS's form
     usb = not url.startswith("/") or "ttyACM" in url or "/usb-" in url
     return 0 if usb else 2
 

@@ -5,11 +5,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_control.flight_check import keys as relay_keys
+from fcsv_control.flight_check import speeds
 from fcsv_control.flight_check.heard import Heard, Rate
 from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.flight_check.vehicle import Disk
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.flight_limits import FlightBounds
 
 CONTROL = "control"
 _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN
@@ -46,6 +48,7 @@ class FromAfar:
     front: Optional[str] = None
     report: Heard[Sequence[Line]] = field(default_factory=Heard)
     patience_s: float = 0.0  # of its report
+    parameters: Optional[Any] = None  # the newest fcsv_msgs/ParameterReport: it comes where it changes
     poses: Rate = field(default_factory=lambda: Rate(_WINDOW_S))
     clock: Heard[Any] = field(default_factory=Heard)  # fcsv_tracking's ClockOffset
     epoch: Optional[int] = None
@@ -78,6 +81,10 @@ def _report(now_s: float, v: FromAfar, _r: FleetCheckRules) -> Found:
     if v.report.value is None:
         return _R, "its own flight check was never heard"
     return (_G, "heard") if v.report.fresh(now_s, v.patience_s) else (_R, "its own flight check is not heard any more")
+
+
+def _silent(now_s: float, v: FromAfar, _r: FleetCheckRules) -> bool:
+    return not v.report.fresh(now_s, v.patience_s)
 
 
 def _radio(now_s: float, v: FromAfar, r: FleetCheckRules) -> Found:
@@ -116,6 +123,12 @@ FLEET_CHECKS: Tuple[Check, ...] = (
     Check("tags", "it sees the tag of the vehicle in front, or is calibrated",
           "line it up behind the other; light on the tag; its camera", _tags),
 )  # fmt: skip
+
+
+def speed_check(planned: FlightBounds) -> Check:
+    """The line that needs the mission: of a vehicle whose autopilot's parameters cross the radio."""
+    return speeds.check(planned, _silent)
+
 
 GROUND_CHECKS: Tuple[Check, ...] = (replace(FLEET_CHECKS[0], remedy="start tello.launch for it"),)
 
@@ -165,18 +178,22 @@ class FleetTable:
     """The whole table: the control PC's lines, then each vehicle's: what is heard of it, then what it says itself.
 
     ``ground``: a tracker on the ground tells where all are, and all links run on the control PC (tello.launch): nothing
-    crosses a radio of ours, there is one clock, and no vehicle looks for another's tag.
+    crosses a radio of ours, there is one clock, and no vehicle looks for another's tag. ``planned``: how fast the
+    mission plans; without, or for vehicles before a tracker on the ground, nothing is compared with it.
     """
 
     def __init__(
-        self, vehicles: Sequence[str], tags: Mapping[str, int], rules: FleetCheckRules, link: str, ground: bool = False
-    ):
+        self, vehicles: Sequence[str], tags: Mapping[str, int], rules: FleetCheckRules, link: str, ground: bool = False,
+        planned: Optional[FlightBounds] = None,
+    ):  # fmt: skip
         self.sightings, self.control, self._rules = Sightings(tags), ControlFacts(link), rules
         fronts = [None, *vehicles[:-1]]
         self.vehicles: Dict[str, FromAfar] = {
             n: FromAfar(n, front, sightings=self.sightings) for n, front in zip(vehicles, fronts)
         }
-        self._judged = {n: Judged(n, GROUND_CHECKS if ground else FLEET_CHECKS) for n in vehicles}
+        checks = GROUND_CHECKS if ground else FLEET_CHECKS
+        checks += () if ground or planned is None else (speed_check(planned),)
+        self._judged = {n: Judged(n, checks) for n in vehicles}
         control = [check for check in CONTROL_CHECKS if not (ground and check.name == "keys")]
         self._judged_control = Judged(CONTROL, control)
 

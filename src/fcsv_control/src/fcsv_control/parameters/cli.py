@@ -2,6 +2,7 @@
 """``rosrun fcsv_control parameters``: an autopilot's parameters compared with a profile, written, saved."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
@@ -26,6 +27,7 @@ examples:
   parameters save tcp:127.0.0.1:5760 -o uav1.param
   parameters write /dev/ttyACM0:115200 --dry-run             # what of the profile would be written
   parameters write /dev/ttyACM0:115200 --values uav1.param   # as it was saved
+  parameters write /dev/ttyACM0:115200 --set WPNAV_SPEED=100 # for a mission that plans with 1 m/s
 
 exit status: 0 all that must be so is so; 1 something is not; 2 a wrong argument, file or line.
 """
@@ -80,12 +82,14 @@ def _values(args, profile: Profile) -> Tuple[Dict[str, float], List[str]]:
 
 def _write(args) -> int:
     profile = _profile(args)
-    wanted = parameter_files.read(args.values) if args.values else profile.values
-    if args.must and not args.values:
+    exactly = bool(args.values or args.set)
+    wanted = parameter_files.read(args.values) if args.values else {} if args.set else profile.values
+    wanted.update(args.set or ())
+    if args.must and not exactly:
         wanted = {n: v for n, v in wanted.items() if profile.rule(n).must}
     with _vehicle(args) as vehicle:
         read, unknown = vehicle.read(wanted)
-        due = {n: v for n, v in wanted.items() if n in read and not _same(profile, bool(args.values), n, v, read[n][0])}
+        due = {n: v for n, v in wanted.items() if n in read and not _same(profile, exactly, n, v, read[n][0])}
         for name, value in due.items():
             print(f"{name} {read[name][0]:g} -> {value:g}")
         for name in unknown:
@@ -136,6 +140,20 @@ def _vehicle(args) -> Vehicle:
     return Vehicle(args.source, args.system, key=read_key(args.key) if args.key else None)
 
 
+def _assignment(text: str) -> Tuple[str, float]:
+    """
+    >>> _assignment("WPNAV_SPEED=100")
+    ('WPNAV_SPEED', 100.0)
+    """
+    name, found, value = text.partition("=")
+    try:
+        if name and found and math.isfinite(float(value)):
+            return name, float(value)
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"'{text}' is not NAME=VALUE, as WPNAV_SPEED=100")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="parameters", description="An autopilot's parameters: compare with a profile, write it, save all.",
@@ -158,6 +176,8 @@ def _parser() -> argparse.ArgumentParser:
         if name == "write":
             action.add_argument("--must", action="store_true", help="only what must be so")
             action.add_argument("--values", metavar="FILE", help="set what this file holds instead, exactly")
+            words = "set this one alone, or beside FILE's; may be given several times"
+            action.add_argument("--set", metavar="NAME=VALUE", type=_assignment, action="append", help=words)
             action.add_argument("--dry-run", action="store_true", help="print only")
         if name == "save":
             action.add_argument("-o", "--output", required=True, help=".param, or .params for QGroundControl")

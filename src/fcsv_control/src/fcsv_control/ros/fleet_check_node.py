@@ -15,6 +15,7 @@ from fcsv_control.flight_check.lines import Line, worst
 from fcsv_control.ros import flight_check_messages as messages
 from fcsv_control.ros.relay_keys import RelayKeys
 from fcsv_control.ros.vehicle_check_node import disk_of
+from fcsv_geometry.mission import load_mission
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import (
@@ -24,6 +25,7 @@ from fcsv_msgs.msg import (
     FlightCheck,
     Heartbeat,
     MissionState,
+    ParameterReport,
     RecorderStatus,
     StopReport,
     TagDetections,
@@ -37,12 +39,14 @@ _NEXT_S = 1.0
 
 @dataclass(frozen=True)
 class FleetCheckParameters:
-    """Parameters of the node; ``vehicles``: the whole column, front first; ``link``, ``ground``: as control.launch."""
+    """Parameters of the node; ``vehicles``: the whole column, front first; ``link``, ``ground``: as control.launch;
+    ``mission``: its file, with whose ``flight`` the autopilots are compared; empty: they are not."""
 
     vehicles: List[str]
     vehicles_dir: str
     link: str = keys.RELAY
     ground: bool = False
+    mission: str = ""
     rules: FleetCheckRules = field(default_factory=FleetCheckRules)
 
 
@@ -53,7 +57,9 @@ class FleetCheckNode:
         p = node.parameters(FleetCheckParameters)
         tags = {n: v.tag_id for n, v in node.vehicles(p.vehicles_dir, p.vehicles).items()}
         self._lock = threading.RLock()
-        self._table, self._accepted = FleetTable(list(tags), tags, p.rules, p.link, p.ground), Acceptances()
+        planned = load_mission(p.mission).flight if p.mission else None
+        self._table = FleetTable(list(tags), tags, p.rules, p.link, p.ground, planned)
+        self._accepted = Acceptances()
         self._lines: List[Line] = []
         self._shown, self._shown_s = None, float("-inf")
         self._phase = ""
@@ -71,6 +77,7 @@ class FleetCheckNode:
 
         for name, v in self._table.vehicles.items():
             hear(f"/{name}/flight_check", FlightCheck, lambda t, m, v=v: self._on_report(t, v, m))
+            hear(f"/{name}/flight_link/parameters", ParameterReport, lambda _t, m, v=v: setattr(v, "parameters", m))
             hear(f"/{name}/odometry/state", rospy.AnyMsg, lambda t, _m, v=v: v.poses.tick(t))
             hear(f"/{name}/clock/offset", ClockOffset, lambda t, m, v=v: v.clock.tell(t - _age_s(m), from_message(m)))
             hear(f"/{name}/odometry/epoch", Epoch, lambda _t, m, v=v: setattr(v, "epoch", m.epoch))

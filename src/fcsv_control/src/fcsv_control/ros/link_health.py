@@ -10,6 +10,7 @@ import rospy
 from geometry_msgs.msg import Vector3Stamped
 
 from fcsv_control.flight.link import FlightLink
+from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
@@ -17,6 +18,7 @@ from fcsv_msgs.msg import LinkHealth, ParameterReport
 from mavros_msgs.msg import RCIn
 
 _RATE_HZ = 5.0
+_LIMITS = tuple(FlightBounds().autopilot_parameters)
 _PREARM = {None: LinkHealth.PREARM_UNKNOWN, True: LinkHealth.PREARM_READY, False: LinkHealth.PREARM_NOT_READY}
 
 
@@ -56,6 +58,7 @@ class LinkHealthReport:
         report = ParameterReport(
             profile=check.profile.name, firmware=link.firmware, complete=check.complete,
             blocks=check.problems(), advises=check.warnings(), unknown=check.unknown(),
+            limits=list(_LIMITS), limit_values=[check.value(name) for name in _LIMITS],
         )  # fmt: skip
         if report != self._reported:
             self._reported = report

@@ -13,7 +13,7 @@ from fcsv_control.flight.feed import FeedParameters
 from fcsv_control.flight.feed_check import FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.mavros import COMPONENT, MavrosCore
-from fcsv_control.flight.profile import load_profile
+from fcsv_control.flight.profile import load_profile, port_of
 from fcsv_control.flight.watchdog import WatchdogParameters
 from fcsv_control.ros.link_health import LinkHealthReport
 from fcsv_control.ros.mavros_line import MavrosLine
@@ -28,12 +28,15 @@ from mavros_msgs.msg import StatusText
 
 @dataclass(frozen=True)
 class MavrosCompanionParameters:
-    """Parameters of the node, as the flight link's. ``component``: with which MAVROS speaks (its component_id)."""
+    """Parameters of the node, as the flight link's. ``component``: with which MAVROS speaks (its component_id).
+    ``fcu_url`` is MAVROS's, and tells the autopilot's port where ``autopilot_port`` does not."""
 
     vehicle: str
     autopilot_profile: str
     vehicles_dir: str = ""
     component: int = COMPONENT
+    fcu_url: str = ""
+    autopilot_port: int = -1
     link: LinkParameters = field(default_factory=LinkParameters)
     feed: FeedParameters = field(default_factory=FeedParameters)
     watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
@@ -57,7 +60,8 @@ class MavrosCompanionNode:
         if p.vehicles_dir and not link.target_system:
             link = replace(link, target_system=node.vehicles(p.vehicles_dir, [self._name])[self._name].system_id)
         self._line = MavrosLine()
-        self._core = MavrosCore(link, load_profile(p.autopilot_profile), p.component)
+        port = p.autopilot_port if p.autopilot_port >= 0 else port_of(p.fcu_url)
+        self._core = MavrosCore(link, load_profile(p.autopilot_profile).at_port(port), p.component)
         self._link = FlightLink(
             self._line, link, core=self._core, on_pose=self._on_pose, on_barometer=self._feed.barometer,
             on_refused=self._on_refused, on_home=self._on_home, on_estimate_moved=self._told.estimate_moved,

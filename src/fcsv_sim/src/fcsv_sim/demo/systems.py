@@ -8,7 +8,9 @@ from typing import Callable, Dict, List, Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
+from fcsv_sim.autopilot.parameters import DEFAULTS
 from fcsv_sim.bringup import bringup, vehicles_folder
 from fcsv_sim.demo import flights, reach
 from fcsv_sim.demo.fleet import FleetPlan
@@ -67,6 +69,16 @@ def _mocap_can(mission: Mission) -> None:
     reach.require_mocap_view(T_WORLD_MOCAP, MOCAP_SITE, mission, _TELLOS)
 
 
+def _autopilots_can(mission: Mission) -> None:
+    """The simulated autopilots fly as fast as their parameters say; the flight check would hold other missions."""
+    for name, planned in mission.flight.autopilot_parameters.items():
+        if abs(DEFAULTS[name][0] - planned) > 0.01 * planned:
+            raise MissionError(
+                f"mission '{mission.name}': flight: plans with {name} {planned:g}, the simulated autopilots have "
+                f"{DEFAULTS[name][0]:g}: leave speeds and accelerations out"
+            )
+
+
 def _mocap_maps(mission: Mission) -> Tuple[MapRun, ...]:
     """Besides the map that every demo makes, that of thesis 5.7 where its baselines were flown: 1 m up to 20 m, 2 m
     beyond, the noisy 3 m left out."""
@@ -84,7 +96,7 @@ def _before(site: PairSite, T_world_odom: np.ndarray, mission: str, **more) -> S
 TILTING = "tilting"
 
 SYSTEMS: Dict[str, System] = {
-    "tags": System(("uav1", "uav2"), "short", flights.fly_fleet, grows=True),
+    "tags": System(("uav1", "uav2"), "short", flights.fly_fleet, grows=True, require=_autopilots_can),
     "gimbal": _before(GIMBAL_SITE, np.eye(4), "gimbal", require=_gimbal_can),
     "mocap": _before(MOCAP_SITE, _T_WORLD_LEVEL, "mocap", maps=_mocap_maps, require=_mocap_can),
     "tello": _before(MOCAP_SITE, _T_WORLD_LEVEL, "tello", require=_mocap_can),

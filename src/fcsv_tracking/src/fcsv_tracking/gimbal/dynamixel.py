@@ -17,6 +17,7 @@ from fcsv_tracking.gimbal.mx12w import Register
 from fcsv_tracking.gimbal.servos import GimbalReading, GimbalServos, ServoError
 
 _ATTEMPTS = 3
+_LENGTH, _DATA = 3, 5  # where an answer has them
 _LINE = (serial.SerialException, OSError, termios.error)  # what a line that is gone raises
 
 
@@ -51,7 +52,17 @@ class DynamixelBus:
 
     def read(self, number: int, register: Register) -> List[int]:
         """Bytes of a register. Raises ServoError."""
-        return self._ask(number, lambda: self._packets.readTxRx(self._port, number, register.address, register.length))
+        return self._ask(number, lambda: self._read(number, register))
+
+    def _read(self, number: int, register: Register) -> Tuple[List[int], int, int]:
+        """The driver's own reading takes an answer of another length: bytes would be missing, or be the checksum's."""
+        request = [0, 0, number, 4, sdk.INST_READ, register.address, register.length, 0]
+        answer, result, error = self._packets.txRxPacket(self._port, request)
+        if result != sdk.COMM_SUCCESS or error:
+            return [], result, error
+        if answer[_LENGTH] != register.length + 2:
+            return [], sdk.COMM_RX_CORRUPT, 0
+        return answer[_DATA : _DATA + register.length], result, 0
 
     def write(self, number: int, register: Register, value: int) -> None:
         """Raises ServoError."""

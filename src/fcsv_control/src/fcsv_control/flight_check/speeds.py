@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether an autopilot flies as fast as the mission plans with: its way-point parameters against ``flight``."""
+
+import math
+from typing import Any, Callable, Dict, Optional
+
+from fcsv_control.flight_check.lines import Check, Found, State
+from fcsv_geometry.flight_limits import FlightBounds
+
+_SAME = 0.01  # of the planned value; parameters are set in whole cm/s
+
+
+def flown_with(report: Any) -> Dict[str, float]:
+    """The values (cm/s, cm/s2) of a fcsv_msgs/ParameterReport by the autopilot's names; NaN: not answered."""
+    return dict(zip(report.limits, report.limit_values))
+
+
+def judge(report: Optional[Any], planned: FlightBounds) -> Found:
+    """``report``: the newest fcsv_msgs/ParameterReport, or None. Faster is red: ways that are timed past each other are
+    flown at other times, and nearer than planned. Slower is amber: it comes late.
+    """
+    if report is None:
+        return State.UNKNOWN, "its parameters are not heard"
+    have, wanted = flown_with(report), planned.autopilot_parameters
+    unknown = [name for name in wanted if math.isnan(have.get(name, math.nan))]
+    faster = [n for n in wanted if n not in unknown and have[n] > wanted[n] * (1.0 + _SAME)]
+    slower = [n for n in wanted if n not in unknown and have[n] < wanted[n] * (1.0 - _SAME)]
+    if faster:
+        return State.RED, "faster than planned: " + _set(faster, have, wanted)
+    if unknown:
+        return _without(report, unknown)
+    if slower:
+        return State.AMBER, "slower than planned: " + _set(slower, have, wanted)
+    return State.GREEN, f"{planned.speed_mps:g} m/s, as planned"
+
+
+def _without(report: Any, unknown) -> Found:
+    if not report.complete:
+        return State.UNKNOWN, "its parameters are being read"
+    return State.AMBER, f"not known of it: {', '.join(unknown)}"
+
+
+def _set(names, have: Dict[str, float], wanted: Dict[str, float]) -> str:
+    return "; ".join(f"{n} is {have[n]:g}, planned {wanted[n]:g}" for n in names)
+
+
+def check(planned: FlightBounds, silent: Callable[..., bool]) -> Check:
+    """The line of one vehicle. ``silent(now_s, vehicle, rules)``: whether its own flight check is not heard."""
+
+    def of(now_s, vehicle, rules) -> Found:
+        report = None if silent(now_s, vehicle, rules) else vehicle.parameters
+        return judge(report, planned)
+
+    return Check(
+        "speed", "the autopilot flies as fast as the mission's `flight` says",
+        "rosrun fcsv_control parameters write LINE --set NAME=PLANNED, or mend the mission's flight", of,
+    )  # fmt: skip
