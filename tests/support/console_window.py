@@ -118,10 +118,14 @@ def _answer(window, question: dict) -> Any:
         return window.isVisible()
     if what == "id":
         return int((QtWidgets.QApplication.activeModalWidget() or window).winId())
+    dialog = QtWidgets.QApplication.activeModalWidget()
     if what == "dialog":
-        return QtWidgets.QApplication.activeModalWidget() is not None
-    if what == "picture":
-        return window.grab().save(question["path"])
+        return dialog is not None and dialog.windowHandle() is not None and dialog.windowHandle().isExposed()
+    if what == "typed in a dialog":
+        field = QtWidgets.QApplication.focusWidget()
+        return field.text() if isinstance(field, QtWidgets.QLineEdit) and field.window() == dialog else None
+    if what == "picture":  # of the screen: with what is opened above the window
+        return QtWidgets.QApplication.primaryScreen().grabWindow(0).save(question["path"])
     if what == "place":
         plan = window.plan
         at = plan.mapToGlobal(QtCore.QPoint(*(round(v) for v in plan.scale.to_px(*question["home_m"]))))

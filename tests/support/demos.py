@@ -3,6 +3,7 @@
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import time
@@ -20,6 +21,16 @@ def start_demo(out: Path, *args: str) -> subprocess.Popen:
     log = open(out / "stdout.txt", "wb")
     env = {k: v for k, v in os.environ.items() if k != "DISPLAY"}  # it opens no window on somebody's screen
     return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True, env=env)
+
+
+def end(demo: subprocess.Popen) -> None:
+    """With all that it started, where it is not over: killed, it would leave its masters and nodes behind."""
+    if demo.poll() is None:
+        demo.send_signal(signal.SIGINT)
+        try:
+            demo.wait(100.0)
+        except subprocess.TimeoutExpired:
+            demo.kill()
 
 
 def said(out: Path) -> str:

@@ -8,7 +8,6 @@ there, for the list; beside it; and in flight, after it was killed.
 import json
 import os
 import re
-import shutil
 import time
 import xmlrpc.client
 from pathlib import Path
@@ -20,11 +19,12 @@ from fcsv_sim.machines.slow_motion import Page
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.truth import TruthReader
 from support.console_window import LABEL, Window
-from support.demos import FLIGHT_LIMIT_S, said, start_demo
+from support.demos import FLIGHT_LIMIT_S, end, said, start_demo
 from support.screen import Hands, Screen
 
 VEHICLES = ("uav1", "uav2")
 DRAGGED, FROM_M, TO_M = 2, 7.0, 8.0  # the configuration whose goal is dragged, from where to where
+GATHERED_MAP = "map_gathered"  # folder of the map that is made from the window
 HELD_S, TOO_SHORT_S = 1.4, 0.4  # a button that wants a second
 _BROWSER = """#!/bin/sh
 printf '%s\\n' "$1" >>"{opened}"
@@ -78,6 +78,7 @@ class WindowFlight:
             self._land()
             self._gather_map_report()
             self._export()
+            self._demo_ends()
         except BaseException:
             self._picture("failed")
             raise
@@ -104,8 +105,7 @@ class WindowFlight:
         self._window = None
 
     def _start(self) -> None:
-        self._demo = start_demo(self._out, "--mission", str(self._mission), "--seed", "1", "--operator", "you",
-                                "--fly-only")  # fmt: skip
+        self._demo = start_demo(self._out, "--mission", str(self._mission), "--seed", "1", "--operator", "you")
         fleet = self._until(self._fleet, "the masters are up", 300.0)
         of_uav1, control = (xmlrpc.client.ServerProxy(fleet[n]["ROS_MASTER_URI"]) for n in ("uav1", "control"))
         # before the node that reads it is there: a line that is amber on every machine
@@ -180,20 +180,19 @@ class WindowFlight:
         self._until(lambda: self._headline() == ("CONFIGURATIONS", ""), "it goes on", 60.0)
 
     def _land(self) -> None:
+        """Until the bags are closed; the demo goes on, with its own map."""
         self._until(lambda: self._headline()[0] in ("LAND", "DONE"), "the list is flown", FLIGHT_LIMIT_S)
-        while self._demo.poll() is None:
-            time.sleep(0.2)
-        assert self._demo.returncode == 0, said(self._out)[-4000:]
+        self._until(lambda: "session: " in said(self._out), "the machines are off", 200.0)
 
     def _gather_map_report(self) -> None:
-        """The machines are off; their bags are where they recorded. The truth is no machine's: it is laid beside."""
+        """The machines are off; their bags are where they recorded. The map stands beside the demo's own."""
         window, session = self._window, self._out / "session"
         self._window.key("F5")
         window.write("Machines", " ".join(f"{name}={session}" for name in (*VEHICLES, "control")))
+        window.write("Map", str(self._out / GATHERED_MAP))
         window.click("Gather")
         window.until(lambda: window.text("What gather said").startswith(("done", "FAILED")), "it gathered", 180.0)
         self.seen["gathered"] = window.text("What gather said")
-        shutil.copytree(session / "truth", self._out / "flight" / "truth")
         window.click("Map")
         window.until(lambda: window.text("What map said").startswith(("done", "FAILED")), "it mapped", 400.0)
         self.seen["mapped"] = window.text("What map said")
@@ -204,15 +203,26 @@ class WindowFlight:
         self._picture("report")
 
     def _export(self) -> None:
+        """To a path that is typed: once the dialog is there, and once it has all letters."""
         window, path = self._window, self._out / "events.csv"
+        typed = lambda: window.ask(what="typed in a dialog")  # noqa: E731
         self._window.key("F3")
         window.until(lambda: window.ask(what="dialog"), "it asks where to")
         self._hands.focus(window.ask(what="id"))
+        window.until(lambda: typed() is not None, "its field has the focus")
         self._hands.select_all()
         self._hands.write(str(path))
+        window.until(lambda: typed() == str(path), "the path is typed")
+        self._picture("export")
         self._window.key("Return")
         window.until(path.exists, "the events are exported")
         self.seen["closed"] = window.close()
+        self._window = None
+
+    def _demo_ends(self) -> None:
+        """With its map, made meanwhile."""
+        status = self._demo.wait(FLIGHT_LIMIT_S)
+        assert status == 0, said(self._out)[-4000:]
 
     # ---- what it stands on -----------------------------------------------------------------------------------------
 
@@ -277,6 +287,6 @@ class WindowFlight:
         if self._window is not None:
             self._window.kill()
         if self._demo is not None:
-            self._demo.kill()
+            end(self._demo)
         self._hands.close()
         self._screen.close()

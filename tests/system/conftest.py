@@ -2,17 +2,16 @@
 """One flight that several tests look at."""
 
 import pytest
-from support.demos import FLIGHT_LIMIT_S, said, start_demo
+from support.window_flight import WindowFlight
 
 
 @pytest.fixture(scope="session")
-def flown(tmp_path_factory):
-    """A demo flown and mapped to its end."""
+def operated(tmp_path_factory, root):
+    """(folder, what the operator saw) of a demo flown from the operator's window and mapped to its end."""
     out = tmp_path_factory.mktemp("demo")
-    demo = start_demo(out, "--mission", "short", "--seed", "1")
-    try:
-        status = demo.wait(FLIGHT_LIMIT_S + 200)
-    finally:
-        demo.kill()
-    assert status == 0, said(out)[-4000:]
-    return out
+    return out, WindowFlight(out, root / "config" / "missions" / "short.yaml").fly()
+
+
+@pytest.fixture(scope="session")
+def flown(operated):
+    return operated[0]

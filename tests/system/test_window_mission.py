@@ -1,37 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """A whole mission from the operator's window: real clicks, keys and drags on a screen, from its list to its report.
 
-The story is in support/window_flight.py. All else of the window is tested against the view-model (tests/fcsv_console).
-Flown on request only (FCSV_FLY_WINDOW=1): it was flown twice, and its last step, the export through the file dialog,
-has not held in a flight yet.
+The story is in support/window_flight.py; what the demo leaves behind meanwhile, test_demo.py looks at. All else of the
+window is tested against the view-model (tests/fcsv_console).
 """
 
 import csv
-import os
 import re
 
+import numpy as np
 import pytest
 from support.demos import said
-from support.window_flight import DRAGGED, TO_M, WindowFlight
+from support.window_flight import DRAGGED, GATHERED_MAP, TO_M
 
 from fcsv_geometry.mission import load_mission
 
-pytestmark = [
-    pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800),
-    pytest.mark.skipif("FCSV_FLY_WINDOW" not in os.environ, reason="on request only: FCSV_FLY_WINDOW=1"),
-]  # fmt: skip
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
-@pytest.fixture(scope="module")
-def operated(tmp_path_factory, root):
-    """(folder, what the operator saw) of a short mission flown and mapped from the window."""
-    out = tmp_path_factory.mktemp("window")
-    return out, WindowFlight(out, root / "config" / "missions" / "short.yaml").fly()
-
-
-@pytest.fixture(scope="module")
-def flown(operated):
-    return operated[0]
+@pytest.fixture
+def seen(operated):
+    return operated[1]
 
 
 def events(path):
@@ -40,14 +29,8 @@ def events(path):
         return {(row["who"], row["what"]): row["answer"] for row in csv.DictReader(file)}
 
 
-@pytest.fixture(scope="module")
-def seen(operated):
-    return operated[1]
-
-
-def test_a_goal_is_dragged_while_it_is_allowed_and_flown_where_it_was_put(operated, flown):
+def test_a_goal_is_dragged_while_it_is_allowed_and_flown_where_it_was_put(seen, flown):
     """On the plan view, before the fleet is there; the comments of the file stay."""
-    seen = operated[1]
     assert not seen["dragged while it is locked"] and seen["list closed"] == 0
     text = (flown / "mine.yaml").read_text()
     assert (
@@ -78,7 +61,9 @@ def test_a_window_that_is_killed_in_flight_is_missed_by_nobody_and_the_next_one_
 
 def test_it_gathers_maps_and_opens_the_report(seen, flown):
     assert seen["gathered"].startswith("done: ") and seen["mapped"].startswith("done: ")
-    assert seen["opened"] == [f"file://{flown}/map/report.html"] and seen["closed"] == 0
+    assert seen["opened"] == [f"file://{flown / GATHERED_MAP}/report.html"] and seen["closed"] == 0
+    demos_own, gathered = (np.load(flown / folder / "depth.npy") for folder in ("map", GATHERED_MAP))
+    np.testing.assert_array_equal(gathered, demos_own)
 
 
 def test_every_command_is_kept_with_its_answer_and_exported(flown):
