@@ -10,8 +10,9 @@ from typing import Optional, Tuple
 import numpy as np
 import yaml
 
-from fcsv_control.mission.places import camera_place, heading_rad
+from fcsv_control.mission.places import heading_rad
 from fcsv_geometry import config
+from fcsv_geometry.camera_places import camera_place
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.mission import Mission
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
