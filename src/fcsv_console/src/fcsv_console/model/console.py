@@ -87,13 +87,11 @@ class Console:
         """The file's text as an editor holds it."""
         self.file = files.parse(text, self.file.source, self.optics)
 
-    def drag(self, index: int, baseline_m: float) -> str:
-        """A goal was dragged: another baseline for one configuration. Why it stays as it is, "" where it changed."""
-        if self.file.mission is None or not 0 <= index < len(self.file.rows):
-            return "there is no such configuration"
-        dragged = files.parse(files.with_baseline(self.file.text, index, baseline_m), self.file.source, self.optics)
-        self.file = self.file if dragged.error else dragged
-        return dragged.error.text if dragged.error else ""
+    def drag(self, index: int, value: float, field: str = "baseline_m") -> str:
+        """A goal was dragged: another baseline (m), or "tilt_deg", for one configuration. Why it stays, "" where it
+        changed."""
+        self.file, why = files.changed(self.file, index, field, value, self.optics)
+        return why
 
     def plan(self, wanted: planning.Wanted) -> planning.Planned:
         """Another list from range and error, in the text that is edited; a plan with a problem changes nothing."""
