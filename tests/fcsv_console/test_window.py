@@ -259,6 +259,19 @@ def test_a_goal_is_turned_by_its_knob_and_by_keys_only_while_it_is_allowed(shown
     assert console.file.rows[5].baseline_m == pytest.approx(5.1)
 
 
+def test_gauges_tell_how_far_who_flies_is_from_its_place(shown):
+    from fcsv_console.model.gauges import gauges
+
+    window, console, _ = shown("flying")
+    view = window.plan._view
+    own, other = gauges(view)
+    assert (own.name, other.name) == ("uav1", "uav2")
+    place, row = view.vehicles[1].place.value, view.file.rows[view.running]
+    assert other.left_m == pytest.approx(place.p_home_m[1] + row.baseline_m) and abs(other.left_m) < 0.1
+    assert other.words in window.plan.accessibleDescription()
+    assert gauges(replace(view, running=None)) == () and not gauges(console.view(view.now_s + 60.0))
+
+
 def test_the_wheel_on_the_height_bar_changes_a_vertical_goal_while_it_is_allowed(shown, app):
     window, console, _ = shown("flying")
     window.goal_changed.connect(console.drag)

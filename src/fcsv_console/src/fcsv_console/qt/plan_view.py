@@ -10,9 +10,10 @@ from python_qt_binding.QtWidgets import QWidget
 
 from fcsv_console.model import above_view as geometry
 from fcsv_console.model import cells
+from fcsv_console.model.gauges import gauges as gauges_of
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_console.model.view import View
-from fcsv_console.qt import colours
+from fcsv_console.qt import colours, gauges
 
 _BAR_PX, _LEAST_RADIUS_PX, _VIEW_M = 64.0, 9.0, 6.0
 _STEPS = {Qt.Key_Right: 1, Qt.Key_Left: -1, Qt.Key_Up: 1, Qt.Key_Down: -1}
@@ -22,8 +23,7 @@ _RINGS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 class PlanView(QWidget):
     """``goal_changed`` (index, baseline in m) and ``goal_turned`` (index, tilt in degrees) only while ``editable``; the
-    wheel changes a vertical goal's height. By keys: page up and down choose a goal, left and right (vertical: up and
-    down) change its baseline, with shift its tilt."""
+    wheel changes a vertical goal's height. Page up and down choose a goal, arrows move it, with shift turn it."""
 
     goal_changed, goal_turned = Signal(int, float), Signal(int, float)
 
@@ -31,9 +31,7 @@ class PlanView(QWidget):
         super().__init__(parent)
         self._view: Optional[View] = None
         self._fov_rad, self._zoom, self.editable = fov_rad, 1.0, False
-        self._held: Optional[int] = None
-        self._turned: Optional[int] = None
-        self._chosen: Optional[int] = None  # by keys
+        self._held = self._turned = self._chosen = None  # type: Optional[int] # by mouse, by its knob, by keys
         self._mouse = QPointF(0.0, 0.0)
         self._taken: List[geometry.Box] = []  # by what stands in the picture already
         self.setMinimumSize(300, 120)
@@ -45,6 +43,7 @@ class PlanView(QWidget):
         """Draw this from now on; words for a screen reader besides."""
         self._view = view
         words = [a.words for a in view.above] or ["nobody is above another"]
+        words += [g.words for g in gauges_of(view)]
         row = self._row(self._chosen)
         words += [] if row is None else [f"goal {row.index + 1} is chosen: {row.title}"]
         self.setAccessibleDescription("; ".join(words))
@@ -140,6 +139,7 @@ class PlanView(QWidget):
             self._vehicle(painter, scale, vehicle, k)
         self._names(painter, scale)
         self._fall(painter, scale)
+        gauges.draw(painter, gauges_of(self._view), self.palette(), self.height())
         self._bar(painter)
 
     def _ink(self, alpha: int) -> QColor:
