@@ -82,8 +82,8 @@ def test_messages_become_facts():
     from sensor_msgs.msg import BatteryState, CompressedImage
 
     from fcsv_console.ros import messages
-    from fcsv_control.mission.places import camera_place
     from fcsv_geometry import transforms
+    from fcsv_geometry.camera_places import camera_place
     from fcsv_geometry.mission import StereoConfiguration
     from fcsv_geometry.ros import conversions
     from mavros_msgs.msg import State

@@ -132,6 +132,24 @@ def test_a_state_once_a_second_does_not_flicker_and_one_that_stops_is_told():
     assert row(c, 14.9).flier.words == "no state for 2.9 s (was GUIDED)"
 
 
+def test_what_comes_often_is_stale_within_a_second_and_one_lost_message_is_no_alarm():
+    """As the flight link tells the state, and a playback's pictures come; poses go on."""
+    c = console()
+    for k in range(300):
+        at_s = 10.0 + k / 30.0
+        c.tell(at_s, facts.OdometryHeard("uav2", (0.0, 0.0, 8.0)))
+        if k % 12 == 0 and k not in (120, 204) and k <= 240:  # every 0.4 s until 18.0 s, two of them lost
+            c.tell(at_s, facts.AutopilotState("uav2", True, True, "GUIDED"))
+            c.tell(at_s, facts.PictureHeard("uav2", at_s))
+        if k <= 240:
+            assert not row(c, at_s).state.stale and not row(c, at_s).picture.stale
+    assert not row(c, 18.9).state.stale
+    late = row(c, 19.05)
+    assert late.state.stale and late.picture.stale and late.connection == "no state for 1.1 s"
+    c.tell(30.0, facts.AutopilotState("uav2", True, True, "GUIDED"))
+    assert not row(c, 30.9).state.stale and row(c, 31.1).state.stale
+
+
 def test_rates_are_of_the_last_seconds():
     h = hearing.Heard()
     for k in range(90):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real window without a screen: clicks, held keys, drags; names for a screen reader; reasons in tooltips."""
 
+import math
 import os
 import time
 from dataclasses import replace
@@ -216,6 +217,59 @@ def test_a_goal_is_dragged_only_while_it_is_allowed(shown, app):
     drag()
     assert console.file.rows[3].baseline_m == pytest.approx(9.0, abs=0.1), "a pixel is 4 cm here, a step 10 cm"
     assert console.file.mission is not None and "# Thesis 6.7" in console.file.text
+
+
+def test_a_goal_is_turned_by_its_knob_and_by_keys_only_while_it_is_allowed(shown, app):
+    window, console, _ = shown("flying")
+    window.goal_changed.connect(console.drag)
+    window.goal_turned.connect(lambda index, tilt_deg: console.drag(index, tilt_deg, "tilt_deg"))
+    plan, row = window.plan, console.file.rows[3]
+
+    def turn(index, tilt_deg):
+        scale = plan.scale
+        middle, knob = scale.to_px(*row.goal_m[:2]), above_view.handle(console.file.rows[index], scale)
+        heading = math.radians(tilt_deg)
+        there = middle[0] - 60.0 * math.sin(heading), middle[1] - 60.0 * math.cos(heading)
+        begin, end = (QtCore.QPoint(*(int(round(v)) for v in p)) for p in (knob, there))
+        QTest.mousePress(plan, KEYS.LeftButton, KEYS.NoModifier, begin)
+        QTest.mouseMove(plan, end)
+        plan.grab()
+        QTest.mouseRelease(plan, KEYS.LeftButton, KEYS.NoModifier, end)
+        plan.show_view(console.view(11.0))
+
+    turn(3, 12.0)
+    assert console.file.rows[3].tilt_deg == row.tilt_deg
+    plan.editable = True
+    turn(3, 12.0)
+    assert console.file.rows[3].tilt_deg == pytest.approx(12.0, abs=1.0), "a pixel is 1 degree here"
+    assert console.file.rows[3].baseline_m == row.baseline_m and "# Thesis 6.7" in console.file.text
+    turn(3, 80.0)
+    assert console.file.rows[3].tilt_deg == 30.0
+    for _ in range(4):
+        QTest.keyClick(plan, KEYS.Key_PageDown)
+    assert "goal 4 is chosen" in plan.accessibleDescription()
+    QTest.keyClick(plan, KEYS.Key_Right, KEYS.ShiftModifier)
+    QTest.keyClick(plan, KEYS.Key_Right)
+    assert (console.file.rows[3].tilt_deg, console.file.rows[3].baseline_m) == (29.0, row.baseline_m + 0.1)
+    for _ in range(2):
+        QTest.keyClick(plan, KEYS.Key_PageDown)
+    QTest.keyClick(plan, KEYS.Key_Up, KEYS.ShiftModifier)
+    assert console.file.rows[5].axis == "vertical" and console.file.rows[5].tilt_deg == 0.0
+    QTest.keyClick(plan, KEYS.Key_Up)
+    assert console.file.rows[5].baseline_m == pytest.approx(5.1)
+
+
+def test_gauges_tell_how_far_who_flies_is_from_its_place(shown):
+    from fcsv_console.model.gauges import gauges
+
+    window, console, _ = shown("flying")
+    view = window.plan._view
+    own, other = gauges(view)
+    assert (own.name, other.name) == ("uav1", "uav2")
+    place, row = view.vehicles[1].place.value, view.file.rows[view.running]
+    assert other.left_m == pytest.approx(place.p_home_m[1] + row.baseline_m) and abs(other.left_m) < 0.1
+    assert other.words in window.plan.accessibleDescription()
+    assert gauges(replace(view, running=None)) == () and not gauges(console.view(view.now_s + 60.0))
 
 
 def test_the_wheel_on_the_height_bar_changes_a_vertical_goal_while_it_is_allowed(shown, app):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from fcsv_control.mission import places, routes
 from fcsv_geometry import transforms
+from fcsv_geometry.camera_places import camera_place
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.home import home_of, odoms_in_home
 from fcsv_geometry.mission import StereoConfiguration
@@ -47,7 +48,7 @@ def test_set_points_bring_the_camera_there_in_the_world(seed, configuration, exp
 
     T_O1_home = home_of(transforms.invert(T_world_O1) @ T_world_D1 @ T_body_cam1)
     T_home_odom = odoms_in_home([link(transforms.invert(T_world_O1) @ T_world_O2)], "uav1", T_O1_home)
-    T_O2_D2 = places.body_set_point(places.camera_place(configuration), T_home_odom["uav2"], T_body_cam2)
+    T_O2_D2 = places.body_set_point(camera_place(configuration), T_home_odom["uav2"], T_body_cam2)
 
     T_world_home = T_world_O1 @ T_O1_home
     T_home_cam2 = transforms.invert(T_world_home) @ T_world_O2 @ T_O2_D2 @ T_body_cam2
@@ -63,14 +64,14 @@ def test_set_points_bring_the_camera_there_in_the_world(seed, configuration, exp
 def test_a_camera_that_looks_down_still_stands_at_its_place():
     """The body stays level, so the mount's pitch stays; its lever arm must not shift the camera."""
     T_body_cam = cam(Mount((0.3, 0.0, 0.1), (0.0, 20.0, 0.0)))
-    place = places.camera_place(StereoConfiguration("horizontal", 4.0))
+    place = camera_place(StereoConfiguration("horizontal", 4.0))
     T_body = places.body_set_point(place, np.eye(4), T_body_cam)
     np.testing.assert_allclose((T_body @ T_body_cam)[:3, 3], [0, -4, 0], atol=1e-12)
 
 
 def test_inward_tilt_points_both_cameras_at_one_point():
     """At 8 m and 10 degrees the axes cross 8 / tan(10 deg) = 45 m ahead."""
-    T = places.camera_place(StereoConfiguration("horizontal", 8.0, tilt_deg=10.0))
+    T = camera_place(StereoConfiguration("horizontal", 8.0, tilt_deg=10.0))
     ahead = 8.0 / np.tan(np.radians(10.0))
     p_cam = transforms.apply(transforms.invert(T), np.array([ahead, 0.0, 0.0]))
     assert abs(p_cam[0]) < 1e-9 and p_cam[2] > 0
@@ -115,7 +116,7 @@ CONFIGURATIONS = [("horizontal", b) for b in (2, 4, 6, 8, 10)] + [("vertical", b
 @pytest.mark.parametrize("after", [None, *CONFIGURATIONS])
 def test_every_change_of_the_thesis_list_has_a_way(before, after):
     """None is the place in the column, 3.5 m behind the reference."""
-    at = lambda c: np.array([-3.5, 0, 0.0]) if c is None else places.camera_place(StereoConfiguration(*c))[:3, 3]  # noqa: E731
+    at = lambda c: np.array([-3.5, 0, 0.0]) if c is None else camera_place(StereoConfiguration(*c))[:3, 3]  # noqa: E731
     way = routes.route(at(before), at(after), [np.zeros(3)], routes.Keep(SEPARATION_M))
     assert sampled_clearance(at(before), way, np.zeros(3)) >= SEPARATION_M - 1e-6
     assert len(way) <= 2

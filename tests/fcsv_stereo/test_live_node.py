@@ -81,6 +81,14 @@ class Fleet:
                     start=rospy.Time.from_sec(start_s), stop=rospy.Time.from_sec(stop_s))
         )  # fmt: skip
 
+    def listen(self, *names):
+        import rospy
+        from sensor_msgs.msg import PointCloud2
+
+        self.of_baselines = {n: [] for n in names}
+        for name, kept in self.of_baselines.items():
+            self.heard.append(rospy.Subscriber(f"/map/baselines/{name}", PointCloud2, kept.append))
+
     def last(self, state):
         said = [s for s in self.states if s.state == state]
         return said[-1] if said else None
@@ -138,6 +146,10 @@ def test_each_configuration_adds_to_the_map(fleet):
     f.picture("l_three", now + 10.0)
     until(lambda: f.last("ready").configurations == 2, what="the second configuration")
     assert f.clouds[-1].header.frame_id == "home" and f.clouds[-1].width == f.last("ready").points
+    f.listen("horizontal", "vertical_1m")  # to the points of either baseline, after they were mapped
+    until(lambda: all(f.of_baselines.values()), what="both baselines' points")
+    widths = [clouds[-1].width for clouds in f.of_baselines.values()]
+    assert min(widths) > 100 and sum(widths) <= f.clouds[-1].width  # thinned, each
 
 
 def test_a_broken_picture_is_named_and_the_next_one_serves(fleet):

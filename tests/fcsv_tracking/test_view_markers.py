@@ -89,7 +89,10 @@ def test_the_node_draws_them_beside_the_ellipsoids(start_node, root):
     assert {m.header.frame_id for m in vehicles[-1].markers} == {"home"}  # it is not set: their frames have no place
     assert got and not got[-1].markers
     home = rospy.Publisher("/tello1/camera_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
-    home.publish(conversions.header(1.0, "home"), PoseWithCovarianceStamped().pose)
+    pose = PoseWithCovarianceStamped().pose
+    home.publish(conversions.header(1.0, "home"), pose)  # no rotation: dropped
+    pose.pose.orientation.w = 1.0
+    home.publish(conversions.header(1.0, "home"), pose)
     drawn = {("covariance of tello1", "home"), ("gimbal views", "tello1/gimbal_optical"), ("mocap view", "mocap")}
     until(lambda: {(m.ns, m.header.frame_id) for m in got[-1].markers} == drawn, what="both views")
     until(lambda: "tello1/base_link" in {m.header.frame_id for m in vehicles[-1].markers}, what="its own frame")

@@ -10,6 +10,8 @@ from fcsv_console.model.view import View
 
 _LEAST_M, _MARGIN = 6.0, 1.25
 _PICK_PX = 14.0
+_HANDLE_PX = 34.0  # from a goal to the handle that turns it
+_MOST_TILT_DEG = 30.0  # as a mission has it
 _BAR_MARGIN_PX = 16.0
 
 
@@ -130,6 +132,43 @@ def picked(rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: fl
 def dragged(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> float:
     """The baseline (m) of a horizontal configuration whose goal is dragged there; a vertical one keeps its own."""
     return stepped(-scale.to_m(u_px, v_px)[1]) if row.axis == "horizontal" else row.baseline_m
+
+
+def following(rows: Sequence[ConfigurationRow], index: Optional[int], step: int) -> Optional[int]:
+    """The next configuration to stand at (``step`` 1) or the one before (-1), round and round; None: there is none."""
+    stands = [r.index for r in rows if r.way_m is None]
+    if index not in stands:
+        return stands[0] if stands else None
+    return stands[(stands.index(index) + step) % len(stands)]
+
+
+def handle(row: ConfigurationRow, scale: Scale) -> Tuple[float, float]:
+    """Where the handle is (px) by which a horizontal goal is turned: along its camera's view."""
+    u, v = scale.to_px(row.goal_m[0], row.goal_m[1])
+    return u - _HANDLE_PX * math.sin(row.goal_heading_rad), v - _HANDLE_PX * math.cos(row.goal_heading_rad)
+
+
+def handle_picked(rows: Sequence[ConfigurationRow], scale: Scale, u_px: float, v_px: float) -> Optional[int]:
+    """The horizontal configuration to stand at whose handle is under the mouse; of several the nearest."""
+    distances = {r.index: math.dist(handle(r, scale), (u_px, v_px))
+                 for r in rows if r.axis == "horizontal" and r.way_m is None}  # fmt: skip
+    near = [i for i, d in distances.items() if d <= _PICK_PX]
+    return min(near, key=lambda i: distances[i]) if near else None
+
+
+def turned(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> float:
+    """The tilt (whole degrees, inward, to the left) of a horizontal configuration whose handle is dragged there."""
+    u, v = scale.to_px(row.goal_m[0], row.goal_m[1])
+    return within_tilt(math.degrees(math.atan2(u - u_px, v - v_px)))
+
+
+def within_tilt(tilt_deg: float) -> float:
+    """In whole degrees, as far as a mission may turn a camera.
+
+    >>> within_tilt(-4.4), within_tilt(95.0)
+    (-4.0, 30.0)
+    """
+    return float(round(max(-_MOST_TILT_DEG, min(_MOST_TILT_DEG, tilt_deg)))) + 0.0
 
 
 def wheeled(row: ConfigurationRow, notches: float) -> float:

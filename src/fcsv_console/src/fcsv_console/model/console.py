@@ -12,7 +12,7 @@ from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
-from fcsv_console.model.hearing import STALE_S, Heard
+from fcsv_console.model.hearing import SLOW_STALE_S, Heard
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import RUNS, Rehearsals
 from fcsv_console.model.soundness import unsound
@@ -48,9 +48,9 @@ class Console:
         self._alive: Heard[f.MissionAlive] = Heard(_ALIVE_S)
         self._check: Heard[f.Check] = Heard(math.inf)
         self._map: Heard[f.MapTold] = Heard(math.inf)
-        self._stop: Heard[f.StopTold] = Heard(2.5 * STALE_S)
+        self._stop: Heard[f.StopTold] = Heard(SLOW_STALE_S)
         self._epipolar: Heard[f.EpipolarTold] = Heard(4.0)  # measured once a second
-        self._recorder: Heard[f.Recorder] = Heard(2.5 * STALE_S)
+        self._recorder: Heard[f.Recorder] = Heard(SLOW_STALE_S)
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
         self._flown: Optional[Mission] = None
@@ -87,13 +87,11 @@ class Console:
         """The file's text as an editor holds it."""
         self.file = files.parse(text, self.file.source, self.optics)
 
-    def drag(self, index: int, baseline_m: float) -> str:
-        """A goal was dragged: another baseline for one configuration. Why it stays as it is, "" where it changed."""
-        if self.file.mission is None or not 0 <= index < len(self.file.rows):
-            return "there is no such configuration"
-        dragged = files.parse(files.with_baseline(self.file.text, index, baseline_m), self.file.source, self.optics)
-        self.file = self.file if dragged.error else dragged
-        return dragged.error.text if dragged.error else ""
+    def drag(self, index: int, value: float, field: str = "baseline_m") -> str:
+        """A goal was dragged: another baseline (m), or "tilt_deg", for one configuration. Why it stays, "" where it
+        changed."""
+        self.file, why = files.changed(self.file, index, field, value, self.optics)
+        return why
 
     def plan(self, wanted: planning.Wanted) -> planning.Planned:
         """Another list from range and error, in the text that is edited; a plan with a problem changes nothing."""

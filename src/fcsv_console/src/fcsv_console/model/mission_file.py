@@ -10,8 +10,9 @@ from typing import Optional, Tuple
 import numpy as np
 import yaml
 
-from fcsv_control.mission.places import camera_place, heading_rad
+from fcsv_control.mission.places import heading_rad
 from fcsv_geometry import config
+from fcsv_geometry.camera_places import camera_place
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.mission import Mission
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
@@ -206,14 +207,29 @@ def stepped(baseline_m: float) -> float:
     return round(max(STEP_M, round(baseline_m / STEP_M) * STEP_M), 3)
 
 
-def with_baseline(text: str, index: int, baseline_m: float) -> str:
-    """The file's text with another baseline for one configuration; all else, comments too, as it was.
+def changed(file: MissionFile, index: int, field: str, value: float, optics: Optics) -> Tuple[MissionFile, str]:
+    """With another value of one configuration's field, and ""; or as it was, and why: it could not be flown."""
+    if file.mission is None or not 0 <= index < len(file.rows):
+        return file, "there is no such configuration"
+    found = parse(with_value(file.text, index, field, value), file.source, optics)
+    return (file, found.error.text) if found.error else (found, "")
 
-    >>> with_baseline("configurations: # two\\n  - {axis: vertical, baseline_m: 5.0}  # up\\n", 0, 6.5)
+
+def with_value(text: str, index: int, field: str, value: float) -> str:
+    """The file's text with another value of a configuration's field; all else, comments too, as it was.
+
+    >>> with_value("configurations: # two\\n  - {axis: vertical, baseline_m: 5.0}  # up\\n", 0, "baseline_m", 6.5)
     'configurations: # two\\n  - {axis: vertical, baseline_m: 6.5}  # up\\n'
+    >>> with_value("configurations:\\n  - axis: horizontal\\n    baseline_m: 5.0\\n", 0, "tilt_deg", -4.0)
+    'configurations:\\n  - axis: horizontal\\n    baseline_m: 5.0\\n    tilt_deg: -4.0\\n'
     """
     node = yaml.compose(text)
     listed = next(v for k, v in node.value if k.value == "configurations")
-    value = next(v for k, v in listed.value[index].value if k.value == "baseline_m")
-    return text[: value.start_mark.index] + f"{baseline_m:.3f}".rstrip("0").rstrip(".").replace(",", ".") \
-        + (".0" if baseline_m == int(baseline_m) else "") + text[value.end_mark.index :]  # fmt: skip
+    mapping = listed.value[index]
+    words = f"{value:.3f}".rstrip("0").rstrip(".") + (".0" if value == int(value) else "")
+    there = next((v for k, v in mapping.value if k.value == field), None)
+    if there is not None:
+        return text[: there.start_mark.index] + words + text[there.end_mark.index :]
+    key, after = mapping.value[-1]
+    between = ", " if mapping.flow_style else "\n" + " " * key.start_mark.column
+    return text[: after.end_mark.index] + f"{between}{field}: {words}" + text[after.end_mark.index :]

@@ -25,7 +25,7 @@ class Flier:
 
 @dataclass(frozen=True)
 class VehicleRow:
-    """A vehicle at one moment; times in s. ``heard``: anything of it at all; its state comes once a second only, other
+    """A vehicle at one moment; times in s. ``heard``: anything of it at all; its state comes 2.5 times a second, other
     streams five to thirty times. ``endurance_s``: until its battery is at the mission's lowest share."""
 
     name: str

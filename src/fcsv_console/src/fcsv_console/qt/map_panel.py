@@ -29,7 +29,9 @@ class MapPanel(QWidget):
         self.stereo.setAccessibleName("Stereo pair")
         self.drag = QPushButton("Drag goals [D]")
         self.drag.setCheckable(True)
-        self.drag.setToolTip("Change baselines: goals sideways with the mouse, vertical ones with the wheel")
+        self.drag.setToolTip(
+            "Change baselines: goals sideways with the mouse, vertical ones with the wheel; their knobs turn the camera"
+        )
         self.drag.setAccessibleName("Drag goals")
         self.drag.toggled.connect(lambda on: setattr(self.plan, "editable", on))
         below = QHBoxLayout()

@@ -10,24 +10,28 @@ from python_qt_binding.QtWidgets import QWidget
 
 from fcsv_console.model import above_view as geometry
 from fcsv_console.model import cells
+from fcsv_console.model.gauges import gauges as gauges_of
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_console.model.view import View
-from fcsv_console.qt import colours
+from fcsv_console.qt import colours, gauges
 
 _BAR_PX, _LEAST_RADIUS_PX, _VIEW_M = 64.0, 9.0, 6.0
+_STEPS = {Qt.Key_Right: 1, Qt.Key_Left: -1, Qt.Key_Up: 1, Qt.Key_Down: -1}
+_TURNS = {Qt.Key_PageDown: 1, Qt.Key_PageUp: -1}
 _RINGS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
 class PlanView(QWidget):
-    """``goal_changed`` (index, baseline in m) only while ``editable``; the wheel changes a vertical goal's height."""
+    """``goal_changed`` (index, baseline in m) and ``goal_turned`` (index, tilt in degrees) only while ``editable``; the
+    wheel changes a vertical goal's height. Page up and down choose a goal, arrows move it, with shift turn it."""
 
-    goal_changed = Signal(int, float)
+    goal_changed, goal_turned = Signal(int, float), Signal(int, float)
 
     def __init__(self, fov_rad: float, parent=None):
         super().__init__(parent)
         self._view: Optional[View] = None
         self._fov_rad, self._zoom, self.editable = fov_rad, 1.0, False
-        self._held: Optional[int] = None
+        self._held = self._turned = self._chosen = None  # type: Optional[int] # by mouse, by its knob, by keys
         self._mouse = QPointF(0.0, 0.0)
         self._taken: List[geometry.Box] = []  # by what stands in the picture already
         self.setMinimumSize(300, 120)
@@ -38,8 +42,17 @@ class PlanView(QWidget):
     def show_view(self, view: View) -> None:
         """Draw this from now on; words for a screen reader besides."""
         self._view = view
-        self.setAccessibleDescription("; ".join([a.words for a in view.above] or ["nobody is above another"]))
+        words = [a.words for a in view.above] or ["nobody is above another"]
+        words += [g.words for g in gauges_of(view)]
+        row = self._row(self._chosen)
+        words += [] if row is None else [f"goal {row.index + 1} is chosen: {row.title}"]
+        self.setAccessibleDescription("; ".join(words))
         self.update()
+
+    def _row(self, index: Optional[int]):
+        """None where nothing is chosen, or the list has become shorter."""
+        rows = self._view.file.rows if self._view is not None else ()
+        return rows[index] if index is not None and index < len(rows) else None
 
     @property
     def scale(self) -> geometry.Scale:
@@ -55,9 +68,14 @@ class PlanView(QWidget):
 
     def mousePressEvent(self, event) -> None:
         if self.editable and self._view is not None:
-            self._held = geometry.picked(self._view.file.rows, self.scale, event.x(), event.y())
+            rows, scale, at = self._view.file.rows, self.scale, (event.x(), event.y())
+            self._turned = geometry.handle_picked(rows, scale, *at)
+            self._held = geometry.picked(rows, scale, *at) if self._turned is None else None
 
     def mouseReleaseEvent(self, event) -> None:
+        turned, self._turned = self._row(self._turned), None
+        if turned is not None:
+            self._turn(turned, geometry.turned(turned, self.scale, event.x(), event.y()))
         if self._held is not None:
             row = self._view.file.rows[self._held]
             baseline_m = geometry.dragged(row, self.scale, event.x(), event.y())
@@ -68,8 +86,26 @@ class PlanView(QWidget):
 
     def mouseMoveEvent(self, event) -> None:
         self._mouse = QPointF(event.x(), event.y())
-        if self._held is not None:
+        if self._held is not None or self._turned is not None:
             self.update()
+
+    def keyPressEvent(self, event) -> None:
+        row, step = self._row(self._chosen) if self.editable else None, _STEPS.get(event.key(), 0)
+        if event.key() in _TURNS and self.editable and self._view is not None:
+            self._chosen = geometry.following(self._view.file.rows, self._chosen, _TURNS[event.key()])
+            self.show_view(self._view)
+        elif step and row is not None:
+            if event.modifiers() & Qt.ShiftModifier:
+                self._turn(row, geometry.within_tilt(row.tilt_deg - step))
+            else:
+                self.goal_changed.emit(row.index, geometry.stepped(row.baseline_m + geometry.STEP_M * step))
+        else:
+            super().keyPressEvent(event)
+
+    def _turn(self, row, tilt_deg: float) -> None:
+        """A vertical one has no tilt: a hovering multirotor cannot pitch a fixed camera."""
+        if row.axis == "horizontal" and tilt_deg != row.tilt_deg:
+            self.goal_turned.emit(row.index, tilt_deg)
 
     def wheelEvent(self, event) -> None:
         notches = event.angleDelta().y() / 120.0
@@ -103,6 +139,7 @@ class PlanView(QWidget):
             self._vehicle(painter, scale, vehicle, k)
         self._names(painter, scale)
         self._fall(painter, scale)
+        gauges.draw(painter, gauges_of(self._view), self.palette(), self.height())
         self._bar(painter)
 
     def _ink(self, alpha: int) -> QColor:
@@ -156,9 +193,24 @@ class PlanView(QWidget):
             if row.axis == "vertical":
                 continue  # they stand on the height bar: from above they are home
             painter.drawPolygon(QPolygonF([at + QPointF(*d) for d in ((0, -6), (6, 0), (0, 6), (-6, 0))]))
+            if row.index == self._chosen:
+                painter.drawRect(QRectF(at.x() - 10.0, at.y() - 10.0, 20.0, 20.0))
+            if self.editable and row.way_m is None:
+                self._handle(painter, scale, row, at)
             painter.setPen(self._tone(cells.GOOD) if running else self._ink(170))
             painter.drawText(QRectF(at.x() - 30.0, at.y() + 8.0, 60.0, 16.0), Qt.AlignCenter, f"{baseline_m:g}")
             self._taken.append((at.x() - 9.0, at.y() - 6.0, 18.0, 30.0))
+
+    def _handle(self, painter: QPainter, scale: geometry.Scale, row, at: QPointF) -> None:
+        """A line along the camera's view with a knob at its end; while it is dragged, its degrees."""
+        end = QPointF(*geometry.handle(row, scale)) - self._at(scale, row.goal_m[0], row.goal_m[1])
+        if row.index == self._turned:
+            tilt_deg = geometry.turned(row, scale, self._mouse.x(), self._mouse.y())
+            heading, reach = math.radians(tilt_deg), math.hypot(end.x(), end.y())
+            end = QPointF(-reach * math.sin(heading), -reach * math.cos(heading))
+            painter.drawText(at + end + QPointF(8.0, 0.0), f"{tilt_deg:+.0f}°")
+        painter.drawLine(at, at + end)
+        painter.drawEllipse(at + end, 5.0, 5.0)
 
     def _vehicle(self, painter: QPainter, scale: geometry.Scale, v: VehicleRow, k: int) -> None:
         place, colour = v.place.value, QColor(colours.VEHICLES[k % len(colours.VEHICLES)])

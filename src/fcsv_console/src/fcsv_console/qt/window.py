@@ -47,7 +47,8 @@ class ConsoleWindow(QMainWindow):
     """``asked`` (name, arguments); the goal that is dragged and the text that is edited go out as the others do."""
 
     asked = Signal(str, dict)
-    edited, opened, goal_changed, planned = Signal(str), Signal(str), Signal(int, float), Signal(object)
+    edited, opened, planned = Signal(str), Signal(str), Signal(object)
+    goal_changed, goal_turned = Signal(int, float), Signal(int, float)
 
     def __init__(self, view: View, fov_rad: float, rviz_config: str = ""):
         super().__init__()
@@ -101,6 +102,7 @@ class ConsoleWindow(QMainWindow):
         self.progress.setFixedHeight(8)
         self.progress.setTextVisible(False)
         self.plan.goal_changed.connect(self.goal_changed)
+        self.plan.goal_turned.connect(self.goal_turned)
         self.map.showed.connect(self._make_room_for_map)
         self.vehicles = CellTable("Vehicles", ["", *(v.name for v in view.vehicles)],
                                   range(1, len(view.vehicles) + 1), rows=False, wraps=True)  # fmt: skip

@@ -87,6 +87,7 @@ def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
     window.edited.connect(console.edit)
     window.opened.connect(console.load)
     window.goal_changed.connect(console.drag)
+    window.goal_turned.connect(lambda index, tilt_deg: console.drag(index, tilt_deg, "tilt_deg"))
     window.planned.connect(lambda wanted: window.mission.plan.show_planned(console.plan(wanted)))
     window.after.changed.connect(shell.name_places)
     window.after.asked.connect(lambda step, places: after(shell, step, places))

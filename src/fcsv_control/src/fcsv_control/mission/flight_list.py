@@ -11,12 +11,13 @@ from fcsv_control.mission.holding import Holding
 from fcsv_control.mission.journey import Journey
 from fcsv_control.mission.memory import RememberedList
 from fcsv_control.mission.outbox import Outbox
-from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, camera_place, level_camera
+from fcsv_control.mission.places import level_camera
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow, Progress, Standing
 from fcsv_control.mission.sweeping import Sweeping
 from fcsv_control.mission.task_list import Task, TaskList, tasks
+from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, camera_place
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 

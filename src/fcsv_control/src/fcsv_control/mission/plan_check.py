@@ -8,10 +8,10 @@ from typing import Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, 
 import numpy as np
 
 from fcsv_control.mission import traffic
-from fcsv_control.mission.places import camera_place, last_place
 from fcsv_control.mission.routes import Keep, route
 from fcsv_control.mission.task_list import Task, TaskList, tasks
 from fcsv_control.mission.timed_way import TimedWay, timed_way
+from fcsv_geometry.camera_places import camera_place, last_place
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 

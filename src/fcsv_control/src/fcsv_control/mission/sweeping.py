@@ -8,11 +8,11 @@ import numpy as np
 
 from fcsv_control.mission.journey import go_to
 from fcsv_control.mission.outbox import Outbox
-from fcsv_control.mission.places import T_HOME_CAM_AT_HOME, sweep_place
 from fcsv_control.mission.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
 from fcsv_control.mission.routes import distance_to_segments
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow, Progress
+from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, sweep_place
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_geometry.mission import Mission

@@ -27,7 +27,8 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from mavros_msgs.msg import State, StatusText
 
-_STATE_PERIOD_S = 1.0
+_STATE_PERIOD_S = 0.4  # so that one that is lost on the radio is no second of silence
+_DIAGNOSE_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class FlightLinkNode:
         self._name = self._parameters.vehicle
         self._odom = frames.odom(self._name)
         self._published, self._published_s = None, float("-inf")
+        self._diagnosed_s = float("-inf")
         self._state_lock = threading.Lock()
         self._health = Health(self._name, {"pose feed": 10.0, "autopilot": 5.0})
         p = self._parameters
@@ -106,14 +108,16 @@ class FlightLinkNode:
         now_s = time.monotonic()
         self._told.publish(now_s, self._link, self._feed.doubt)
         self._feed.watch(now_s)
-        if now_s - self._published_s >= _STATE_PERIOD_S or not self._link.connected:
+        if now_s - self._diagnosed_s >= _DIAGNOSE_S or not self._link.connected:
+            self._diagnosed_s = now_s
             self._told.diagnose(self._link)
+        if now_s - self._published_s >= _STATE_PERIOD_S or not self._link.connected:
             self._on_state()
 
     # ---- from the autopilot --------------------------------------------------------------------------------
 
     def _on_state(self) -> None:
-        """Publish the state where it changed, and once a second."""
+        """Publish the state where it changed, and 2.5 times a second."""
         connected, s = self._link.snapshot()
         now = (connected, s.armed, s.guided, s.manual_input, s.mode, s.system_status)
         with self._state_lock:

@@ -11,6 +11,7 @@ import rospkg
 import rospy
 
 from fcsv_geometry.ros import node
+from fcsv_geometry.ros.health import Health
 from fcsv_multimaster import fkie
 from fcsv_multimaster.endpoints import parse_peers
 from fcsv_multimaster.errors import RelayError
@@ -52,11 +53,17 @@ class FkieNode:
         self._processes: List[subprocess.Popen] = [
             subprocess.Popen(["rosrun", package, name, f"__name:={name}"], env=env) for package, name in _NODES
         ]
+        self._health = Health("fkie")
+        self._health.value("machine", parameters.machine)
+        self._health.value("peers", ", ".join(sorted(peers)))
         rospy.on_shutdown(self._stop)
 
     def spin(self) -> None:
         while not rospy.is_shutdown() and all(p.poll() is None for p in self._processes):
             time.sleep(0.2)
+        for (_, name), process in zip(_NODES, self._processes):
+            if process.poll() is not None and not rospy.is_shutdown():
+                self._health.problem(name, f"{name} of fkie ended with {process.returncode}; both are started again")
         self._stop()
 
     def _stop(self) -> None:

@@ -22,6 +22,7 @@ from fcsv_stereo.live import Corrections, LiveSession, MapStage
 from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
+from fcsv_stereo.ros.baseline_topics import BaselineTopics
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
 from fcsv_stereo.warm_up import warm_up
@@ -73,6 +74,7 @@ class LiveNode:
         self._health = Health("map", {"pictures": 0.0})
         latched = {"queue_size": 1, "latch": True}
         self._points = rospy.Publisher("/map/points", PointCloud2, **latched)
+        self._by_baseline = BaselineTopics()
         self._depth = rospy.Publisher("/map/depth", Image, **latched)
         self._info = rospy.Publisher("/map/camera_info", CameraInfo, **latched)
         self._reference = rospy.Publisher("/map/reference", Image, **latched)
@@ -247,6 +249,8 @@ class LiveNode:
         T = conversions.transform_stamped(reference.T_home_cam, reference.stamp_s, frames.HOME, REFERENCE_FRAME)
         self._static.sendTransform([T])
         self._points.publish(cloud_message(result.cloud, reference.stamp_s))
+        baselines = [(p.configuration.axis.value, p.configuration.baseline_m) for p in result.pairs]
+        self._by_baseline.show(result.cloud, baselines, reference.stamp_s)
         self._depth.publish(depth_message(result.depth, reference.stamp_s))
         self._info.publish(conversions.info_from_camera(reference.camera, reference.stamp_s, REFERENCE_FRAME))
         self._reference.publish(conversions.array_to_image(reference.image, "rgb8", reference.stamp_s, REFERENCE_FRAME))

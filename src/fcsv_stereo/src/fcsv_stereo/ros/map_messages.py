@@ -13,21 +13,28 @@ from fcsv_stereo.model import Cloud
 #: Optical frame of the reference picture that depth belongs to, published as a static transform from home.
 REFERENCE_FRAME = "map/reference_optical"
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4")])
+_OF_BASELINES = np.dtype([*_POINT.descr, ("baseline_m", "<f4")])
 
 
-def cloud_message(cloud: Cloud, stamp_s: float, chosen: Optional[np.ndarray] = None) -> PointCloud2:
-    """Points of home with packed colour and sigma (m); ``chosen`` (N) bool of them, or all."""
-    chosen = np.ones(len(cloud), bool) if chosen is None else chosen
-    points = np.empty(int(chosen.sum()), _POINT)
+def cloud_message(
+    cloud: Cloud, stamp_s: float, chosen: Optional[np.ndarray] = None, lengths_m: Optional[np.ndarray] = None
+) -> PointCloud2:
+    """Points of home with packed colour and sigma (m); ``chosen``: indices of them, or all. With ``lengths_m`` (of each
+    pair) every chosen point has the length of its baseline, too."""
+    chosen = np.arange(len(cloud)) if chosen is None else chosen
+    kind = _POINT if lengths_m is None else _OF_BASELINES
+    points = np.empty(len(chosen), kind)
     for i, axis in enumerate("xyz"):
         points[axis] = cloud.points_home_m[chosen, i]
     colors = cloud.colors[chosen].astype(np.uint32)
     points["rgb"] = colors[:, 0] << 16 | colors[:, 1] << 8 | colors[:, 2]
     points["sigma"] = cloud.sigma_m[chosen]
+    if lengths_m is not None:
+        points["baseline_m"] = lengths_m[cloud.baseline_index[chosen]] if len(chosen) else 0.0
     message = PointCloud2(header=conversions.header(stamp_s, frames.HOME), height=1, width=len(points))
     kinds = {"<f4": PointField.FLOAT32, "<u4": PointField.FLOAT32}  # rgb travels in a float's bits
-    message.fields = [PointField(n, _POINT.fields[n][1], kinds[_POINT[n].str], 1) for n in _POINT.names]
-    message.point_step, message.row_step, message.is_dense = _POINT.itemsize, _POINT.itemsize * len(points), True
+    message.fields = [PointField(n, kind.fields[n][1], kinds[kind[n].str], 1) for n in kind.names]
+    message.point_step, message.row_step, message.is_dense = kind.itemsize, kind.itemsize * len(points), True
     message.data = points.tobytes()
     return message
 

@@ -2,36 +2,33 @@
 """Shows a finished map in rviz: the fused cloud, one cloud per baseline, the reference picture."""
 
 import json
-import re
 import sys
 from pathlib import Path
 
 import cv2
-import numpy as np
 import rospy
 from sensor_msgs.msg import Image, PointCloud2
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros.health import Health
 from fcsv_stereo.output import read_ply
+from fcsv_stereo.ros.baseline_topics import BaselineTopics
 from fcsv_stereo.ros.map_messages import cloud_message
 
 
 def publish_map(out: Path) -> list:
-    """Latched publishers of everything in OUT; keep them."""
+    """Publishers of everything in OUT, which also serve who comes later; keep them. Raises FcsvError and OSError, and
+    ValueError or KeyError where the report is not of a map."""
     cloud = read_ply(out / "map.ply")
     document = json.loads((out / "report.json").read_text())
-    clouds = {"/map/points": np.ones(len(cloud), bool)}
-    for i, c in enumerate(document["configurations"]):
-        name = re.sub(r"\W+", "_", f"{c['axis']}_{c['baseline_m']:g}m")
-        clouds[f"/map/baselines/{name}"] = cloud.baseline_index == i
-    publishers = []
-    for topic, chosen in clouds.items():
-        publisher = rospy.Publisher(topic, PointCloud2, queue_size=1, latch=True)
-        publisher.publish(cloud_message(cloud, 0.0, chosen))
-        publishers.append(publisher)
-        rospy.loginfo("%s: %d points", topic, chosen.sum())
+    publishers: list = [rospy.Publisher("/map/points", PointCloud2, queue_size=1, latch=True)]
+    publishers[0].publish(cloud_message(cloud, 0.0))
+    rospy.loginfo("%d points", len(cloud))
+    by_baseline = BaselineTopics()
+    by_baseline.show(cloud, [(c["axis"], c["baseline_m"]) for c in document["configurations"]], 0.0)
+    publishers.append(by_baseline)
     reference = cv2.imread(str(out / "reference.png"))
     if reference is not None:
         publisher = rospy.Publisher("/map/reference", Image, queue_size=1, latch=True)
@@ -45,9 +42,11 @@ def main() -> int:
     rospy.init_node("show_map")
     words = rospy.myargv(sys.argv)[1:]
     out = Path(words[0] if words else rospy.get_param("~out"))
+    health = Health("map")
+    health.value("map", out)
     try:
         publishers = publish_map(out)
-    except (FcsvError, OSError, ValueError) as error:
+    except (FcsvError, OSError, ValueError, KeyError) as error:
         rospy.logfatal("show_map: %s", error)
         return 2
     rospy.spin()

@@ -15,7 +15,8 @@ from fcsv_tracking.ros.tracking_markers import view
 
 _COLORS = ((0.95, 0.35, 0.2), (0.2, 0.55, 0.95), (0.3, 0.8, 0.3), (0.9, 0.75, 0.2))
 _FRUSTUM_M = 2.0
-_HALF_VIEW = (np.tan(np.radians(28.0)), np.tan(np.radians(21.7)))  # 56 x 43.5 degrees
+#: Tangents of half a camera's field of view, across and down: 56 x 43.5 degrees.
+HALF_VIEW = (np.tan(np.radians(28.0)), np.tan(np.radians(21.7)))
 _SPACING_M = 3.5  # of the column in which vehicles are drawn before home is set
 
 
@@ -28,7 +29,7 @@ def vehicle_markers(vehicle: VehicleGeometry, number: int, T_home_body: Optional
     white = ColorRGBA(1, 1, 1, color.a)
     tag = _marker(n, 1, Marker.CUBE, frames.tag(n), white, T_home_body, vehicle.T_body_tag)
     tag.scale = Vector3(vehicle.tag_size_m, vehicle.tag_size_m, 0.005)
-    sight = view(n, 2, frames.camera_optical(n), _HALF_VIEW, _FRUSTUM_M, color)
+    sight = view(n, 2, frames.camera_optical(n), HALF_VIEW, _FRUSTUM_M, color)
     if not known:
         _place(sight, T_home_body @ vehicle.T_body_cam)
     label = _marker(n, 3, Marker.TEXT_VIEW_FACING, frames.base_link(n), color, T_home_body, np.eye(4))
