@@ -17,7 +17,9 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
+from fcsv_stereo import monitoring
 from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_stereo.instants import MOST_SKEW_S
 from fcsv_stereo.live import Corrections, LiveSession, MapStage
 from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
@@ -27,6 +29,7 @@ from fcsv_stereo.sessions.messages import camera_covariance, window_of
 from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0
+_NOT_OF_ONE_INSTANT_S = 3.0  # of pictures; then it is said
 _REFINE_EVERY = 20  # depth images while monitoring
 _FIRST_LOOK_PICTURES = 1  # of each vehicle and configuration: who flies waits for it
 
@@ -44,7 +47,7 @@ class LiveParameters:
     method: str = "joint"
     monitor: bool = False
     monitor_rate_hz: float = 5.0
-    apart_s: float = 0.25
+    apart_s: float = MOST_SKEW_S
 
     def __post_init__(self):
         if len(self.vehicles) < 2:
@@ -68,6 +71,7 @@ class LiveNode:
         self._news = False
         self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
         self._mapped: set = set()  # indices of windows
+        self._rate = monitoring.Rate()
         self._last_s = 0.0  # stamp of the newest picture that is in what is mapped
         self._state = MapState(state=MapStage.WAITING.value, detail="waiting for the first configuration")
         self._health = Health("map", {"pictures": 0.0})
@@ -76,6 +80,7 @@ class LiveNode:
         self._depth = rospy.Publisher("/map/depth", Image, **latched)
         self._info = rospy.Publisher("/map/camera_info", CameraInfo, **latched)
         self._reference = rospy.Publisher("/map/reference", Image, **latched)
+        self._monitor = rospy.Publisher("/map/monitor", Image, **latched)
         self._states = rospy.Publisher("/map/state", MapState, **latched)
         self._static = tf2_ros.StaticTransformBroadcaster()
         self._timer = node.every(_STATE_PERIOD_S, lambda _event: self._say())
@@ -199,10 +204,20 @@ class LiveNode:
     def _newest(self) -> Optional[MapInput]:
         reference, *others = self._parameters.vehicles
         given = self._session.newest(reference, others, self._parameters.apart_s, self._watched_s)
-        if given is not None:
-            self._watched_s = given.configurations[0].references[0].stamp_s
-            self._last_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
+        if given is None:
+            self._say_apart(reference, others)
+            return None
+        self._watched_s = given.configurations[0].references[0].stamp_s
+        self._last_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
         return given
+
+    def _say_apart(self, reference: str, others: List[str]) -> None:
+        """Pictures come, and none are of one instant."""
+        long_s, apart_s = self._session.apart_s(reference, others, self._watched_s)
+        if long_s >= _NOT_OF_ONE_INSTANT_S and apart_s > self._parameters.apart_s:
+            said = f"{1e3 * apart_s:.0f} ms apart" if apart_s < 1e6 else "of one vehicle only"
+            limit = f"apart_s:={self._parameters.apart_s:g}"
+            self._say(MapStage.FAILED, f"newest pictures are {said} ({limit}): trigger the cameras together")
 
     def _first_look(self) -> Optional[MapInput]:
         complete = {i for i in self._session.windows if self._session.complete(i)}
@@ -238,9 +253,22 @@ class LiveNode:
         self._publish(result)
         state = self._state
         state.configurations, state.points, state.coverage = len(result.pairs), result.points, result.coverage
+        state.reference = rospy.Time.from_sec(result.reference.stamp_s)
         state.processing_s, state.latency_s = time.monotonic() - started, rospy.get_time() - self._last_s
+        if self._parameters.monitor:
+            self._show(result, monitoring.skew_s(given), names)
         self._say(state_after, names, result.warnings)
         return result
+
+    def _show(self, result: MapResult, skew_s: float, names: str) -> None:
+        """The newest depth as a picture, for people: with its rate, skew and age."""
+        now_s, s = rospy.get_time(), self._state
+        self._rate.tick(now_s)
+        s.skew_s, s.rate_hz = skew_s, self._rate.hz(now_s)
+        line = monitoring.in_words(s.rate_hz, skew_s, s.latency_s, [names])
+        shown = monitoring.picture(result.reference.image, result.depth, line)
+        stamp_s = result.reference.stamp_s
+        self._monitor.publish(conversions.array_to_image(shown, "rgb8", stamp_s, REFERENCE_FRAME))
 
     def _publish(self, result: MapResult) -> None:
         reference = result.reference
@@ -260,6 +288,7 @@ class LiveNode:
             s.state, s.detail, s.problems = state.value, detail, list(problems or [])
             self._health.problem("map", detail if state is MapStage.FAILED else "")
         s.header = conversions.header(rospy.get_time(), frames.HOME)
+        s.rate_hz = self._rate.hz(rospy.get_time())
         self._states.publish(s)
 
 
