@@ -11,7 +11,7 @@ from fcsv_stereo.model import MapInput
 
 NEAR_M, FAR_M = 5.0, 400.0  # ends of the colours, on a logarithmic scale
 _WINDOW_S = 5.0
-_BAR_PX = 22
+_BAR_PX, _TEXT = 22, 0.42
 _MARKS_M = (5, 10, 20, 50, 100, 200, 400)
 
 
@@ -61,8 +61,9 @@ def picture(rgb: np.ndarray, depth: np.ndarray, line: str) -> np.ndarray:
     """
     width = 2 * depth.shape[1]
     above, below = (np.zeros((_BAR_PX, width, 3), np.uint8) for _ in range(2))
-    size = min(0.42, 0.42 * width / max(cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, 0.42, 1)[0][0] + 8, 1))
-    cv2.putText(above, line, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 1, cv2.LINE_AA)
+    while cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, _TEXT, 1)[0][0] > width - 12:
+        line = line[:-1]  # what does not fit is left out
+    cv2.putText(above, line, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, _TEXT, (255, 255, 255), 1, cv2.LINE_AA)
     scale = NEAR_M * (FAR_M / NEAR_M) ** np.linspace(0.0, 1.0, width)
     below[:6] = colours(scale[None])
     for mark in _MARKS_M:

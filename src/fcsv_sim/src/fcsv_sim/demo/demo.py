@@ -228,8 +228,8 @@ def _parse(argv):
     )
     parser.add_argument(
         "--movers", default="",
-        help="system tags: 1 lets a car and a walker move through the town, 0 does not; default: where a mission in the "
-        "street has several configurations at once (docs/at_once.md)",
+        help="system tags: 1 lets a car and a walker move through the town, 0 does not; default: where a mission in "
+        "the street has several configurations at once (docs/at_once.md)",
     )  # fmt: skip
     parser.add_argument("--near", default="", help="system tags: 1 records depth cameras, for the near field (near.md)")
     parser.add_argument(
