@@ -104,7 +104,8 @@ def _one(
     return Outcome(
         thing, distance_m, drawing is not None, rig.read(), pixels, shown / pixels, error.size / pixels,
         float(right.sum()) / pixels, float((error <= bound).sum()) / pixels,
-        float(np.median(error)) if error.size else nan, float(np.median(bound)) if error.size else nan, refused, drawn, left, depth,
+        float(np.median(error)) if error.size else nan, float(np.median(bound)) if error.size else nan, refused, drawn,
+        left, depth,
     )  # fmt: skip
 
 
