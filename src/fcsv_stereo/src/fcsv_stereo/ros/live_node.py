@@ -30,7 +30,6 @@ from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0
 _NOT_OF_ONE_INSTANT_S = 3.0  # of pictures; then it is said
-_REFINE_EVERY = 20  # depth images while monitoring
 _FIRST_LOOK_PICTURES = 1  # of each vehicle and configuration: who flies waits for it
 
 
@@ -40,7 +39,8 @@ class LiveParameters:
 
     ``monitor``: instead of one map of a mission, depth of what the vehicles see now, at most ``monitor_rate_hz``
     times a second, from pictures at most ``apart_s`` apart (vehicles hold, the scene may move); of ``joint`` at half
-    the pictures' size, with the camera_info of that size.
+    the pictures' size, with the camera_info of that size. ``refine_every``: of so many of these, poses are refined in
+    one and corrected as found in between; more than 1 only where their errors stay the same for seconds, as on a rig.
     """
 
     vehicles: List[str]
@@ -48,6 +48,7 @@ class LiveParameters:
     monitor: bool = False
     monitor_rate_hz: float = 5.0
     apart_s: float = MOST_SKEW_S
+    refine_every: int = 1
 
     def __post_init__(self):
         if len(self.vehicles) < 2:
@@ -56,6 +57,8 @@ class LiveParameters:
             raise ValueError(f"method: '{self.method}' is not one of {', '.join(METHODS)}")
         if not 0.1 <= self.monitor_rate_hz <= 30.0:
             raise ValueError(f"monitor_rate_hz: {self.monitor_rate_hz} is not in 0.1..30")
+        if self.refine_every < 1:
+            raise ValueError(f"refine_every: {self.refine_every} must be 1 or more")
         if not 0.0 < self.apart_s <= 5.0:
             raise ValueError(f"apart_s: {self.apart_s} is not in (0, 5]")
 
@@ -230,7 +233,7 @@ class LiveNode:
     def _with_known_poses(self, method: Method, options, given: MapInput):
         """Poses are refined now and then, and corrected as found in between."""
         self._watched += 1
-        refine = self._watched % _REFINE_EVERY == 1 or not self._corrections.know(given)
+        refine = (self._watched - 1) % self._parameters.refine_every == 0 or not self._corrections.know(given)
         if refine or not method.refines_poses:
             return options, given
         return method.trusting_poses(options), self._corrections.apply(given)
