@@ -67,7 +67,7 @@ def picture(rgb: np.ndarray, depth: np.ndarray, line: str) -> np.ndarray:
     scale = NEAR_M * (FAR_M / NEAR_M) ** np.linspace(0.0, 1.0, width)
     below[:6] = colours(scale[None])
     for mark in _MARKS_M:
-        x = int(_share(np.array(float(mark))) * (width - 34))
+        x = min(int(_share(np.array(float(mark))) * width), width - 40)
         cv2.putText(below, f"{mark} m", (x, 19), cv2.FONT_HERSHEY_SIMPLEX, 0.36, (255, 255, 255), 1, cv2.LINE_AA)
     return np.vstack([above, np.hstack([rgb, colours(depth)]), below])
 
