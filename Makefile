@@ -6,12 +6,13 @@ SEED ?= 1
 WORLD ?= street
 RVIZ ?=
 LIVE ?=
+MOVERS ?=
 NEAR ?=
 SPEED ?= auto
 OUT ?= out/demo
 OVERWRITE ?=
 OPERATOR ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE NEAR SPEED OUT OVERWRITE OPERATOR
+export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR SPEED OUT OVERWRITE OPERATOR
 
 .PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
 setup build:

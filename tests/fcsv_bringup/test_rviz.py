@@ -25,7 +25,7 @@ def displays(root, name):
     return list(flat(manager["Displays"]))
 
 
-@pytest.mark.parametrize("name", CONFIGURATIONS)
+@pytest.mark.parametrize("name", [*CONFIGURATIONS, "monitor"])
 def test_every_topic_is_one_of_the_page_and_no_vehicle_is_named_that_may_not_fly(name, root):
     page = (root / "docs/architecture.md").read_text()
     topics = [d[k] for d in displays(root, name) for k in ("Topic", "Marker Topic", "Image Topic") if k in d]

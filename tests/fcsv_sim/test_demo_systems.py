@@ -74,6 +74,9 @@ def test_the_view_that_is_checked_is_that_of_the_simulated_mocap():
     (["--mission", "mocap"], ["reference 'tello1'", "uav1, uav2"]),
     (["--mission", "five"], ["configurations[2].vehicle is 'uav4'", "uav1, uav2, uav3"]),
     (["--system", "mocap", "--mission", "nowhere"], ["no mission 'nowhere'", "mocap"]),
+    (["--system", "mocap", "--live", "monitor"], ["--live monitor", "system mocap"]),
+    (["--system", "mocap", "--movers", "1"], ["--movers 1", "system mocap"]),
+    (["--world", "field", "--movers", "1"], ["a street that crosses"]),
     (["--system", "mocap", "--operator", "you"], ["--operator you", "system mocap"]),
 ])  # fmt: skip
 def test_a_wrong_choice_is_one_line_and_starts_nothing(arguments, words, tmp_path, capsys):
@@ -95,6 +98,18 @@ def test_a_recorded_flight_is_not_removed_unasked(tmp_path, capsys, monkeypatch)
     assert demo.main(["--out", str(out), "--overwrite", "1", "--speed", "1"]) == 0 and plans[0].folder == out
     assert demo.main(["--out", str(out), "--overwrite", "1", "--speed", "1", "--operator", "you"]) == 0
     assert [plan.buttons for plan in plans] == [True, False]
+
+
+@pytest.mark.parametrize("arguments, monitor, moving", [
+    (["--mission", "at_once"], False, True), (["--mission", "at_once", "--movers", "0"], False, False),
+    (["--mission", "at_once", "--world", "village", "--live", "monitor"], True, False), ([], False, False),
+])  # fmt: skip
+def test_what_moves_and_who_monitors(arguments, monitor, moving, tmp_path, monkeypatch):
+    plans = []
+    monkeypatch.setattr(demo, "run", lambda system, plan, say, **_: plans.append(plan) or 0)
+    assert demo.main([*arguments, "--out", str(tmp_path / "out"), "--speed", "1"]) == 0
+    (plan,) = plans
+    assert (plan.monitor, plan.movers) == (monitor, moving) and not (plan.monitor and plan.live)
 
 
 @pytest.mark.parametrize("below", ["", "deeper/still"])

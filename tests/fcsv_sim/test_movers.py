@@ -6,9 +6,17 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_sim.demo import monitored
+from fcsv_sim.demo.monitored import Frame
+from fcsv_sim.demo.truth_export import export_movers
+from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.bodies import BoxedThing, draw_bodies
+from fcsv_sim.world.country import CountryPlan
+from fcsv_sim.world.export import write_mesh
 from fcsv_sim.world.movers import movers
 from fcsv_sim.world.plan import TownPlan
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.truth import load_truth
 
 CAMERA = PinholeCamera.from_fov(160, 120, np.radians(56.0), (0.0,) * 5)
 T_WORLD_CAM = transforms.from_xyz_yaw([0.0, 0.0, 3.0], 0.0) @ transforms.transform(
@@ -67,3 +75,62 @@ def test_what_is_behind_the_camera_is_not_drawn(both):
     away[0, 3] = 60.0
     values, depth = drawn(both["car"], WALL_S, T_world_cam=away)
     assert (values == 0.5).all() and np.isnan(depth).all()
+
+
+def test_nothing_moves_where_no_street_crosses():
+    with pytest.raises(SimulationError, match="a street that crosses"):
+        movers(CountryPlan.of(np.random.default_rng(1), [0.0], []))
+
+
+@pytest.fixture
+def truth(both, tmp_path):
+    """As a demo leaves it: a wall at 60 m, a camera at two moments, and what moved."""
+    wall = np.array([[60.0, y, z] for y in (-80.0, 80.0) for z in (-80.0, 80.0)])
+    write_mesh(wall, np.array([[0, 1, 2], [1, 2, 3]]), tmp_path / "scene.ply", "a wall")
+    T = T_WORLD_CAM
+    pose = ",".join(f"{v:.9f}" for v in (*T[:3, 3], *transforms.quaternion_xyzw(T)))
+    rows = [f"{WALL_S + t:.9f},uav1,{pose}" for t in (0.0, 1.0)]
+    (tmp_path / "cameras.csv").write_text("\n".join(["stamp_s,vehicle,x,y,z,qx,qy,qz,qw", *rows]) + "\n")
+    export_movers(tmp_path, list(both.values()))
+    return load_truth(tmp_path)
+
+
+def test_their_truth_is_what_is_drawn(both, truth):
+    for stamp_s in (WALL_S, WALL_S + 1.0):
+        depth, on = monitored.TrueScene(truth).look("uav1", stamp_s, CAMERA)
+        assert set(on) == {"car", "walker"}
+        for name, mover in both.items():
+            _, alone = drawn(mover, stamp_s)
+            seen = on[name] & np.isfinite(alone)
+            assert seen.sum() > 0.9 * on[name].sum() > 20  # edges differ by a pixel
+            assert np.abs(depth[seen] - alone[seen]).mean() < 0.05
+        assert (depth[~(on["car"] | on["walker"])] == pytest.approx(60.0, abs=0.01)) and not (
+            on["car"] & on["walker"]
+        ).any()
+
+
+def test_monitored_images_are_judged_and_what_is_off_is_told(truth, tmp_path):
+    scene, folder = monitored.TrueScene(truth), tmp_path / "monitor"
+    folder.mkdir()
+    for t, off, skew_s in ((0.0, 1.0, 0.004), (1.0, 1.2, 0.011)):
+        depth, on = scene.look("uav1", WALL_S + t, CAMERA)
+        depth = np.where(on["walker"], np.nan, np.where(on["car"], off * depth, depth)).astype(np.float32)
+        monitored.save(folder, Frame("uav1", WALL_S + t, depth, CAMERA, "a pair", skew_s, 3.0 + t, 0.2, 0.4))
+    judged = monitored.judge(monitored.load(folder), truth)
+    cars = [m for j in judged for m in j.moving if m.name == "car"]
+    assert [m.median_relative_error for m in cars] == pytest.approx([0.0, 0.2], abs=1e-5)
+    assert [m.wrong for m in cars] == [0.0, 1.0] and all(m.answered == 1.0 for m in cars)
+    first, car, walker = monitored.in_words(judged)
+    assert "2 depth images, median rate 3.5 Hz, skew at most 11 ms, median age 0.40 s" in first
+    assert "answered in 2 of the 2 images that show it, in 1 of them within 5% of its distance, worst 20.0%" in car
+    assert "walker, which moves: answered in 0 of the 2" in walker
+    monitored.write_table(judged, tmp_path / "frames.csv")
+    rows = (tmp_path / "frames.csv").read_text().splitlines()
+    assert len(rows) == 7 and rows[2].split(",")[-5:-3] == ["car", f"{cars[0].distance_m:.2f}"]
+
+
+def test_a_frame_that_is_none_is_named_and_none_at_all_is_said(tmp_path):
+    assert monitored.in_words([]) == ["monitoring: no depth image came"]
+    (tmp_path / "1.0.npz").write_text("no frame")
+    with pytest.raises(InputError, match=r"1\.0\.npz: not a monitored depth image"):
+        monitored.load(tmp_path)

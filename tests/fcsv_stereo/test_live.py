@@ -141,6 +141,41 @@ def test_monitoring_takes_the_newest_that_belong_together(session):
     assert given.configurations[1].configuration.baseline_m == pytest.approx(4.0)
 
 
+def watched(session, vehicle, stamps):
+    for t in stamps:
+        session.add_picture(picture(vehicle, t, y_m=-2.0 * (vehicle == "uav2"), z_m=4.0 * (vehicle == "uav3")))
+
+
+def test_monitoring_goes_on_with_a_pair_where_a_vehicle_drops_out(session):
+    session.T_home_odom["uav3"] = np.eye(4)
+    for name in ("uav1", "uav2", "uav3"):
+        watched(session, name, [10.0])
+    for t in (10.5, 11.0, 11.5, 12.0):
+        watched(session, "uav1", [t])
+        watched(session, "uav2", [t])
+    given = session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=9.0)
+    assert given.configurations[0].references[0].stamp_s == 10.0  # it may be late
+    for name in ("uav1", "uav2"):
+        watched(session, name, [12.5])
+    (pair,) = session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=10.0).configurations
+    assert (pair.references[0].stamp_s, pair.others[0].vehicle) == (12.5, "uav2")
+    watched(session, "uav1", [13.0, 13.5, 14.0, 14.5, 15.0])
+    assert session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=12.5) is None  # one alone sees no depth
+    for name in ("uav1", "uav2", "uav3"):
+        watched(session, name, [16.0])
+    assert len(session.newest("uav1", ["uav2", "uav3"], 0.02, after_s=12.5).configurations) == 2  # it is back
+
+
+def test_pictures_that_are_never_of_one_instant_can_be_told(session):
+    assert session.apart_s("uav1", ["uav2"], 0.0) == (0.0, float("inf"))
+    watched(session, "uav1", [10.0, 10.5, 11.0])
+    assert session.apart_s("uav1", ["uav2"], 9.0) == (1.0, float("inf"))
+    watched(session, "uav2", [9.91, 10.41, 10.92])
+    long_s, apart_s = session.apart_s("uav1", ["uav2"], 9.0)
+    assert long_s == 1.0 and apart_s == pytest.approx(0.08)
+    assert session.apart_s("uav1", ["uav2"], 10.6) == (0.0, pytest.approx(0.08))
+
+
 def test_corrections_carry_over_to_later_pictures_of_a_vehicle_that_holds(session):
     """An odometry frame that lies wrong in home: what was found of one picture serves the next, which is tilted."""
     wrong = transforms.from_xyz_rpy([0.05, -0.02, 0.01], np.radians([0.1, -0.2, 0.3]))

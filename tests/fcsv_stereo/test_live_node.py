@@ -34,11 +34,12 @@ class Fleet:
         self.home = rospy.Publisher("/home", Home, **latched)
         self.captures = rospy.Publisher("/mission/capture", Capture, **latched)
         self.pictures = {n: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=5) for n in NAMES}
-        self.states, self.clouds, self.depths = [], [], []
+        self.states, self.clouds, self.depths, self.shown = [], [], [], []
         self.heard = [
             rospy.Subscriber("/map/state", MapState, self.states.append),
             rospy.Subscriber("/map/points", PointCloud2, self.clouds.append),
             rospy.Subscriber("/map/depth", Image, self.depths.append),
+            rospy.Subscriber("/map/monitor", Image, self.shown.append),
         ]
 
     def frames(self):
@@ -183,8 +184,21 @@ def test_monitoring_answers_again_and_again(fleet):
     until(lambda: len(f.depths) >= 3, what="three depth images")
     assert f.last("ready").configurations == 2
     assert {(d.width, d.height) for d in f.depths} == {(CAMERA.width // 2, CAMERA.height // 2)}
+    until(lambda: f.shown and f.last("ready").rate_hz > 0.0, what="their rate")
+    assert f.last("ready").skew_s == 0.0 and (f.shown[-1].width, f.shown[-1].encoding) == (CAMERA.width, "rgb8")
     given = [round(d.header.stamp.to_sec(), 3) for d in f.depths]
     assert len(set(given)) == len(given) and set(given) <= {round(s, 3) for s in stamps}
+
+
+def test_pictures_that_are_not_of_one_instant_are_told(fleet):
+    f = fleet(monitor=True)
+    f.frames()
+    now = time.time()
+    for k in range(9):
+        for name in NAMES:
+            f.picture(name, now + 0.5 * k + 0.09 * (name == "l_two"))
+    until(lambda: f.last("failed") is not None, what="a named problem")
+    assert "90 ms apart (apart_s:=0.02): trigger the cameras together" in f.last("failed").detail and not f.depths
 
 
 def test_wrong_parameters_end_the_node_and_are_named(start_node):

@@ -58,7 +58,9 @@ def test_it_turns_to_the_distance_and_its_pictures_become_live_depth(start_node,
         params = {"rig_file": str(path), "port": bus.port, "rate_hz": 20.0, "follow_map": False}
         process = start_node("fcsv_tracking", "tilting", params=params)
         names = [rig.camera_name(s) for s in SIDES]
-        start_node("fcsv_stereo", "live_map", ns="t_map", params={"vehicles": names, "monitor": True, "apart_s": 0.02})
+        start_node(
+            "fcsv_stereo", "live_map", ns="t_map", params={"vehicles": names, "monitor": True, "refine_every": 20}
+        )
         until(lambda: joints and distance.get_num_connections() and command.get_num_connections(), what="joints")
 
         command.publish(joint_messages.to_message(time.time(), "t_rig/rig", [0.3, 0.1], SIDES))

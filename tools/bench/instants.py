@@ -3,44 +3,35 @@
 
 Three vehicles hold (horizontal 4 m, vertical 8 m) while a car and a walker pass. Each instant is mapped as in
 monitoring, from pictures at most 20 ms apart; and once, as a session, from pictures of different seconds.
+With --session FOLDER the same of a flown session whose truth tells what moved (make demo MISSION=at_once).
 """
 
 import argparse
 import sys
-from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from dataclasses import replace
+from pathlib import Path
+from typing import List, Tuple
 
 import numpy as np
 
 from bench.scenes import FOV_DEG, R_BODY_CAM, T_WORLD_HOME
 from fcsv_geometry import transforms
-from fcsv_sim.render.bodies import BoxedThing
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
-from fcsv_sim.world.movers import Mover, movers
+from fcsv_sim.world.movers import movers, things
 from fcsv_sim.world.town import Town
-from fcsv_stereo.instants import MOST_SKEW_S
+from fcsv_stereo import pipeline
+from fcsv_stereo.evaluation import Moving, moving
+from fcsv_stereo.instants import MOST_SKEW_S, at_once, instants
 from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, MapResult, Picture
 from fcsv_stereo.pipeline import METHODS
+from fcsv_stereo.truth import TrueScene, load_truth
 
 MOST_ERROR = 0.05  # of the distance, of the median pixel of what moves
-LEAST_PIXELS = 60  # of a mover that is seen
 SECONDS_APART_S = 7.0  # between the recordings of a session
 PLACES = {"uav1": (0.0, 0.0, 0.0), "uav2": (0.0, -4.0, 0.0), "uav3": (0.0, 0.0, 8.0)}
 PAIRS = (("uav2", "horizontal", 4.0), ("uav3", "vertical", 8.0))
 NOISE_RAD, NOISE_SHARE = np.radians(0.15), 0.01
-
-
-@dataclass(frozen=True)
-class Seen:
-    """A mover in a reference picture and what a map says of it; ``error``: of its median answered pixel."""
-
-    name: str
-    pixels: int
-    distance_m: float
-    answered: float
-    error: float
-    wrong: float  # share of its pixels that are answered, and off by more than a tenth
 
 
 class Stage:
@@ -68,31 +59,17 @@ class Stage:
         T_home_cam = transforms.invert(T_WORLD_HOME) @ shot.T_world_cam @ noise
         return Picture(f"{vehicle}/{stamp_s:.3f}", vehicle, stamp_s, shot.rgb, self._model, T_home_cam)
 
-    def judge(self, result: MapResult) -> List[Seen]:
+    def judge(self, result: MapResult) -> List[Moving]:
         """Movers that stand in the reference picture (its pose is exact), nearest surface of all."""
         reference = result.reference
         T_world_cam, stamp_s = T_WORLD_HOME @ reference.T_home_cam, reference.stamp_s
         empty = self._renderer.render(T_world_cam, reference.camera, samples=1)[1]
-        seen = []
+        seen: List[Moving] = []
         for mover in self._movers:
             depth = self._renderer.render(T_world_cam, reference.camera, 1.0, things([mover], stamp_s), 1)[1]
             on = np.isfinite(depth) & ~(depth > 0.995 * empty)
-            if on.sum() >= LEAST_PIXELS:
-                seen.append(_seen(mover.name, result.depth[on], depth[on]))
+            seen += moving(result.depth, depth, {mover.name: on})
         return seen
-
-
-def things(moving: Sequence[Mover], stamp_s: float) -> List[BoxedThing]:
-    """As the renderer draws them, at a time."""
-    return [BoxedThing(m.boxes, m.T_world_body(stamp_s), m.radius_m) for m in moving]
-
-
-def _seen(name: str, found: np.ndarray, true: np.ndarray) -> Seen:
-    known = np.isfinite(found)
-    relative = np.abs(found[known] / true[known] - 1.0)
-    error = float(np.median(relative)) if relative.size else float("nan")
-    wrong = float((relative > 0.1).sum() / found.size)
-    return Seen(name, found.size, float(np.median(true)), float(known.mean()), error, wrong)
 
 
 def instant(stage: Stage, stamp_s: float, skews_s: Tuple[float, float]) -> MapInput:
@@ -121,26 +98,52 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="bench.instants", description=__doc__.split("\n")[0])
     parser.add_argument("--instants", type=int, default=20, help="two seconds apart")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--session", type=Path, help="a flown session instead: its last recording, instant by instant")
+    parser.add_argument("--every", type=int, default=1, help="with --session: of so many instants one")
     args = parser.parse_args()
+    print(f"{'t':>6} {'of':<8} {'m':>5} {'pixels':>7} {'answered':>9} {'error':>7} {'wrong':>6}")
+    return flown(args.session, args.every) if args.session else simulated(args)
+
+
+def flown(path: Path, every: int) -> int:
+    """Each instant of a session's last recording; the session as a whole is what ``map`` makes of it."""
+    given, scene, off = pipeline.load(path), TrueScene(load_truth(path / "truth")), 0
+    found = [i for i in instants(at_once(given.configurations)[-1]) if i.skew_s <= MOST_SKEW_S][::every]
+    begun_s = found[0].reference.stamp_s if found else 0.0
+    for i in found:
+        result = METHODS["joint"].map(replace(given, configurations=i.configurations))
+        r = result.reference
+        depth, on = scene.look(r.vehicle, r.stamp_s, r.camera)
+        off += sum(_print(r.stamp_s - begun_s, s) for s in moving(result.depth, depth, on))
+    skews = [1e3 * i.skew_s for i in found] or [float("nan")]
+    print(f"{len(found)} instants, skew at most {max(skews):.0f} ms, {off} answers off by more than {MOST_ERROR:.0%}")
+    return int(off > 0 or not found)
+
+
+def simulated(args) -> int:
+    """The vehicles of PLACES."""
     stage, joint, random = Stage(args.seed), METHODS["joint"], np.random.default_rng(args.seed)
     off = 0
-    print(f"{'t':>5} {'of':<8} {'m':>5} {'pixels':>7} {'answered':>9} {'error':>7} {'wrong':>6}")
     for k in range(args.instants):
         skews_s = tuple(random.uniform(-MOST_SKEW_S, MOST_SKEW_S, 2))
         for s in stage.judge(joint.map(instant(stage, 2.0 * k, skews_s))):
-            wrong = s.answered > 0.0 and s.error > MOST_ERROR
-            off += wrong
-            print(f"{2 * k:>5} {_row(s)}{'  off' if wrong else ''}", flush=True)
+            off += _print(2.0 * k, s)
     print(f"pictures of different seconds ({SECONDS_APART_S:g} s)")
     result = joint.map(session(stage, 0.0))
     for s in stage.judge(result):
-        print(f"{result.reference.stamp_s:>5.1f} {_row(s)}")
+        _print(result.reference.stamp_s, s)
     print("\n".join(result.warnings))
     return int(off > 0)
 
 
-def _row(s: Seen) -> str:
-    return f"{s.name:<8} {s.distance_m:>5.1f} {s.pixels:>7} {s.answered:>9.0%} {s.error:>7.1%} {s.wrong:>6.0%}"
+def _print(t_s: float, s: Moving) -> bool:
+    """Whether it is off."""
+    error = s.median_relative_error
+    off = error is not None and error > MOST_ERROR
+    words = f"{s.name:<8} {s.distance_m:>5.1f} {s.pixels:>7} {s.answered:>9.0%} "
+    words += f"{'-' if error is None else f'{error:.1%}':>7} {s.wrong:>6.0%}"
+    print(f"{t_s:>6.1f} {words}{'  off' if off else ''}", flush=True)
+    return off
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flows of messages: what was dropped and why, and which of them pass where fewer are wanted. Time is an argument."""
 
+import math
 import threading
 from collections.abc import Mapping
 from typing import Dict, Iterator
 
 _SET_BACK_S = 1.0  # a time that goes back further comes from a clock that was set
+_SAME_MOMENT_S = 1e-4  # a stamp that was cut off just before its moment is of that moment
 
 
 class DropCounter(Mapping):
@@ -111,4 +113,28 @@ class RateGate:
         if not self.due(now_s):
             return False
         self.take(now_s)
+        return True
+
+
+class PhaseGate:
+    """Lets the first message of every period pass. Periods are counted from the clock's zero, so that gates on several
+    machines let messages of the same moments pass, where these come in phase. Not for several threads.
+
+    >>> gate, later = PhaseGate(2.0), PhaseGate(2.0)  # cameras at 6 Hz; the second is heard from its fifth picture on
+    >>> [k for k in range(12) if gate.passes(k / 6.0)], [k for k in range(4, 12) if later.passes(k / 6.0)]
+    ([0, 3, 6, 9], [4, 6, 9])
+    """
+
+    def __init__(self, rate_hz: float):
+        if not rate_hz > 0:
+            raise ValueError(f"rate_hz: {rate_hz} must be positive")
+        self._rate_hz = rate_hz
+        self._period = float("-inf")
+
+    def passes(self, stamp_s: float) -> bool:
+        """Whether a message is of another period than the last that passed."""
+        period = math.floor((stamp_s + _SAME_MOMENT_S) * self._rate_hz)
+        if period == self._period:
+            return False
+        self._period = period
         return True

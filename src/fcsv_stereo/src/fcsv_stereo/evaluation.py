@@ -2,7 +2,7 @@
 """A map against truth: the figures that the thesis and its successors are compared by."""
 
 from dataclasses import asdict, dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from fcsv_stereo.model import MapResult
 from fcsv_stereo.truth import Truth
 
 BANDS_M = ((0.0, 50.0), (50.0, 100.0), (100.0, 200.0), (200.0, 400.0))
+LEAST_SHARE = 2e-4  # of a picture that something takes that is judged: 60 pixels of 640 x 480
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,27 @@ class Band:
 
 
 @dataclass(frozen=True)
+class Moving:
+    """Something that moves, in the reference picture: its true distance (m, median), and of its pixels the share
+    that is answered and the share that is off by more than a tenth; ``median_relative_error``: of the answered ones.
+    """
+
+    name: str
+    pixels: int
+    distance_m: float
+    answered: float
+    wrong: float
+    median_relative_error: Optional[float]
+
+    @property
+    def words(self) -> str:
+        """For a table."""
+        e = self.median_relative_error
+        error = "" if e is None else f", median error {e:.1%}"
+        return f"{self.name}, which moves, at {self.distance_m:.1f} m: {self.answered:.0%} of it answered{error}"
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """``overall`` is the band up to ``most_m``; pose errors are of each picture relative to the reference."""
 
@@ -34,6 +56,7 @@ class Evaluation:
     within_1_sigma: float
     within_2_sigma: float
     pose_errors: Dict[str, Tuple[float, float]]
+    moving: Tuple[Moving, ...] = ()
 
     def to_dict(self) -> dict:
         """For report.json, with the main figures on top."""
@@ -47,11 +70,15 @@ class Evaluation:
             "within_2_sigma": self.within_2_sigma,
             "bands": [asdict(b) for b in self.bands],
             "pose_errors": {n: {"rotation_deg": r, "position_m": p} for n, (r, p) in self.pose_errors.items()},
+            "moving": [asdict(m) for m in self.moving],
         }
 
 
-def evaluate(result: MapResult, truth: Optional[Truth], true_depth: np.ndarray, most_m: float = 400.0) -> Evaluation:
-    """Of all pixels whose true depth is at most ``most_m``."""
+def evaluate(
+    result: MapResult, truth: Optional[Truth], true_depth: np.ndarray, most_m: float = 400.0,
+    on: Optional[Mapping[str, np.ndarray]] = None,
+) -> Evaluation:  # fmt: skip
+    """Of all pixels whose true depth is at most ``most_m``. ``on``: pixels (H,W bool) of each thing that moves."""
     overall = band(result.depth, true_depth, (0.0, most_m))
     bands = [band(result.depth, true_depth, r) for r in BANDS_M if r[0] < most_m]
     judged = np.isfinite(result.depth) & (true_depth <= most_m)
@@ -60,7 +87,20 @@ def evaluate(result: MapResult, truth: Optional[Truth], true_depth: np.ndarray, 
     poses = {}
     if truth is not None:
         poses = {i.name: truth.relative_errors(result.reference, i) for i in result.images}
-    return Evaluation(most_m, overall, bands, shares[0], shares[1], poses)
+    return Evaluation(most_m, overall, bands, shares[0], shares[1], poses, moving(result.depth, true_depth, on or {}))
+
+
+def moving(depth: np.ndarray, true_depth: np.ndarray, on: Mapping[str, np.ndarray]) -> Tuple[Moving, ...]:
+    """What a depth image (H,W) says of things that move; ``on`` as in ``evaluate``. What is hardly seen is left out."""
+    return tuple(_moving(n, depth[m], true_depth[m]) for n, m in on.items() if m.sum() >= LEAST_SHARE * m.size)
+
+
+def _moving(name: str, found: np.ndarray, true: np.ndarray) -> Moving:
+    known = np.isfinite(found)
+    relative = np.abs(found[known] / true[known] - 1.0)
+    error = float(np.median(relative)) if relative.size else None
+    wrong = float((relative > 0.1).sum() / found.size)
+    return Moving(name, found.size, float(np.median(true)), float(known.mean()), wrong, error)
 
 
 def band(depth: np.ndarray, true_depth: np.ndarray, range_m: Sequence[float]) -> Band:

@@ -3,7 +3,7 @@
 
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Deque, Dict, List, Optional, Sequence
+from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from fcsv_stereo.sweeps import MOVES_M, spread
 
 _ALL = 10**6  # pictures
 _SWEPT = {1: 5}  # pictures of all sweeps in a map, by how many of each stop; else what ``spread`` takes
+_GONE_S = 2.0  # of the reference's pictures without one of another vehicle: it is not waited for
 _MOST_COVARIANCES = 900  # of a vehicle: half a minute at 30 Hz, longer than a picture is on its way
 
 
@@ -133,10 +134,12 @@ class LiveSession:
     ) -> Optional[MapInput]:
         """For monitoring (3.6): the newest pictures of vehicles that hold, one pair for each of ``others``.
 
-        None while there is no picture of the reference after ``after_s`` of which every other vehicle has one within
-        ``apart_s``. Raises InputError.
+        One that sends no more pictures while the reference does, as after a drop-out, is left out after 2 s. None while
+        there is no picture of the reference after ``after_s`` of which every other vehicle has one within ``apart_s``.
+        Raises InputError.
         """
-        for anchor in reversed(self._newest.get(reference, ())):
+        others = [v for v in others if not self._gone(reference, v)]
+        for anchor in reversed(self._newest.get(reference, ())) if others else ():
             chosen = [_nearest(self._newest.get(v, ()), anchor.stamp_s, apart_s) for v in others]
             if anchor.stamp_s > after_s and all(c is not None for c in chosen):
                 break
@@ -149,6 +152,25 @@ class LiveSession:
             c = replace(c, name=f"{other.vehicle}, {c.axis} {c.baseline_m:.1f} m")
             pairs.append(ConfigurationInput(c, [first], [other]))
         return MapInput(InputKind.SESSION, pairs, prior=FLOWN)
+
+    def apart_s(self, reference: str, others: Sequence[str], after_s: float) -> Tuple[float, float]:
+        """Of the reference's pictures after ``after_s``: how long they go on (s), and how far (s) the other vehicles'
+        nearest is from the one that is best off; infinite where one has none.
+        """
+        after = [p.stamp_s for p in self._newest.get(reference, ()) if p.stamp_s > after_s]
+        if not after:
+            return 0.0, float("inf")
+        others = [v for v in others if not self._gone(reference, v)]
+        stamps = [[p.stamp_s for p in self._newest.get(v, ())] or [float("inf")] for v in others]
+        if not stamps:
+            return after[-1] - after[0], float("inf")
+        return after[-1] - after[0], min(max(min(abs(s - t) for t in of) for of in stamps) for s in after)
+
+    def _gone(self, reference: str, vehicle: str) -> bool:
+        """Whether the reference sent pictures for a while, and the vehicle none."""
+        newest = self._newest.get(vehicle)
+        since = [p.stamp_s for p in self._newest.get(reference, ()) if not newest or p.stamp_s > newest[-1].stamp_s]
+        return bool(since) and since[-1] - since[0] >= _GONE_S
 
     def _keep(self, window: Window, picture: LivePicture) -> None:
         kept = self._kept[window.index].setdefault(picture.vehicle, [])

@@ -24,7 +24,7 @@ from fcsv_stereo.report import write_report
 from fcsv_stereo.report.charts import STEPS
 from fcsv_stereo.sessions import is_session, read_session
 from fcsv_stereo.thesis import Thesis
-from fcsv_stereo.truth import Truth, load_truth
+from fcsv_stereo.truth import TrueScene, Truth, load_truth
 
 #: by name; another method is another entry
 METHODS: Dict[str, Method] = {m.name: m for m in (Joint(), Thesis())}
@@ -78,14 +78,14 @@ def run(
     result = bound_cloud(result, bounds or CloudBounds())
     result = with_near(result, given) if near else result
     result.timing_s["load"] = loaded - started
-    truth, true_depth = _truth(given, result)
+    truth, true_depth, on = _truth(given, result)
     with output.StagedOutput(out) as staged:
         writing = time.perf_counter()
         output.write_arrays(result, staged.folder)
         result.timing_s["write"] = time.perf_counter() - writing
         result.timing_s["total"] = sum(result.timing_s[k] for k in STEPS if k in result.timing_s)
         write_products(products, result, given, staged.folder)
-        evaluation = evaluate(result, truth, true_depth) if truth else None
+        evaluation = evaluate(result, truth, true_depth, on=on) if truth else None
         sampled = sample(result, points, true_depth)
         document = output.report_document(result, evaluation)
         if sampled:
@@ -95,19 +95,20 @@ def run(
     return document
 
 
-def _truth(given: MapInput, result: MapResult) -> Tuple[Optional[Truth], Optional[np.ndarray]]:
-    """The truth and the true depth of the reference picture, where both are known.
+def _truth(given: MapInput, result: MapResult) -> Tuple[Optional[Truth], Optional[np.ndarray], Dict[str, np.ndarray]]:
+    """The truth, the true depth of the reference picture, where both are known, and what moves in it.
 
     A truth/ that is not whole, as an interrupted simulation leaves it, is a warning of the map: it was made without.
     """
     if given.truth_folder is None:
-        return None, None
+        return None, None, {}
+    reference = result.reference
     try:
         truth = load_truth(given.truth_folder)
-        true_depth = truth.depth(result.reference)
+        true_depth, on = TrueScene(truth).look(reference.vehicle, reference.stamp_s, reference.camera)
         for image in result.images:
             truth.T_world_cam(image.vehicle, image.stamp_s)
     except InputError as error:
         result.warnings.append(f"not compared with truth: {error}")
-        return None, None
-    return truth, true_depth
+        return None, None, {}
+    return truth, true_depth, on

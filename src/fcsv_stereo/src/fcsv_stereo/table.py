@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The last words of a run: a small table of what came out."""
 
+from fcsv_stereo.evaluation import Moving
+
 
 def demo_table(document: dict) -> str:
     """Text of a report.json: configurations, coverage, seconds, and, where truth is, the errors by range."""
@@ -36,4 +38,4 @@ def _truth_lines(truth: dict):
         lines.append(
             f"{f'{near:.0f} to {far:.0f}':<12} {row['pixels']:>8} {row['coverage']:>8.0%} {within:>12} {median:>13}"
         )
-    return lines
+    return lines + [Moving(**m).words for m in truth.get("moving", [])]

@@ -1,57 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Truth, where it is known: a triangle mesh and true camera poses (docs/decisions/0001)."""
+"""Truth, where it is known: a triangle mesh, true camera poses (docs/decisions/0001), and what moved."""
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, Tuple
+from typing import Dict, List, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import ImageEntry, Reference
 
-_SAME_STAMP_S = 1e-3
+Poses = Dict[Tuple[str, int], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Truth:
-    """``cameras``: true T_world_cam by vehicle and stamp in milliseconds."""
+    """``cameras``: true T_world_cam by vehicle and stamp in milliseconds; ``movers`` likewise T_world_body by name of
+    what moved, each with its mesh in movers/NAME.ply beside.
+    """
 
     mesh_path: Path
-    cameras: Dict[Tuple[str, int], np.ndarray]
+    cameras: Poses
+    movers: Poses = field(default_factory=dict)
 
     def T_world_cam(self, vehicle: str, stamp_s: float) -> np.ndarray:
         """True pose of a picture. Raises InputError where it is not in cameras.csv."""
-        key = round(stamp_s * 1000)
-        for near in (key, key - 1, key + 1):
-            if (vehicle, near) in self.cameras:
-                return self.cameras[vehicle, near]
-        raise InputError(f"{self.mesh_path.parent / 'cameras.csv'}: no pose of {vehicle} at {stamp_s:.3f} s")
+        found = _at(self.cameras, vehicle, stamp_s)
+        if found is None:
+            raise InputError(f"{self.mesh_path.parent / 'cameras.csv'}: no pose of {vehicle} at {stamp_s:.3f} s")
+        return found
 
     def depth(self, reference: Reference) -> np.ndarray:
         """True depth (H,W float32, m along the optical axis, NaN where the sky is) of the reference picture."""
-        try:
-            import open3d as o3d  # only where truth is: a heavy import, which the wheel does without
-        except ImportError as error:
-            raise InputError("open3d is not installed: pip install open3d") from error
-
-        if not self.mesh_path.is_file():
-            raise InputError(f"{self.mesh_path}: does not exist; truth/ needs scene.ply and cameras.csv")
-        mesh = o3d.t.io.read_triangle_mesh(str(self.mesh_path))
-        if len(mesh.triangle.indices) == 0:
-            raise InputError(f"{self.mesh_path}: holds no triangles")
-        scene = o3d.t.geometry.RaycastingScene()
-        scene.add_triangles(mesh)
-        T_world_cam = self.T_world_cam(reference.vehicle, reference.stamp_s)
-        directions = reference.camera.rays() @ T_world_cam[:3, :3].T  # length 1 along z: the hit distance is depth
-        origins = np.broadcast_to(T_world_cam[:3, 3], directions.shape)
-        rays = np.concatenate([origins, directions], axis=-1).astype(np.float32)
-        depth = scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
-        depth[~np.isfinite(depth)] = np.nan
-        return depth
+        return TrueScene(self).depth(reference.vehicle, reference.stamp_s, reference.camera)
 
     def relative_errors(self, reference: Reference, image: ImageEntry) -> Tuple[float, float]:
         """Rotation error (deg) and position error (m) of a picture's pose relative to the reference picture."""
@@ -62,22 +47,96 @@ class Truth:
         return float(np.degrees(angle)), float(np.linalg.norm(true[:3, 3] - found[:3, 3]))
 
 
+class TrueScene:
+    """The meshes, to be looked at more than once. Raises InputError where there are none."""
+
+    def __init__(self, truth: Truth):
+        self._truth, self._still = truth, _scene([(truth.mesh_path, np.eye(4))])
+
+    def depth(self, vehicle: str, stamp_s: float, camera: PinholeCamera) -> np.ndarray:
+        """True depth (H,W float32, m along the optical axis, NaN where the sky is) of a picture."""
+        return self.look(vehicle, stamp_s, camera)[0]
+
+    def look(self, vehicle: str, stamp_s: float, camera: PinholeCamera) -> Tuple[np.ndarray, Dict[str, np.ndarray]]:
+        """That depth, and where in it (H,W bool) each thing is that moves; empty where it is not known to move.
+
+        Raises InputError where it is not known where the picture was taken.
+        """
+        T_world_cam = self._truth.T_world_cam(vehicle, stamp_s)
+        depth, on = _cast(self._still, T_world_cam, camera), {}
+        for name in sorted({name for name, _ in self._truth.movers}):
+            T_world_body = _at(self._truth.movers, name, stamp_s)
+            if T_world_body is None:
+                continue
+            mesh = self._truth.mesh_path.parent / "movers" / f"{name}.ply"
+            found = _cast(_scene([(mesh, T_world_body)]), T_world_cam, camera)
+            on[name] = np.isfinite(found) & ~(found >= depth)
+            depth = np.where(on[name], found, depth)
+            on = {n: m & ~on[name] if n != name else m for n, m in on.items()}
+        return depth, on
+
+
+def _at(poses: Poses, name: str, stamp_s: float):
+    """Of a stamp within a millisecond, or None."""
+    key = round(stamp_s * 1000)
+    return next((poses[name, near] for near in (key, key - 1, key + 1) if (name, near) in poses), None)
+
+
+def _scene(parts: List[Tuple[Path, np.ndarray]]):
+    """Meshes at their places (T_world_body), ready for rays."""
+    try:
+        import open3d as o3d  # only where truth is: a heavy import, which the wheel does without
+    except ImportError as error:
+        raise InputError("open3d is not installed: pip install open3d") from error
+
+    scene = o3d.t.geometry.RaycastingScene()
+    for path, T_world_body in parts:
+        if not path.is_file():
+            raise InputError(f"{path}: does not exist; truth/ needs scene.ply, cameras.csv and meshes of what moves")
+        mesh = o3d.t.io.read_triangle_mesh(str(path))
+        if len(mesh.triangle.indices) == 0:
+            raise InputError(f"{path}: holds no triangles")
+        scene.add_triangles(mesh.transform(o3d.core.Tensor(T_world_body.astype(np.float32))))
+    return scene
+
+
+def _cast(scene, T_world_cam: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+    """Depth (H,W float32, m along the optical axis), NaN where nothing is hit."""
+    import open3d as o3d
+
+    directions = camera.rays() @ T_world_cam[:3, :3].T  # length 1 along z: the hit distance is depth
+    origins = np.broadcast_to(T_world_cam[:3, 3], directions.shape)
+    rays = np.concatenate([origins, directions], axis=-1).astype(np.float32)
+    depth = scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    depth[~np.isfinite(depth)] = np.nan
+    return depth
+
+
 def load_truth(folder: Path) -> Truth:
-    """From ``folder``/scene.ply and cameras.csv. Raises InputError naming the line that is wrong."""
-    path = Path(folder) / "cameras.csv"
-    cameras = {}
+    """From ``folder``/scene.ply and cameras.csv, and, where something moved, movers.csv and movers/NAME.ply.
+
+    Raises InputError naming the line that is wrong.
+    """
+    folder = Path(folder)
+    moved = folder / "movers.csv"
+    movers = _poses(moved, "name") if moved.is_file() else {}
+    return Truth(folder / "scene.ply", _poses(folder / "cameras.csv", "vehicle"), movers)
+
+
+def _poses(path: Path, name: str) -> Poses:
+    """Rows of stamp_s, ``name``, x, y, z, qx, qy, qz, qw."""
+    poses = {}
     try:
         with open(path, newline="") as file:
             for number, row in enumerate(csv.DictReader(file), 2):
                 try:
                     p = [float(row[k]) for k in ("x", "y", "z")]
                     q = [float(row[k]) for k in ("qx", "qy", "qz", "qw")]
-                    key = (row["vehicle"], round(float(row["stamp_s"]) * 1000))
-                    cameras[key] = transforms.from_xyz_quaternion(p, q)
+                    poses[row[name], round(float(row["stamp_s"]) * 1000)] = transforms.from_xyz_quaternion(p, q)
                 except (KeyError, TypeError, ValueError, GeometryError) as error:
-                    raise InputError(f"{path}, line {number}: not a camera pose ({error})") from error
+                    raise InputError(f"{path}, line {number}: not a pose ({error})") from error
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read ({error.strerror}); truth/ needs scene.ply and cameras.csv"
         ) from error
-    return Truth(Path(folder) / "scene.ply", cameras)
+    return poses

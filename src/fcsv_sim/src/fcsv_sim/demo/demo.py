@@ -22,17 +22,20 @@ from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.held import held, held_in_words
 from fcsv_sim.demo.look import look
+from fcsv_sim.demo.monitored import in_words as monitored_in_words
+from fcsv_sim.demo.monitored import judge, load, write_table
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
-from fcsv_sim.demo.truth_export import export_truth
+from fcsv_sim.demo.truth_export import export_movers, export_truth
 from fcsv_sim.machines import slow_motion
 from fcsv_sim.machines.machines import MachineError
-from fcsv_sim.world.town import WORLDS
+from fcsv_sim.world.movers import movers
+from fcsv_sim.world.town import WORLDS, Town
 from fcsv_stereo.truth import load_truth
 
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
 _LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
-_FOLDERS = ("run", "session", "map", "map_thesis")
+_FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor")
 _REAL_TIME = 0.97  # of it, or more: not worth a word
 
 
@@ -82,21 +85,33 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     begun = slow_motion.both_clocks()
     flight_s, moved_m = system.fly(plan, say)
     speed = slow_motion.share_of_real_time(begun)
-    export_truth(plan.sim_folder, plan.session_folder, plan.vehicles, system.stamps and system.stamps(plan))
+    truth = export_truth(plan.sim_folder, plan.session_folder, plan.vehicles, system.stamps and system.stamps(plan))
+    if plan.movers:
+        export_movers(truth, movers(Town.generate(plan.seed, plan.world).plan))
     if system.T_world_odom is not None:
         T_body_cam = {n: v.T_body_cam for n, v in load_vehicles(vehicles_folder(), plan.vehicles).items()}
         say(held_in_words(held(plan.session_folder, plan.sim_folder, T_body_cam, system.T_world_odom)))
     say(f"session: {plan.session_folder}")
+    if plan.monitor:
+        _judge_monitoring(plan)
     if fly_only:
         return 0
     maps = system.maps(load_mission(plan.mission_file)) if method is None else (MapRun(arguments=("--method", method)),)
-    for each in maps:
+    for each in (*maps, *([MapRun("map_instant", ("--instant",))] if plan.movers else [])):
         _map(plan, each, say)
         _print_end(plan, plan.folder / each.folder)
     slowly = "" if speed > _REAL_TIME else f" (at {speed:.2f} of real time)"
     print(f"flown {flight_s:.0f} s{slowly}, moved {moved_m:.1f} m while configurations were flown")
     look(plan)
     return 0
+
+
+def _judge_monitoring(plan: FleetPlan) -> None:
+    """Against the truth; the table beside the images."""
+    judged = judge(load(plan.monitor_folder), load_truth(plan.session_folder / "truth"))
+    write_table(judged, plan.monitor_folder / "frames.csv")
+    print("\n".join(monitored_in_words(judged)))
+    print(f"depth images of monitoring: {plan.monitor_folder}")
 
 
 def build_world(plan: FleetPlan, say) -> None:
@@ -159,13 +174,22 @@ def _plan(system: System, args) -> FleetPlan:
         raise MachineError(f"--seed {args.seed}: must not be negative")
     if args.operator == "you" and args.system != "tags":
         raise MachineError(f"--operator you: in system {args.system} the buttons are pressed by its simulated pilots")
+    monitor = args.live == "monitor"
+    if monitor and args.system != "tags":
+        raise MachineError(f"--live monitor: system {args.system} has no live map that monitors")
+    moving = _chosen(args.movers, args.world == "street" and any(c.at_once for c in flown.configurations))
+    if moving and args.system != "tags":
+        raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
+    if moving:
+        movers(Town.generate(args.seed, args.world).plan)  # refused where there is no street for them
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
     return FleetPlan(
-        out, mission, args.seed, args.world, vehicles, rviz=rviz, live=live, near=args.near == "1",
-        flight_link=args.flight_link, buttons=args.operator != "you",
+        out, mission, args.seed, args.world, vehicles, rviz=rviz, near=args.near == "1",
+        live=live and not monitor, monitor=monitor, movers=moving, flight_link=args.flight_link,
+        buttons=args.operator != "you",
     )  # fmt: skip
 
 
@@ -197,8 +221,16 @@ def _parse(argv):
     parser.add_argument("--method", default=None, help="map method; default: that of the map command")
     parser.add_argument("--rviz", default="", help="1 opens rviz, 0 does not; default: where there is a screen")
     parser.add_argument(
-        "--live", default="", help="1 maps in flight, 0 does not; default: where there are more than two cores"
+        "--live",
+        default="",
+        help="1 maps in flight, 0 does not, monitor makes depth of what holding vehicles see, "
+        "again and again; default: 1 where there are more than two cores",
     )
+    parser.add_argument(
+        "--movers", default="",
+        help="system tags: 1 lets a car and a walker move through the town, 0 does not; default: where a mission in "
+        "the street has several configurations at once (docs/at_once.md)",
+    )  # fmt: skip
     parser.add_argument("--near", default="", help="system tags: 1 records depth cameras, for the near field (near.md)")
     parser.add_argument(
         "--speed", default=slow_motion.AUTO,

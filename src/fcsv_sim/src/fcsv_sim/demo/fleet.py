@@ -16,6 +16,7 @@ from fcsv_sim.machines.slow_motion import shared_time
 
 CONTROL = "control"
 _TOLD_LINES = 6
+MONITORED_HZ = 5.0  # pictures a second that are sent for monitoring
 _SLOW_NOTE = (
     "LD_PRELOAD and FCSV_SLOW_MOTION make a program share the flight's clock, which may be slower than real time: "
     "set them for one command (run/on_NAME COMMAND does), not for a shell"
@@ -39,6 +40,8 @@ class FleetPlan:
     column_spacing_m: float = 3.5
     rviz: bool = False
     live: bool = False
+    monitor: bool = False  # instead of the map in flight: depth of the newest instant
+    movers: bool = False  # a car and a walker in the town
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     buttons: bool = True  # a simulated operator presses them; else somebody does in the window
@@ -50,6 +53,11 @@ class FleetPlan:
     @property
     def session_folder(self) -> Path:
         return self.folder / "session"
+
+    @property
+    def monitor_folder(self) -> Path:
+        """Depth images of live monitoring."""
+        return self.folder / "monitor"
 
     @property
     def sim_folder(self) -> Path:
@@ -161,6 +169,8 @@ class SimulatedFleet(Machines):
             "uav": vehicle,
             "world": self.plan.world,
             "near": self.plan.near,
+            "sim_movers": self.plan.movers,
+            **({"captures_hz": MONITORED_HZ} if self.plan.monitor else {}),
             "flight_link": self.plan.flight_link,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
             "sim_mavlink_port": self._mavlink_ports[vehicle],
@@ -175,5 +185,7 @@ class SimulatedFleet(Machines):
             "sim_rc_ports": ",".join(str(p) for p in self._rc_ports.values()),
             "rviz": self.plan.rviz,
             "live": self.plan.live,
+            "monitor": self.plan.monitor,
+            "rviz_config": "monitor" if self.plan.monitor else "map",
             "sim_buttons": self.plan.buttons,
         }

@@ -37,6 +37,10 @@ def _fly_mission(machines: Machines, say: Say) -> Tuple[float, float]:
     def follow() -> Tuple[float, float]:
         nonlocal watch
         watch = MissionWatch(machines.control, machines.plan.vehicles, say)
+        if machines.plan.monitor:
+            from fcsv_sim.demo.ros.monitor_watch import MonitorWatch
+
+            MonitorWatch(machines.plan.monitor_folder, machines.plan.vehicles[0], say)
         _follow(machines, watch, say)
         return watch.flown_s, sum(watch.moved_m.values())
 

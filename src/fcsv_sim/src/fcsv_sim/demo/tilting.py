@@ -5,19 +5,26 @@ import shutil
 from pathlib import Path
 from typing import Callable, Optional, Sequence
 
+import numpy as np
+
+from fcsv_geometry import transforms
 from fcsv_geometry.writing import require_folder
 from fcsv_sim.bringup import bringup
 from fcsv_sim.errors import SimulationError
+from fcsv_sim.tilting.calibrated import calibrate_simulated
 from fcsv_sim.tilting.report import table, write_curves, write_pictures
+from fcsv_sim.tilting.rig import SimulatedRig, as_made
 from fcsv_sim.tilting.things import THINGS
 from fcsv_sim.tilting.trial import DISTANCES_M, Outcome, outcomes
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import StereoError
 from fcsv_tracking.tilting.aim import nearest_m
-from fcsv_tracking.tilting.rig import load_rig
+from fcsv_tracking.tilting.rig import TiltAngles, TiltingRig, load_rig
+from fcsv_tracking.tilting.rig_file import write_rig
 
 _FOLDERS = ("pairs", "map")
 _FILES = ("curves.png", "pictures.png", "table.md")
+_RIG = "rig.yaml"
 _LEAST_MIB = 100
 _SIZE_M = 0.1  # of the thing whose nearest distance is told
 
@@ -33,12 +40,15 @@ def run(
     out = out.resolve()
     _empty(out, overwrite)
     path = Path(rig_file) if rig_file else bringup() / "config" / "tilting" / "rig.yaml"
-    rig = load_rig(path)
+    drawing = load_rig(path)
+    simulated = SimulatedRig(drawing, seed, built=as_made)
+    say(f"rig: {path}, its drawing; as made it is off by {_off(drawing, simulated)}")
+    rig = _calibrated(simulated, out, seed, say)
     parallel_m, tilted_m = (nearest_m(rig, _SIZE_M, tilt) for tilt in (False, True))
-    say(f"rig: {path}, baseline {rig.baseline_m:.2f} m, cameras turn inward by up to {rig.limits_deg[1]:.0f} deg")
+    say(f"baseline {rig.baseline_m:.2f} m, cameras turn inward by up to {rig.limits_deg[1]:.0f} deg")
     say(f"both cameras see a thing of {_SIZE_M:g} m whole from {parallel_m:.2f} m on, tilted from {tilted_m:.2f} m")
     say(f"building farmland with {', '.join(things)}; pictures and their depth follow (seed {seed})")
-    found = list(outcomes(rig, things, distances_m, seed, out / "pairs", say=say))
+    found = list(outcomes(simulated, drawing, things, distances_m, seed, out / "pairs", say=say))
     (out / "table.md").write_text("\n".join(table(found)) + "\n")
     write_curves(found, out / "curves.png")
     shown_m = min(distances_m, key=lambda d: abs(d - 0.4))
@@ -50,6 +60,26 @@ def run(
     ):
         print(f"{what}: {out / name}")
     return 0
+
+
+def _calibrated(simulated: SimulatedRig, out: Path, seed: int, say: Callable[[str], None]) -> TiltingRig:
+    """The rig's file after calibration with a board of tags, which the rig is told from now on."""
+    found = calibrate_simulated(simulated, seed)
+    simulated.told = write_rig(out / _RIG, found.rig, f"make demo SYSTEM=tilting, seed {seed}")
+    known = found.rig.known
+    say(f"calibrated with a board of tags: {out / _RIG}, off by {_off(found.rig, simulated)}; "
+        f"said to be known to {known.rotation_deg:.3f} deg and {1e3 * known.position_m:.2f} mm per axis")  # fmt: skip
+    return simulated.told
+
+
+def _off(rig: TiltingRig, simulated: SimulatedRig) -> str:
+    """The right camera against the left one, worst of angles."""
+    turn_deg, away_m = 0.0, 0.0
+    for angle in np.radians((0.0, 15.0, 30.0)):
+        told, true = (r.T_left_right(TiltAngles(angle, angle)) for r in (rig, simulated.true))
+        turn_deg = max(turn_deg, float(np.degrees(transforms.rotation_angle(told, true))))
+        away_m = max(away_m, float(np.linalg.norm(told[:3, 3] - true[:3, 3])))
+    return f"{turn_deg:.3f} deg and {1e3 * away_m:.2f} mm"
 
 
 def _report(out: Path, chosen: Optional[Outcome], say: Callable[[str], None]) -> None:
@@ -80,6 +110,6 @@ def _empty(out: Path, overwrite: bool) -> None:
     for name in _FOLDERS:
         if (out / name).exists():
             shutil.rmtree(out / name)
-    for name in _FILES:
+    for name in (*_FILES, _RIG):
         (out / name).unlink(missing_ok=True)
     out.mkdir(parents=True, exist_ok=True)

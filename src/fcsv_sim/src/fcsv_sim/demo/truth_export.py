@@ -7,6 +7,10 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence
 
 import numpy as np
 
+from fcsv_geometry import transforms
+from fcsv_sim.world.export import write_mesh
+from fcsv_sim.world.movers import Mover, mesh
+
 
 def export_truth(
     sim_folder: Path, session_folder: Path, vehicles: Iterable[str],
@@ -33,6 +37,23 @@ def export_truth(
                     writer.writeheader()
                 writer.writerow(row)
     return truth
+
+
+def export_movers(truth: Path, moving: Sequence[Mover]) -> None:
+    """What moved, beside cameras.csv: a mesh of each in movers/, and in movers.csv where it was at every picture."""
+    with open(truth / "cameras.csv", newline="") as file:
+        stamps = sorted({row["stamp_s"] for row in csv.DictReader(file)})
+    (truth / "movers").mkdir(exist_ok=True)
+    for mover in moving:
+        write_mesh(*mesh(mover.boxes), truth / "movers" / f"{mover.name}.ply", f"{mover.name}, metres, its own frame")
+    with open(truth / "movers.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["stamp_s", "name", "x", "y", "z", "qx", "qy", "qz", "qw"])
+        for stamp in stamps:
+            for mover in moving:
+                T = mover.T_world_body(float(stamp))
+                values = [f"{v:.9f}" for v in (*T[:3, 3], *transforms.quaternion_xyzw(T))]
+                writer.writerow([stamp, mover.name, *values])
 
 
 def nearest(rows: List[Dict[str, str]], stamps_s: Sequence[float]) -> List[Dict[str, str]]:

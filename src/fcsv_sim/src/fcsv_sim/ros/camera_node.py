@@ -49,6 +49,7 @@ class CameraNodeParameters:
     samples: int = 3
     preview_samples: int = 1
     preview_rate_hz: Optional[float] = None  # while the recorder takes no pictures; none: as always
+    movers: bool = False  # a car and a walker move through the town
     near: bool = False  # also depth, in the pictures' pixels
     near_rate_hz: float = 2.0  # of depth, at most that of the pictures
     camera: CameraParameters = field(default_factory=CameraParameters)
@@ -71,7 +72,7 @@ class CameraNode:
         name = parameters.vehicle
         p = parameters
         town = Town.generate(p.seed, p.world)
-        self._camera = Photographer(name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, p.camera)
+        self._camera = Photographer(name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, p.camera, p.movers)
         self._frame = f"{name}/camera_color_optical_frame"
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)

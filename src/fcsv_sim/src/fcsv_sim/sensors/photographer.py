@@ -13,21 +13,26 @@ from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera
 from fcsv_sim.truth import TruthReader
+from fcsv_sim.world.movers import movers, things
 from fcsv_sim.world.town import Town
 
 _HEADER = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 
 
 class Photographer:
-    """The camera of ``vehicle``; ``vehicles`` are seen where they are. Raises ConfigError where a file is wrong."""
+    """The camera of ``vehicle``; ``vehicles`` are seen where they are, and, where ``moving``, a car and a walker.
+
+    Raises ConfigError where a file is wrong, SimulationError where nothing can move in this town.
+    """
 
     def __init__(
         self, vehicle: str, vehicles: Sequence[str], vehicles_dir: str, sim_dir: str, town: Town, seed: int,
-        camera: CameraParameters,
+        camera: CameraParameters, moving: bool = False,
     ):  # fmt: skip
         self._vehicle = vehicle
         geometries = load_vehicles(vehicles_dir, list(dict.fromkeys([*vehicles, vehicle])))
         self._others: List = [(g, TruthReader(sim_dir, n)) for n, g in geometries.items() if n != vehicle]
+        self._movers = movers(town.plan) if moving else []
         self._truth = TruthReader(sim_dir, vehicle)
         cv2.setNumThreads(1)  # the machine is shared with everything that flies
         own = geometries[vehicle]
@@ -42,7 +47,8 @@ class Photographer:
     def take(self, stamp_s: float, samples: int) -> Shot:
         """A picture of a moment that just passed, noted. Raises PoseUnavailable where nobody flies."""
         T_world_body = self._truth.wait_for(stamp_s)
-        shot = self._camera.shoot(stamp_s, T_world_body, self._others_at(stamp_s), samples)
+        bodies = [*self._others_at(stamp_s), *things(self._movers, stamp_s)]
+        shot = self._camera.shoot(stamp_s, T_world_body, bodies, samples)
         self._note(shot)
         return shot
 

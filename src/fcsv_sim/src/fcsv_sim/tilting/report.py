@@ -17,7 +17,7 @@ from PIL import Image
 from fcsv_sim.tilting.trial import Outcome
 
 HEAD = ("thing", "distance", "inward", "shown", "covered", "within 10 %", "within 2.12", "median error", "2.12, 1 px",
-        "poses")  # fmt: skip
+        "poses", "by the drawing")  # fmt: skip
 _COLOURS = {False: "#8a8f98", True: "#c2410c"}
 _NAMES = {False: "parallel", True: "tilted"}
 _NONE = "#20242b"
@@ -33,7 +33,8 @@ def table(outcomes: Sequence[Outcome]) -> List[str]:
         ends = [f"{1e3 * v:.1f} mm" if np.isfinite(v) else "–" for v in (o.error_m, o.bound_m)]
         shares = [f"{v:.0%}" for v in (o.shown, o.covered, o.right, o.bounded)]
         poses = "as read" if o.refused else "refined"
-        lines.append(f"| {' | '.join([o.thing, f'{o.distance_m:g} m', inward, *shares, *ends, poses])} |")
+        drawn = f"{o.drawn:.0%}" if np.isfinite(o.drawn) else "–"
+        lines.append(f"| {' | '.join([o.thing, f'{o.distance_m:g} m', inward, *shares, *ends, poses, drawn])} |")
     return lines
 
 

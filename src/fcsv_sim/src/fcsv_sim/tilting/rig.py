@@ -2,15 +2,17 @@
 """A rig as it really is: a little other than its file says, with servos that stop and read in ticks."""
 
 from dataclasses import dataclass, field, replace
-from typing import Tuple
+from typing import Callable, Tuple
 
 import numpy as np
 
+from fcsv_geometry import transforms
 from fcsv_geometry.vehicle import Mount
 from fcsv_sim.gimbal.gimbal import STEP_S, ServoErrors, SimulatedServo
-from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltingRig
+from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltAxis, TiltingRig
 
 _MOST_S = 5.0  # for a turn
+_MADE_DEG, _MADE_M = 0.5, 0.001  # how exactly a workshop makes it
 #: A rig's servos turn slower than a gimbal's.
 SLOW = ServoErrors(speed_degps=60.0, acceleration_degps2=500.0)
 
@@ -23,6 +25,19 @@ def as_built(rig: TiltingRig, random: np.random.Generator) -> TiltingRig:
     return replace(rig, right=replace(rig.right, mount=Mount(xyz_m, rpy_deg)))
 
 
+def as_made(rig: TiltingRig, random: np.random.Generator) -> TiltingRig:
+    """The rig whose file is its drawing: axes and the right camera are off by what a workshop leaves, per axis."""
+    sides = []
+    for camera in (rig.left, rig.right):
+        tilt = transforms.Rotation.from_rotvec(np.radians(random.normal(0.0, _MADE_DEG, 3)))
+        place = tuple(float(v) for v in np.add(camera.axis.xyz_m, random.normal(0.0, _MADE_M, 3)))
+        sides.append(replace(camera, axis=TiltAxis(place, tuple(float(v) for v in tilt.apply(camera.axis.unit)))))
+    mount = sides[1].mount
+    xyz_m = tuple(float(v) for v in np.add(mount.xyz_m, random.normal(0.0, _MADE_M, 3)))
+    rpy_deg = tuple(float(v) for v in np.add(mount.rpy_deg, random.normal(0.0, _MADE_DEG, 3)))
+    return replace(rig, left=sides[0], right=replace(sides[1], mount=Mount(xyz_m, rpy_deg)))
+
+
 @dataclass
 class SimulatedRig:
     """``told`` is the rig as its file has it, ``true`` as it stands; no clock: a turn takes as long as it takes."""
@@ -30,11 +45,12 @@ class SimulatedRig:
     told: TiltingRig
     seed: int = 1
     errors: ServoErrors = SLOW
+    built: Callable[[TiltingRig, np.random.Generator], TiltingRig] = as_built
     true: TiltingRig = field(init=False)
 
     def __post_init__(self):
         random = np.random.default_rng([self.seed, 72])
-        self.true = as_built(self.told, random)
+        self.true = self.built(self.told, random)
         self._servos = [SimulatedServo(self.errors, random) for _ in SIDES[: 1 if self.told.coupled else 2]]
         self._now_s = 0.0
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fcsv_sim.tilting.place import Place, View
 from fcsv_sim.tilting.rig import SimulatedRig
-from fcsv_sim.tilting.shots import take
+from fcsv_sim.tilting.shots import posed_by, take
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.planning.toed_in import depth_error
@@ -29,7 +29,7 @@ class Outcome:
     Shares are of its pixels as a picture twice as wide would show them: ``shown`` in the left picture, ``covered``
     with a depth, ``right`` within 10 %, ``bounded`` within equation 2.12 for one pixel. ``error_m`` is the median of
     those with a depth, ``bound_m`` the median bound of them (NaN where there are none). ``refused``: why poses were not
-    refined.
+    refined. ``drawn``: ``right`` with poses by the rig's drawing instead of its calibration; NaN where not tried.
     """
 
     thing: str
@@ -44,35 +44,43 @@ class Outcome:
     error_m: float
     bound_m: float
     refused: str
+    drawn: float
     view: View
     depth: np.ndarray
 
 
 def outcomes(
-    rig: TiltingRig, things: Sequence[str], distances_m: Sequence[float] = DISTANCES_M, seed: int = 1,
-    folder: Optional[Path] = None, rules: Optional[AimRules] = None, say: Callable[[str], None] = lambda _line: None,
+    simulated: SimulatedRig, drawing: TiltingRig, things: Sequence[str],
+    distances_m: Sequence[float] = DISTANCES_M, seed: int = 1, folder: Optional[Path] = None,
+    rules: Optional[AimRules] = None, say: Callable[[str], None] = lambda _line: None,
 ) -> Iterator[Outcome]:  # fmt: skip
-    """Of every thing from every distance, parallel and tilted; the folders that ``map`` reads stay in ``folder``."""
-    place, simulated, rules = Place(seed), SimulatedRig(rig, seed), rules or AimRules()
+    """Of every thing from every distance, parallel and tilted; the folders that ``map`` reads stay in ``folder``.
+
+    Poses are those of what the rig is told to be, its calibration; of tilted pairs also those of its ``drawing``.
+    """
+    rig, place, rules = simulated.told, Place(seed), rules or AimRules()
     with tempfile.TemporaryDirectory() as scratch:
         for thing in things:
             for distance_m in distances_m:
                 tilted = crossing(rig, distance_m) if distance_m < rules.parallel_beyond_m else PARALLEL
                 name = f"{thing}_{distance_m:g}m"
                 simulated.turn(PARALLEL)
-                found = _one(place, simulated, thing, distance_m, False, (folder or Path(scratch)) / f"{name}_parallel")
+                found = _one(place, simulated, thing, distance_m, None, (folder or Path(scratch)) / f"{name}_parallel")
                 say(in_words(found))
                 yield found
                 if tilted != PARALLEL:
                     simulated.turn(tilted)
                     found = _one(
-                        place, simulated, thing, distance_m, True, (folder or Path(scratch)) / f"{name}_tilted"
+                        place, simulated, thing, distance_m, drawing, (folder or Path(scratch)) / f"{name}_tilted"
                     )
                     say(in_words(found))
                 yield replace(found, tilt=True)  # beyond it stands as it did: the same pictures
 
 
-def _one(place: Place, rig: SimulatedRig, thing: str, distance_m: float, tilt: bool, folder: Path) -> Outcome:
+def _one(
+    place: Place, rig: SimulatedRig, thing: str, distance_m: float, drawing: Optional[TiltingRig], folder: Path
+) -> Outcome:
+    """Tilted where there is a drawing to compare with."""
     left, _ = take(place, rig, thing, distance_m, folder)
     depth, refused = map_depth(folder, left.depth.shape)
     camera, T_rig_left = rig.true.left.camera, rig.T_rig_cams()[0]
@@ -87,10 +95,17 @@ def _one(place: Place, rig: SimulatedRig, thing: str, distance_m: float, tilt: b
     right = error <= _RIGHT_SHARE * left.depth[answered]
     pixels = max(pixels, 1)
     nan = float("nan")
+    drawn = nan
+    if drawing is not None:
+        by_drawing, _ = map_depth(posed_by(drawing, rig.read(), folder, Path(f"{folder}_drawn")), left.depth.shape)
+        known = part & np.isfinite(by_drawing)
+        off = np.abs(by_drawing[known] / left.depth[known] - 1.0)
+        drawn = float((off <= _RIGHT_SHARE).sum()) / pixels
     return Outcome(
-        thing, distance_m, tilt, rig.read(), pixels, shown / pixels, error.size / pixels, float(right.sum()) / pixels,
-        float((error <= bound).sum()) / pixels, float(np.median(error)) if error.size else nan,
-        float(np.median(bound)) if error.size else nan, refused, left, depth,
+        thing, distance_m, drawing is not None, rig.read(), pixels, shown / pixels, error.size / pixels,
+        float(right.sum()) / pixels, float((error <= bound).sum()) / pixels,
+        float(np.median(error)) if error.size else nan, float(np.median(bound)) if error.size else nan, refused, drawn,
+        left, depth,
     )  # fmt: skip
 
 
@@ -116,4 +131,5 @@ def in_words(o: Outcome) -> str:
     ends = f"error {1e3 * o.error_m:.1f} mm, 2.12 {1e3 * o.bound_m:.1f} mm" if np.isfinite(o.error_m) else ""
     shares = f"shown {o.shown:4.0%}, covered {o.covered:4.0%}, right {o.right:4.0%}"
     kept = ", poses as read" if o.refused else ""
+    kept += f", by the drawing right {o.drawn:4.0%}" if np.isfinite(o.drawn) else ""
     return f"{o.thing:6} {o.distance_m:4g} m  {turned}  {shares}  {ends}{kept}"

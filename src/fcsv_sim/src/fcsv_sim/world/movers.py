@@ -3,11 +3,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_sim.errors import SimulationError
+from fcsv_sim.render.bodies import BoxedThing
 from fcsv_sim.world.plan import TownPlan
 
 _PANEL_M = 0.45  # of a car's livery
@@ -46,8 +48,30 @@ class Mover:
         return transforms.from_xyz_yaw([self.x_m, y, self.z_m], way * np.pi / 2)
 
 
+def things(moving: Sequence[Mover], stamp_s: float) -> List[BoxedThing]:
+    """As the renderer draws them, at a time."""
+    return [BoxedThing(m.boxes, m.T_world_body(stamp_s), m.radius_m) for m in moving]
+
+
+def mesh(boxes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Vertices (8 K, 3) in the body (m) and triangles (12 K, 3) of boxes (K, 11)."""
+    signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], float)
+    local = boxes[:, None, 3:6] * signs
+    c, s = boxes[:, None, 6], boxes[:, None, 7]
+    turned = np.stack([c * local[..., 0] - s * local[..., 1], s * local[..., 0] + c * local[..., 1], local[..., 2]], -1)
+    quads = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    first = 8 * np.arange(len(boxes))[:, None, None]
+    return (turned + boxes[:, None, :3]).reshape(-1, 3), (faces + first).reshape(-1, 3)
+
+
 def movers(plan: TownPlan) -> List[Mover]:
-    """Of a town; they keep to the road, clear of the cars that are parked at its far side."""
+    """Of a town; they keep to the road, clear of the cars that are parked at its far side.
+
+    Raises SimulationError in a world without a crossing street.
+    """
+    if not len(plan.crossings_s):
+        raise SimulationError("a car and a walker need a street that crosses, as in the worlds street and plain")
     middle = float(plan.crossings_s[0])
     places = {name: middle + off for name, off in _FROM_MIDDLE_M.items()}
     z = {name: float(plan.height(x, 0.0)) for name, x in places.items()}

@@ -210,6 +210,7 @@ def truth(data: ReportData) -> List[Part]:
             f"Errors within one predicted standard deviation: {e.within_1_sigma:.0%} (68 % is right), within two: "
             f"{e.within_2_sigma:.0%} (95 %)."
         ),
+        *(Paragraph(f"{m.words[0].upper()}{m.words[1:]}.") for m in e.moving),
         Paragraph("Poses relative to the reference picture:"),
         Table(("picture", "rotation error", "position error"), turned),
     ]

@@ -17,7 +17,9 @@ from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
+from fcsv_stereo import monitoring
 from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_stereo.instants import MOST_SKEW_S
 from fcsv_stereo.live import Corrections, LiveSession, MapStage
 from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
@@ -28,7 +30,7 @@ from fcsv_stereo.sessions.messages import camera_covariance, window_of
 from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0
-_REFINE_EVERY = 20  # depth images while monitoring
+_NOT_OF_ONE_INSTANT_S = 3.0  # of pictures; then it is said
 _FIRST_LOOK_PICTURES = 1  # of each vehicle and configuration: who flies waits for it
 
 
@@ -38,14 +40,16 @@ class LiveParameters:
 
     ``monitor``: instead of one map of a mission, depth of what the vehicles see now, at most ``monitor_rate_hz``
     times a second, from pictures at most ``apart_s`` apart (vehicles hold, the scene may move); of ``joint`` at half
-    the pictures' size, with the camera_info of that size.
+    the pictures' size, with the camera_info of that size. ``refine_every``: of so many of these, poses are refined in
+    one and corrected as found in between; more than 1 only where their errors stay the same for seconds, as on a rig.
     """
 
     vehicles: List[str]
     method: str = "joint"
     monitor: bool = False
     monitor_rate_hz: float = 5.0
-    apart_s: float = 0.25
+    apart_s: float = MOST_SKEW_S
+    refine_every: int = 1
 
     def __post_init__(self):
         if len(self.vehicles) < 2:
@@ -54,6 +58,8 @@ class LiveParameters:
             raise ValueError(f"method: '{self.method}' is not one of {', '.join(METHODS)}")
         if not 0.1 <= self.monitor_rate_hz <= 30.0:
             raise ValueError(f"monitor_rate_hz: {self.monitor_rate_hz} is not in 0.1..30")
+        if self.refine_every < 1:
+            raise ValueError(f"refine_every: {self.refine_every} must be 1 or more")
         if not 0.0 < self.apart_s <= 5.0:
             raise ValueError(f"apart_s: {self.apart_s} is not in (0, 5]")
 
@@ -69,6 +75,7 @@ class LiveNode:
         self._news = False
         self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
         self._mapped: set = set()  # indices of windows
+        self._rate = monitoring.Rate()
         self._last_s = 0.0  # stamp of the newest picture that is in what is mapped
         self._state = MapState(state=MapStage.WAITING.value, detail="waiting for the first configuration")
         self._health = Health("map", {"pictures": 0.0})
@@ -78,6 +85,7 @@ class LiveNode:
         self._depth = rospy.Publisher("/map/depth", Image, **latched)
         self._info = rospy.Publisher("/map/camera_info", CameraInfo, **latched)
         self._reference = rospy.Publisher("/map/reference", Image, **latched)
+        self._monitor = rospy.Publisher("/map/monitor", Image, **latched)
         self._states = rospy.Publisher("/map/state", MapState, **latched)
         self._static = tf2_ros.StaticTransformBroadcaster()
         self._timer = node.every(_STATE_PERIOD_S, lambda _event: self._say())
@@ -201,10 +209,20 @@ class LiveNode:
     def _newest(self) -> Optional[MapInput]:
         reference, *others = self._parameters.vehicles
         given = self._session.newest(reference, others, self._parameters.apart_s, self._watched_s)
-        if given is not None:
-            self._watched_s = given.configurations[0].references[0].stamp_s
-            self._last_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
+        if given is None:
+            self._say_apart(reference, others)
+            return None
+        self._watched_s = given.configurations[0].references[0].stamp_s
+        self._last_s = max(p.stamp_s for c in given.configurations for p in (*c.references, *c.others))
         return given
+
+    def _say_apart(self, reference: str, others: List[str]) -> None:
+        """Pictures come, and none are of one instant."""
+        long_s, apart_s = self._session.apart_s(reference, others, self._watched_s)
+        if long_s >= _NOT_OF_ONE_INSTANT_S and apart_s > self._parameters.apart_s:
+            said = f"{1e3 * apart_s:.0f} ms apart" if apart_s < 1e6 else "of one vehicle only"
+            limit = f"apart_s:={self._parameters.apart_s:g}"
+            self._say(MapStage.FAILED, f"newest pictures are {said} ({limit}): trigger the cameras together")
 
     def _first_look(self) -> Optional[MapInput]:
         complete = {i for i in self._session.windows if self._session.complete(i)}
@@ -217,7 +235,7 @@ class LiveNode:
     def _with_known_poses(self, method: Method, options, given: MapInput):
         """Poses are refined now and then, and corrected as found in between."""
         self._watched += 1
-        refine = self._watched % _REFINE_EVERY == 1 or not self._corrections.know(given)
+        refine = (self._watched - 1) % self._parameters.refine_every == 0 or not self._corrections.know(given)
         if refine or not method.refines_poses:
             return options, given
         return method.trusting_poses(options), self._corrections.apply(given)
@@ -240,9 +258,22 @@ class LiveNode:
         self._publish(result)
         state = self._state
         state.configurations, state.points, state.coverage = len(result.pairs), result.points, result.coverage
+        state.reference = rospy.Time.from_sec(result.reference.stamp_s)
         state.processing_s, state.latency_s = time.monotonic() - started, rospy.get_time() - self._last_s
+        if self._parameters.monitor:
+            self._show(result, monitoring.skew_s(given), names)
         self._say(state_after, names, result.warnings)
         return result
+
+    def _show(self, result: MapResult, skew_s: float, names: str) -> None:
+        """The newest depth as a picture, for people: with its rate, skew and age."""
+        now_s, s = rospy.get_time(), self._state
+        self._rate.tick(now_s)
+        s.skew_s, s.rate_hz = skew_s, self._rate.hz(now_s)
+        line = monitoring.in_words(s.rate_hz, skew_s, s.latency_s, [names])
+        shown = monitoring.picture(result.reference.image, result.depth, line)
+        stamp_s = result.reference.stamp_s
+        self._monitor.publish(conversions.array_to_image(shown, "rgb8", stamp_s, REFERENCE_FRAME))
 
     def _publish(self, result: MapResult) -> None:
         reference = result.reference
@@ -264,6 +295,7 @@ class LiveNode:
             s.state, s.detail, s.problems = state.value, detail, list(problems or [])
             self._health.problem("map", detail if state is MapStage.FAILED else "")
         s.header = conversions.header(rospy.get_time(), frames.HOME)
+        s.rate_hz = self._rate.hz(rospy.get_time())
         self._states.publish(s)
 
 

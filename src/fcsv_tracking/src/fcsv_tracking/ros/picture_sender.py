@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Bool
 
 from fcsv_geometry import frames
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.flow import PhaseGate
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import CapturedPicture, ClockOffset
@@ -41,7 +41,10 @@ class SendingParameters:
 
 
 class PictureSender:
-    """Publishes camera/color/image_raw/compressed and capture/picture, where somebody listens."""
+    """Publishes camera/color/image_raw/compressed and capture/picture, where somebody listens.
+
+    Of cameras in phase all vehicles send the pictures of the same moments.
+    """
 
     def __init__(self, vehicle: str, parameters: SendingParameters, health: Health):
         self._vehicle, self._parameters, self._health = vehicle, parameters, health
@@ -50,7 +53,7 @@ class PictureSender:
         self._preview = rospy.Publisher("camera/color/image_raw/compressed", CompressedImage, queue_size=1)
         self._capture = rospy.Publisher("capture/picture", CapturedPicture, queue_size=3)
         rates_hz = {self._preview: parameters.preview_rate_hz, self._capture: parameters.capture_rate_hz}
-        self._gates = {publisher: RateGate(hz) for publisher, hz in rates_hz.items() if hz}
+        self._gates = {publisher: PhaseGate(hz) for publisher, hz in rates_hz.items() if hz}
         rospy.Subscriber("clock/offset", ClockOffset, self._on_clock, queue_size=1)
         rospy.Subscriber("recorder/pictures", Bool, self._on_recording, queue_size=1)
 

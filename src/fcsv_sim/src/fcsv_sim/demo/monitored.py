@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Depth images of live monitoring against the truth: how many, how old, of one instant, and right about what moves."""
+
+import csv
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, List, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.evaluation import Band, Moving, band, moving
+from fcsv_stereo.truth import TrueScene, Truth
+
+MOST_ERROR = 0.05  # of its distance, of the median answered pixel of what moves
+_MOST_M = 400.0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """As it was published: depth (H,W f32, m, NaN: none) of the reference's picture, and what was said of it."""
+
+    reference: str
+    stamp_s: float
+    depth: np.ndarray
+    camera: PinholeCamera
+    pairs: str
+    skew_s: float
+    rate_hz: float
+    processing_s: float
+    latency_s: float
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A frame against the truth."""
+
+    frame: Frame
+    overall: Band
+    moving: Tuple[Moving, ...]
+
+
+def save(folder: Path, frame: Frame) -> Path:
+    """FOLDER/STAMP.npz."""
+    c, path = frame.camera, folder / f"{frame.stamp_s:.3f}.npz"
+    told = {
+        k: getattr(frame, k)
+        for k in ("reference", "stamp_s", "pairs", "skew_s", "rate_hz", "processing_s", "latency_s")
+    }
+    pinhole = [c.width, c.height, c.fx, c.fy, c.cx, c.cy]
+    np.savez_compressed(path, depth=frame.depth.astype(np.float32), pinhole=pinhole, **told)
+    return path
+
+
+def load(folder: Path) -> List[Frame]:
+    """All of a folder, in order of time. Raises InputError naming a file that is none."""
+    frames = []
+    for path in folder.glob("*.npz"):
+        try:
+            with np.load(path) as f:
+                width, height, *rest = f["pinhole"].tolist()
+                camera = PinholeCamera(int(width), int(height), *rest)
+                words = {k: str(f[k]) for k in ("reference", "pairs")}
+                numbers = {k: float(f[k]) for k in ("stamp_s", "skew_s", "rate_hz", "processing_s", "latency_s")}
+                frames.append(Frame(depth=f["depth"], camera=camera, **words, **numbers))
+        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            raise InputError(f"{path}: not a monitored depth image ({error})") from error
+    return sorted(frames, key=lambda f: f.stamp_s)
+
+
+def judge(frames: Sequence[Frame], truth: Truth) -> List[Judged]:
+    """Raises InputError where the truth lacks one of them."""
+    scene, judged = TrueScene(truth), []
+    for f in frames:
+        true_depth, on = scene.look(f.reference, f.stamp_s, f.camera)
+        judged.append(Judged(f, band(f.depth, true_depth, (0.0, _MOST_M)), moving(f.depth, true_depth, on)))
+    return judged
+
+
+def write_table(judged: Sequence[Judged], path: Path) -> None:
+    """One row for each frame, and for what moves in it."""
+    with open(path, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["stamp_s", "pairs", "skew_ms", "rate_hz", "processing_s", "age_s", "within_10_percent",
+                         "what", "distance_m", "pixels", "answered", "median_error"])  # fmt: skip
+        for j in judged:
+            f = j.frame
+            row = [f"{f.stamp_s:.3f}", f.pairs, f"{1e3 * f.skew_s:.1f}", f"{f.rate_hz:.2f}", f"{f.processing_s:.3f}",
+                   f"{f.latency_s:.3f}", f"{j.overall.within_10_percent:.3f}"]  # fmt: skip
+            writer.writerow([*row, "all", "", "", "", ""])
+            for m in j.moving:
+                error = "" if m.median_relative_error is None else f"{m.median_relative_error:.4f}"
+                writer.writerow([*row, m.name, f"{m.distance_m:.2f}", m.pixels, f"{m.answered:.3f}", error])
+
+
+def in_words(judged: Sequence[Judged]) -> List[str]:
+    """Lines for the end of a demo."""
+    if not judged:
+        return ["monitoring: no depth image came"]
+    frames = [j.frame for j in judged]
+    rates = [f.rate_hz for f in frames if f.rate_hz > 0.0]
+    rate = f"median rate {np.median(rates):.1f} Hz" if rates else "no rate"
+    lines = [
+        f"monitoring: {len(frames)} depth images, {rate}, "
+        f"skew at most {1e3 * max(f.skew_s for f in frames):.0f} ms, "
+        f"median age {np.median([f.latency_s for f in frames]):.2f} s, "
+        f"pixels to {_MOST_M:.0f} m within 10 %: {np.median([j.overall.within_10_percent for j in judged]):.0%}"
+    ]
+    seen: Dict[str, List[Moving]] = {}
+    for m in (m for j in judged for m in j.moving):
+        seen.setdefault(m.name, []).append(m)
+    for name, of in sorted(seen.items()):
+        errors = [m.median_relative_error for m in of if m.median_relative_error is not None]
+        right = sum(e <= MOST_ERROR for e in errors)
+        worst = f", worst {max(errors):.1%}" if errors else ""
+        lines.append(
+            f"  {name}, which moves: answered in {len(errors)} of the {len(of)} images that show it, in {right} "
+            f"of them within {MOST_ERROR:.0%} of its distance{worst}"
+        )
+    return lines
