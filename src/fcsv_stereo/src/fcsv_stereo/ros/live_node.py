@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Callable, List, Optional
 
 import rospy
-import tf2_ros
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import Image
 
 from fcsv_geometry import frames, home_messages
 from fcsv_geometry.errors import FcsvError, GeometryError
@@ -24,8 +23,8 @@ from fcsv_stereo.live import Corrections, LiveSession, MapStage
 from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
-from fcsv_stereo.ros.baseline_topics import BaselineTopics
-from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
+from fcsv_stereo.ros.map_messages import REFERENCE_FRAME
+from fcsv_stereo.ros.map_topics import MapTopics
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
 from fcsv_stereo.warm_up import warm_up
 
@@ -80,14 +79,9 @@ class LiveNode:
         self._state = MapState(state=MapStage.WAITING.value, detail="waiting for the first configuration")
         self._health = Health("map", {"pictures": 0.0})
         latched = {"queue_size": 1, "latch": True}
-        self._points = rospy.Publisher("/map/points", PointCloud2, **latched)
-        self._by_baseline = BaselineTopics()
-        self._depth = rospy.Publisher("/map/depth", Image, **latched)
-        self._info = rospy.Publisher("/map/camera_info", CameraInfo, **latched)
-        self._reference = rospy.Publisher("/map/reference", Image, **latched)
+        self._topics = MapTopics()
         self._monitor = rospy.Publisher("/map/monitor", Image, **latched)
         self._states = rospy.Publisher("/map/state", MapState, **latched)
-        self._static = tf2_ros.StaticTransformBroadcaster()
         self._timer = node.every(_STATE_PERIOD_S, lambda _event: self._say())
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
@@ -255,7 +249,7 @@ class LiveNode:
         except Exception as error:  # a defect must not take the map away from a flight: the next configuration may do
             self._say(MapStage.FAILED, node.defect(error), given.warnings)
             return None
-        self._publish(result)
+        self._topics.publish(result)
         state = self._state
         state.configurations, state.points, state.coverage = len(result.pairs), result.points, result.coverage
         state.reference = rospy.Time.from_sec(result.reference.stamp_s)
@@ -274,17 +268,6 @@ class LiveNode:
         shown = monitoring.picture(result.reference.image, result.depth, line)
         stamp_s = result.reference.stamp_s
         self._monitor.publish(conversions.array_to_image(shown, "rgb8", stamp_s, REFERENCE_FRAME))
-
-    def _publish(self, result: MapResult) -> None:
-        reference = result.reference
-        T = conversions.transform_stamped(reference.T_home_cam, reference.stamp_s, frames.HOME, REFERENCE_FRAME)
-        self._static.sendTransform([T])
-        self._points.publish(cloud_message(result.cloud, reference.stamp_s))
-        baselines = [(p.configuration.axis.value, p.configuration.baseline_m) for p in result.pairs]
-        self._by_baseline.show(result.cloud, baselines, reference.stamp_s)
-        self._depth.publish(depth_message(result.depth, reference.stamp_s))
-        self._info.publish(conversions.info_from_camera(reference.camera, reference.stamp_s, REFERENCE_FRAME))
-        self._reference.publish(conversions.array_to_image(reference.image, "rgb8", reference.stamp_s, REFERENCE_FRAME))
 
     def _say(self, state: Optional[MapStage] = None, detail: str = "", problems: Optional[List[str]] = None) -> None:
         """Publish the state, changed or not; a failure is also an error of this node's health."""

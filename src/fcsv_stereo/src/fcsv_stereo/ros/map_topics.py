@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map on its topics, as it grows: points, depth with its camera, reference picture, and the reference's place."""
+
+import rospy
+import tf2_ros
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+from fcsv_geometry import frames
+from fcsv_geometry.ros import conversions
+from fcsv_stereo.model import MapResult
+from fcsv_stereo.ros.baseline_topics import BaselineTopics
+from fcsv_stereo.ros.map_messages import REFERENCE_FRAME, cloud_message, depth_message
+
+
+class MapTopics:
+    """All latched: who begins to listen gets the newest."""
+
+    def __init__(self):
+        latched = {"queue_size": 1, "latch": True}
+        self._points = rospy.Publisher("/map/points", PointCloud2, **latched)
+        self._by_baseline = BaselineTopics()
+        self._depth = rospy.Publisher("/map/depth", Image, **latched)
+        self._info = rospy.Publisher("/map/camera_info", CameraInfo, **latched)
+        self._reference = rospy.Publisher("/map/reference", Image, **latched)
+        self._static = tf2_ros.StaticTransformBroadcaster()
+
+    def publish(self, result: MapResult) -> None:
+        """A new map in place of the last one."""
+        reference, stamp_s = result.reference, result.reference.stamp_s
+        T = conversions.transform_stamped(reference.T_home_cam, stamp_s, frames.HOME, REFERENCE_FRAME)
+        self._static.sendTransform([T])
+        self._points.publish(cloud_message(result.cloud, stamp_s))
+        baselines = [(p.configuration.axis.value, p.configuration.baseline_m) for p in result.pairs]
+        self._by_baseline.show(result.cloud, baselines, stamp_s)
+        self._depth.publish(depth_message(result.depth, stamp_s))
+        self._info.publish(conversions.info_from_camera(reference.camera, stamp_s, REFERENCE_FRAME))
+        self._reference.publish(conversions.array_to_image(reference.image, "rgb8", stamp_s, REFERENCE_FRAME))
