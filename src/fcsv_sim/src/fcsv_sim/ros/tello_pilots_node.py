@@ -38,8 +38,9 @@ class TelloPilotsParameters:
     gains: str
     sway_m: float = 0.35
     rate_hz: float = 20.0
-    # lines of the flight check that the operator accepts where they are amber: what a busy computer makes amber
-    accepts: Tuple[str, ...] = ("disk", "recorder", "camera")
+    # lines of the flight check that the operator accepts where they are amber: what a busy computer makes amber, and
+    # gimbals, whose poses come with gaps
+    accepts: Tuple[str, ...] = ("disk", "recorder", "camera", "feed")
 
     def __post_init__(self):
         if not self.vehicles:
