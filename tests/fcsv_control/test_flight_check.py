@@ -18,7 +18,7 @@ from fcsv_control.flight_check.links import CHECKS, TELLO_CHECKS
 from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
-from fcsv_control.guardian.findings import STICK
+from fcsv_control.guardian.findings import NO_POSES, STICK
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import config
 from fcsv_geometry.flight_limits import FlightBounds
@@ -222,9 +222,12 @@ def test_a_tello_that_is_well_is_green_and_nothing_heard_is_not(tello):
     ({"link": {"connected": False}}, {"link": R, "flight data": U, "transmitter": U}, "", "Wi-Fi"),
     ({"link": {"in_the_air": -1}}, {"flight data": R}, "does not say whether it flies", "firmware"),
     ({"link": {"feed_rate_hz": 5.0}}, {"feed": A}, "5 poses", "tracker on the ground"),
-    ({"link": {"feed_rate_hz": 2.0}}, {"feed": R}, "2 poses", "tracker on the ground"),
-    ({"link": {"feed_age_s": 0.9}}, {"feed": R}, "no pose", "tracker on the ground"),
+    ({"link": {"feed_rate_hz": 2.0, "in_the_air": 1}}, {"feed": R}, "2 poses", "tracker on the ground"),
+    ({"link": {"feed_age_s": 0.9, "in_the_air": 1}}, {"feed": R}, "no pose", "tracker on the ground"),
+    ({"link": {"feed_age_s": 0.9, "in_the_air": 0}}, {"feed": A}, "it stands", "tracker on the ground"),
+    ({"link": {"doubt": "poses that cannot be", "in_the_air": 0}}, {"feed": R}, "cannot be", "tracker on the ground"),
     ({"link": {"throttle": NAN}}, {"transmitter": R}, "no transmitter", "joy_node"),
+    ({"guardian": guardian(forbids=[STICK, NO_POSES])}, {}, "", ""),
     ({"battery_share": NAN}, {"battery": R}, "does not say how full", "change it"),
     ({"battery_share": 0.3}, {"battery": A}, "30%", "change it"),
 ])  # fmt: skip
@@ -232,8 +235,14 @@ def test_one_fault_of_a_tello(tello, told, found, words, remedy):
     changed = {**vars(tello_link()), **told["link"]} if "link" in told else None
     tello.tell(**({"link": SimpleNamespace(**changed)} if changed else told))
     assert tello.not_green() == found
-    line = tello.lines()[next(iter(found))]
-    assert words in line.what and remedy in line.remedy
+    for name in list(found)[:1]:
+        line = tello.lines()[name]
+        assert words in line.what and remedy in line.remedy
+
+
+def test_in_the_air_a_tello_that_no_tracker_sees_may_not_be_handed_over(tello):
+    tello.tell(link=tello_link(in_the_air=1), guardian=guardian(forbids=[NO_POSES]))
+    assert tello.not_green() == {"guardian": R}
 
 
 def test_mavros_has_the_same_lines_with_remedies_of_its_own(root):

@@ -624,6 +624,17 @@ def test_it_says_that_it_lost_its_position_until_its_next_take_off():
     assert not air.run(0.5).guardian.verdict.lost
 
 
+@pytest.mark.parametrize("finds_again", [False, True])
+def test_a_tracker_on_the_ground_finds_again_who_was_lost(finds_again):
+    """One on board adds up ways: what it tells after it was silent is another frame."""
+    air = Aloft(GuardianRules(finds_again=finds_again))
+    air.silent.add("feed")
+    air.run(1.0)
+    air.silent.clear()
+    assert air.run(0.5).guardian.verdict.lost
+    assert air.run(1.5).guardian.verdict.lost is not finds_again
+
+
 def test_it_says_whose_it_is():
     air = Aloft()
     assert not air.guardian.verdict.taken

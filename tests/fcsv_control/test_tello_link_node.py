@@ -205,32 +205,6 @@ def test_holds_a_set_point_and_lands_when_told(flight):
     f.landed()
 
 
-def test_ten_seconds_of_lost_wifi(flight):
-    """It stays near, by its own flow sensor; the link lands it as soon as it hears."""
-    f = flight()
-    place = target(1.0, 0.5, 1.5, 0.3)
-    f.guided(place)
-    f.tello.drone.radio.cut(time.time(), 10.0)
-    until(lambda: not f.operator.newest.state.connected, 5.0, "the link knows")
-    until(lambda: f.operator.newest.state.mode == "LAND", 12.0, "the link gives up")
-    assert f.off(place)[0] < 0.8  # by flow: 0.02 m/s of drift, gusts of 0.5 m/s
-    f.landed()
-    assert np.linalg.norm(f.p_m[:2] - place[:2, 3]) < 1.5
-    assert any("Wi-Fi is silent" in text for text in f.operator.texts)
-
-
-def test_three_seconds_without_the_tracker(flight):
-    f = flight()
-    place = target(1.0, 0.5, 1.5, 0.3)
-    f.guided(place)
-    f.tracker.lost = True
-    lost_s = time.monotonic()
-    until(lambda: f.operator.newest.state.mode == "LAND", 6.0, "LAND")
-    assert time.monotonic() - lost_s > 2.5
-    f.landed()
-    assert np.linalg.norm(f.p_m[:2] - place[:2, 3]) < 0.8
-
-
 def test_low_battery_and_a_link_that_is_started_again(flight):
     """A link that starts in flight holds it; a low battery refuses GUIDED and lands what is not in a pilot's hands."""
     f = flight()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated mocap and Tello nodes and the tracker's node on a master: camera_pose and tf against the truth."""
+"""The simulated mocap and the tracker's node on a master: camera_pose and tf against the truth."""
 
 import threading
 import time
@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from support.ground_topics import GroundTopics
+from support.tello_log import TelloLog
 from support.waiting import within
 
 from fcsv_geometry import transforms as tf
@@ -104,8 +105,7 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer)
     start_node("fcsv_sim", "mocap", name="sim_mocap", params={"vehicles": list(NAMES), "sim_dir": str(tmp_path)})
-    for i, n in enumerate(NAMES):
-        start_node("fcsv_sim", "tello_sensors", ns=n, params={"vehicle": n, "sim_dir": str(tmp_path), "seed": i})
+    logs = [TelloLog(n, tmp_path, i) for i, n in enumerate(NAMES)]
     tracker = start_node("fcsv_tracking", "mocap_tracker", params={"vehicles": list(NAMES), "vehicles_dir": folder})
     rospy.wait_for_service("/set_home", 20)
     set_home = rospy.ServiceProxy("/set_home", SetHome)
@@ -145,6 +145,8 @@ def test_camera_poses_of_both_whichever_is_in_view(hovering, start_node, root, t
     )
     assert diagnostics["tello2 mocap streams an old pose"] == "True"
     assert tracker.returncode is None
+    for log in logs:
+        log.close()
     for s in subscribers:
         s.unregister()
     listener.unregister()

@@ -10,7 +10,8 @@ from typing import Dict, Tuple
 
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
-from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts
+from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, VehicleFacts, guardian
+from fcsv_control.guardian.findings import NO_POSES, STICK
 
 MAVLINK, MAVROS, TELLO = "mavlink", "mavros", "tello"
 _MAVROS_REMEDIES = {
@@ -34,6 +35,22 @@ def _flight_data(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     return State.GREEN, "it flies" if f.link.value.in_the_air else "it stands"
 
 
+def _stands(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> bool:
+    return f.link.fresh(now_s, r.silent_s) and f.link.value.connected and f.link.value.in_the_air == 0
+
+
+def _feed(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    """A mocap looks up, and gimbals find their vehicle in the air: who stands need not be seen."""
+    state, what = _OF["feed"].judge(now_s, f, r)
+    if state is State.RED and _stands(now_s, f, r) and not f.link.value.doubt:
+        return State.AMBER, f"it stands, and {what}"
+    return state, what
+
+
+def _guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+    return guardian(now_s, f, r, (STICK, NO_POSES) if _stands(now_s, f, r) else (STICK,))
+
+
 def _battery(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if f.battery_share.fresh(now_s, r.slow_silent_s) and math.isnan(f.battery_share.value):
         return State.RED, "it does not say how full it is"
@@ -53,10 +70,12 @@ TELLO_CHECKS: Tuple[Check, ...] = (
           _OF["link"].judge),
     Check("flight data", "its flight data can be read", "wait; if it stays so, its firmware is another one",
           _flight_data),
-    replace(_remedied(_OF["feed"], _TELLO_REMEDIES), must="the tracker's poses come, and are believed"),
+    replace(_remedied(_OF["feed"], _TELLO_REMEDIES), must="the tracker's poses come, and are believed", judge=_feed),
     _remedied(_OF["transmitter"], _TELLO_REMEDIES),
     replace(_remedied(_OF["battery"], _TELLO_REMEDIES), judge=_battery),
-    *(_remedied(_OF[name], _TELLO_REMEDIES) for name in ("camera", "recorder", "disk", "guardian", "agent")),
+    *(_remedied(_OF[name], _TELLO_REMEDIES) for name in ("camera", "recorder", "disk")),
+    replace(_OF["guardian"], judge=_guardian),
+    _OF["agent"],
 )  # fmt: skip
 CHECKS: Dict[str, Tuple[Check, ...]] = {
     MAVLINK: VEHICLE_CHECKS,

@@ -208,7 +208,8 @@ def _disk(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     return _least(disk.free_mib, r.red_disk_mib, r.amber_disk_mib), f"{disk.free_mib / 1024:.1f} GiB free{lasts}"
 
 
-def _guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
+def guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules, excused: Tuple[str, ...] = (STICK,)) -> Found:
+    """``excused``: what it may forbid GUIDED for. On the ground the stick is down; it is judged in flight."""
     if not f.guardian.fresh(now_s, r.silent_s):
         return _R, "not heard"
     g = f.guardian.value
@@ -216,7 +217,7 @@ def _guardian(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
         return _R, "it lost the vehicle's position in flight"
     if g.action:
         return _R, f"{g.action}: {'; '.join(g.reasons)}"
-    forbids = [text for text in g.forbids if text != STICK]  # on the ground the stick is down; it is judged in flight
+    forbids = [text for text in g.forbids if text not in excused]
     return (_R, f"forbids GUIDED: {'; '.join(forbids)}") if forbids else (_G, "nothing against flying")
 
 
@@ -266,7 +267,7 @@ VEHICLE_CHECKS: Tuple[Check, ...] = (
     Check("camera", "pictures come", "check the camera, its USB port and the node tags", _camera),
     Check("recorder", "the recorder writes", "start it again; see its log", _recorder),
     Check("disk", "there is room for the flight's pictures", "remove sessions that were gathered", _disk),
-    Check("guardian", "the guardian lives and forbids nothing", "do away with what it names; see its log", _guardian),
+    Check("guardian", "the guardian lives and forbids nothing", "do away with what it names; see its log", guardian),
     Check("agent", "the agent lives and obeys", "end the other agent, or start uav.launch again", _agent),
     relay_keys.check(_keys),
     autopilot_line.check(_signing),

@@ -24,6 +24,7 @@ _SET_POINT_HZ = 10.0
 _AGAIN_S = 0.5  # a mode is asked for again
 _THERE_M = 0.4
 _STALL_S = 0.25  # a step that comes later than this was delayed itself
+_FOUND_S = 1.0
 _STOPS_MPS2, _LONGEST_STOP_S = 2.5, 1.0  # how an ArduCopter in GUIDED comes to rest
 _CALM_S = 3.0  # what asked for a hold must be over for so long
 _SAY_AGAIN_S = 10.0
@@ -42,6 +43,7 @@ class Guardian:
         self._held_s = self._stepped_s = now_s  # when something last asked for a hold, and the last step
         self._link_heard = self._link_restarted = False
         self._landing = self._lost = False
+        self._unseen_s = now_s  # when the tracker last did not see it
         self._braking_for = ""
         self._answered: Set[str] = set()  # findings for which it braked: a fence counts once per crossing
         self._asked: Tuple[str, float, float] = ("", now_s, now_s)  # mode, first and last asked
@@ -145,11 +147,19 @@ class Guardian:
         for f in found:
             self._say(now_s, f.what, f.text, acting and f.wish > Wish.SAY)
         blind = worst is Wish.LAND and air.flying
-        self._lost = self._lost or blind
+        found_again = self._found_again(now_s)
+        self._lost = blind or (self._lost and not found_again)
         reasons = tuple(f.text for f in found if f.wish > Wish.SAY)
         action = self._action(now_s) if acting else ""
         taken = air.armed and not self._hands.ours
         self._verdict = Verdict(action, self._place is not None, blind, reasons, forbids, self._lost, taken)
+
+    def _found_again(self, now_s: float) -> bool:
+        """Whether poses of a tracker that knows places, not only ways, have come for a second."""
+        r, air = self._rules, self.air
+        if not r.finds_again or now_s - air.feed_s > r.feed_warn_s or air.link.doubt:
+            self._unseen_s = now_s
+        return now_s - self._unseen_s > _FOUND_S
 
     @property
     def verdict(self) -> Verdict:

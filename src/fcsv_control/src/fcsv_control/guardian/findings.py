@@ -13,6 +13,7 @@ from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry import separation
 
 STICK = "the throttle stick is not in the middle: who takes over would climb or fall"
+NO_POSES = "no poses come from the tracking camera"
 ABOVE = "above"  # a finding about one who comes down
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
 _USUAL_AGE_S = 0.25  # of a state that comes ten times a second over a radio
@@ -77,7 +78,7 @@ class Watches:
         if air.link.ekf_variance > r.ekf_variance:
             reasons.append("the autopilot's filter does not agree with its sensors")
         if now_s - air.feed_s > r.feed_warn_s:
-            reasons.append("no poses come from the tracking camera")
+            reasons.append(NO_POSES)
         if not air.flying and self._lasts(now_s, "apart", air.apart_m > r.apart_m, 0.5):
             reasons.append(f"autopilot and tracker are {air.apart_m:.1f} m apart; restart the autopilot")
         share = air.battery_now(now_s, r.battery_old_s)

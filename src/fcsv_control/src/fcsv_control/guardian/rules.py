@@ -18,6 +18,7 @@ class GuardianRules:
 
     feed_warn_s: float = 0.5
     feed_land_s: float = 0.7  # before the flight link's own watchdog, which is the second line
+    finds_again: bool = False  # a tracker on the ground knows a place as soon as it sees it; on board ways add up
     feed_warn_hz: float = 8.0
     feed_land_hz: float = 4.0
     apart_m: float = 0.5  # between estimate and feed, on the ground

@@ -12,10 +12,11 @@ from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.mission import load_mission
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import FlightCheck, FlightCheckLine, MissionState
-from fcsv_msgs.srv import AcceptLine, Proceed
+from fcsv_msgs.msg import MissionState
+from fcsv_msgs.srv import Proceed
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.people.rc import RcSender
+from fcsv_sim.ros.amber import accept_amber
 from fcsv_sim.truth import TruthReader
 from mavros_msgs.msg import State
 
@@ -58,24 +59,14 @@ class OperatorNode:
         self._mission = MissionState(phase_name="WAIT_VEHICLES")
         self._health = Health("operator", {"sticks": p.rate_hz / 3.0})
         self._proceed = rospy.ServiceProxy("/mission/proceed", Proceed)
-        self._accept = rospy.ServiceProxy("/flight_check/accept", AcceptLine)
         if p.buttons:
-            rospy.Subscriber("/flight_check", FlightCheck, self._on_check, queue_size=1)
+            accept_amber(p.accepts)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         for name in p.vehicles:
             rospy.Subscriber(f"/{name}/mavros/state", State, self._on_state, name, queue_size=2)
 
     def _on_mission(self, message: MissionState) -> None:
         self._mission = message
-
-    def _on_check(self, message: FlightCheck) -> None:
-        for line in message.lines:
-            if line.state == FlightCheckLine.AMBER and not line.accepted and line.name in self._parameters.accepts:
-                try:
-                    answer = self._accept(line.vehicle, line.name)
-                    rospy.loginfo("operator: %s (%s)", answer.message, line.what)
-                except rospy.ServiceException as error:
-                    rospy.logwarn("operator: accepting %s %s: %s", line.vehicle, line.name, error)
 
     def _on_state(self, message: State, name: str) -> None:
         self._states[name] = message

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated Tello beside a ROS master: parameters in, diagnostics out; it is flown by its own protocol alone."""
+"""A simulated Tello beside a ROS master: parameters in, diagnostics out; it is flown by its own protocol alone.
+
+What goes wrong is told it by topics: for how long (s) its Wi-Fi is cut, and how full (%) its battery is from now on.
+"""
 
 import contextlib
+import time
 
 import rospy
+from std_msgs.msg import Float64
 
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
@@ -21,11 +26,22 @@ class TelloDroneNode:
         self._health = Health(p.vehicle)
         self._timer = node.every(1.0, self._report)
         rospy.loginfo("%s", words(p))
+        rospy.Subscriber("~cut_wifi_s", Float64, self._on_cut, queue_size=1)
+        rospy.Subscriber("~battery_percent", Float64, self._on_battery, queue_size=1)
 
     def spin(self) -> None:
         """Until ROS shuts the node down."""
         with self._open:
             run(self._shell, rospy.is_shutdown)
+
+    def _on_cut(self, message: Float64) -> None:
+        self._shell.drone.radio.cut(time.time(), message.data)
+
+    def _on_battery(self, message: Float64) -> None:
+        try:
+            self._shell.drone.flight.battery.change(message.data)
+        except ValueError as error:
+            self._health.drop("battery", str(error))
 
     def _report(self, _event) -> None:
         drone, client = self._shell.drone, self._shell.drone.link.client

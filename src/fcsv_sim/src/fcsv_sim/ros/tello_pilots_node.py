@@ -7,7 +7,7 @@ Sticks go to ``pilot/joy``, orders to the flight link's services, as a person's 
 import threading
 import time
 from dataclasses import dataclass, replace
-from typing import Callable, Dict, List
+from typing import Callable, Dict, List, Tuple
 
 import numpy as np
 import rospy
@@ -24,6 +24,7 @@ from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import LinkHealth, MissionState
 from fcsv_msgs.srv import Proceed
 from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Act, Finger, Hands, Screen
+from fcsv_sim.ros.amber import accept_amber
 from mavros_msgs.msg import State
 from mavros_msgs.srv import CommandTOL, SetMode
 
@@ -37,6 +38,9 @@ class TelloPilotsParameters:
     gains: str
     sway_m: float = 0.35
     rate_hz: float = 20.0
+    # lines of the flight check that the operator accepts where they are amber: what a busy computer makes amber, and
+    # gimbals, whose poses come with gaps
+    accepts: Tuple[str, ...] = ("disk", "recorder", "camera", "feed")
 
     def __post_init__(self):
         if not self.vehicles:
@@ -61,6 +65,7 @@ class TelloPilotsNode:
         self._take_off = {n: rospy.ServiceProxy(f"/{n}/mavros/cmd/takeoff", CommandTOL) for n in p.vehicles}
         self._mode = {n: rospy.ServiceProxy(f"/{n}/mavros/set_mode", SetMode) for n in p.vehicles}
         self._proceed, self._height_m = rospy.ServiceProxy("/mission/proceed", Proceed), height_m
+        accept_amber(p.accepts)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
         for n in p.vehicles:
             rospy.Subscriber(f"/{n}/mavros/state", State, self._on_state, n, queue_size=2)

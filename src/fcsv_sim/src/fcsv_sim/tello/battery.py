@@ -33,6 +33,12 @@ class Battery:
         self._percent = rules.percent
         self._load = 0.0
 
+    def change(self, percent: float) -> None:
+        """For another one. Raises ValueError where there is none such."""
+        if not 0.0 <= percent <= 100.0:
+            raise ValueError(f"percent: {percent} must be 0 to 100")
+        self._percent = percent
+
     @property
     def percent(self) -> int:
         """Whole percents, as it says them."""
