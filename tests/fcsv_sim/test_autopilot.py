@@ -542,3 +542,11 @@ def test_an_airframe_tells_where_it_is_now():
         assert np.allclose(body.T_world_body[:3, 3], states[-1][:3])
     body.place(transforms.from_xyz_yaw([1.0, 2.0, 3.0], 0.0))
     assert body.T_world_body[:3, 3].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_who_falls_meets_the_ground_with_full_thrust_too():
+    body = Quadrotor(Airframe(), transforms.from_xyz_yaw([0.0, 0.0, 8.0], 0.0), 1)
+    fallen = body.advance((0.0, 0.0, 0.0, 0.0), 480)  # 1.2 s: at some 10 m/s
+    caught = body.advance((0.0, 0.0, 0.0, 1.0), 400)
+    assert fallen[-1, 5] < -8.0 and caught[:, 2].min() > -0.05  # one step at that speed is 0.03 m
+    assert caught[-1, 2] > 1.0

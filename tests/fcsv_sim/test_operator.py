@@ -138,6 +138,18 @@ def test_a_refused_loiter_is_tried_again():
     assert ground.vehicles["uav2"].mode == "LOITER"
 
 
+def test_without_a_position_he_flies_in_alt_hold_where_a_stick_is_a_lean():
+    ground = Ground().airborne()
+    ground.phase = "COLUMN"
+    ground.run(5.0)
+    vehicle = ground.vehicles["uav2"]
+    vehicle.mode, vehicle.refuses_loiter = "STABILIZE", 100
+    ground.run(1.0)
+    assert vehicle.mode == "ALT_HOLD"
+    ground.run(30.0)
+    assert vehicle.mode == "ALT_HOLD" and max(ground.off("COLUMN")) < 1.0  # some 0.3 m of it for the wind
+
+
 def test_the_column_is_in_line_and_still():
     ground = Ground().airborne()
     ground.phase = "COLUMN"

@@ -219,9 +219,14 @@ class Pilot:
         if not v_goal.any():
             v[np.abs(error) < 0.08] = 0.0  # good enough: hands off
         v = kept_clear(v, sight.T_world_body[:3, 3], goal, sight.others)
+        climb = v[2] / (MAX_CLIMB_MPS if v[2] > 0 else MAX_SINK_MPS)
+        if sight.mode in ("STABILIZE", "ALT_HOLD"):  # LOITER is refused without a position: there a stick is a lean
+            forward, left = in_body(np.clip(1.5 * (v[:2] - sight.v_world_mps[:2]), -2.0, 2.0), sight)
+            lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
+            mode = "ALT_HOLD" if sight.mode == "STABILIZE" else "LOITER"
+            return Sticks(*lean, deflection(climb, 0.1), 0.0, mode)
         forward, left = in_body(v[:2], sight)
         self._shake = 0.95 * self._shake + 0.004 * self._random.standard_normal(3)
-        climb = v[2] / (MAX_CLIMB_MPS if v[2] > 0 else MAX_SINK_MPS)
         heading_rad = transforms.yaw(sight.T_world_body)
         return Sticks(
             roll=deflection(-left / LOITER_SPEED_MPS + self._shake[0], 0.05),

@@ -79,7 +79,7 @@ def _advance(state, command, gust, params, steps, out):
         for axis in range(3):
             acc = lift[axis] - drag * (state[3 + axis] - state[14 + axis]) - (9.81 if axis == 2 else 0.0)
             state[3 + axis] += acc * dt
-        if on_ground:
+        if on_ground or (state[2] <= 0.0 and state[5] < 0.0):  # who falls with full thrust meets the ground, too
             state[3:6] = 0.0
             state[2] = 0.0
         for axis in range(3):
