@@ -35,7 +35,7 @@ from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.world.town import Town
 from fcsv_stereo.joint import Joint
 from fcsv_stereo.model import FLOWN, Axis, Configuration, ConfigurationInput, MapInput, MapResult, Picture
-from fcsv_stereo.near import DepthFrame, DepthSensor, NearSurface, NearVolume, join, worth_it
+from fcsv_stereo.near import DepthFrame, DepthSensor, NearSurface, NearVolume, Thinning, join
 from fcsv_stereo.output import write_ply
 from fcsv_stereo.report import write_report
 from fcsv_tracking.camera_covariance import camera_covariance
@@ -188,7 +188,10 @@ def flight(world: str, seed: int) -> Row:
                 pictures[name].append(flown.look(t, T_world[name], 5)[1])
     started = time.perf_counter()
     volume, counted = NearVolume(), {}
-    for frame in worth_it(frames):
+    thinning = Thinning()
+    for frame in frames:
+        if not thinning.takes(frame.vehicle, frame.stamp_s, frame.T_home_cam):
+            continue
         volume.integrate(frame)
         counted[frame.vehicle] = counted.get(frame.vehicle, 0) + 1
     surface = volume.surface()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.near import DepthFrame, DepthSensor, NearRules, NearVolume, worth_it
+from fcsv_stereo.near import DepthFrame, DepthSensor, NearRules, NearVolume, Thinning
 from fcsv_stereo.near.surface import NearSurface
 
 CAMERA = PinholeCamera.from_fov(160, 120, np.radians(70.0))
@@ -162,11 +162,8 @@ def test_points_of_one_voxel_become_one():
 
 
 def test_a_vehicle_that_stands_gives_a_frame_a_second():
-    def at(stamp_s, y=0.0):
-        return DepthFrame("uav1", stamp_s, np.full((120, 160), 3.0, np.float32), CAMERA, pose(y), SURE)
-
-    taken = worth_it([at(0.0), at(0.3), at(0.6), at(1.0), at(1.2, 0.2), at(1.4, 0.2)])
-    assert [f.stamp_s for f in taken] == [0.0, 1.0, 1.2]
+    thinning, places = Thinning(), [(0.0, 0.0), (0.3, 0.0), (0.6, 0.0), (1.0, 0.0), (1.2, 0.2), (1.4, 0.2)]
+    assert [t for t, y in places if thinning.takes("uav1", t, pose(y))] == [0.0, 1.0, 1.2]
 
 
 def test_millimetres_of_a_camera_with_distortion():

@@ -2,12 +2,14 @@
 """The bench's own arithmetic: a map that is the truth scores all, a known error scores what it is."""
 
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
 from support.scenes import CAMERA, camera_pose, photograph, picture, true_depth
 
+from bench import __main__ as bench_main
 from bench import colmap_poses, growth, measure, tables
 from bench.__main__ import main
 from bench.scenes import HORIZONTAL, NOISES, Scene, SceneName, smaller
@@ -133,12 +135,18 @@ def test_smaller_pictures_keep_their_rays(scene):
 
 
 @pytest.mark.slow
-def test_the_page(tmp_path):
+def test_the_page(tmp_path, monkeypatch):
+    """Both methods on a real scene, in pictures of a sixteenth: what it takes is what is rendered and mapped."""
+    small = partial(bench_main.shoot, size=(160, 120))
+    monkeypatch.setattr(bench_main, "shoot", small)
+    monkeypatch.setattr(colmap_poses, "missing", lambda: "COLMAP is not asked here")
     out = tmp_path / "benchmarks.md"
     assert main(["--scenes", "field:1", "--no-growth", "--out", str(out)]) == 0
     text = out.read_text()
     for words in ("| figure (mean of the scenes) |", "field 1", "## COLMAP", "rotation error, worst", "noise 0.5°"):
         assert words in text
+    (row,) = [line for line in text.splitlines() if line.startswith("| **`joint`, mean** |")][:1]
+    assert float(row.split("|")[3].strip(" %")) > 50.0  # covered: the map that is scored is one
 
 
 def test_places_are_compared_without_turn_shift_and_scale():

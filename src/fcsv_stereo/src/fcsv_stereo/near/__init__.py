@@ -4,7 +4,7 @@
 docs/near.md says how it is used and what it reaches.
 """
 
-from fcsv_stereo.near.frame import DepthFrame, Thinning, worth_it
+from fcsv_stereo.near.frame import DepthFrame, Thinning
 from fcsv_stereo.near.join import NEAR_BASELINE, NearJoin, join
 from fcsv_stereo.near.mapping import with_near
 from fcsv_stereo.near.sensor import DepthSensor
@@ -13,5 +13,5 @@ from fcsv_stereo.near.volume import NearRules, NearVolume
 
 __all__ = [
     "NEAR_BASELINE", "DepthFrame", "DepthSensor", "NearJoin", "NearPoints", "NearRules", "NearSurface", "NearVolume",
-    "Thinning", "join", "with_near", "worth_it",
+    "Thinning", "join", "with_near",
 ]  # fmt: skip

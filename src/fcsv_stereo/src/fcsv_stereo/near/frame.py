@@ -2,7 +2,7 @@
 """One picture of a depth camera, with its pose; which of its pixels count, and which pictures of a flight."""
 
 from dataclasses import dataclass, replace
-from typing import Dict, Iterable, Iterator, Optional, Sequence, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -106,9 +106,3 @@ class Thinning:
             return True
         moved_m = np.linalg.norm(T_home_cam[:3, 3] - last[1][:3, 3])
         return bool(moved_m >= _MOVED_M or transforms.rotation_angle(last[1], T_home_cam) >= _TURNED_RAD)
-
-
-def worth_it(frames: Iterable[DepthFrame]) -> Iterator[DepthFrame]:
-    """The frames that a Thinning takes."""
-    thinning = Thinning()
-    return (f for f in frames if thinning.takes(f.vehicle, f.stamp_s, f.T_home_cam))

@@ -7,6 +7,7 @@ from typing import Dict, Optional, Sequence
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Cloud, MapResult, Picture
 from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.near.surface import NearPoints, NearSurface
@@ -94,15 +95,14 @@ def _seam(near: np.ndarray, near_sigma: np.ndarray, far: np.ndarray, far_sigma: 
     }  # fmt: skip
 
 
-def _pixels(camera, T_home_cam: np.ndarray, points_home_m: np.ndarray):
+def _pixels(camera: PinholeCamera, T_home_cam: np.ndarray, points_home_m: np.ndarray):
     """Rows, columns (N,) int and depth (N,) m of points in a picture; bool (N,): whether they lie in it."""
     p_cam = transforms.apply(transforms.invert(T_home_cam), points_home_m.astype(float))
-    z = np.where(p_cam[:, 2] > 1e-3, p_cam[:, 2], np.inf)
-    u = np.rint(camera.fx * p_cam[:, 0] / z + camera.cx)
-    v = np.rint(camera.fy * p_cam[:, 1] / z + camera.cy)
-    inside = np.isfinite(z) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+    u, v = np.rint(camera.project(p_cam)).T
+    with np.errstate(invalid="ignore"):
+        inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
     rows, columns = (np.where(inside, x, 0).astype(int) for x in (v, u))
-    return rows, columns, z, inside
+    return rows, columns, p_cam[:, 2], inside
 
 
 def _at(mask: np.ndarray, result: MapResult, points_home_m: np.ndarray) -> np.ndarray:
