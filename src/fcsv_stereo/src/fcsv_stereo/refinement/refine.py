@@ -46,7 +46,7 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
     focal = better_focal(found.consensus)
     if focal is not None and focal.known and options.correct_camera:
         freed = replace(options, refine_focal=True, focal_sigma=ANY_FOCAL)
-        found = _adjusted(found.pictures, freed, clock)
+        found = replace(_adjusted(found.pictures, freed, clock), turns=found.turns)
         words.append(f"{focal.words}: it was taken; calibrate the camera, or --keep-camera")
     elif focal is not None:
         words.append(f"{focal.words}: calibrate the camera, or map with --refine-focal")
@@ -55,13 +55,15 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
 
 @dataclass(frozen=True)
 class _Adjustment:
-    """Of ``pictures``, the reference first; ``direct`` are their links with it by number."""
+    """Of ``pictures``, the reference first; ``direct`` are their links with it by number. ``turns`` by which they were
+    straightened, None: they are as they came."""
 
     pictures: List[Picture]
     views: List[View]
     direct: Dict[int, Link]
     consensus: Consensus
     unmoving: List[str]  # warnings
+    turns: Optional[ReadoutTurns] = None
 
 
 def _adjusted(pictures: List[Picture], options: RefineOptions, clock: "_Clock") -> _Adjustment:
@@ -84,29 +86,26 @@ def _adjusted(pictures: List[Picture], options: RefineOptions, clock: "_Clock") 
 
 def _straightened(found: _Adjustment, options: RefineOptions, clock: "_Clock") -> Tuple[_Adjustment, List[str]]:
     """With pictures whose rows were read at once, and words about it, where the given ones show that they were not."""
-    given, turns = found.pictures, None
+    given = found.pictures
     for _ in range(_STRAIGHTENINGS):
-        step = _turns(found, turns)
-        if step is None or not (turns or step.sure):
-            return found, []
-        turns = step
+        turns = _turns(found)
+        if turns is None or not (found.turns or turns.sure):
+            break
         pictures = [straightened(p, turns.turns_rad[k]) if k in turns.turns_rad else p for k, p in enumerate(given)]
-        found = _adjusted(pictures, options, clock)
+        found = replace(_adjusted(pictures, options, clock), turns=turns)
+    if found.turns is None:
+        return found, []
     words = (
-        f"rows were read one after the other while the cameras turned (rolling shutter): up to {turns.most_px:.1f} px "
-        "from the first row to the last; the pictures were straightened (--keep-camera leaves them)"
+        "rows were read one after the other while the cameras turned (rolling shutter): up to "
+        f"{found.turns.most_px:.1f} px from the first row to the last; the pictures were straightened (--keep-camera "
+        "leaves them)"
     )
-    left = _turns(found, turns)
-    if left is not None:
-        adjusted = found.consensus.adjusted
-        adjusted = replace(adjusted, covariance=adjusted.covariance + left.covariance)
-        found = replace(found, consensus=replace(found.consensus, adjusted=adjusted))
     return found, [words]
 
 
-def _turns(found: _Adjustment, before: Optional[ReadoutTurns]) -> Optional[ReadoutTurns]:
+def _turns(found: _Adjustment) -> Optional[ReadoutTurns]:
     cameras = {k: v.camera for k, v in enumerate(found.views)}
-    return readout_turns(found.consensus, cameras, before.turns_rad if before else {})
+    return readout_turns(found.consensus, cameras, found.turns.turns_rad if found.turns else {})
 
 
 def _refinement(found: _Adjustment, words: List[str], options: RefineOptions, clock: "_Clock") -> Refinement:
@@ -124,12 +123,12 @@ def _refinement(found: _Adjustment, words: List[str], options: RefineOptions, cl
 
 def _with_systematic(found: _Adjustment) -> Consensus:
     """With what errors that all points of a picture share may have made of the poses."""
-    consensus = found.consensus
-    if consensus.adjusted is None:
+    consensus, turns = found.consensus, _turns(found)
+    if consensus.adjusted is None or turns is None:
         return consensus
     cameras = {k: v.camera for k, v in enumerate(found.views)}
-    adjusted = replace(consensus.adjusted, systematic=systematic(consensus, cameras).covariance)
-    return replace(consensus, adjusted=adjusted)
+    shared = systematic(consensus, cameras).covariance + (turns.covariance if found.turns else turns.if_left)
+    return replace(consensus, adjusted=replace(consensus.adjusted, systematic=shared))
 
 
 class _Clock:

@@ -8,40 +8,48 @@ Rows are those of the undistorted picture.
 """
 
 from dataclasses import dataclass, replace
-from typing import Dict, Optional
+from typing import Dict, Optional, Tuple
 
 import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Picture
+from fcsv_stereo.refinement import fields
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.focal import ANY_FOCAL
 from fcsv_stereo.refinement.structure import Structure
 
 _TURN_SIGMA_RAD = np.radians(0.1)  # a vehicle that holds turns by 5 deg/s, and a picture is read in 20 ms
-_SURE = 100.0  # drop of the cost: at most 34 on pictures without it, rendered and real; 385 and up with it
-_LEAST_PX = 1.5
+_ODDS = 0.1  # that rows are read late, before the residuals tell: cameras for this work have global shutters
+_SURE = 0.9  # 18 narrow pairs through lenses with 0.2 px of distortion left: 0.8 at most; rolling shutters: 0.99 and up
+_LEAST_PX = 0.5
 
 
 @dataclass(frozen=True)
 class ReadoutTurns:
     """``turns_rad``: by picture the rotation vector (3,) of its camera in its own axes between first and last row.
 
-    ``gain`` is by how much they bring the cost of the adjustment down (twice a log likelihood) that no other focal
-    length could, ``most_px`` what the largest of them moves, first row against last. ``covariance`` is what is to be
-    added to that of the adjusted poses, because the turns are not known exactly.
+    ``probability`` is that there are any, ``most_px`` what the largest of them moves, first row against last.
+    ``covariance`` (6n, 6n) is what is to be added to that of the adjusted poses, because the turns are not known
+    exactly; ``step`` (6n,) by how much the poses move where the turns are taken out.
     """
 
     turns_rad: Dict[int, np.ndarray]
-    gain: float
+    probability: float
     most_px: float
     covariance: np.ndarray
+    step: np.ndarray
 
     @property
     def sure(self) -> bool:
         """Whether the pictures show it."""
-        return self.gain > _SURE and self.most_px > _LEAST_PX
+        return self.probability >= _SURE and self.most_px > _LEAST_PX
+
+    @property
+    def if_left(self) -> np.ndarray:
+        """(6n, 6n), to be added to the covariance of poses from pictures that are left as they are."""
+        return self.probability * (self.covariance + np.outer(self.step, self.step))
 
 
 def readout_turns(
@@ -49,43 +57,108 @@ def readout_turns(
 ) -> Optional[ReadoutTurns]:
     """One linear step from what was adjusted: ReadoutTurns in all, where pictures were straightened by ``before``.
 
-    ``cameras`` are those of the features, by picture. None where nothing was adjusted.
+    Turns are told from smooth fields of any other kind (``systematic``) by how likely both make the residuals; no
+    focal length counts as one. ``cameras`` are those of the features, by picture. None where nothing was adjusted.
     """
-    problem, adjusted, o = consensus.problem, consensus.adjusted, consensus.observations
+    problem, adjusted = consensus.problem, consensus.adjusted
     if problem is None or adjusted is None:
         return None
+    H, g, n = _normal(consensus, cameras)
+    pictures = [0, *adjusted.order]
+    held, turns = n + 1, slice(n + 1, n + 1 + 3 * len(pictures))
+    probability, field_px = _compared(H, g, held, turns)
+    for i, k in enumerate(pictures):
+        at = slice(held + 3 * i, held + 3 * i + 3)
+        g[at] += before.get(k, np.zeros(3)) * _TURN_SIGMA_RAD**-2
+    known = np.zeros(len(H))
+    known[turns], known[turns.stop :] = _TURN_SIGMA_RAD**-2, fields.TERMS / field_px**2
+    H = H + np.diag(known)
+    covariance = np.linalg.inv(H)
+    others = np.delete(np.arange(len(H)), np.r_[turns])
+    without = np.linalg.inv(H[np.ix_(others, others)])
+    step = -covariance @ g
+    found = {k: before.get(k, np.zeros(3)) + step[held + 3 * i : held + 3 * i + 3] for i, k in enumerate(pictures)}
+    most_px = max(float(np.linalg.norm(t)) * cameras[k].fx for k, t in found.items())
+    moved = step[:n] + (without @ g[others])[:n]
+    return ReadoutTurns(found, probability, most_px, (covariance - _placed(without, others, len(H)))[:n, :n], moved)
+
+
+def _normal(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[np.ndarray, np.ndarray, int]:
+    """Normal equations of poses (n of them), the focal length, each picture's turn and its fields, points eliminated.
+
+    Poses and focal length have their priors, turns and fields none.
+    """
+    problem, adjusted, o = consensus.problem, consensus.adjusted, consensus.observations
     structure = Structure(o, adjusted.rho, problem.focals_px, problem.noise_px)
     at = structure.linearise(adjusted.poses, adjusted.focal_scale)
     weight, _ = structure.weights(at.residual)
-    order, pictures = adjusted.order, [0, *adjusted.order]
+    order, pictures, terms = adjusted.order, [0, *adjusted.order], 2 * fields.TERMS
     n = 6 * len(order)
     pose = {k: slice(6 * i, 6 * i + 6) for i, k in enumerate(order)}
-    focal = slice(n, n + 1)
+    focal, end = slice(n, n + 1), n + 1 + 3 * len(pictures)
     turn = {k: slice(n + 1 + 3 * i, n + 4 + 3 * i) for i, k in enumerate(pictures)}
+    field = {k: slice(end + terms * i, end + terms * (i + 1)) for i, k in enumerate(pictures)}
     parts = []
     for (a, k, of), (to_a, to_k, to_focal) in zip(structure.groups, at.by_group):
         used = [(pose[p], J) for p, J in ((a, to_a), (k, to_k)) if p in pose] + [(focal, to_focal)]
-        for p, J, rays in ((a, to_a, o.anchor_rays[o.point[of]]), (k, to_k, o.rays[of])):
+        rays_a, rays_k = o.anchor_rays[o.point[of]], o.rays[of]
+        for p, J, rays in ((a, to_a, rays_a), (k, to_k, rays_k)):
             used.append((turn[p], J[:, :, :3] * _time(cameras[p], rays)[:, None, None]))
+        used.append((field[a], fields.of_anchor(cameras[a], rays_a, to_a)))
+        used.append((field[k], -fields.of_picture(cameras[k], rays_k)))
         parts.append(used)
-    H, g = structure.eliminated(at, weight, parts, n + 1 + 3 * len(pictures))
+    H, g = structure.eliminated(at, weight, parts, end + terms * len(pictures))
     for k in order:
         H[pose[k], pose[k]] += np.linalg.inv(problem.priors[k].full_covariance)
-    g[:n] = 0.0  # the poses are at their optimum, priors included
     H[focal, focal] += (problem.focal_sigma or ANY_FOCAL) ** -2
+    g[:n] = 0.0  # the poses are at their optimum, priors included
     if problem.focal_sigma > 0.0:
         g[focal] = 0.0
-    turns = range(n + 1, len(H))
-    H[turns, turns] += _TURN_SIGMA_RAD**-2
-    for k in pictures:
-        g[turn[k]] += before.get(k, np.zeros(3)) * _TURN_SIGMA_RAD**-2
-    covariance = np.linalg.inv(H)
-    step = -covariance @ g
-    held = np.linalg.inv(H[: n + 1, : n + 1])
-    gain = float(g @ covariance @ g - g[: n + 1] @ held @ g[: n + 1])
-    found = {k: before.get(k, np.zeros(3)) + step[turn[k]] for k in pictures}
-    most_px = max(float(np.linalg.norm(t)) * cameras[k].fx for k, t in found.items())
-    return ReadoutTurns(found, gain, most_px, covariance[:n, :n] - held[:n, :n])
+    return H, g, n
+
+
+def _compared(H: np.ndarray, g: np.ndarray, held: int, turns: slice) -> Tuple[float, float]:
+    """Probability of turns, against smooth fields alone, and the size of the fields beside turns (px).
+
+    Both kinds explain the gradient of turns and fields, poses and focal length (the first ``held``) being free to
+    follow. In the directions that residuals show, scaled to unit information, the gradient has the covariance
+    NOISE_SHARE I + T + s^2 F: T of the turns, F of fields of the size 1, s their size.
+    """
+    follow = np.linalg.solve(H[:held, :held], np.column_stack([H[:held, held:], g[:held]]))
+    left, gradient = H[held:, held:] - H[held:, :held] @ follow[:, :-1], g[held:] - H[held:, :held] @ follow[:, -1]
+    count = turns.stop - turns.start
+    scale = np.full(len(left), fields.TERMS**-0.5)
+    scale[:count] = _TURN_SIGMA_RAD
+    value, vector = np.linalg.eigh(left * np.outer(scale, scale))
+    shown = value > 1e-6 * value[-1]
+    root = np.sqrt(value[shown])[:, None] * vector[:, shown].T
+    y = vector[:, shown].T @ (gradient * scale) / np.sqrt(value[shown])
+    noise, of_turns, of_fields = fields.NOISE_SHARE * np.eye(len(y)), root[:, :count], root[:, count:]
+    likely = [_likely(y, noise + t, of_fields) for t in (0.0, of_turns @ of_turns.T)]
+    most = max(float(each.max()) for each in likely)
+    without, with_turns = (np.exp(each - most) for each in likely)
+    against, favour = float(without.sum()), _ODDS * float(with_turns.sum())
+    own = np.exp(likely[1] - likely[1].max())
+    field_px = float(np.sqrt(own @ np.square(fields.SIZES_PX) / own.sum()))
+    return favour / (favour + against), field_px
+
+
+def _likely(y: np.ndarray, covariance: np.ndarray, of_fields: np.ndarray) -> np.ndarray:
+    """Log of how likely y (m,) is with each of SIZES_PX, its prior included, but for a constant."""
+    lower = np.linalg.cholesky(covariance)
+    U, s, _ = np.linalg.svd(np.linalg.solve(lower, of_fields), full_matrices=True)
+    z = np.square(U.T @ np.linalg.solve(lower, y))
+    spread = np.zeros(len(y))
+    spread[: len(s)] = np.square(s)
+    variance = 1.0 + np.outer(np.square(fields.SIZES_PX), spread)
+    likely = fields.log_prior() - 0.5 * (np.log(variance) + z / variance).sum(axis=1)
+    return likely - np.log(np.diag(lower)).sum()
+
+
+def _placed(part: np.ndarray, at: np.ndarray, size: int) -> np.ndarray:
+    whole = np.zeros((size, size))
+    whole[np.ix_(at, at)] = part
+    return whole
 
 
 def _time(camera: PinholeCamera, rays: np.ndarray) -> np.ndarray:
