@@ -10,10 +10,11 @@ import pytest
 from support.scenes import CAMERA, camera_pose, given, true_depth
 
 from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import colmap, output, pipeline
 from fcsv_stereo.equations import ErrorThreshold, depth_error
 from fcsv_stereo.errors import InputError, MatchingError, OutputError
-from fcsv_stereo.model import Cloud, MapInput
+from fcsv_stereo.model import Cloud, MapInput, Reference
 from fcsv_stereo.products import FILES, PRODUCTS, names, parse_products, pictures, write_products
 from fcsv_stereo.products.clouds import write_laz, write_pcd
 from fcsv_stereo.products.from_above import rasterize, write_from_above
@@ -276,3 +277,29 @@ def test_another_cloud_is_not_taken_for_a_map(text, tmp_path):
         output.read_ply(tmp_path / "map.ply")
     with pytest.raises(OutputError, match="other.ply: does not exist"):
         output.read_ply(tmp_path / "other.ply")
+
+
+def test_far_ground_has_no_holes_and_a_step_of_depth_is_not_bridged():
+    """Ground 8 m below a camera that looks ahead: from 50 m on its rows lie metres apart. A wall stands at 20 m."""
+    camera = PinholeCamera(160, 120, 150.0, 150.0, 79.5, 59.5)
+    T_home_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+    rays = camera.rays()
+    depth = np.where(rays[..., 1] > 0.1, 8.0 / np.maximum(rays[..., 1], 0.1), np.nan)
+    wall = (np.abs(rays[..., 0]) < 0.1) & (rays[..., 1] < 0.3)
+    depth = np.where(wall & np.isfinite(depth), 20.0, depth)
+    known = np.isfinite(depth)
+    points = (rays * depth[..., None])[known] @ transforms.R_FLU_OPTICAL.T
+    cloud = cloud_of(points, np.ones(len(points)))
+    reference = Reference("", 0.0, "", np.zeros((120, 160, 3), np.uint8), camera, T_home_cam)
+    alone, spanned = rasterize(cloud, cell_m=0.5), rasterize(cloud, cell_m=0.5, reference=reference)
+
+    def filled(raster, x_m, y_m):
+        column, row = int((x_m - raster.x0_m) / 0.5), int((raster.y0_m - y_m) / 0.5)
+        return np.isfinite(raster.height[row, column])
+
+    beside = [(x, y) for x in np.arange(50.0, 74.0, 1.0) for y in (-9.0, 9.0)]
+    behind = [(x, 0.0) for x in np.arange(30.0, 60.0, 1.0)]  # of the wall: nobody saw it
+    assert np.mean([filled(alone, *p) for p in beside]) < 0.7
+    assert all(filled(spanned, *p) for p in beside) and not any(filled(spanned, *p) for p in behind)
+    on_ground = spanned.height[np.isfinite(spanned.height) & (spanned.height < -7.0)]
+    assert np.abs(on_ground + 8.0).max() < 1e-3

@@ -7,12 +7,14 @@ a rotation; the vehicles look to the right.
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Optional
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fcsv_stereo.model import Cloud
+from fcsv_stereo.model import Cloud, Reference
+from fcsv_stereo.products import spanned
 
 _MOST_CELLS = 1500  # along the longer side
 _LEAST_CELL_M = 0.01
@@ -35,9 +37,9 @@ class Raster:
     y0_m: float
 
 
-def write_from_above(cloud: Cloud, folder: Path) -> None:
-    """orthophoto.png, orthophoto.pgw, height.tif."""
-    raster = rasterize(cloud)
+def write_from_above(cloud: Cloud, folder: Path, reference: Optional[Reference] = None) -> None:
+    """orthophoto.png, orthophoto.pgw, height.tif; ``reference`` as in rasterize."""
+    raster = rasterize(cloud, reference=reference)
     alpha = np.where(np.isfinite(raster.height), 255, 0).astype(np.uint8)
     bgra = np.dstack([raster.rgb[..., ::-1], alpha])
     if not cv2.imwrite(str(folder / "orthophoto.png"), bgra):
@@ -48,8 +50,9 @@ def write_from_above(cloud: Cloud, folder: Path) -> None:
     _write_height(raster, folder / "height.tif")
 
 
-def rasterize(cloud: Cloud, cell_m: float = 0.0) -> Raster:
-    """The highest point of every cell, and what lies between points filled from the nearest.
+def rasterize(cloud: Cloud, cell_m: float = 0.0, reference: Optional[Reference] = None) -> Raster:
+    """The highest point of every cell; what lies between neighbours in the ``reference`` picture is of their surface
+    (``spanned``), what is left between points filled from the nearest.
 
     ``cell_m`` 0 takes 1, 2 or 5 times a power of ten: as fine as most points are dense, 1500 cells a side at most.
     """
@@ -66,7 +69,11 @@ def rasterize(cloud: Cloud, cell_m: float = 0.0) -> Raster:
     rgb = np.zeros((*shape, 3), np.uint8)
     height[row[order], column[order]] = p[order, 2]
     rgb[row[order], column[order]] = cloud.colors[order]
-    return Raster(*_closed(height, rgb), cell_m, float(x_first * cell_m), float((y_last + 1) * cell_m))
+    origin = float(x_first * cell_m), float((y_last + 1) * cell_m)
+    apart = np.isfinite(height)
+    if reference is not None:
+        spanned.span(cloud, spanned.triangles(cloud, reference), origin, cell_m, height, rgb)
+    return Raster(*_closed(height, rgb, apart), cell_m, *origin)
 
 
 def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
@@ -79,9 +86,8 @@ def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
     return float(next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= least * (1 - 1e-6)))
 
 
-def _closed(height: np.ndarray, rgb: np.ndarray):
+def _closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
     """Cells between points take the nearest point's value where points lie close; a lone point stays one cell."""
-    known = np.isfinite(height)
     cells = np.argwhere(known)
     neighbours = min(5, len(cells))
     apart = cKDTree(cells).query(cells, k=[neighbours])[0][:, 0] if neighbours > 1 else np.ones(len(cells))
@@ -94,8 +100,8 @@ def _closed(height: np.ndarray, rgb: np.ndarray):
     nearest[label[known]] = np.flatnonzero(known)
     source = nearest[label].ravel()
     near = distance.ravel() <= reach.ravel()[source]
-    filled = np.where(near, height.ravel()[source], np.nan).astype(np.float32)
-    colour = np.where(near[:, None], rgb.reshape(-1, 3)[source], 0).astype(np.uint8)
+    source = np.where(near & ~np.isfinite(height.ravel()), source, np.arange(height.size))
+    filled, colour = height.ravel()[source], rgb.reshape(-1, 3)[source]
     return filled.reshape(height.shape), colour.reshape(rgb.shape)
 
 

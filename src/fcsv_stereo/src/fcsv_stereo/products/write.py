@@ -13,7 +13,7 @@ _Writer = Callable[[MapResult, MapInput, Cloud, Path], None]
 _WRITERS: Dict[str, _Writer] = {
     "pcd": lambda result, given, cloud, folder: clouds.write_pcd(cloud, folder / "map.pcd"),
     "laz": lambda result, given, cloud, folder: clouds.write_laz(cloud, folder / "map.laz"),
-    "orthophoto": lambda result, given, cloud, folder: from_above.write_from_above(cloud, folder),
+    "orthophoto": lambda result, given, cloud, folder: from_above.write_from_above(cloud, folder, result.reference),
     "colmap": lambda result, given, cloud, folder: exchange.write_colmap(result, given, cloud, folder / "colmap"),
     "pairs": lambda result, given, cloud, folder: rectified.write_pairs(result, given, folder / "pairs"),
 }

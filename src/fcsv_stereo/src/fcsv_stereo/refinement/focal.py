@@ -9,7 +9,7 @@ from fcsv_stereo.refinement.consensus import Consensus
 
 ANY_FOCAL = 0.05  # share by which a focal length may well be wrong: from a data sheet, of a lens at another zoom
 _LEAST = 0.015  # a smaller change moves depth by less than poses do
-_SURE = 5.0  # standard deviations
+_SAID, _SURE = 3.0, 5.0  # standard deviations: for a warning, and to take it
 _KNOWN = 0.01  # share to which several pictures tell it
 
 
@@ -23,7 +23,7 @@ class FocalFit:
     @property
     def known(self) -> bool:
         """Well enough to take it."""
-        return self.sigma <= _KNOWN
+        return self.sigma <= _KNOWN and abs(self.change) >= _SURE * self.sigma
 
     @property
     def words(self) -> str:
@@ -43,4 +43,4 @@ def better_focal(consensus: Consensus) -> Optional[FocalFit]:
         return None
     free = adjust(replace(problem, focal_sigma=ANY_FOCAL), found.poses, found.rho)
     fit = FocalFit(free.focal_scale - 1.0, free.focal_sigma)
-    return fit if abs(fit.change) >= max(_LEAST, _SURE * fit.sigma) else None
+    return fit if abs(fit.change) >= max(_LEAST, _SAID * fit.sigma) else None

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Holes of the orthophoto where there is evidence: the table is in docs/products.md.
+
+    tools/run ortho-holes [--scenes WORLD:SEED ...]
+
+A cell's true highest point counts where the reference camera sees it, at a pixel whose depth is in the cloud and within
+5 % of the truth. Of these cells: how many are empty, by points alone and with what neighbouring pixels span.
+"""
+
+import argparse
+from typing import List, Optional
+
+import cv2
+import numpy as np
+import open3d as o3d
+
+from bench.__main__ import _scene
+from bench.scenes import HORIZONTAL, NOISES, T_WORLD_HOME, SceneName, shoot
+from fcsv_geometry import transforms
+from fcsv_sim.world.town import Town
+from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_stereo.joint import Joint
+from fcsv_stereo.products.from_above import Raster, rasterize
+from fcsv_stereo.products.points import merge_duplicates
+
+_ABOVE_M = 300.0
+_VISIBLE, _RIGHT = 0.02, 0.05  # of the depth
+_SCENES = [SceneName(world, 3) for world in ("street", "village", "field")]
+
+
+def main(argv: Optional[List[str]] = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=_scene, nargs="+", metavar="WORLD:SEED", default=_SCENES)
+    args = parser.parse_args(argv)
+    cv2.setNumThreads(1)
+    print("| scene | cells that are seen | holes, points alone | with what neighbours span |\n" + "|---" * 4 + "|")
+    for name in args.scenes:
+        scene = shoot(name, HORIZONTAL)
+        result = bound_cloud(Joint().map(scene.given(HORIZONTAL, NOISES[0])), CloudBounds())
+        cloud = merge_duplicates(result.cloud, result.reference)
+        told = []
+        for reference in (None, result.reference):
+            raster = rasterize(cloud, reference=reference)
+            seen = _seen(name, raster, result, scene.true_depth)
+            told.append((seen & np.isnan(raster.height)).sum() / seen.sum())
+        print(f"| {name} | {seen.sum():,} | {told[0]:.1%} | {told[1]:.1%} |", flush=True)
+
+
+def _seen(name: SceneName, raster: Raster, result, true_depth: np.ndarray) -> np.ndarray:
+    """(H,W) bool of the raster: cells whose true highest point the map holds."""
+    p_home = _highest(name, raster)
+    view = result.reference
+    p_cam = transforms.apply(transforms.invert(view.T_home_cam), p_home)
+    z = p_cam[:, 2]
+    with np.errstate(invalid="ignore"):
+        u, v = np.rint(view.camera.project(p_cam)).T
+        inside = (u >= 0) & (v >= 0) & (u < view.camera.width) & (v < view.camera.height)
+        u, v = (np.where(inside, x, 0).astype(int) for x in (u, v))
+        inside &= np.abs(true_depth[v, u] / z - 1.0) < _VISIBLE
+        inside &= np.abs(result.depth[v, u] / z - 1.0) < _RIGHT
+    return (inside & _in_cloud(result)[v, u]).reshape(raster.height.shape)
+
+
+def _highest(name: SceneName, raster: Raster) -> np.ndarray:
+    """(H*W, 3) in home: the world's highest point in the middle of each cell."""
+    town = Town.generate(name.seed, name.world)
+    scene = o3d.t.geometry.RaycastingScene()
+    tensor = o3d.core.Tensor
+    scene.add_triangles(tensor(np.asarray(town.vertices, np.float32)), tensor(np.asarray(town.triangles, np.uint32)))
+    rows, columns = raster.height.shape
+    x, y = np.meshgrid(
+        raster.x0_m + (np.arange(columns) + 0.5) * raster.cell_m, raster.y0_m - (np.arange(rows) + 0.5) * raster.cell_m
+    )
+    above = np.stack([x, y, np.full_like(x, _ABOVE_M)], axis=-1).reshape(-1, 3)
+    down = np.broadcast_to([0.0, 0.0, -1.0], above.shape)
+    rays = np.concatenate([transforms.apply(T_WORLD_HOME, above), down], axis=1).astype(np.float32)
+    above[:, 2] -= scene.cast_rays(tensor(rays))["t_hit"].numpy()
+    return above
+
+
+def _in_cloud(result) -> np.ndarray:
+    """(H,W) bool of the reference picture."""
+    view = result.reference
+    p_cam = transforms.apply(transforms.invert(view.T_home_cam), result.cloud.points_home_m.astype(float))
+    column, row = np.rint(view.camera.project(p_cam)).astype(int).T
+    found = np.zeros(result.depth.shape, bool)
+    found[row, column] = True
+    return found
+
+
+if __name__ == "__main__":
+    main()
