@@ -25,6 +25,17 @@ class RvizView(QWidget):
         self._inside = self._made(master_problem)
         self._layout.addWidget(self._inside)
 
+    def showEvent(self, event) -> None:
+        super().showEvent(event)
+        if self._frame is not None:
+            self._frame.getManager().startUpdate()
+
+    def hideEvent(self, event) -> None:
+        """What nobody sees is not drawn."""
+        super().hideEvent(event)
+        if self._frame is not None:
+            self._frame.getManager().stopUpdate()
+
     def _made(self, master_problem: str) -> QWidget:
         if master_problem:
             return _words(f"{master_problem}: open it again once it does")
