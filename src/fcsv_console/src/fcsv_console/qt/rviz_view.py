@@ -20,6 +20,7 @@ class RvizView(QWidget):
         if self._frame is not None:
             return
         if self._inside is not None:
+            self._inside.hide()
             self._layout.removeWidget(self._inside)
             self._inside.deleteLater()
         self._inside = self._made(master_problem)
