@@ -2,7 +2,7 @@
 """rviz inside the window, through its Python bindings; made when it is looked at first."""
 
 from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtWidgets import QLabel, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QDockWidget, QLabel, QVBoxLayout, QWidget
 
 
 class RvizView(QWidget):
@@ -49,8 +49,9 @@ class RvizView(QWidget):
         frame.initialize()
         reader, config = bindings.YamlConfigReader(), bindings.Config()
         reader.readFile(config, self._config)
-        config.mapMakeChild("Window Geometry").mapSetValue("Hide Left Dock", True)  # its displays; an arrow opens them
         frame.load(config)
+        for dock in frame.findChildren(QDockWidget):  # displays and cameras would take all room
+            dock.hide()
         frame.setMenuBar(None)
         frame.setStatusBar(None)
         frame.setAccessibleName("Map in rviz")
