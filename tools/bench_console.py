@@ -26,7 +26,15 @@ def main() -> int:
     )
     parser.add_argument("--minutes", type=float, default=30.0, help="of the bags' time to play (default: 30)")
     parser.add_argument("--rate", type=float, default=10.0, help="how much faster than it was recorded (default: 10)")
+    parser.add_argument("--live", type=Path, metavar="SESSION", help="instead: beside a live map of it, played in real "
+                        "time; with rviz embedded where there is a screen (xvfb-run -a)")  # fmt: skip
+    parser.add_argument("--seconds", type=float, default=60.0, help="to measure beside a live map (default: 60)")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="of the screen in the end of --live")
     arguments = parser.parse_args()
+    if arguments.live:
+        from bench_console_live import beside_a_live_map
+
+        return beside_a_live_map(arguments.live.resolve(), arguments.seconds, arguments.clicks, arguments.picture)
     if arguments.playback:
         return playback(arguments.playback, arguments.minutes, arguments.rate)
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -102,18 +110,11 @@ def _window_of(rosrun) -> psutil.Process:
     return max(found, key=lambda p: p.memory_info().rss)
 
 
-LISTENER = """
-import sys, time, rospy
-from std_msgs.msg import String
-rospy.init_node("listener", anonymous=True)
-rospy.Subscriber("/stop_all", String, lambda m: print(time.monotonic(), flush=True), tcp_nodelay=True)
-rospy.spin()
-"""
-
-
 def clicks(number: int) -> None:
     """From a click that was held long enough to its topic in another process, on a master of its own."""
     import tempfile
+
+    from bench_console_live import LISTENER
 
     from fcsv_console.model.console import Console
     from fcsv_console.ros.shell import Shell

@@ -445,6 +445,19 @@ def test_no_figure_of_a_vehicle_or_a_configuration_is_cut(shown, app, size):
     assert size[1] == 540 or table.verticalScrollBar().maximum() == 0, "eight configurations without scrolling"
 
 
+@pytest.mark.parametrize("size, told", [((1366, 740), 3), ((960, 540), 2)])
+def test_problems_leave_the_flight_check_its_room(shown, app, size, told):
+    window, console, _ = shown("wrong")
+    window.resize(*size)
+    window.show_view(console.view(samples.NOW_S))
+    for _ in range(4):
+        app.processEvents()
+    problems = console.view(samples.NOW_S).problems
+    assert len(window.problems.text().splitlines()) == told and window.problems.toolTip().splitlines() == list(problems)
+    assert window.check.geometry().bottom() < window.problems.geometry().top()
+    assert window.problems.geometry().bottom() <= window.problems.parentWidget().height()
+
+
 @pytest.mark.parametrize("key, name", [(KEYS.Key_F4, "pictures"), (KEYS.Key_F5, "after")])
 def test_what_is_opened_at_200_percent_stands_in_place_of_the_panels(shown, app, key, name):
     window, _, _ = shown("silent")

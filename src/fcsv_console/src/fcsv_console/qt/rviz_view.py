@@ -2,7 +2,7 @@
 """rviz inside the window, through its Python bindings; made when it is looked at first."""
 
 from python_qt_binding.QtCore import Qt
-from python_qt_binding.QtWidgets import QLabel, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QDockWidget, QLabel, QVBoxLayout, QWidget
 
 
 class RvizView(QWidget):
@@ -20,10 +20,22 @@ class RvizView(QWidget):
         if self._frame is not None:
             return
         if self._inside is not None:
+            self._inside.hide()
             self._layout.removeWidget(self._inside)
             self._inside.deleteLater()
         self._inside = self._made(master_problem)
         self._layout.addWidget(self._inside)
+
+    def showEvent(self, event) -> None:
+        super().showEvent(event)
+        if self._frame is not None:
+            self._frame.getManager().startUpdate()
+
+    def hideEvent(self, event) -> None:
+        """What nobody sees is not drawn."""
+        super().hideEvent(event)
+        if self._frame is not None:
+            self._frame.getManager().stopUpdate()
 
     def _made(self, master_problem: str) -> QWidget:
         if master_problem:
@@ -37,8 +49,9 @@ class RvizView(QWidget):
         frame.initialize()
         reader, config = bindings.YamlConfigReader(), bindings.Config()
         reader.readFile(config, self._config)
-        config.mapMakeChild("Window Geometry").mapSetValue("Hide Left Dock", True)  # its displays; an arrow opens them
         frame.load(config)
+        for dock in frame.findChildren(QDockWidget):  # displays and cameras would take all room
+            dock.hide()
         frame.setMenuBar(None)
         frame.setStatusBar(None)
         frame.setAccessibleName("Map in rviz")

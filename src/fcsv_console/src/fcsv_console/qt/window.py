@@ -40,6 +40,7 @@ _GROUPS = (("calibrate", "set_home", "hand_over", "execute"), ("previous", "next
            ("record", "abort", "land"))  # fmt: skip
 _EVENTS = 200
 _LEAST_WIDE_PX, _LEAST_HIGH_PX = 900, 500  # a screen of 1920 x 1080 at 200 %, without the desktop's own bars
+_HIGH_PX = 600  # below, one problem leaves room for the flight check
 _LEVELS = {"info": cells.PLAIN, "warning": cells.CARE, "error": cells.BAD}
 
 
@@ -109,6 +110,7 @@ class ConsoleWindow(QMainWindow):
         for k in range(1, len(view.vehicles) + 1):
             self.vehicles.horizontalHeaderItem(k).setIcon(colours.disc(k - 1))
         self.check = CellTable("Flight check", cells.CHECK_HEADS, (3, 4), wraps=True)
+        self.check.setMinimumHeight(40)  # its heads and a line, where the window is low
         self.check.itemSelectionChanged.connect(self._choose_line)
         self.mission = MissionPanel([self.buttons["rehearse"], self.buttons["waive"]])
         self.mission.planned.connect(self.planned)
@@ -212,7 +214,10 @@ class ConsoleWindow(QMainWindow):
         self._show_check(view)
         verdict = cells.check_words(view)
         self._say(self.verdict, verdict.text, verdict.tone)
-        self._say(self.problems, "\n".join(view.problems[:4]), cells.CARE)
+        most = 4 if self.height() >= _HIGH_PX else 1
+        more = [f"and {len(view.problems) - most} more"] if len(view.problems) > most else []
+        self._say(self.problems, "\n".join([*view.problems[:most], *more]), cells.CARE)
+        self.problems.setToolTip("\n".join(view.problems))
         self.problems.setVisible(bool(view.problems))
         self.mission.show_view(view)
         self.pictures.show_view(view)
