@@ -79,6 +79,7 @@ CAMERA = PinholeCamera.from_fov(640, 480, np.radians(56.0), (-0.05, 0.02, 0.001,
 @given(st.floats(-0.45, 0.45), st.floats(-0.35, 0.35), st.floats(1.0, 400.0))
 def test_project_and_normalize_are_inverse(x, y, z):
     uv = CAMERA.project(np.array([[x * z, y * z, z]]))
+    assert CAMERA.project(np.empty((0, 3))).shape == (0, 2)
     # OpenCV iterates five times towards the undistorted point: a thousandth of a pixel is left
     assert np.allclose(CAMERA.normalize(uv), [[x, y]], atol=1e-3 / CAMERA.fx * 5)
 

@@ -137,7 +137,7 @@ def test_a_link_that_is_started_again_finds_its_autopilot(mission):
 
 
 def test_a_link_that_sleeps_reads_on_where_it_was_and_does_not_take_its_sleep_for_a_dead_feed(mission):
-    flight = hover(mission)
+    flight = hover(replace(mission, configurations=[StereoConfiguration("vertical", 4.0, record_s=20.0)]))
     fault = begun(flight, "link sleeps")
     vehicle, link = fault.vehicle, fault._asleep
     assert vehicle.link is link and not vehicle.link_runs

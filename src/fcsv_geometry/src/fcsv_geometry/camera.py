@@ -86,6 +86,8 @@ class PinholeCamera:
     def project(self, p_cam: np.ndarray) -> np.ndarray:
         """Pixels (N, 2) of points (N, 3) in the optical frame (m); NaN for points not in front."""
         p_cam = np.asarray(p_cam, float).reshape(-1, 3)
+        if not len(p_cam):
+            return np.empty((0, 2))  # OpenCV gives nothing
         uv, _ = cv2.projectPoints(p_cam, np.zeros(3), np.zeros(3), self.K, np.array(self.distortion))
         uv = uv.reshape(-1, 2)
         uv[p_cam[:, 2] <= 0] = np.nan

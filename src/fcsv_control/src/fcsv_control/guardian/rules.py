@@ -50,7 +50,7 @@ class GuardianRules:
     clear_m: float = 2.5  # horizontally, for one to come down beside another
     uncontrolled_clear_m: float = LOST_CLEAR_M  # likewise, of one that comes down without a position
     unruly_s: float = 1.0  # so long one may be above or below a vehicle that is in other hands, or lost
-    silent_above_s: float = 4.0  # who was above and is silent for so long may come down
+    silent_above_s: float = 1.5  # who was above and is silent for so long may come down
     aside_s: float = 15.0  # longest way aside
     obey_s: float = 1.0  # a mode that does not show by then: the next one
 
