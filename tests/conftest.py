@@ -104,10 +104,11 @@ def start_node(ros_master):
     """start_node(package, node, name=, ns=, params={}, remaps={}) -> Process; stopped after the test."""
     import rospy
 
-    started = []
+    started, places = [], set()
 
     def start(package, node, name=None, ns="", params=None, remaps=None):
         name = name or node
+        places.add("/".join([("/" + ns.strip("/")) if ns else "", name]))
         command = ["rosrun", package, node, f"__name:={name}"] + ([f"__ns:={ns}"] if ns else [])
         for key, value in (params or {}).items():
             rospy.set_param("/".join([("/" + ns.strip("/")) if ns else "", name, key]), value)
@@ -123,6 +124,8 @@ def start_node(ros_master):
         process.stop(grace_s=5.0)
         if process.returncode not in (0, None):
             print(f"--- {process.command}: exit {process.returncode}\n{process.tail(20)}")
+    for place in filter(rospy.has_param, places):  # the next test's node of this name has parameters of its own
+        rospy.delete_param(place)
 
 
 @pytest.fixture(scope="session")

@@ -242,7 +242,9 @@ def test_another_firmware_is_refused_by_name(flight):
     """Its flight data cannot be read: nothing is known of its battery, so nobody takes off."""
     f = flight(drone=DroneParameters(other_firmware=True))
     until(lambda: getattr(f.operator.newest.state, "connected", False), 20.0, "packets")
-    assert not f.operator.take_off(1.5) and "no flight data" in f.operator.newest.refusal.reason
+    assert not f.operator.take_off(1.5)
+    until(lambda: f.operator.newest.refusal is not None, 10.0, "why")  # on a topic of its own
+    assert "no flight data" in f.operator.newest.refusal.reason
     assert not f.tello.drone.flight.flying
 
 
