@@ -6,6 +6,7 @@ there, for the list; beside it; and in flight, after it was killed.
 """
 
 import json
+import math
 import os
 import re
 import time
@@ -26,6 +27,7 @@ VEHICLES = ("uav1", "uav2")
 DRAGGED, FROM_M, TO_M = 2, 7.0, 8.0  # the configuration whose goal is dragged, from where to where
 GATHERED_MAP = "map_gathered"  # folder of the map that is made from the window
 HELD_S, TOO_SHORT_S = 1.4, 0.4  # a button that wants a second
+_RETURN_S = 2.0  # between one Return and the next
 _BROWSER = """#!/bin/sh
 printf '%s\\n' "$1" >>"{opened}"
 """
@@ -214,10 +216,21 @@ class WindowFlight:
         self._hands.write(str(path))
         window.until(lambda: typed() == str(path), "the path is typed")
         self._picture("export")
-        self._window.key("Return")
-        window.until(path.exists, "the events are exported")
+        self._press_return_until(path.exists)
         self.seen["closed"] = window.close()
         self._window = None
+
+    def _press_return_until(self, done: Callable[[], bool]) -> None:
+        """The first closes the list of completions, where that has come up meanwhile."""
+        pressed_s = [-math.inf]
+
+        def again() -> bool:
+            if not done() and time.monotonic() - pressed_s[0] > _RETURN_S and self._window.ask(what="dialog"):
+                pressed_s[0] = time.monotonic()
+                self._window.key("Return")
+            return done()
+
+        self._window.until(again, "the events are exported")
 
     def _demo_ends(self) -> None:
         """With its map, made meanwhile."""
