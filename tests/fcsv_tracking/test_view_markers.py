@@ -70,6 +70,7 @@ def test_the_node_draws_them_beside_the_ellipsoids(start_node, root):
     import rospy
     from geometry_msgs.msg import PoseWithCovarianceStamped
     from sensor_msgs.msg import CameraInfo
+    from tf2_msgs.msg import TFMessage
     from visualization_msgs.msg import MarkerArray
 
     from fcsv_geometry.ros import conversions
@@ -84,7 +85,11 @@ def test_the_node_draws_them_beside_the_ellipsoids(start_node, root):
     rospy.Subscriber("/tracking/vehicles", MarkerArray, vehicles.append)
     start_node("fcsv_tracking", "markers", params={
         "vehicles": ["tello1", "tello2"], "vehicles_dir": str(root / "config" / "vehicles"),
-        "mocap_fov_deg": [47.0, 43.0]})  # fmt: skip
+        "mocap_fov_deg": [47.0, 43.0], "fixed_parts": True})  # fmt: skip
+    told = []
+    rospy.Subscriber("/tf_static", TFMessage, told.append)  # late, as rviz is beside a bag
+    wanted = {"view", "tello1/camera_optical", "tello2/tag"}
+    until(lambda: wanted <= {t.child_frame_id for m in told for t in m.transforms}, what="what does not move")
     until(lambda: vehicles and len(vehicles[-1].markers) == 8, what="both vehicles")
     assert {m.header.frame_id for m in vehicles[-1].markers} == {"home"}  # it is not set: their frames have no place
     assert got and not got[-1].markers

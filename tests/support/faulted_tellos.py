@@ -6,6 +6,7 @@ in a vertical configuration; its battery falls to 8 % when all are to land. Pilo
 the first two. What was heard, and where all truly were, stands in ``story.log``.
 """
 
+import contextlib
 import json
 import signal
 import subprocess
@@ -15,6 +16,8 @@ from pathlib import Path
 from typing import Dict, List
 
 import psutil
+
+from fcsv_geometry.errors import PoseUnavailable
 
 NAMES = ("tello1", "tello2")
 UPPER = "tello2"
@@ -122,8 +125,9 @@ class Story:
         while time.monotonic() < end_s:
             if self._over():
                 sys.exit("the demo ended before its story did")
-            places = {n: [round(float(x), 3) for x in t.latest()[1][:3, 3]] for n, t in self._truth.items()}
-            self._note("places", "", places)
+            with contextlib.suppress(PoseUnavailable):  # before all are there
+                places = {n: [round(float(x), 3) for x in t.latest()[1][:3, 3]] for n, t in self._truth.items()}
+                self._note("places", "", places)
             time.sleep(0.05)
 
     def _note(self, what: str, name: str = "", value=None) -> None:

@@ -22,6 +22,7 @@ from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, MissionState
 from fcsv_tracking.mission_view import read_mission
 from fcsv_tracking.ros.mission_markers import mission_markers
+from fcsv_tracking.ros.static_frames import fixed_parts
 from fcsv_tracking.ros.tracking_markers import gimbal_views, mocap_view, tracking_markers
 from fcsv_tracking.ros.vehicle_markers import HALF_VIEW, assumed_place, vehicle_markers
 
@@ -38,6 +39,7 @@ class FleetParameters:
     vehicles_dir: str
     mocap_fov_deg: Optional[Tuple[float, float]] = None  # across and up; none: there is no mocap to be drawn
     mocap_frame: str = "mocap"
+    fixed_parts: bool = False  # tell where cameras and tags sit, too: a bag that is played told it before rviz listened
     home_height_m: float = 8.0  # before home is set, vehicles are drawn so far below it, and up from there
 
     def __post_init__(self):
@@ -66,7 +68,10 @@ class MarkersNode:
         self._running: Optional[int] = None
         self._health = Health("markers", {"camera poses": 0.0})
         self._static = tf2_ros.StaticTransformBroadcaster()
-        self._static.sendTransform(conversions.transform_stamped(np.eye(4), rospy.get_time(), frames.HOME, _EYE))
+        fixed = [conversions.transform_stamped(np.eye(4), rospy.get_time(), frames.HOME, _EYE)]
+        if p.fixed_parts:
+            fixed += [part for vehicle in self._fleet.values() for part in fixed_parts(vehicle)]
+        self._static.sendTransform(fixed)
         self._vehicles = rospy.Publisher("/tracking/vehicles", MarkerArray, queue_size=1, latch=True)
         self._tracking = rospy.Publisher("/tracking/markers", MarkerArray, queue_size=1, latch=True)
         self._planned = rospy.Publisher("/tracking/mission", MarkerArray, queue_size=1, latch=True)
