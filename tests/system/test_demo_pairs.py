@@ -25,9 +25,13 @@ NAMES = ("tello1", "tello2")
 WITH_FAULTS = os.environ.get("FCSV_FLY_TELLO_FAULTS") == "1"
 MISSIONS = {
     "gimbal": "[{axis: horizontal, baseline_m: 1.5, record_s: 2.5}, {axis: vertical, baseline_m: 1.0, record_s: 2.5}]",
-    "mocap": "[{axis: vertical, baseline_m: 3.0, record_s: 2.5}, {axis: horizontal, baseline_m: 1.0, record_s: 2.5}, "
-    "{axis: vertical, baseline_m: 1.0, record_s: 2.5}]",
+    "mocap": "[{axis: vertical, baseline_m: 1.0, record_s: 2.5}, {axis: vertical, baseline_m: 3.0, record_s: 2.5}]",
 }
+if WITH_FAULTS:
+    MISSIONS["mocap"] = (
+        "[{axis: vertical, baseline_m: 3.0, record_s: 2.5}, {axis: horizontal, baseline_m: 1.0, record_s: 2.5}, "
+        "{axis: vertical, baseline_m: 1.0, record_s: 2.5}]"
+    )
 HEIGHTS_M = {"gimbal": 1.8, "mocap": 2.0}
 
 
