@@ -124,8 +124,10 @@ class WindowFlight:
         window = self._window
         self._until(lambda: window.rows("Flight check"), "the check-list is shown", 120.0)
         self._picture("check")
+        why = lambda: window.find("Execute")["why"]  # noqa: E731
+        self._until(lambda: "mission node is not heard" not in why(), "the mission is heard", 60.0)
         window.click("Rehearse")
-        self.seen["locked"] = window.find("Execute")["why"]
+        self.seen["locked"] = why()
 
     def _calibrate_and_set_home(self) -> None:
         """By a key and by the mouse, once vehicles are where they should be; one that is refused is asked for again."""
