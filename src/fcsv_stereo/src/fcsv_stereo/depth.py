@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """From disparity to depth, and from one view to another."""
 
+from typing import Tuple
+
 import cv2
 import numpy as np
 
+from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.rectify import RectifiedPair
 
@@ -44,6 +47,18 @@ def resample(points_home: np.ndarray, T_cam_home: np.ndarray, camera: PinholeCam
     depth = np.full(camera.width * camera.height, np.inf, np.float32)
     np.minimum.at(depth, flat, p[inside, 2].astype(np.float32))
     return close_holes(depth.reshape(camera.height, camera.width))
+
+
+def pixels_of(
+    camera: PinholeCamera, T_home_cam: np.ndarray, points_home_m: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of points (N,3) in a picture: rows, columns (N,) int, 0 outside; depth (N,) m; bool (N,): which lie in it."""
+    p_cam = transforms.apply(transforms.invert(T_home_cam), points_home_m.astype(float))
+    u, v = np.rint(camera.project(p_cam)).T
+    with np.errstate(invalid="ignore"):
+        inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+    rows, columns = (np.where(inside, x, 0).astype(int) for x in (v, u))
+    return rows, columns, p_cam[:, 2], inside
 
 
 def close_holes(depth: np.ndarray) -> np.ndarray:

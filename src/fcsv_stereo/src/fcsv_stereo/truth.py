@@ -4,13 +4,14 @@
 import csv
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List, Tuple
+from typing import Dict, Tuple
 
 import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
+from fcsv_stereo import raycast
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import ImageEntry, Reference
 
@@ -51,7 +52,8 @@ class TrueScene:
     """The meshes, to be looked at more than once. Raises InputError where there are none."""
 
     def __init__(self, truth: Truth):
-        self._truth, self._still = truth, _scene([(truth.mesh_path, np.eye(4))])
+        self._truth, self._still = truth, _scene(truth.mesh_path)
+        self._moving = {}  # by name, read when first looked at
 
     def depth(self, vehicle: str, stamp_s: float, camera: PinholeCamera) -> np.ndarray:
         """True depth (H,W float32, m along the optical axis, NaN where the sky is) of a picture."""
@@ -63,13 +65,14 @@ class TrueScene:
         Raises InputError where it is not known where the picture was taken.
         """
         T_world_cam = self._truth.T_world_cam(vehicle, stamp_s)
-        depth, on = _cast(self._still, T_world_cam, camera), {}
+        (depth, _), on = raycast.cast(self._still, T_world_cam, camera), {}
         for name in sorted({name for name, _ in self._truth.movers}):
             T_world_body = _at(self._truth.movers, name, stamp_s)
             if T_world_body is None:
                 continue
-            mesh = self._truth.mesh_path.parent / "movers" / f"{name}.ply"
-            found = _cast(_scene([(mesh, T_world_body)]), T_world_cam, camera)
+            if name not in self._moving:
+                self._moving[name] = _scene(self._truth.mesh_path.parent / "movers" / f"{name}.ply")
+            found, _ = raycast.cast(self._moving[name], transforms.invert(T_world_body) @ T_world_cam, camera)
             on[name] = np.isfinite(found) & ~(found >= depth)
             depth = np.where(on[name], found, depth)
             on = {n: m & ~on[name] if n != name else m for n, m in on.items()}
@@ -82,34 +85,15 @@ def _at(poses: Poses, name: str, stamp_s: float):
     return next((poses[name, near] for near in (key, key - 1, key + 1) if (name, near) in poses), None)
 
 
-def _scene(parts: List[Tuple[Path, np.ndarray]]):
-    """Meshes at their places (T_world_body), ready for rays."""
-    try:
-        import open3d as o3d  # only where truth is: a heavy import, which the wheel does without
-    except ImportError as error:
-        raise InputError("open3d is not installed: pip install open3d") from error
-
-    scene = o3d.t.geometry.RaycastingScene()
-    for path, T_world_body in parts:
-        if not path.is_file():
-            raise InputError(f"{path}: does not exist; truth/ needs scene.ply, cameras.csv and meshes of what moves")
-        mesh = o3d.t.io.read_triangle_mesh(str(path))
-        if len(mesh.triangle.indices) == 0:
-            raise InputError(f"{path}: holds no triangles")
-        scene.add_triangles(mesh.transform(o3d.core.Tensor(T_world_body.astype(np.float32))))
-    return scene
-
-
-def _cast(scene, T_world_cam: np.ndarray, camera: PinholeCamera) -> np.ndarray:
-    """Depth (H,W float32, m along the optical axis), NaN where nothing is hit."""
-    import open3d as o3d
-
-    directions = camera.rays() @ T_world_cam[:3, :3].T  # length 1 along z: the hit distance is depth
-    origins = np.broadcast_to(T_world_cam[:3, 3], directions.shape)
-    rays = np.concatenate([origins, directions], axis=-1).astype(np.float32)
-    depth = scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
-    depth[~np.isfinite(depth)] = np.nan
-    return depth
+def _scene(path: Path):
+    """A mesh in its own frame, ready for rays."""
+    reading = raycast.open3d().t.io
+    if not path.is_file():
+        raise InputError(f"{path}: does not exist; truth/ needs scene.ply, cameras.csv and meshes of what moves")
+    mesh = reading.read_triangle_mesh(str(path))
+    if len(mesh.triangle.indices) == 0:
+        raise InputError(f"{path}: holds no triangles")
+    return raycast.scene_of(mesh)
 
 
 def load_truth(folder: Path) -> Truth:

@@ -6,8 +6,7 @@ from typing import Dict, Optional, Sequence
 
 import numpy as np
 
-from fcsv_geometry import transforms
-from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.depth import pixels_of
 from fcsv_stereo.model import Cloud, MapResult, Picture
 from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.near.surface import NearPoints, NearSurface
@@ -95,25 +94,15 @@ def _seam(near: np.ndarray, near_sigma: np.ndarray, far: np.ndarray, far_sigma: 
     }  # fmt: skip
 
 
-def _pixels(camera: PinholeCamera, T_home_cam: np.ndarray, points_home_m: np.ndarray):
-    """Rows, columns (N,) int and depth (N,) m of points in a picture; bool (N,): whether they lie in it."""
-    p_cam = transforms.apply(transforms.invert(T_home_cam), points_home_m.astype(float))
-    u, v = np.rint(camera.project(p_cam)).T
-    with np.errstate(invalid="ignore"):
-        inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-    rows, columns = (np.where(inside, x, 0).astype(int) for x in (v, u))
-    return rows, columns, p_cam[:, 2], inside
-
-
 def _at(mask: np.ndarray, result: MapResult, points_home_m: np.ndarray) -> np.ndarray:
-    rows, columns, _, inside = _pixels(result.reference.camera, result.reference.T_home_cam, points_home_m)
+    rows, columns, _, inside = pixels_of(result.reference.camera, result.reference.T_home_cam, points_home_m)
     return inside & mask[rows, columns]
 
 
 def _twice(points: NearPoints, result: MapResult, stands: np.ndarray, voxel_m: float) -> np.ndarray:
     """(N,) bool: points that the map has already, and surer, or that stand where it sees through."""
     view = result.reference
-    rows, columns, z, inside = _pixels(view.camera, view.T_home_cam, points.points_home_m)
+    rows, columns, z, inside = pixels_of(view.camera, view.T_home_cam, points.points_home_m)
     far, sigma = result.depth[rows, columns], result.sigma[rows, columns]
     with np.errstate(invalid="ignore"):
         before = z <= far + voxel_m + _AGREE * np.hypot(points.sigma_m, sigma)
@@ -128,7 +117,7 @@ def coloured(points: NearPoints, surface: NearSurface, pictures: Sequence[Pictur
         if not missing.any():
             break
         depth, _ = surface.seen(picture.camera, picture.T_home_cam)
-        rows, columns, z, inside = _pixels(picture.camera, picture.T_home_cam, points.points_home_m)
+        rows, columns, z, inside = pixels_of(picture.camera, picture.T_home_cam, points.points_home_m)
         with np.errstate(invalid="ignore"):
             shown = missing & inside & (z <= depth[rows, columns] + 2.0 * surface.voxel_m)
         image = picture.image if picture.image.ndim == 3 else np.repeat(picture.image[..., None], 3, axis=2)

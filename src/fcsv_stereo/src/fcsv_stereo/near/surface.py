@@ -7,6 +7,7 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.raycast import cast, open3d, scene_of
 
 
 @dataclass(frozen=True)
@@ -67,16 +68,10 @@ class NearSurface:
         depth, sigma = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
         if not len(self.triangles):
             return depth, sigma
-        import open3d as o3d  # where there is a surface, it is installed
-
-        scene = o3d.t.geometry.RaycastingScene()
-        tensor = o3d.core.Tensor
-        scene.add_triangles(tensor(self.vertices_home_m), tensor(self.triangles.astype(np.uint32)))
-        directions = camera.rays() @ T_home_cam[:3, :3].T  # length 1 along z: the hit distance is depth
-        origins = np.broadcast_to(T_home_cam[:3, 3], directions.shape)
-        hits = scene.cast_rays(tensor(np.concatenate([origins, directions], axis=-1).astype(np.float32)))
-        distance = hits["t_hit"].numpy()
-        hit = np.isfinite(distance)
-        depth[hit] = distance[hit]
-        sigma[hit] = self.sigma_m[self.triangles[hits["primitive_ids"].numpy()[hit]]].mean(axis=1)
+        tensor, mesh = open3d().core.Tensor, open3d().t.geometry.TriangleMesh()
+        mesh.vertex.positions = tensor(self.vertices_home_m)
+        mesh.triangle.indices = tensor(self.triangles.astype(np.uint32))
+        depth, triangles = cast(scene_of(mesh), T_home_cam, camera)
+        hit = np.isfinite(depth)
+        sigma[hit] = self.sigma_m[self.triangles[triangles[hit]]].mean(axis=1)
         return depth, sigma

@@ -12,11 +12,11 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
-from fcsv_stereo.errors import InputError
 from fcsv_stereo.near.frame import DepthFrame
 from fcsv_stereo.near.sensor import DepthSensor
 from fcsv_stereo.near.summing import add_frame
 from fcsv_stereo.near.surface import NearSurface
+from fcsv_stereo.raycast import open3d
 
 _BLOCK = 8  # voxels along the edge of one
 _BLOCKS = 4096  # at first; the grid grows
@@ -43,16 +43,13 @@ class NearVolume:
     """Frames in, a surface out. Raises InputError where open3d is not installed."""
 
     def __init__(self, sensor: Optional[DepthSensor] = None, rules: Optional[NearRules] = None):
-        try:
-            import open3d  # a heavy import, which the wheel and maps without a near field do without
-        except ImportError as error:
-            raise InputError("open3d is not installed: pip install open3d") from error
-        self._core = open3d.core
+        library = open3d()
+        self._core = library.core
         self._sensor, self._rules = sensor or DepthSensor(), rules or NearRules()
         f32 = self._core.float32
         # extraction interpolates and hands out one attribute besides, by this name (see ``summing``)
         names, channels = ("tsdf", "weight", "color"), ((1), (1), (3))
-        self._grid = open3d.t.geometry.VoxelBlockGrid(
+        self._grid = library.t.geometry.VoxelBlockGrid(
             names, (f32, f32, f32), channels, self._rules.voxel_m, _BLOCK, _BLOCKS, self._core.Device("CPU:0")
         )
         self.frames = 0

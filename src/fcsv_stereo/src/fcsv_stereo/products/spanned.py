@@ -10,7 +10,7 @@ from typing import Tuple
 import numpy as np
 from numba import njit
 
-from fcsv_geometry import transforms
+from fcsv_stereo.depth import pixels_of
 from fcsv_stereo.model import Cloud, Reference
 
 #: Of the inverse depth: a smaller step between neighbouring pixels is no edge. Above it a surface goes on where its
@@ -20,16 +20,12 @@ _STEP, _ALIKE = 0.03, 1.5
 
 def triangles(cloud: Cloud, reference: Reference) -> np.ndarray:
     """(M, 3) indices of points: corners of triangles between neighbouring pixels of one surface."""
-    p_cam = transforms.apply(transforms.invert(reference.T_home_cam), cloud.points_home_m.astype(float))
-    pixels = reference.camera.project(p_cam)
-    with np.errstate(invalid="ignore"):
-        column, row = np.rint(pixels).T
-        inside = (column >= 0) & (row >= 0) & (column < reference.camera.width) & (row < reference.camera.height)
+    rows, columns, z, inside = pixels_of(reference.camera, reference.T_home_cam, cloud.points_home_m)
     index = np.full((reference.camera.height, reference.camera.width), -1)
     of = np.flatnonzero(inside)
-    of = of[np.argsort(-p_cam[of, 2], kind="stable")]  # of several at a pixel the nearest is written last
-    index[row[of].astype(int), column[of].astype(int)] = of
-    w = np.where(index >= 0, 1.0 / np.maximum(p_cam[:, 2], 1e-6)[index], np.nan)
+    of = of[np.argsort(-z[of], kind="stable")]  # of several at a pixel the nearest is written last
+    index[rows[of], columns[of]] = of
+    w = np.where(index >= 0, 1.0 / np.maximum(z, 1e-6)[index], np.nan)
     along, down = _one_surface(w), _one_surface(w.T).T
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     above = along[:-1] & down[:, :-1]  # a-b and a-c
