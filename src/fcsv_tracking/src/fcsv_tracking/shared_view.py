@@ -38,23 +38,23 @@ def shared_view(
 
 def _pyramid(T_home_cam: np.ndarray, tangents: Tuple[float, float], reach_m: float) -> List[np.ndarray]:
     """Its five faces."""
-    corners = transforms.apply(T_home_cam, _corners(tangents) * reach_m)
+    ends = transforms.apply(T_home_cam, corners(tangents) * reach_m)
     apex = T_home_cam[:3, 3]
-    return [*(np.stack([apex, corners[k], corners[(k + 1) % 4]]) for k in range(4)), corners]
+    return [*(np.stack([apex, ends[k], ends[(k + 1) % 4]]) for k in range(4)), ends]
 
 
 def _planes(T_home_cam: np.ndarray, tangents: Tuple[float, float], reach_m: float) -> List[Tuple[np.ndarray, float]]:
     """(normal n, offset d) of its faces; inside is n·p + d >= 0."""
-    corners = _corners(tangents)
-    normals = [np.cross(corners[k], corners[(k + 1) % 4]) for k in range(4)]
+    edges = corners(tangents)
+    normals = [np.cross(edges[k], edges[(k + 1) % 4]) for k in range(4)]
     R, p = T_home_cam[:3, :3], T_home_cam[:3, 3]
     inward = [R @ (n / np.linalg.norm(n)) for n in normals]
     far = -R[:, 2]
     return [*((n, -float(n @ p)) for n in inward), (far, reach_m - float(far @ p))]
 
 
-def _corners(tangents: Tuple[float, float]) -> np.ndarray:
-    """(4, 3) at depth 1, clockwise as the camera sees them."""
+def corners(tangents: Tuple[float, float]) -> np.ndarray:
+    """(4, 3) at depth 1, clockwise as the camera sees them; ``tangents`` of half the field of view, across and down."""
     w, h = tangents
     return np.array([[-w, -h, 1.0], [w, -h, 1.0], [w, h, 1.0], [-w, h, 1.0]])
 

@@ -4,14 +4,15 @@
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion, Vector3
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from fcsv_geometry import frames, transforms
+from fcsv_geometry import transforms
 from fcsv_geometry.mission import Mission
 from fcsv_geometry.ros import conversions
 from fcsv_tracking.mission_view import PlannedPlace, fence_lines, planned_places
+from fcsv_tracking.ros.tracking_markers import marker_in_home
 from fcsv_tracking.shared_view import shared_view
 
 _REACH_M = 30.0  # where views are cut: baselines of 10 m begin to share theirs at 9.4 m
@@ -38,7 +39,7 @@ def mission_markers(
 
 def home_markers() -> List[Marker]:
     """Its axes, x red, y green, z blue, and its name."""
-    axes = _marker("home", 0, Marker.LINE_LIST, ColorRGBA(1, 1, 1, 1))
+    axes = marker_in_home("home", 0, Marker.LINE_LIST, ColorRGBA(1, 1, 1, 1))
     axes.scale.x = _LINE_M
     for k in range(3):
         color = ColorRGBA(*np.eye(3)[k], 1.0)
@@ -49,7 +50,7 @@ def home_markers() -> List[Marker]:
 
 def fence_marker(mission: Mission) -> Marker:
     """As if home were as high above the take-off place as the mission asks for."""
-    marker = _marker("fence", 0, Marker.LINE_LIST, _FENCE)
+    marker = marker_in_home("fence", 0, Marker.LINE_LIST, _FENCE)
     marker.scale.x = 2.0 * _LINE_M
     marker.points = [Point(*p) for p in fence_lines(mission.fence, mission.home_height_m).reshape(-1, 3)]
     return marker
@@ -58,7 +59,7 @@ def fence_marker(mission: Mission) -> Marker:
 def place_markers(place: PlannedPlace, running: bool) -> List[Marker]:
     """An arrow where the camera looks, its number in the list below it (places stand 2 m apart), of a sweep its way."""
     color = _RUNNING if running else _PLACE
-    arrow = _marker("planned places", 2 * place.index, Marker.ARROW, color)
+    arrow = marker_in_home("planned places", 2 * place.index, Marker.ARROW, color)
     arrow.pose = conversions.transform_to_pose(
         place.T_home_cam @ transforms.transform(transforms.R_FLU_OPTICAL.T, np.zeros(3))
     )
@@ -66,7 +67,7 @@ def place_markers(place: PlannedPlace, running: bool) -> List[Marker]:
     x, y, z = place.T_home_cam[:3, 3]
     markers = [arrow, _text("planned places", 2 * place.index + 1, str(place.index + 1), (x, y, z - 0.5), color)]
     if place.end_m is not None:
-        way = _marker("sweeps", place.index, Marker.LINE_LIST, color)
+        way = marker_in_home("sweeps", place.index, Marker.LINE_LIST, color)
         way.scale.x, way.points = 2.0 * _LINE_M, [Point(x, y, z), Point(*place.end_m)]
         markers.append(way)
     return markers
@@ -89,8 +90,9 @@ def overlap_markers(
 def _faces(number: int, faces: Sequence[np.ndarray]) -> List[Marker]:
     if not faces:
         return []
-    filled = _marker("overlap", 2 * number, Marker.TRIANGLE_LIST, ColorRGBA(_SHARED.r, _SHARED.g, _SHARED.b, 0.12))
-    edges = _marker("overlap", 2 * number + 1, Marker.LINE_LIST, _SHARED)
+    faint = ColorRGBA(_SHARED.r, _SHARED.g, _SHARED.b, 0.12)
+    filled = marker_in_home("overlap", 2 * number, Marker.TRIANGLE_LIST, faint)
+    edges = marker_in_home("overlap", 2 * number + 1, Marker.LINE_LIST, _SHARED)
     filled.scale, edges.scale.x = Vector3(1, 1, 1), _LINE_M
     for face in faces:
         corners = [Point(*p) for p in face]
@@ -102,12 +104,6 @@ def _faces(number: int, faces: Sequence[np.ndarray]) -> List[Marker]:
 
 
 def _text(namespace: str, number: int, words: str, p_home_m: Sequence[float], color: ColorRGBA) -> Marker:
-    marker = _marker(namespace, number, Marker.TEXT_VIEW_FACING, color)
+    marker = marker_in_home(namespace, number, Marker.TEXT_VIEW_FACING, color)
     marker.pose.position, marker.scale.z, marker.text = Point(*p_home_m), 0.35, words
-    return marker
-
-
-def _marker(namespace: str, number: int, kind: int, color: ColorRGBA) -> Marker:
-    marker = Marker(header=conversions.header(0.0, frames.HOME), ns=namespace, id=number, type=kind, color=color)
-    marker.pose.orientation = Quaternion(0, 0, 0, 1)
     return marker

@@ -13,6 +13,7 @@ from fcsv_geometry import frames, transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Calibration, CalibrationLink
+from fcsv_tracking.shared_view import corners
 
 _SIGMAS = 3.0
 _LEAST_M = 0.01  # a smaller ellipsoid cannot be seen
@@ -35,7 +36,7 @@ def ellipsoid(number: int, name: str, pose: PoseWithCovarianceStamped) -> Marker
     covariance = np.reshape(pose.pose.covariance, (6, 6))[:3, :3]
     variances, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
     axes[:, 0] *= np.linalg.det(axes)  # right-handed
-    marker = _marker(f"covariance of {name}", number, Marker.SPHERE, ColorRGBA(0.95, 0.85, 0.2, 0.45))
+    marker = marker_in_home(f"covariance of {name}", number, Marker.SPHERE, ColorRGBA(0.95, 0.85, 0.2, 0.45))
     q = conversions.transform_to_pose(transforms.transform(axes, np.zeros(3))).orientation
     marker.pose = Pose(pose.pose.pose.position, q)
     lengths = np.maximum(2.0 * _SIGMAS * np.sqrt(np.maximum(variances, 0.0)), _LEAST_M)
@@ -48,11 +49,10 @@ def view(namespace: str, number: int, frame: str, tangents: Tuple[float, float],
 
     ``tangents`` of half the field of view, across and down.
     """
-    marker = _marker(namespace, number, Marker.LINE_LIST, color)
+    marker = marker_in_home(namespace, number, Marker.LINE_LIST, color)
     marker.header.frame_id, marker.frame_locked, marker.scale.x = frame, True, 0.03
-    w, h = tangents
-    corners = [np.array([sx * w, sy * h, 1.0]) * reach_m for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    for a, b in zip(corners, corners[1:] + corners[:1]):
+    ends = reach_m * corners(tangents)
+    for a, b in zip(ends, np.roll(ends, -1, axis=0)):
         marker.points += [Point(0, 0, 0), Point(*a), Point(*a), Point(*b)]
     return marker
 
@@ -78,13 +78,14 @@ def mocap_view(frame: str, fov_deg: Tuple[float, float]) -> Marker:
 def _line(number: int, link: CalibrationLink, ends: List[Point]) -> Marker:
     """From camera to camera, green where the yaw between them is sharp, red where it is not."""
     share = np.clip((_yaw_std_deg(link) - _GOOD_YAW_DEG) / (_POOR_YAW_DEG - _GOOD_YAW_DEG), 0.0, 1.0)
-    marker = _marker("calibration", number, Marker.LINE_LIST, ColorRGBA(float(share), float(1.0 - share), 0.2, 0.9))
+    color = ColorRGBA(float(share), float(1.0 - share), 0.2, 0.9)
+    marker = marker_in_home("calibration", number, Marker.LINE_LIST, color)
     marker.scale.x, marker.points = 0.03, ends
     return marker
 
 
 def _label(number: int, link: CalibrationLink, ends: List[Point]) -> Marker:
-    marker = _marker("residuals", number, Marker.TEXT_VIEW_FACING, ColorRGBA(1.0, 1.0, 1.0, 1.0))
+    marker = marker_in_home("residuals", number, Marker.TEXT_VIEW_FACING, ColorRGBA(1.0, 1.0, 1.0, 1.0))
     middle = [0.5 * (getattr(ends[0], a) + getattr(ends[1], a)) for a in "xyz"]
     marker.pose.position, marker.scale.z = Point(middle[0], middle[1], middle[2] + 0.3), 0.2
     marker.text = (
@@ -99,7 +100,8 @@ def _yaw_std_deg(link: CalibrationLink) -> float:
     return float(np.degrees(np.sqrt(max(link.covariance[15], 0.0))))
 
 
-def _marker(namespace: str, number: int, kind: int, color: ColorRGBA) -> Marker:
+def marker_in_home(namespace: str, number: int, kind: int, color: ColorRGBA) -> Marker:
+    """At home's origin, without a size."""
     marker = Marker(header=conversions.header(0.0, frames.HOME), ns=namespace, id=number, type=kind, color=color)
     marker.pose.orientation = Quaternion(0, 0, 0, 1)
     return marker
