@@ -2,7 +2,7 @@
 """Whether an autopilot flies as fast as the mission plans with: its way-point parameters against ``flight``."""
 
 import math
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_geometry.flight_limits import FlightBounds
@@ -15,6 +15,17 @@ def flown_with(report: Any) -> Dict[str, float]:
     return dict(zip(report.limits, report.limit_values))
 
 
+def others(have: Mapping[str, float], wanted: Mapping[str, float]) -> Tuple[List[str], List[str]]:
+    """Names whose value is faster than what is wanted, and slower; a value that is not known is neither.
+
+    >>> others({"WPNAV_SPEED": 200.0, "WPNAV_ACCEL": 99.0}, {"WPNAV_SPEED": 100.0, "WPNAV_ACCEL": 150.0})
+    (['WPNAV_SPEED'], ['WPNAV_ACCEL'])
+    """
+    known = [n for n in wanted if not math.isnan(have.get(n, math.nan))]
+    faster = [n for n in known if have[n] > wanted[n] * (1.0 + _SAME)]
+    return faster, [n for n in known if have[n] < wanted[n] * (1.0 - _SAME)]
+
+
 def judge(report: Optional[Any], planned: FlightBounds) -> Found:
     """``report``: the newest fcsv_msgs/ParameterReport, or None. Faster is red: ways that are timed past each other are
     flown at other times, and nearer than planned. Slower is amber: it comes late.
@@ -23,8 +34,7 @@ def judge(report: Optional[Any], planned: FlightBounds) -> Found:
         return State.UNKNOWN, "its parameters are not heard"
     have, wanted = flown_with(report), planned.autopilot_parameters
     unknown = [name for name in wanted if math.isnan(have.get(name, math.nan))]
-    faster = [n for n in wanted if n not in unknown and have[n] > wanted[n] * (1.0 + _SAME)]
-    slower = [n for n in wanted if n not in unknown and have[n] < wanted[n] * (1.0 - _SAME)]
+    faster, slower = others(have, wanted)
     if faster:
         return State.RED, "faster than planned: " + _set(faster, have, wanted)
     if unknown:

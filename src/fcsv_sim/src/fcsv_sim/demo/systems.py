@@ -7,6 +7,7 @@ from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
+from fcsv_control.flight_check import speeds
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
@@ -71,12 +72,14 @@ def _mocap_can(mission: Mission) -> None:
 
 def _autopilots_can(mission: Mission) -> None:
     """The simulated autopilots fly as fast as their parameters say; the flight check would hold other missions."""
-    for name, planned in mission.flight.autopilot_parameters.items():
-        if abs(DEFAULTS[name][0] - planned) > 0.01 * planned:
-            raise MissionError(
-                f"mission '{mission.name}': flight: plans with {name} {planned:g}, the simulated autopilots have "
-                f"{DEFAULTS[name][0]:g}: leave speeds and accelerations out"
-            )
+    have, planned = {name: value for name, (value, _) in DEFAULTS.items()}, mission.flight.autopilot_parameters
+    wrong = {name for names in speeds.others(have, planned) for name in names}
+    name = next((n for n in planned if n in wrong), None)
+    if name is not None:
+        raise MissionError(
+            f"mission '{mission.name}': flight: plans with {name} {planned[name]:g}, the simulated autopilots have "
+            f"{have[name]:g}: leave speeds and accelerations out"
+        )
 
 
 def _mocap_maps(mission: Mission) -> Tuple[MapRun, ...]:
