@@ -12,7 +12,7 @@ from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
-from fcsv_console.model.hearing import SLOW_STALE_S, Heard
+from fcsv_console.model.hearing import Heard, slow
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import RUNS, Rehearsals
 from fcsv_console.model.soundness import unsound
@@ -48,9 +48,9 @@ class Console:
         self._alive: Heard[f.MissionAlive] = Heard(_ALIVE_S)
         self._check: Heard[f.Check] = Heard(math.inf)
         self._map: Heard[f.MapTold] = Heard(math.inf)
-        self._stop: Heard[f.StopTold] = Heard(SLOW_STALE_S)
+        self._stop: Heard[f.StopTold] = slow()
         self._epipolar: Heard[f.EpipolarTold] = Heard(4.0)  # measured once a second
-        self._recorder: Heard[f.Recorder] = Heard(SLOW_STALE_S)
+        self._recorder: Heard[f.Recorder] = slow()
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
         self._flown: Optional[Mission] = None

@@ -9,7 +9,7 @@ from typing import Deque, Generic, Optional, TypeVar
 
 T = TypeVar("T")
 STALE_S = 1.0  # an operator sees within this time that a stream stopped
-SLOW_STALE_S = 2.5  # what may come once a second only: as long as it does
+_SLOW_STALE_S = 2.5  # of what comes once a second
 _MISSED = 2.4  # of the time between two messages: one that is lost or late is no alarm
 _INTERVALS = 5
 _WINDOW_S = 3.0
@@ -35,22 +35,21 @@ class Aged(Generic[T]):
 
 
 class Heard(Generic[T]):
-    """The newest value of a stream. It is stale ``stale_s`` after it was heard; infinite: it holds until replaced. Of a
-    stream with SLOW_STALE_S it is sooner where the stream comes more often than once a second: after 2.4 times its
-    usual interval, but not under STALE_S.
+    """The newest value of a stream. It is stale ``stale_s`` after it was heard; infinite: it holds until replaced. With
+    ``least_s`` it is sooner where the stream comes often: after 2.4 times its usual interval, but not under that.
 
     >>> h = Heard(1.0)
     >>> h.tell(10.0, "GUIDED"); h.at(10.9).stale, h.at(11.1).stale, h.at(11.1).value
     (False, True, 'GUIDED')
-    >>> h = Heard(SLOW_STALE_S)
+    >>> h = slow()
     >>> for k in range(6): h.tell(10.0 + 0.4 * k, "GUIDED")
     >>> h.at(12.9).stale, h.at(13.1).stale
     (False, True)
     """
 
-    def __init__(self, stale_s: float = STALE_S):
+    def __init__(self, stale_s: float = STALE_S, least_s: Optional[float] = None):
         self.value: Optional[T] = None
-        self._at_s, self._stale_s = -math.inf, stale_s
+        self._at_s, self._stale_s, self._least_s = -math.inf, stale_s, least_s
         self._times: Deque[float] = deque(maxlen=256)
         self._last: Deque[float] = deque(maxlen=_INTERVALS + 1)
 
@@ -68,11 +67,11 @@ class Heard(Generic[T]):
 
     @property
     def _patience_s(self) -> float:
-        if self._stale_s != SLOW_STALE_S or len(self._last) <= _INTERVALS:
+        if self._least_s is None or len(self._last) <= _INTERVALS:
             return self._stale_s
         times = list(self._last)
         usual_s = statistics.median(b - a for a, b in zip(times, times[1:]))
-        return min(SLOW_STALE_S, max(STALE_S, _MISSED * usual_s))
+        return min(self._stale_s, max(self._least_s, _MISSED * usual_s))
 
     def at(self, now_s: float) -> Aged[T]:
         """As it is to be shown now."""
@@ -84,6 +83,11 @@ class Heard(Generic[T]):
         rate_hz = min(rate_hz, len(times) / span_s) if span_s > 0.5 else rate_hz
         age_s = max(0.0, now_s - self._at_s)
         return Aged(self.value, age_s, rate_hz, age_s > self._patience_s)
+
+
+def slow() -> Heard:
+    """For what may come once a second only: an operator waits for it so long only while it comes so seldom."""
+    return Heard(_SLOW_STALE_S, STALE_S)
 
 
 def age_words(age_s: float) -> str:

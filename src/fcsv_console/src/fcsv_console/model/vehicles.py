@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, Optional, Tuple, Type
 
 from fcsv_console.model import facts as f
-from fcsv_console.model.hearing import SLOW_STALE_S, Aged, Heard
+from fcsv_console.model.hearing import Aged, Heard, slow
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
 from fcsv_control.guardian.messages import in_words
 
@@ -127,10 +127,10 @@ class Vehicle:
         self.epoch: Optional[int] = None
         self._any: Heard[str] = Heard()
         self.heard: Dict[Type, Heard] = {
-            f.AutopilotState: Heard(SLOW_STALE_S), f.OdometryHeard: Heard(), f.CameraInHome: Heard(),
-            f.Guardian: Heard(), f.Agent: Heard(), f.Battery: Heard(SLOW_STALE_S), f.PictureHeard: Heard(SLOW_STALE_S),
-            f.Recorder: Heard(SLOW_STALE_S), f.Clock: Heard(10.0), f.Radio: Heard(SLOW_STALE_S),
-            f.Said: Heard(math.inf), f.Captured: Heard(SLOW_STALE_S), f.Tags: Heard(SLOW_STALE_S),
+            f.AutopilotState: slow(), f.OdometryHeard: Heard(), f.CameraInHome: Heard(),
+            f.Guardian: Heard(), f.Agent: Heard(), f.Battery: slow(), f.PictureHeard: slow(),
+            f.Recorder: slow(), f.Clock: Heard(10.0), f.Radio: slow(),
+            f.Said: Heard(math.inf), f.Captured: slow(), f.Tags: slow(),
         }  # fmt: skip
 
     def tell(self, now_s: float, fact: Any) -> None:
