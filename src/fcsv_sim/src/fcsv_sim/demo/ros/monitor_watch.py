@@ -3,7 +3,7 @@
 
 import threading
 from pathlib import Path
-from typing import Callable, Dict
+from typing import Any, Callable, Dict, Set
 
 import cv2
 import rospy
@@ -13,6 +13,8 @@ from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import MapState
 from fcsv_sim.demo.monitored import Frame, save
 
+_PARTS = (Image, CameraInfo, MapState)
+
 
 class MonitorWatch:
     """Writes FOLDER/STAMP.npz (``monitored.Frame``) and FOLDER/STAMP.jpg; on a master that this process is on."""
@@ -21,34 +23,34 @@ class MonitorWatch:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._reference, self._say = folder, reference, say
         self._lock = threading.Lock()
-        self._depths: Dict[float, Image] = {}
-        self._cameras: Dict[float, CameraInfo] = {}
-        self._states: Dict[float, MapState] = {}
+        self._parts: Dict[float, Dict[type, Any]] = {}  # of frames that are not whole yet, by stamp
+        self._kept: Set[float] = set()
         self._told = ""
-        rospy.Subscriber("/map/depth", Image, lambda m: self._take(self._depths, m.header.stamp, m))
-        rospy.Subscriber("/map/camera_info", CameraInfo, lambda m: self._take(self._cameras, m.header.stamp, m))
+        rospy.Subscriber("/map/depth", Image, lambda m: self._take(m.header.stamp, m))
+        rospy.Subscriber("/map/camera_info", CameraInfo, lambda m: self._take(m.header.stamp, m))
         rospy.Subscriber("/map/state", MapState, self._on_state)
         rospy.Subscriber("/map/monitor", Image, self._on_picture)
 
     def _on_state(self, message: MapState) -> None:
         if message.state == "ready":
-            self._take(self._states, message.reference, message)
+            self._take(message.reference, message)
         elif message.state == "failed" and message.detail != self._told:
             self._told = message.detail
             self._say(f"monitoring: {message.detail}")
 
-    def _take(self, where: Dict, stamp, message) -> None:
+    def _take(self, stamp, message) -> None:
         """Parts of a frame come in any order; the state is said again and again."""
+        key = round(stamp.to_sec(), 3)
         with self._lock:
-            key = round(stamp.to_sec(), 3)
-            where.setdefault(key, message)
-            parts = [each.get(key) for each in (self._depths, self._cameras, self._states)]
-            if any(p is None for p in parts):
+            if key in self._kept:
                 return
-            depth, camera, state = parts
-            if depth == "kept":
+            parts = self._parts.setdefault(key, {})
+            parts.setdefault(type(message), message)
+            if len(parts) < len(_PARTS):
                 return
-            self._depths[key] = "kept"
+            self._kept.add(key)
+            del self._parts[key]
+        depth, camera, state = (parts[kind] for kind in _PARTS)
         save(self._folder, Frame(
             self._reference, depth.header.stamp.to_sec(), conversions.image_to_array(depth),
             conversions.camera_from_info(camera), state.detail, state.skew_s, state.rate_hz, state.processing_s,
