@@ -103,6 +103,18 @@ def test_brake_after_stop_all_is_named_and_an_agent_without_a_commander():
     assert row(c, 10.3).flier.words == "GUIDED, holds: nobody commands it"
 
 
+def test_an_agent_that_was_not_heard_yet_is_told_from_one_that_fell_silent():
+    """A window that was just opened knows the mode before it knows who commands."""
+    c = console()
+    for at_s in (10.0, 11.8):
+        c.tell(at_s, facts.AutopilotState("uav2", True, True, "GUIDED"))
+        if at_s == 10.0:
+            assert row(c, 10.1).flier.words == "GUIDED, its agent is not heard yet"
+            c.tell(10.2, facts.Agent("uav2", "mission-1"))
+            assert row(c, 10.3).flier.words == "mission"
+    assert (row(c, 11.9).flier.who, row(c, 11.9).flier.words) == (UNKNOWN, "GUIDED, its agent is not heard for 1.7 s")
+
+
 # ---- ages --------------------------------------------------------------------------------------------------------
 
 

@@ -162,7 +162,8 @@ class WindowFlight:
         self._window.kill()
         window = self._open("flight")
         self._until(lambda: self._headline()[0] == "CONFIGURATIONS", "the new window knows the phase", 30.0)
-        self._until(lambda: "not heard yet" not in window.of_vehicle("flown by"), "it knows who flies", 30.0)
+        self._until(lambda: not [w for w in window.of_vehicle("flown by") if "not heard" in w], "it knows who flies",
+                    30.0)  # fmt: skip
         self._until(lambda: not [w for w in window.of_vehicle("in home") if "not known" in w or "old" in w],
                     "the new window knows where the vehicles are", 30.0)  # fmt: skip
         self.seen["new window"] = {label: window.of_vehicle(label) for label in ("flown by", "in home", "mode")}

@@ -110,9 +110,11 @@ def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked:
     if s.mode in _STOPPED_MODES:
         why = f" after {stop_asked}-all" if stop_asked else ""
         return Flier(MISSION if s.mode == "LAND" and not stop_asked else NOBODY, f"{s.mode}{why}")
-    a: Optional[f.Agent] = None if agent.stale else agent.value
-    if a is None:
-        return Flier(UNKNOWN, "GUIDED, its agent is not heard")
+    if agent.value is None:
+        return Flier(UNKNOWN, "GUIDED, its agent is not heard yet")
+    if agent.stale:
+        return Flier(UNKNOWN, f"GUIDED, its agent is not heard for {agent.words}")
+    a: f.Agent = agent.value
     if not a.sender:
         return Flier(NOBODY, "GUIDED, holds: nobody commands it")
     who = a.sender.split("-")[0]
