@@ -84,14 +84,19 @@ class Ear:
         return [h for h in self._lines if h[0] >= since_s]
 
     def wait(self, since_s=0.0, until=lambda value: True, timeout_s=60.0):
-        """Seconds from ``since_s`` to the first that fits; fails when none comes in ``timeout_s`` of the net's time."""
+        """Seconds from ``since_s`` to the first that fits; fails when none comes in ``timeout_s`` of the net's time.
+
+        It then tells what the relays said meanwhile.
+        """
         deadline = self._net.now_s() + timeout_s
         while self._net.now_s() < deadline:
             for at_s, value in self.heard(since_s):
                 if until(value):
                     return at_s - since_s
             time.sleep(0.05)
-        raise AssertionError(f"nothing that fits in {timeout_s} s; last: {self.heard()[-2:]}")
+        raise AssertionError(
+            f"nothing that fits in {timeout_s} s; last: {self.heard()[-2:]}\n" + self._net.told(deadline - timeout_s)
+        )
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +116,11 @@ def shared(tmp_path_factory, bench_link):
             net.text = Ear(run, net, "control", "/uav1/text", "std_msgs/String", TEXT)
             net.reports = {n: Ear(run, net, n, "/relay/links", "diagnostic_msgs/DiagnosticArray",
                                 "[s.message for s in m.status]") for n in names[:2]}  # fmt: skip
+            net.told = lambda since_s: "\n".join(
+                f"{n}: {[(round(at_s - since_s, 1), said) for at_s, said in net.reports[n].heard(since_s)]}\n"
+                + net.relays[n].log.read_text(errors="replace")[-1500:]
+                for n in net.reports
+            )
             net.text.wait()
             hear_each_other(net)
             yield net

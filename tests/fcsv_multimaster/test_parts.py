@@ -177,6 +177,40 @@ def test_captures_that_were_lost_on_the_way_keep_their_order():
     assert [pacer.take(5.0).number for _ in range(4)] == [1, 2, 3, 4]
 
 
+@pytest.mark.parametrize("each_s", [1.6, 3.2])  # 200 kB at 1 and at 0.5 Mbit/s
+def test_a_slow_link_does_not_carry_the_same_pictures_again_and_again(each_s):
+    """Ten a second are wanted; a stream delivers in order, and all that is put into it."""
+    pacer, stream, came, sent = Pacer(), [], [], 0
+    for step in range(8000):
+        now_s = step * 0.01
+        while stream and stream[0][0] <= now_s:
+            number = stream.pop(0)[1]
+            pacer.acknowledged(number, now_s)
+            came.append(number)
+        if step % 10 == 0:
+            pacer.offer(message(step, CAPTURE, "/c", born_s=now_s))
+        m = pacer.take(now_s)
+        if m is not None:
+            sent += 1
+            pacer.sent(m, 200000, now_s)
+            stream.append(((stream[-1][0] if stream else now_s) + each_s, m.number))
+    again = len(came) - len(set(came))
+    assert len(came) > 0.95 * 80.0 / each_s - 1 and again <= 3, came
+    assert list(dict.fromkeys(came)) == sorted(set(came))
+
+
+def test_what_fell_into_a_cut_is_sent_again_though_the_link_was_slow_before():
+    pacer = Pacer()
+    for number in (1, 2, 3):
+        pacer.offer(message(number, CAPTURE, "/c"))
+    pacer.sent(pacer.take(0.0), 200000, 0.0)
+    assert pacer.take(2.6).number == 1, "too early"
+    pacer.sent(message(1, CAPTURE, "/c"), 200000, 2.6)
+    pacer.acknowledged(1, 3.2)
+    pacer.sent(pacer.take(3.3), 200000, 3.3)
+    assert pacer.take(8.2).number == 3 and pacer.take(8.4).number == 2, "it doubled its patience: 5 s since the last"
+
+
 def test_what_came_too_early_waits_but_not_for_ever():
     assert doctest.testmod(order).attempted and not doctest.testmod(order).failed
     waits = order.Order()

@@ -3,7 +3,7 @@
 
 from collections import OrderedDict, deque
 from dataclasses import dataclass
-from typing import Deque, Dict, List, Optional, Tuple
+from typing import Deque, Dict, List, Optional, Set, Tuple
 
 from fcsv_multimaster.links import Rule
 
@@ -13,6 +13,7 @@ _EARLY_REPEAT_S = 0.2  # until the peer listens
 _MOST_WAITING = 500
 _QUEUE_S = 0.25  # pictures under way are at most what the link carries in this time
 _MOST_PICTURES_WAITING = 64
+_LONGEST_PATIENCE_S = 20.0
 
 
 @dataclass
@@ -106,12 +107,16 @@ class Pacer:
     """Bulky messages for one peer: newest wins per topic, reliable ones in order, few under way at a time.
 
     The peer acknowledges every one; what it acknowledges per second is what the link carries, and what is under way is
-    bounded by it, so that a slow link makes pictures rarer instead of older.
+    bounded by it, so that a slow link makes pictures rarer instead of older. What is under way counts as lost once
+    nothing at all was acknowledged for ``lost_after_s``; where that was too early, for longer (as RFC 6298 does), else
+    a link that is merely slow would carry the same pictures again and again.
     """
 
     def __init__(self, lost_after_s: float = 2.5, most_in_flight: int = 3):
         self._most_in_flight = most_in_flight
-        self._lost_after_s = lost_after_s
+        self._lost_after_s = self._patience_s = lost_after_s
+        self._heard_s = float("-inf")  # the last acknowledgement
+        self._repeated: Set[int] = set()
         self._latest: OrderedDict[str, Message] = OrderedDict()
         self._waiting: Deque[Message] = deque()
         self._flying: OrderedDict[int, Tuple[Message, int, float]] = OrderedDict()  # message, octets, since
@@ -161,7 +166,11 @@ class Pacer:
         if known is None:
             return False
         _, octets, sent_s = known
-        self.queue_s = now_s - sent_s
+        self.queue_s, self._heard_s = now_s - sent_s, now_s
+        if number in self._repeated:
+            self._repeated.remove(number)  # of which sending it speaks is not known
+        else:
+            self._patience_s = max(self._lost_after_s, 2.0 * self.queue_s)
         self._acked.append((now_s, octets))
         while self._acked and now_s - self._acked[0][0] > 2.0:
             self._acked.popleft()
@@ -179,7 +188,8 @@ class Pacer:
         """The peer is gone or restarted: reliable ones that were under way wait again, in their order."""
         again = [m for m, _, _ in self._flying.values() if m.rule.traffic.reliable]
         self._flying.clear()
-        self._turn = False
+        self._repeated.clear()
+        self._turn, self._patience_s = False, self._lost_after_s
         self._waiting.extendleft(reversed(again))
 
     def limited(self, now_s: float) -> bool:
@@ -202,13 +212,17 @@ class Pacer:
         return messages < self._most_in_flight and octets < max(most, 1.0)
 
     def _forget_lost(self, now_s: float) -> None:
-        lost = [n for n, (_, _, since_s) in self._flying.items() if now_s - since_s > self._lost_after_s]
+        lost = [n for n, (_, _, s) in self._flying.items() if now_s - max(s, self._heard_s) > self._patience_s]
         for number in reversed(lost):  # the oldest to the front last
             message = self._flying.pop(number)[0]
             if message.rule.traffic.reliable and not message.late(now_s):
                 self._waiting.appendleft(message)
+                self._repeated.add(number)
             else:
+                self._repeated.discard(number)
                 self.dropped += 1
+        if lost:
+            self._patience_s = min(2.0 * self._patience_s, _LONGEST_PATIENCE_S)
 
 
 class Remembered:
