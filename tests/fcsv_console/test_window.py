@@ -491,8 +491,12 @@ def test_who_is_above_whom_is_told_where_the_panels_are_hidden(shown, app):
 @pytest.mark.parametrize("situation", ["ground", "flying", "landed"])
 def test_the_names_of_home_and_vehicles_cover_no_vehicle_and_no_goal(shown, situation):
     plan = shown(situation)[0].plan
-    plan.grab()
-    *before, one, two, home = plan._taken
+    pixmap = QtGui.QPixmap(plan.size())
+    painter = QtGui.QPainter(pixmap)
+    picture = plan.picture(painter)
+    picture.paint()
+    painter.end()
+    *before, one, two, home = picture.taken
     for label in (one, two, home):
         assert not [b for b in before if above_view._shared(label, b) > 0.0]
 
@@ -500,8 +504,8 @@ def test_the_names_of_home_and_vehicles_cover_no_vehicle_and_no_goal(shown, situ
 @pytest.mark.parametrize("x", [10.0, 150.0, 400.0])
 def test_a_name_is_never_cut_by_the_height_bar(shown, x):
     plan = shown("flying")[0].plan
-    picture = QtGui.QPixmap(plan.size())
-    painter = QtGui.QPainter(picture)
-    box = plan._label(painter, QtCore.QPointF(min(x, plan.width()), 100.0), "uav2  +10.0 m, 12.3 s old")
+    pixmap = QtGui.QPixmap(plan.size())
+    painter = QtGui.QPainter(pixmap)
+    box = plan.picture(painter).label(QtCore.QPointF(min(x, plan.width()), 100.0), "uav2  +10.0 m, 12.3 s old")
     painter.end()
     assert box.width() > 60.0 and box.right() < plan.width() - 64.0

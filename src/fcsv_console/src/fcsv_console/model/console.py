@@ -10,11 +10,12 @@ from fcsv_console.model import planning, stereo
 from fcsv_console.model.actions import FLOWN, Situation, actions, column_problems
 from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
+from fcsv_console.model.chronicle import Chronicle
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
 from fcsv_console.model.hearing import Heard, slow
 from fcsv_console.model.pictures import Pictures
-from fcsv_console.model.rehearsal import RUNS, Rehearsals
+from fcsv_console.model.rehearsal import Rehearsals
 from fcsv_console.model.soundness import unsound
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
@@ -23,24 +24,22 @@ from fcsv_geometry.mission import Mission
 from fcsv_geometry.separation import SeparationRules
 
 CONTROL = "control"
-_PROBLEM_S = 5.0  # so long a message that could not be used is shown
 _PENDING_S = 10.0  # after it a request that was not answered may be asked for again
 _ALIVE_S = 3.0  # as the flight check has it
-_LOUD = 4  # MAV_SEVERITY_WARNING
 
 
 class Console:
     """``vehicles``: the column, front first; ``tags``: the tag that each carries; ``target_m``: the range wanted.
 
-    ``wall_offset_s``: time of day minus the monotonic time that it is told; only events show it.
+    ``wall_offset_s`` as Chronicle's.
     """
 
     def __init__(
         self, vehicles: Sequence[str], tags: Optional[Mapping[str, int]] = None,
         optics: files.Optics = files.USUAL, target_m: float = 0.0,
     ):  # fmt: skip
-        self.names, self.optics, self.wall_offset_s = list(vehicles), optics, 0.0
-        self.log, self.file = EventLog(), files.MissionFile()
+        self.names, self.optics, self.file = list(vehicles), optics, files.MissionFile()
+        self._chronicle = Chronicle()
         self._target_m = target_m
         self._vehicles = {name: Vehicle(name) for name in vehicles}
         self._sightings = Sightings(dict(tags or {}))
@@ -57,9 +56,20 @@ class Console:
         self._goals = Goals()
         self._rehearsals, self._pictures, self.after = Rehearsals(), Pictures(), AfterFlight()
         self._master_problem = ""
-        self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
         self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
-        self._last_words: Dict[str, str] = {}  # what was logged last, by subject
+
+    @property
+    def log(self) -> EventLog:
+        """Everything that happened."""
+        return self._chronicle.log
+
+    @property
+    def wall_offset_s(self) -> float:
+        return self._chronicle.wall_offset_s
+
+    @wall_offset_s.setter
+    def wall_offset_s(self, offset_s: float) -> None:
+        self._chronicle.wall_offset_s = offset_s
 
     # ---- what is told ------------------------------------------------------------------------------------------
 
@@ -71,11 +81,11 @@ class Console:
             wrong = f"'{name}' is not one of {', '.join(self.names)}"
         if wrong:
             subject = f"{'' if name == CONTROL else name} {getattr(fact, 'topic', type(fact).__name__)}".strip()
-            self._note_bad(now_s, f"{subject}: {wrong}")
+            self._chronicle.note_bad(now_s, f"{subject}: {wrong}")
             if isinstance(fact, f.Unusable):
                 self._pictures.tell(fact)
             return
-        self._remember(now_s, fact)
+        self._chronicle.remember(now_s, fact)
         self._pictures.tell(fact)
         self._take(now_s, fact)
 
@@ -109,7 +119,7 @@ class Console:
 
     def ask(self, now_s: float, name: str, words: str = "") -> int:
         """The operator asked for an action: its event's number; until it is answered it is not asked for again."""
-        number = self._event(now_s, "operator", words or name.replace("_", " "))
+        number = self._chronicle.event(now_s, "operator", words or name.replace("_", " "))
         self._pending[name] = (now_s, number)
         return number
 
@@ -144,7 +154,7 @@ class Console:
             baseline_m = self._goals.moved(self.file.rows, fact.index, fact.p_home_m)
             why = self.drag(fact.index, baseline_m) if baseline_m is not None else ""
             if why:
-                self._note_bad(now_s, f"goal {fact.index + 1} stays: {why}")
+                self._chronicle.note_bad(now_s, f"goal {fact.index + 1} stays: {why}")
         elif isinstance(fact, (f.MapPicture, GoalsElsewhere)):
             pass  # Pictures keeps the one, the other is an event
         elif fact.vehicle == CONTROL:
@@ -154,57 +164,6 @@ class Console:
             if isinstance(fact, f.Tags):
                 self._sightings.saw(now_s, fact.vehicle, fact.ids)
             self._vehicles[fact.vehicle].tell(now_s, fact)
-
-    def _note_bad(self, now_s: float, words: str) -> None:
-        since_s, number = self._bad.get(words, (-math.inf, 0))
-        if now_s - since_s > _PROBLEM_S:
-            self._event(now_s, "console", words, level="warning")
-        self._bad[words] = (now_s, number + 1)
-        for old in [w for w, (at_s, _) in self._bad.items() if now_s - at_s > _PROBLEM_S]:
-            del self._bad[old]
-
-    # ---- what becomes an event ---------------------------------------------------------------------------------
-
-    def _event(self, now_s: float, who: str, what: str, answer: str = "", level: str = "info") -> int:
-        return self.log.add(now_s + self.wall_offset_s, who, what, answer, level)
-
-    def _changed(self, now_s: float, subject: str, who: str, words: str, level: str = "info") -> None:
-        """An event where the words differ from the last about this subject."""
-        if self._last_words.get(subject, "") != words:
-            self._last_words[subject] = words
-            if words:
-                self._event(now_s, who, words, level=level)
-
-    def _remember(self, now_s: float, fact: Any) -> None:
-        if isinstance(fact, f.MissionTold):
-            self._changed(now_s, "phase", "mission", f"{fact.phase}: {fact.detail}".rstrip(": "))
-        elif isinstance(fact, f.Guardian):
-            words = f"{fact.action}: {'; '.join(fact.reasons)}".rstrip(": ") if fact.action else ""
-            self._changed(now_s, f"guardian {fact.vehicle}", f"{fact.vehicle} guardian", words, "warning")
-        elif isinstance(fact, f.AutopilotState):
-            armed = "armed" if fact.armed else "motors off"
-            self._changed(now_s, f"mode {fact.vehicle}", fact.vehicle, f"{fact.mode}, {armed}")
-        elif isinstance(fact, f.EpochHeard):
-            self._changed(now_s, f"epoch {fact.vehicle}", fact.vehicle, f"odometry epoch {fact.epoch}")
-        elif isinstance(fact, f.Said):
-            level = "warning" if fact.severity <= _LOUD else "info"
-            self._changed(now_s, f"said {fact.vehicle} {fact.who}", f"{fact.vehicle} {fact.who}", fact.text, level)
-        elif isinstance(fact, f.Answered) and fact.outcome:
-            who = f"{fact.vehicle} agent"
-            self._event(now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning")
-        elif isinstance(fact, f.StopTold):
-            self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
-        elif isinstance(fact, f.RehearsalTold) and fact.state != RUNS:
-            level = "info" if fact.state in ("passed", "stopped") else "warning"
-            self._event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
-        elif isinstance(fact, f.JobTold):
-            words = "runs" if fact.state == "runs" else f"{fact.state}: {fact.words}".rstrip(": ")
-            self._changed(now_s, f"job {fact.job}", fact.job, words, "error" if fact.state == "failed" else "info")
-        elif isinstance(fact, GoalsElsewhere):
-            self._changed(now_s, "goals", "console", fact.words, "warning" if fact.window else "info")
-        elif isinstance(fact, f.MasterTold) and (fact.problem or self._master_problem):
-            words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
-            self._changed(now_s, "master", "console", words, level)
 
     # ---- what is shown -----------------------------------------------------------------------------------------
 
@@ -293,6 +252,4 @@ class Console:
         found += [f"mission file: {self.file.error.words}"] if self.file.error else []
         found += list(told.problems) if told is not None else []
         found += list(column) if told is not None and told.phase in ("COLUMN", "CALIBRATE") else []
-        bad = [(w, n) for w, (at_s, n) in self._bad.items() if now_s - at_s <= _PROBLEM_S]
-        found += [f"{words} ({number} times)" if number > 1 else words for words, number in bad]
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys([*found, *self._chronicle.bad(now_s)]))

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What becomes an event: what differs from the last of its subject, and what could not be used."""
+
+import math
+from typing import Any, Dict, List, Tuple
+
+from fcsv_console.model import facts as f
+from fcsv_console.model.events import EventLog
+from fcsv_console.model.goals import GoalsElsewhere
+from fcsv_console.model.rehearsal import RUNS
+
+_PROBLEM_S = 5.0  # so long a message that could not be used is shown
+_LOUD = 4  # MAV_SEVERITY_WARNING
+
+
+class Chronicle:
+    """``wall_offset_s``: time of day minus the monotonic time that it is told; only events show it."""
+
+    def __init__(self):
+        self.log, self.wall_offset_s = EventLog(), 0.0
+        self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
+        self._last_words: Dict[str, str] = {}  # what was logged last, by subject
+
+    def event(self, now_s: float, who: str, what: str, answer: str = "", level: str = "info") -> int:
+        """Its number; ``now_s`` is monotonic."""
+        return self.log.add(now_s + self.wall_offset_s, who, what, answer, level)
+
+    def _changed(self, now_s: float, subject: str, who: str, words: str, level: str = "info") -> None:
+        """An event where the words differ from the last about this subject."""
+        if self._last_words.get(subject, "") != words:
+            self._last_words[subject] = words
+            if words:
+                self.event(now_s, who, words, level=level)
+
+    def note_bad(self, now_s: float, words: str) -> None:
+        """What could not be used: an event, and a problem for 5 s."""
+        since_s, number = self._bad.get(words, (-math.inf, 0))
+        if now_s - since_s > _PROBLEM_S:
+            self.event(now_s, "console", words, level="warning")
+        self._bad[words] = (now_s, number + 1)
+        for old in [w for w, (at_s, _) in self._bad.items() if now_s - at_s > _PROBLEM_S]:
+            del self._bad[old]
+
+    def bad(self, now_s: float) -> List[str]:
+        """What could not be used in the last 5 s, with how often."""
+        bad = [(w, n) for w, (at_s, n) in self._bad.items() if now_s - at_s <= _PROBLEM_S]
+        return [f"{words} ({number} times)" if number > 1 else words for words, number in bad]
+
+    def remember(self, now_s: float, fact: Any) -> None:
+        """A fact that was found sound: an event where it changes something."""
+        if isinstance(fact, f.MissionTold):
+            self._changed(now_s, "phase", "mission", f"{fact.phase}: {fact.detail}".rstrip(": "))
+        elif isinstance(fact, f.Guardian):
+            words = f"{fact.action}: {'; '.join(fact.reasons)}".rstrip(": ") if fact.action else ""
+            self._changed(now_s, f"guardian {fact.vehicle}", f"{fact.vehicle} guardian", words, "warning")
+        elif isinstance(fact, f.AutopilotState):
+            armed = "armed" if fact.armed else "motors off"
+            self._changed(now_s, f"mode {fact.vehicle}", fact.vehicle, f"{fact.mode}, {armed}")
+        elif isinstance(fact, f.EpochHeard):
+            self._changed(now_s, f"epoch {fact.vehicle}", fact.vehicle, f"odometry epoch {fact.epoch}")
+        elif isinstance(fact, f.Said):
+            level = "warning" if fact.severity <= _LOUD else "info"
+            self._changed(now_s, f"said {fact.vehicle} {fact.who}", f"{fact.vehicle} {fact.who}", fact.text, level)
+        elif isinstance(fact, f.Answered) and fact.outcome:
+            who = f"{fact.vehicle} agent"
+            self.event(now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning")
+        elif isinstance(fact, f.StopTold):
+            self._changed(now_s, "stop", "stop-all", fact.words if fact.asked else "", "warning")
+        elif isinstance(fact, f.RehearsalTold) and fact.state != RUNS:
+            level = "info" if fact.state in ("passed", "stopped") else "warning"
+            self.event(now_s, "rehearsal", f"{fact.state}: {fact.words}".rstrip(": "), level=level)
+        elif isinstance(fact, f.JobTold):
+            words = "runs" if fact.state == "runs" else f"{fact.state}: {fact.words}".rstrip(": ")
+            self._changed(now_s, f"job {fact.job}", fact.job, words, "error" if fact.state == "failed" else "info")
+        elif isinstance(fact, GoalsElsewhere):
+            self._changed(now_s, "goals", "console", fact.words, "warning" if fact.window else "info")
+        elif isinstance(fact, f.MasterTold) and (fact.problem or "master" in self._last_words):
+            words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
+            self._changed(now_s, "master", "console", words, level)

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the console is told: the contents of messages, one frozen dataclass each. Units are in the names."""
+
+from typing import Union
+
+from fcsv_console.model.facts.of_console import (
+    EpipolarTold,
+    JobTold,
+    MasterTold,
+    PlacesFound,
+    RehearsalTold,
+    Unusable,
+)
+from fcsv_console.model.facts.of_control import (
+    Calibrated,
+    Check,
+    HomeSet,
+    MapPicture,
+    MapTold,
+    MissionAlive,
+    MissionFlown,
+    MissionTold,
+    StopTold,
+)
+from fcsv_console.model.facts.of_vehicle import (
+    Agent,
+    Answered,
+    AutopilotState,
+    Battery,
+    CameraInHome,
+    Captured,
+    Clock,
+    EpochHeard,
+    Guardian,
+    OdometryHeard,
+    PictureHeard,
+    Radio,
+    Recorder,
+    Said,
+    Tags,
+)
+
+OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
+                  EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
+Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionFlown, MissionAlive, StopTold, MapTold,
+             EpipolarTold, MapPicture, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip
+
+__all__ = [
+    "Agent",
+    "Answered",
+    "AutopilotState",
+    "Battery",
+    "Calibrated",
+    "CameraInHome",
+    "Captured",
+    "Check",
+    "Clock",
+    "EpipolarTold",
+    "EpochHeard",
+    "Fact",
+    "Guardian",
+    "HomeSet",
+    "JobTold",
+    "MapPicture",
+    "MapTold",
+    "MasterTold",
+    "MissionAlive",
+    "MissionFlown",
+    "MissionTold",
+    "OdometryHeard",
+    "OfVehicle",
+    "PictureHeard",
+    "PlacesFound",
+    "Radio",
+    "Recorder",
+    "RehearsalTold",
+    "Said",
+    "StopTold",
+    "Tags",
+    "Unusable",
+]

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the control PC's nodes tell: mission, flight check, calibration, map."""
+
+import math
+from dataclasses import dataclass
+from typing import Tuple
+
+from fcsv_control.flight_check.lines import Line
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A calibration for these epochs; ``age_s``: for how long it has held, when told."""
+
+    epochs: Tuple[Tuple[str, int], ...]
+    age_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class HomeSet:
+    """Home is set in the odometry of ``reference``."""
+
+    reference: str
+    age_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Check:
+    """The fleet's flight check; after ``patience_s`` without another one it counts for nothing."""
+
+    lines: Tuple[Line, ...]
+    patience_s: float = 4.0
+
+
+@dataclass(frozen=True)
+class MissionTold:
+    """As fcsv_msgs/MissionState."""
+
+    phase: str
+    detail: str = ""
+    waits_for: str = ""
+    configuration: int = 0
+    configurations: int = 0
+    problems: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MissionFlown:
+    """The text of the mission file that the mission node read when it started."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class MissionAlive:
+    """A sign of life of the mission node."""
+
+    instance: str = ""
+
+
+@dataclass(frozen=True)
+class StopTold:
+    """As fcsv_msgs/StopReport; ``asked``: "stop", "land" or empty; ``words``: what became of it."""
+
+    asked: str = ""
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class MapTold:
+    """As fcsv_msgs/MapState."""
+
+    state: str
+    detail: str = ""
+    coverage: float = math.nan
+    problems: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """``kind`` "reference": RGB, 8 bits, three octets a pixel; "depth": metres, float32, NaN where there is none."""
+
+    kind: str
+    width: int
+    height: int
+    data: bytes

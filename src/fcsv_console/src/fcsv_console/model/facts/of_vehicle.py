@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is told of one vehicle: state, places, pictures, what it says. Units are in the names."""
+
+import math
+from dataclasses import dataclass
+from typing import Tuple
+
+Vector3 = Tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class AutopilotState:
+    """``system_status`` is MAVLink's: 5 and 6 are the autopilot's own failsafe."""
+
+    vehicle: str
+    connected: bool
+    armed: bool
+    mode: str
+    system_status: int = 4
+
+
+@dataclass(frozen=True)
+class Battery:
+    """``share`` of the charge, 0..1; NaN: not known."""
+
+    vehicle: str
+    share: float
+    voltage_v: float = math.nan
+
+
+@dataclass(frozen=True)
+class OdometryHeard:
+    """A pose of the vehicle's own odometry: its body in ``vehicle/odom``; yaw to the left."""
+
+    vehicle: str
+    p_odom_m: Vector3
+    yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class CameraInHome:
+    """Where a camera is and looks, in home."""
+
+    vehicle: str
+    p_home_m: Vector3
+    heading_rad: float
+    pitch_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class PictureHeard:
+    """``stamp_s``: when it was taken; ``data``: JPEG or PNG."""
+
+    vehicle: str
+    stamp_s: float
+    data: bytes = b""
+
+
+@dataclass(frozen=True)
+class Guardian:
+    """As fcsv_msgs/GuardianState."""
+
+    vehicle: str
+    action: str = ""
+    holds: bool = False
+    uncontrolled: bool = False
+    lost: bool = False
+    taken: bool = False
+    reasons: Tuple[str, ...] = ()
+    forbids: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Agent:
+    """Whom a vehicle's agent obeys, and why it does nothing."""
+
+    vehicle: str
+    sender: str = ""
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """``vehicle`` is "control" for the control PC's own; ``minutes_left`` infinite: no rate is known yet."""
+
+    vehicle: str
+    pictures_on: bool
+    pictures: int
+    dropped: int
+    minutes_left: float
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Vehicle minus control PC."""
+
+    vehicle: str
+    offset_s: float
+    uncertainty_s: float
+
+
+@dataclass(frozen=True)
+class EpochHeard:
+    """Another number means that the odometry began anew."""
+
+    vehicle: str
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Radio:
+    """The link to a vehicle as the relay measures it; ``loss`` 0..1 of what comes in, NaN: not measured yet."""
+
+    vehicle: str
+    round_trip_s: float
+    loss: float
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Said:
+    """A text for people; ``severity`` is MAVLink's (0 emergency .. 7 debug), ``who`` "autopilot" or "guardian"."""
+
+    vehicle: str
+    who: str
+    text: str
+    severity: int = 6
+
+
+@dataclass(frozen=True)
+class Answered:
+    """What became of a numbered command."""
+
+    vehicle: str
+    sender: str
+    number: int
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Tags:
+    """The tags in one picture: identities, and for each four corners (u, v) in px of the picture of ``stamp_s``."""
+
+    vehicle: str
+    ids: Tuple[int, ...]
+    corners_px: Tuple[Tuple[Tuple[float, float], ...], ...] = ()
+    stamp_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Captured:
+    """A picture taken while recording; ``stamp_s`` by the vehicle's clock."""
+
+    vehicle: str
+    stamp_s: float
