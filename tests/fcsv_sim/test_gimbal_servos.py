@@ -3,6 +3,7 @@
 
 import random
 import time
+from contextlib import contextmanager, nullcontext
 
 import numpy as np
 import pytest
@@ -34,9 +35,19 @@ until = within(10.0)
 @pytest.fixture
 def line():
     with SimulatedBus([1, 2], errors=EXACT) as bus:
-        driver = DynamixelBus(bus.port, answer_s=0.3)  # the machine may be busy
+        driver = DynamixelBus(bus.port, answer_s=5.0)  # the machine may be busy
         yield bus, driver
         driver.close()
+
+
+@contextmanager
+def impatient(driver):
+    """Where no answer comes it need not be waited for long; where one does come it is."""
+    driver._port._answer_s = 0.1
+    try:
+        yield
+    finally:
+        driver._port._answer_s = 5.0
 
 
 class Noise:
@@ -109,7 +120,8 @@ class TestDynamixel:
         bus, driver = line
         gimbal = DynamixelGimbal(driver, SERVO, time.time)
         bus.servos[1].fault = fault
-        with pytest.raises(ServoError, match=message):
+        waits = nullcontext() if fault == "checksum" else impatient(driver)
+        with pytest.raises(ServoError, match=message), waits:
             gimbal.read()
         assert driver.failures[1] == 3 and gimbal.health()["pan lost answers"] == "3"
         bus.servos[1].fault = None
@@ -131,11 +143,13 @@ class TestDynamixel:
 
         def lossy(number, servo, error, data):
             answered.append(number)
+            driver._port._answer_s = 5.0  # from the next question on
             if len(answered) > 1:
                 answer(number, servo, error, data)
 
         bus._answer = lossy
-        gimbal.read()
+        with impatient(driver):
+            gimbal.read()
         assert driver.failures[1] == 1 and answered == [1, 1, 2]
 
     def test_ten_thousand_answers_of_noise_end_nothing(self, line):
@@ -167,7 +181,7 @@ class TestDynamixel:
 
     def test_a_servo_that_is_missing_or_another(self, line):
         bus, driver = line
-        with pytest.raises(ServoError, match="servo 7 does not answer"):
+        with pytest.raises(ServoError, match="servo 7 does not answer"), impatient(driver):
             DynamixelGimbal(driver, GimbalServo(pan_id=7, tilt_id=2), time.time)
         bus.servos[1].put(mx12w.MODEL, 29)
         with pytest.raises(ServoError, match="servo 1 is of model 29, not an MX-12W"):
