@@ -25,7 +25,7 @@ NAMES = ("tello1", "tello2")
 WITH_FAULTS = os.environ.get("FCSV_FLY_TELLO_FAULTS") == "1"
 MISSIONS = {
     "gimbal": "[{axis: horizontal, baseline_m: 1.5, record_s: 2.5}, {axis: vertical, baseline_m: 1.0, record_s: 2.5}]",
-    "mocap": "[{axis: vertical, baseline_m: 1.0, record_s: 2.5}, {axis: vertical, baseline_m: 3.0, record_s: 2.5}]",
+    "mocap": "[{axis: horizontal, baseline_m: 1.0, record_s: 2.5}, {axis: vertical, baseline_m: 3.0, record_s: 2.5}]",
 }
 if WITH_FAULTS:
     MISSIONS["mocap"] = (
@@ -65,7 +65,8 @@ def flown(request, tmp_path_factory):
 
 
 def test_it_ends_with_a_map_that_is_right(flown):
-    """Up to 50 m: 1 m of baseline and 684 px hold 10 % of the distance to 68 m (3.1)."""
+    """Up to 50 m: 1 m of baseline and 684 px hold 10 % of the distance to 68 m (3.1). Of vertical baselines alone the
+    bound would be luck: no camera above the reference sees a quarter of these pixels (docs/mocap.md)."""
     system, out = flown
     report = json.loads((out / "map" / "report.json").read_text())
     near = report["truth"]["bands"][0]
