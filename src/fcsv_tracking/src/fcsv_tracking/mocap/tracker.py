@@ -25,7 +25,9 @@ from fcsv_tracking.mocap.samples import MocapInput, VehicleInput, VehicleSample
 _LONGEST_STEP_S = 0.05
 _LATEST_S = 0.02  # how long after the filter's moment a sample may come: motion is straight for so long
 _UNPROVEN_S = 0.1  # how long odometry alone is followed before movement has proven its heading
+_SAME_HEADING_RAD = np.radians(20.0)  # a body that is turned over is off by far more, an odometry that goes on by less
 _CONTRADICTION = "odometry and IMU contradict each other, or mocap: who is right is not known"
+_SILENT = "neither odometry nor mocap"
 _UNPROVEN = "its heading is not proven yet: move it 0.3 m sideways in the mocap's view"
 
 
@@ -61,6 +63,7 @@ class MocapTracker:
         self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
         self._anchor = Anchor()
         self._disputes = Disputes(rules, self.counts)
+        self._proven_R_M_O: Optional[np.ndarray] = None  # of an odometry that went silent after its heading was proven
         self._forget("not seen yet: fly it into the mocap's view")
 
     # -- samples ----------------------------------------------------------------------------------------------------
@@ -79,6 +82,7 @@ class MocapTracker:
             self.counts.count("odometry: began anew")
             self._odometry = Trajectory(gap_s=0.2, keep_s=2.0)
             self._anchor.clear()
+            self._proven_R_M_O = None
         delay_s = self._filter.state.delay_s if self._filter else self._rules.odometry_latency_s
         self._odometry.add(stamp_s - delay_s, sample.T_O_D)
         self._coming.append((stamp_s - delay_s, sample, continues))
@@ -138,7 +142,7 @@ class MocapTracker:
                 rate_radps, accel_mps2, apart_s = imu
                 self._filter.predict(rate_radps, accel_mps2, dt_s, apart_s)
         if self._time_s - max(self._mocap_s, self._vehicle_s) > self._rules.coast_s:
-            self._forget("neither odometry nor mocap")
+            self._forget(_SILENT)
 
     def _imu_at(self, moment_s: float):
         """Rate, force and the seconds between the last sample and the next, which is mostly there already; or None.
@@ -225,10 +229,25 @@ class MocapTracker:
         self._time_s = self._mocap_s = moment_s
         self._began_p_M = T_M_D[:3, 3].copy()
         self.counts.count("anchored")
-        self.absent_because = _UNPROVEN
+        self._heading_confirmed = self._looks_as_before()
+        self.absent_because = "" if self._heading_confirmed else _UNPROVEN
+
+    def _looks_as_before(self) -> bool:
+        """Whether the odometry lies in the mocap's frame as it did when it went silent, its heading proven: only a body
+        turned over and an odometry that began anew just as much turned could deceive it together."""
+        before, now = self._proven_R_M_O, self._filter.state.R_M_O
+        return before is not None and float(np.linalg.norm(rotations.log(before.T @ now))) < _SAME_HEADING_RAD
 
     def _forget(self, why: str) -> None:
-        """No pose from here on, until mocap and odometry agree for half a second again."""
+        """No pose from here on, until mocap and odometry agree for half a second again.
+
+        A heading that movement had proven stays proven over a silence of both, as when this program itself hung: nobody
+        may move the vehicle then, and without a pose nobody flies it 0.3 m aside.
+        """
+        if why != _SILENT:
+            self._proven_R_M_O = None
+        elif self._filter is not None and self._heading_confirmed:
+            self._proven_R_M_O = self._filter.state.R_M_O
         self._filter: Optional[MocapFilter] = None
         self._anchor.clear()
         self._time_s = self._mocap_s = -np.inf
@@ -265,7 +284,7 @@ class MocapTracker:
         if self._filter is None:
             return None
         if now_s - self._time_s > self._rules.coast_s + self._rules.hold_s:
-            self._forget("neither odometry nor mocap")
+            self._forget(_SILENT)
             return None
         if self._time_s - max(self._vehicle_s, self._mocap_s) > self._rules.coast_s:
             return None
