@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support import boards
+from support import boards, faulty
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
@@ -248,6 +248,19 @@ def test_a_wrong_focal_length_is_said(reference, truths, factor, words):
             assert advice in said[0]
     assert kept.focal_scale == 1.0 and taken.focal_scale == pytest.approx(1.0 / factor, abs=0.005)
     assert taken.reference.camera.fx == pytest.approx(camera.fx * taken.focal_scale)
+
+
+@pytest.mark.parametrize("factor", [1.05, 0.95])
+def test_one_pair_doubts_a_wrong_focal_length(factor):
+    """A single pair knows it to 2 % at best: it keeps the focal length, says what it can, and states it in its pose."""
+    reference, _, others = faulty.flight(1)
+    camera = replace(reference.camera, fx=reference.camera.fx * factor, fy=reference.camera.fy * factor)
+    result = refine(replace(reference, camera=camera), [replace(others[2], camera=camera)])
+    (pose,) = result.others
+    assert result.focal_scale == 1.0 and pose.refined and 0.1 < pose.focal_doubt < 1.0
+    across = pose.doubted[4, 4] ** 0.5 / abs(pose.picture.T_home_cam[1, 3])
+    assert 0.5 * pose.focal_doubt**0.5 * 0.05 < across < 0.1, "a scale that is in doubt"
+    print(pose.focal_doubt, across, result.warnings)
 
 
 def read_by_rows(picture, turn_rad, strips=60):

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from fcsv_stereo.errors import InputError, MatchingError
-from fcsv_stereo.joint.checks.evidence import doubt, features, standing_out
+from fcsv_stereo.joint.checks.evidence import chance_of_wrong, doubt, features, standing_out
 from fcsv_stereo.joint.checks.kinds import infinite, kinds
 from fcsv_stereo.joint.checks.reliability import confirmed, relied_on, trusted
 from fcsv_stereo.joint.checks.sigma import geometry_sigma, matching_sigma
@@ -81,17 +81,27 @@ class JointDepth:
         return (r.trust * r.speed + 1e-6 * r.speed).argmax(axis=0)
 
 
+@dataclass(frozen=True)
+class Suspicion:
+    """That the poses are off, all of them or none: with this ``probability``, by errors of ``covariances`` (6x6 each,
+    relative to the reference: rad in camera axes, m in home's)."""
+
+    probability: float
+    covariances: Sequence[np.ndarray]
+
+
 def match_jointly(
     reference: Picture,
     others: Sequence[Picture],
     options: Optional[MatchOptions] = None,
     covariances: Optional[Sequence[Optional[np.ndarray]]] = None,
     untold: Optional[Sequence[np.ndarray]] = None,
+    suspicion: Optional[Suspicion] = None,
 ) -> JointDepth:
     """Depth of ``reference`` from all ``others``; poses are taken as they are, with their 6x6 ``covariances``.
 
     ``untold`` (6x6 each) is besides in these poses whatever the pixels say (``RefinedPicture.untold``): it is in sigma,
-    and has no part in whether there is a depth, nor in what speaks for it.
+    and has no part in whether there is a depth, nor in what speaks for it. A ``suspicion`` has, and is in sigma.
     Raises MatchingError where no other picture can be used.
     """
     options = options or MatchOptions()
@@ -111,21 +121,30 @@ def match_jointly(
     geometry = geometry_sigma(reference, pictures.others, pictures.covariances, fine)
     sigma_w = np.hypot(matching_sigma(fine, known), geometry)
     with ThreadPoolExecutor(options.threads) as pool:
-        kind, columns = _judged(pictures, fine, sigma_w, known, options, pool)
+        off = _off(reference, pictures, [suspicion.covariances[i] for i in used], fine) if suspicion else None
+        kind, columns = _judged(pictures, fine, sigma_w, known, options, pool, suspicion, off)
     depth, sigma, support = _certain_depth(fine, sigma_w, reference.blank, options)
     if untold:
-        besides = geometry_sigma(reference, pictures.others, [untold[i] for i in used], fine)
-        sigma = np.hypot(sigma, depth * besides / np.maximum(fine.w, 1e-9)).astype(np.float32)
+        sigma = np.hypot(sigma, depth * _off(reference, pictures, [untold[i] for i in used], fine))
+    if suspicion:
+        sigma = np.hypot(sigma, depth * np.float32(suspicion.probability**0.5) * off)
     if reference.blank is not None:
         kind[reference.blank] = Kind.NOTHING
     return JointDepth(depth, sigma, support, used, left_out, fine, known, pictures.others, kind, columns)
 
 
+def _off(reference: Picture, pictures: Pictures, covariances: Sequence[np.ndarray], fine: Fine) -> np.ndarray:
+    """HxW float32: standard deviation of depth, as a share of it, that the poses' ``covariances`` make."""
+    sigma_w = geometry_sigma(reference, pictures.others, covariances, fine)
+    return (sigma_w / np.maximum(fine.w, 1e-9)).astype(np.float32)
+
+
 def _judged(
     pictures: Pictures, fine: Fine, sigma_w: np.ndarray, known: np.ndarray, options: MatchOptions,
-    pool: ThreadPoolExecutor,
+    pool: ThreadPoolExecutor, suspicion: Optional[Suspicion] = None, off: Optional[np.ndarray] = None,
 ) -> Tuple[np.ndarray, Optional[np.ndarray]]:  # fmt: skip
-    """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that tell it."""
+    """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that tell it. ``off`` (HxW)
+    is what the suspected poses make of the depth, as a share of it."""
     full = fine.w.shape
     small = detail(pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1]))))
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
@@ -135,6 +154,8 @@ def _judged(
     columns = features(fine, sigma_w, known, out, contrast)
     kept = np.stack(list(columns), axis=-1) if options.keep_features else None
     doubts = doubt(columns if kept is None else np.moveaxis(kept, -1, 0))
+    if suspicion:
+        doubts += (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(off)
     colour = colours(pictures.reference, small.shape)
     heaven = infinite(w, here, colour, ~seen_by_any(small, 0.0), full)
     bright = pictures.greys[0] > np.median(pictures.greys[0])

@@ -15,7 +15,7 @@ from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
 from fcsv_stereo.joint.checks.enough_evidence import require_evidence, why_no_depth
 from fcsv_stereo.joint.checks.kinds import supported_only
 from fcsv_stereo.joint.checks.moved import leave_out_moved
-from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
+from fcsv_stereo.joint.match import JointDepth, MatchOptions, Suspicion, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
 from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.model import (
@@ -128,7 +128,9 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     if options.scale < 1.0:
         reference, pictures = reference.shrunk(options.scale), [p.shrunk(options.scale) for p in pictures]
     told, untold = [refined[i].told for i in kept], [refined[i].untold for i in kept]
-    found = match_jointly(reference, pictures, matching, told, untold)
+    doubt = max(refined[i].focal_doubt for i in kept)
+    suspicion = Suspicion(doubt, [refined[i].doubted / doubt for i in kept]) if doubt > 0.0 else None
+    found = match_jointly(reference, pictures, matching, told, untold, suspicion)
     for i, picture in zip(found.used, found.pictures):
         pictures[i] = picture
         refined[kept[i]] = replace(refined[kept[i]], picture=picture)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One robust adjustment of all pictures' poses with their priors (GTSAM), points eliminated."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Dict, List, Optional, Tuple
 
 import gtsam
@@ -47,6 +47,9 @@ class Adjusted:
     residual_px: np.ndarray
     focal_sigma: float = 0.0  # standard deviation of ``focal_scale``, 0 where it was held
     systematic: Optional[np.ndarray] = None  # as ``covariance``, beside it: of errors that all points share
+    doubted: Optional[np.ndarray] = None  # the same of a focal length that may be wrong
+    focal_doubt: float = 0.0  # how probable it is that it is wrong
+    by_focal: Optional[np.ndarray] = None  # (6n,) how the poses follow ``focal_scale``, None where it was held
 
 
 def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> Adjusted:
@@ -78,8 +81,10 @@ def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> 
     n = 6 * len(order)
     covariance = _covariance(graph, result, [X(k) for k in order] + ([F(0)] if with_focal else []))
     focal_sigma = float(np.sqrt(covariance[n, n])) if with_focal else 0.0
+    by_focal = covariance[:n, n] / covariance[n, n] if with_focal else None
     covariance = _with_shared(covariance[:n, :n], problem, order)
-    return Adjusted(poses, order, covariance, structure.rho, scale, offsets, residual, focal_sigma)
+    found = Adjusted(poses, order, covariance, structure.rho, scale, offsets, residual, focal_sigma)
+    return replace(found, by_focal=by_focal)
 
 
 def _prior_factor(problem: Problem, k: int):

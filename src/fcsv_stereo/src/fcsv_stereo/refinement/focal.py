@@ -1,46 +1,86 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the pictures contradict the focal length that they came with."""
+"""Whether the pictures contradict the focal length that they came with, and what a wrong one makes of the poses.
+
+A focal length is either right or off by some ANY_FOCAL. Which, is told by how likely both make the pictures. What they
+leave open is in the poses' covariance: yaw follows a wrong focal length, and moves all disparities of a pair.
+"""
 
 from dataclasses import dataclass, replace
-from typing import Optional
+from typing import Dict, Optional
 
-from fcsv_stereo.refinement.adjust import adjust
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.refinement.adjust import Adjusted, adjust
 from fcsv_stereo.refinement.consensus import Consensus
+from fcsv_stereo.refinement.systematic import systematic
+from fcsv_stereo.refinement.types import ANY_FOCAL
 
-ANY_FOCAL = 0.05  # share by which a focal length may well be wrong: from a data sheet, of a lens at another zoom
 _LEAST = 0.015  # a smaller change moves depth by less than poses do
-_SAID, _SURE = 3.0, 5.0  # standard deviations: for a warning, and to take it
+_ODDS = 0.25  # that it is wrong, before the pictures tell: data sheets and EXIF tags are off by per cents
+_PERHAPS, _LIKELY = 0.35, 0.6  # probabilities, for a warning: a single pair shows 5 % by 2 to 3 standard deviations
+_SURE = 5.0  # standard deviations, to take it
 _KNOWN = 0.01  # share to which several pictures tell it
 
 
 @dataclass(frozen=True)
 class FocalFit:
-    """The focal length that fits far better than the given one: ``change`` of it and its standard deviation, shares."""
+    """The focal length that fits best: ``change`` of the given one and its standard deviation, shares.
+
+    ``probability`` is that the given one is wrong. ``if_left`` (6n, 6n) is what is to be added to the covariance of the
+    adjusted poses where it is left, in their order and axes.
+    """
 
     change: float
     sigma: float
+    probability: float
+    if_left: np.ndarray
 
     @property
     def known(self) -> bool:
         """Well enough to take it."""
-        return self.sigma <= _KNOWN and abs(self.change) >= _SURE * self.sigma
+        return self.sigma <= _KNOWN and abs(self.change) >= max(_LEAST, _SURE * self.sigma)
 
     @property
     def words(self) -> str:
-        """What the pictures say."""
+        """What the pictures say; empty where they say nothing against the given one."""
+        if abs(self.change) < _LEAST or self.probability < _PERHAPS:
+            return ""
         which = "longer" if self.change > 0 else "shorter"
-        return f"the pictures fit a focal length {abs(self.change):.1%} {which} than the given one (+-{self.sigma:.1%})"
+        fit = "fit" if self.probability >= _LIKELY else "perhaps fit"
+        length = f"{abs(self.change):.1%} {which} than the given one (+-{self.sigma:.1%})"
+        return f"the pictures {fit} a focal length {length}"
 
 
-def better_focal(consensus: Consensus) -> Optional[FocalFit]:
-    """None where the given one fits, or it was refined.
+def focal_fit(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Optional[FocalFit]:
+    """None where nothing was adjusted, or the focal length was refined; ``cameras`` (by picture) are the features'.
 
     One more adjustment from the poses that were found, with the focal length free. Three pictures or more tell it well
-    (0.2 % in a town), a single pair hardly (2 %).
+    (0.2 % in a town), a single pair hardly (2 %). The probability is by the ratio of densities at no change, beforehand
+    and by the pictures (Savage and Dickey's ratio).
     """
     found, problem = consensus.adjusted, consensus.problem
     if found is None or problem is None or problem.focal_sigma > 0.0:
         return None
-    free = adjust(replace(problem, focal_sigma=ANY_FOCAL), found.poses, found.rho)
-    fit = FocalFit(free.focal_scale - 1.0, free.focal_sigma)
-    return fit if abs(fit.change) >= max(_LEAST, _SAID * fit.sigma) else None
+    loose = replace(problem, focal_sigma=ANY_FOCAL)
+    free = adjust(loose, found.poses, found.rho)
+    fields = systematic(replace(consensus, adjusted=free, problem=loose), cameras)
+    change, sigma = free.focal_scale - 1.0, min(float(np.hypot(free.focal_sigma, fields.focal_sigma)), ANY_FOCAL)
+    favour = _ODDS * sigma / ANY_FOCAL * np.exp(min(0.5 * (change / sigma) ** 2, 500.0))
+    probability = float(favour / (1.0 + favour))
+    step = _looks_like(free)
+    return FocalFit(change, sigma, probability, probability * (change**2 + sigma**2) * np.outer(step, step))
+
+
+def _looks_like(free: Adjusted) -> np.ndarray:
+    """(6n,) by how much wrong poses look as the given focal length does, per share that it is off.
+
+    The poses follow it (``by_focal``). A turn about x or y by an angle a shifts a picture by f a: a focal length that
+    is off does to a picture that is turned what another turn does, and to one that is moved across what a scale does.
+    """
+    direct = [
+        [*Rotation.from_matrix(T[:3, :3]).as_rotvec()[:2], 0.0, *(T[:3, :3].T @ T[:3, 3])[:2], 0.0]
+        for T in (free.poses[k] for k in free.order)
+    ]
+    return free.by_focal + np.ravel(direct)

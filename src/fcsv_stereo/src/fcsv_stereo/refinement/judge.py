@@ -45,7 +45,10 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
     before, after, inliers = _epipolar(views, k, consensus)
     camera = scaled(views[k].picture.camera, adjusted.focal_scale)
     picture = replace(views[k].picture, T_home_cam=T_home_cam, camera=camera)
-    return RefinedPicture(picture, prior_T, True, "", inliers, before, after, told, untold)
+    found = RefinedPicture(picture, prior_T, True, "", inliers, before, after, told, untold)
+    if adjusted.doubted is None:
+        return found
+    return replace(found, doubted=_own(views[0], adjusted, k, adjusted.doubted), focal_doubt=adjusted.focal_doubt)
 
 
 def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
@@ -84,14 +87,19 @@ def _position_surprise_m(views: List[View], k: int, options: RefineOptions) -> f
 
 def _covariances(reference: View, adjusted, k: int, options: RefineOptions) -> Tuple[np.ndarray, np.ndarray]:
     """Told and untold (6x6), rotation in camera axes and position turned from camera to home axes."""
-    own = slice(6 * adjusted.order.index(k), 6 * adjusted.order.index(k) + 6)
-    R_home_ref = reference.picture.T_home_cam[:3, :3]
-    turn = np.eye(6)
-    turn[3:, 3:] = R_home_ref @ adjusted.poses[k][:3, :3]
-    untold = of_scale(R_home_ref @ adjusted.poses[k][:3, 3], options.prior.scale_sigma)
+    arm_m = reference.picture.T_home_cam[:3, :3] @ adjusted.poses[k][:3, 3]
+    untold = of_scale(arm_m, options.prior.scale_sigma)
     if adjusted.systematic is not None:
-        untold = untold + turn @ adjusted.systematic[own, own] @ turn.T
-    return turn @ adjusted.covariance[own, own] @ turn.T, untold
+        untold = untold + _own(reference, adjusted, k, adjusted.systematic)
+    return _own(reference, adjusted, k, adjusted.covariance), untold
+
+
+def _own(reference: View, adjusted, k: int, covariance: np.ndarray) -> np.ndarray:
+    """Picture k's part (6x6) of a ``covariance`` of all poses, its position turned to home axes."""
+    own = slice(6 * adjusted.order.index(k), 6 * adjusted.order.index(k) + 6)
+    turn = np.eye(6)
+    turn[3:, 3:] = reference.picture.T_home_cam[:3, :3] @ adjusted.poses[k][:3, :3]
+    return turn @ covariance[own, own] @ turn.T
 
 
 def _prior(views: List[View], k: int, options: RefineOptions) -> np.ndarray:

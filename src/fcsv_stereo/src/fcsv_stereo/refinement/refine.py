@@ -8,11 +8,12 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import Picture
 from fcsv_stereo.refinement.consensus import Consensus, adjust_robustly
 from fcsv_stereo.refinement.features import View, prepare
-from fcsv_stereo.refinement.focal import ANY_FOCAL, better_focal
+from fcsv_stereo.refinement.focal import FocalFit, focal_fit
 from fcsv_stereo.refinement.graph import link_all, start_poses
 from fcsv_stereo.refinement.judge import judge, scaled, surprise
 from fcsv_stereo.refinement.links import Link
@@ -21,7 +22,7 @@ from fcsv_stereo.refinement.symptoms import symptom
 from fcsv_stereo.refinement.systematic import systematic
 from fcsv_stereo.refinement.time_offset import motions
 from fcsv_stereo.refinement.tracks import observe
-from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptions
+from fcsv_stereo.refinement.types import ANY_FOCAL, RefinedPicture, Refinement, RefineOptions
 
 _DEFAULT = RefineOptions()
 _SIFT_FEATURES = 1500
@@ -43,13 +44,14 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
     words: List[str] = []
     if options.correct_camera:
         found, words = _straightened(found, options, clock)
-    focal = better_focal(found.consensus)
+    focal = focal_fit(found.consensus, _cameras(found))
     if focal is not None and focal.known and options.correct_camera:
         freed = replace(options, refine_focal=True, focal_sigma=ANY_FOCAL)
         found = replace(_adjusted(found.pictures, freed, clock), turns=found.turns)
         words.append(f"{focal.words}: it was taken; calibrate the camera, or --keep-camera")
     elif focal is not None:
-        words.append(f"{focal.words}: calibrate the camera, or map with --refine-focal")
+        found = _doubted(found, focal)
+        words += [f"{focal.words}: calibrate the camera, or map with --refine-focal"] if focal.words else []
     return _refinement(found, words, options, clock)
 
 
@@ -104,8 +106,17 @@ def _straightened(found: _Adjustment, options: RefineOptions, clock: "_Clock") -
 
 
 def _turns(found: _Adjustment) -> Optional[ReadoutTurns]:
-    cameras = {k: v.camera for k, v in enumerate(found.views)}
-    return readout_turns(found.consensus, cameras, found.turns.turns_rad if found.turns else {})
+    return readout_turns(found.consensus, _cameras(found), found.turns.turns_rad if found.turns else {})
+
+
+def _cameras(found: _Adjustment) -> Dict[int, PinholeCamera]:
+    return {k: v.camera for k, v in enumerate(found.views)}
+
+
+def _doubted(found: _Adjustment, focal: FocalFit) -> _Adjustment:
+    """With what a focal length that may be wrong makes of the poses."""
+    adjusted = replace(found.consensus.adjusted, doubted=focal.if_left, focal_doubt=focal.probability)
+    return replace(found, consensus=replace(found.consensus, adjusted=adjusted))
 
 
 def _refinement(found: _Adjustment, words: List[str], options: RefineOptions, clock: "_Clock") -> Refinement:
@@ -126,8 +137,7 @@ def _with_systematic(found: _Adjustment) -> Consensus:
     consensus, turns = found.consensus, _turns(found)
     if consensus.adjusted is None or turns is None:
         return consensus
-    cameras = {k: v.camera for k, v in enumerate(found.views)}
-    shared = systematic(consensus, cameras).covariance + (turns.covariance if found.turns else turns.if_left)
+    shared = systematic(consensus, _cameras(found)).covariance + (turns.covariance if found.turns else turns.if_left)
     return replace(consensus, adjusted=replace(consensus.adjusted, systematic=shared))
 
 

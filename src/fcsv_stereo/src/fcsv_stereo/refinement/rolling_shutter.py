@@ -17,8 +17,8 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Picture
 from fcsv_stereo.refinement import fields
 from fcsv_stereo.refinement.consensus import Consensus
-from fcsv_stereo.refinement.focal import ANY_FOCAL
 from fcsv_stereo.refinement.structure import Structure
+from fcsv_stereo.refinement.types import ANY_FOCAL
 
 _TURN_SIGMA_RAD = np.radians(0.1)  # a vehicle that holds turns by 5 deg/s, and a picture is read in 20 ms
 _ODDS = 0.1  # that rows are read late, before the residuals tell: cameras for this work have global shutters

@@ -17,17 +17,18 @@ import numpy as np
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.refinement import fields
 from fcsv_stereo.refinement.consensus import Consensus
-from fcsv_stereo.refinement.focal import ANY_FOCAL
 from fcsv_stereo.refinement.structure import Structure
 
 
 @dataclass(frozen=True)
 class Systematic:
     """``covariance`` (6n, 6n) is to be added to ``Adjusted.covariance``, in its order and axes; ``field_px`` is how
-    large the fields are (rms per axis over a picture)."""
+    large the fields are (rms per axis over a picture), ``focal_sigma`` what they make of a free focal length
+    (a share)."""
 
     covariance: np.ndarray
     field_px: float
+    focal_sigma: float = 0.0
 
 
 def systematic(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Systematic:
@@ -53,11 +54,12 @@ def systematic(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Syste
     for k in adjusted.order:
         H[pose[k], pose[k]] += np.linalg.inv(problem.priors[k].full_covariance)
     if held > n:
-        H[n, n] += (problem.focal_sigma or ANY_FOCAL) ** -2
+        H[n, n] += problem.focal_sigma**-2
     moved = np.linalg.solve(H[:held, :held], H[:held, held:])  # of the poses by each term
     left = H[held:, held:] - H[held:, :held] @ moved
     field_px = _field_px(left, g[held:])
-    return Systematic(moved[:n] @ moved[:n].T * (field_px**2 / fields.TERMS), field_px)
+    moved *= field_px / fields.TERMS**0.5
+    return Systematic(moved[:n] @ moved[:n].T, field_px, float(np.linalg.norm(moved[n:held])))
 
 
 def _field_px(information: np.ndarray, gradient: np.ndarray) -> float:

@@ -11,6 +11,8 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import Picture, PosePrior
 from fcsv_stereo.refinement.features import KnownFeatures
 
+ANY_FOCAL = 0.05  # share by which a focal length may well be wrong: from a data sheet, of a lens at another zoom
+
 
 @dataclass(frozen=True)
 class RefineOptions:
@@ -43,7 +45,8 @@ class RefinedPicture:
     ``inliers`` of a refused one: those that agree with a prior which they do not better. The epipolar errors are rms
     over the inliers (px), NaN where there are none; ``reason`` says why it was refused. The covariance is the sum of
     ``told`` (6x6), which further pixels make smaller, and ``untold``, which stays however many are compared: the scale
-    that all poses share, and errors that all points of a picture share (``systematic``).
+    that all poses share, and errors that all points of a picture share (``systematic``); and of ``doubted``, which
+    stays as well: what a focal length that is wrong with the probability ``focal_doubt`` makes of them (``focal``).
     """
 
     picture: Picture
@@ -55,11 +58,13 @@ class RefinedPicture:
     epipolar_after_px: float
     told: np.ndarray
     untold: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
+    doubted: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
+    focal_doubt: float = 0.0
 
     @property
     def covariance(self) -> np.ndarray:
         """(6, 6), of all errors."""
-        return self.told + self.untold
+        return self.told + self.untold + self.doubted
 
     @property
     def correction_rad(self) -> float:

@@ -11,6 +11,7 @@ from typing import Iterable, Iterator, Tuple
 
 import cv2
 import numpy as np
+from scipy.special import erfc
 
 from fcsv_stereo.joint.refine.residuals import Residuals, residuals
 from fcsv_stereo.joint.refine.subpixel import Fine
@@ -24,6 +25,7 @@ FEATURES = (
     "volume's match about it", "volume's match further about it", "log step about it", "log step further about it",
     "log contrast", "share of pairs that see it",
 )  # fmt: skip
+WRONG = 0.1  # share of the depth: errors above it are what ``doubt`` is the probability of
 _WINDOW = (RESIDUALS.window_px,) * 2
 
 
@@ -102,6 +104,16 @@ def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
         for term, weight in zip(terms(column, first, k), EVIDENCE.weights[3 * k : 3 * k + 3]):
             logit += np.float32(weight) * term
     return (1.0 / (1.0 + np.exp(-np.clip(logit, -30.0, 30.0)))).astype(np.float32)
+
+
+def chance_of_wrong(off: np.ndarray) -> np.ndarray:
+    """HxW float32: the probability of an error above a tenth, where errors have the standard deviation ``off`` (a share
+    of the depth).
+
+    >>> chance_of_wrong(np.array([0.0, 0.05, 0.1])).astype(float).round(3).tolist()
+    [0.0, 0.046, 0.317]
+    """
+    return erfc(WRONG / (np.sqrt(2.0) * np.maximum(off, 1e-6))).astype(np.float32)
 
 
 def _unlike(difference: np.ndarray) -> np.ndarray:
