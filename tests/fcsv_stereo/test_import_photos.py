@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
-from support.gps_tags import ORIGIN, gps_at, write_tagged
-from support.scenes import CAMERA, camera_pose, photograph
+from support.gps_tags import FOCAL_35_MM, ORIGIN, PLACES_M, flown_photographs, gps_at, write_tagged
+from support.scenes import CAMERA, camera_pose
 
 from fcsv_geometry import transforms
 from fcsv_stereo import colmap, fcsv_command
@@ -18,16 +18,14 @@ from fcsv_stereo.errors import InputError, OutputError
 from fcsv_stereo.photos import ImportOptions, import_photos
 from fcsv_stereo.photos.command import main
 from fcsv_stereo.photos.earth import east_north_up_m
-from fcsv_stereo.photos.models import read_model, write_model
+from fcsv_stereo.photos.models import read_model
 from fcsv_stereo.photos.similarity import fit
 from fcsv_stereo.photos.tags import read_tags
 
-FOCAL_35_MM = 33  # of CAMERA, in whole millimetres, as cameras write it
 XMP = """<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:Description drone-dji:GimbalYawDegree="+90.00"
 drone-dji:GimbalPitchDegree="-30.0" drone-dji:GimbalRollDegree="0" drone-dji:RtkFlag="50" drone-dji:RtkStdLon="0.012"
 drone-dji:RtkStdLat="0.011" drone-dji:RtkStdHgt="0.03" drone-dji:AbsoluteAltitude="+521.5"/></x:xmpmeta>"""
 SMALL = np.zeros((24, 32, 3), np.uint8)
-PLACES_M = np.array([[0.0, 0, 0], [0, -3, 0.5], [0.5, 3, 1.5], [1, -6, 1.5], [-0.5, 6, 0]])  # in home
 
 
 def test_tags_of_an_ordinary_camera(tmp_path):
@@ -110,23 +108,7 @@ def test_places_that_fix_no_scale(places, words):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """Photographs of the drawn walls with GPS good to 5 cm (home's x is north-east); COLMAP's model of them, text."""
-    folder = tmp_path_factory.mktemp("flown")
-    rng = np.random.default_rng(2)
-    (folder / "photos").mkdir()
-    (folder / "model").mkdir()
-    R_enu_home = Rotation.from_euler("z", 45, degrees=True).as_matrix()
-    T_model_home = transforms.from_xyz_rpy([3.0, -1.0, 2.0], [0.4, -0.8, 2.0])
-    posed = []
-    for i, p in enumerate(PLACES_M):
-        T_home_cam = camera_pose(p, (0.0, 0.0, -2.0 * p[1]))
-        gps = gps_at(R_enu_home @ p + rng.normal(0, 0.05, 3))
-        write_tagged(folder / "photos" / f"{i}.jpg", photograph(T_home_cam), gps, 1, FOCAL_35_MM, error_m=0.05)
-        T_model_cam = T_model_home @ T_home_cam
-        T_model_cam[:3, 3] *= 0.37
-        posed.append(colmap.PosedImage(f"{i}.jpg", 1, T_model_cam))
-    write_model(folder / "model", {1: CAMERA}, posed)
-    return folder
+    return flown_photographs(tmp_path_factory.mktemp("flown"))
 
 
 def require_true_places(out, tolerance_m=0.1):

@@ -260,7 +260,6 @@ def test_one_pair_doubts_a_wrong_focal_length(factor):
     assert result.focal_scale == 1.0 and pose.refined and 0.1 < pose.focal_doubt < 1.0
     across = pose.doubted[4, 4] ** 0.5 / abs(pose.picture.T_home_cam[1, 3])
     assert 0.5 * pose.focal_doubt**0.5 * 0.05 < across < 0.1, "a scale that is in doubt"
-    print(pose.focal_doubt, across, result.warnings)
 
 
 def read_by_rows(picture, turn_rad, strips=60):

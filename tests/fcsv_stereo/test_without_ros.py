@@ -9,12 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.gps_tags import flown_photographs
 from support.photographs import model
 from support.ros2_bags import session_to_ros2
 from support.scenes import CAMERA, camera_pose, photograph
 from support.sessions import write_session
 
-from fcsv_stereo import cli, fcsv_command
+from fcsv_stereo import cli, colmap, fcsv_command
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")  # the one whose wheels requirements.txt has brought into pip's cache
 ROS = ("rospy", "rosbag", "genpy", "cv_bridge", "tf2_ros", "sensor_msgs", "fcsv_msgs", "rospkg", "catkin_pkg")
@@ -46,11 +47,12 @@ def photographs(folder):
 
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory):
-    """Folder with a session of ROS 1, the same of ROS 2, photographs."""
+    """Folder with a session of ROS 1, the same of ROS 2, photographs, and some with GPS tags and COLMAP's model."""
     folder = tmp_path_factory.mktemp("inputs")
     write_session(folder / "session")
     session_to_ros2(folder / "session", folder / "ros2", "mcap")
     photographs(folder / "photographs")
+    flown_photographs(folder / "flown")
     return folder
 
 
@@ -118,6 +120,12 @@ def test_the_wheel_maps_as_the_catkin_way_does(inputs, clean, tmp_path):
         assert (tmp_path / f"{name}-wheel" / "report.html").stat().st_size > 10000
     plan = run([venv / "bin/fcsv", "plan", "--range-m", "400", "--error", "10%"], env=env, cwd=tmp_path)
     assert plan.returncode == 0 and "300 to 400 m" in plan.stdout
+    flown, out = inputs / "flown", tmp_path / "imported"
+    imported = [venv / "bin/fcsv", "import-photos", flown / "photos", "-o", out, "--model", flown / "model"]
+    done = run(imported, env=env, cwd=tmp_path)
+    assert done.returncode == 0 and "images/ (5)" in done.stdout, done.stderr[-2000:]
+    given = colmap.read_photographs(out, "2.jpg")
+    assert len(given.configurations) == 4 and given.configurations[0].others[0].covariance is not None
 
 
 @pytest.mark.slow

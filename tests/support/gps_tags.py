@@ -3,11 +3,38 @@
 
 import numpy as np
 from PIL import Image, TiffImagePlugin
+from scipy.spatial.transform import Rotation
 
+from fcsv_geometry import transforms
+from fcsv_stereo import colmap
 from fcsv_stereo.photos.earth import east_north_up_m
+from fcsv_stereo.photos.models import write_model
 from fcsv_stereo.photos.tags import Gps
+from support.scenes import CAMERA, camera_pose, photograph
 
 ORIGIN = Gps(48.1371, 11.5754, 520.0)
+FOCAL_35_MM = 33  # of CAMERA, in whole millimetres, as cameras write it
+PLACES_M = np.array([[0.0, 0, 0], [0, -3, 0.5], [0.5, 3, 1.5], [1, -6, 1.5], [-0.5, 6, 0]])  # in home
+
+
+def flown_photographs(folder):
+    """``folder`` with photographs of the drawn walls in photos/, GPS good to 5 cm (home's x is north-east), and
+    COLMAP's model of them in model/, as text."""
+    rng = np.random.default_rng(2)
+    (folder / "photos").mkdir(parents=True)
+    (folder / "model").mkdir()
+    R_enu_home = Rotation.from_euler("z", 45, degrees=True).as_matrix()
+    T_model_home = transforms.from_xyz_rpy([3.0, -1.0, 2.0], [0.4, -0.8, 2.0])
+    posed = []
+    for i, p in enumerate(PLACES_M):
+        T_home_cam = camera_pose(p, (0.0, 0.0, -2.0 * p[1]))
+        gps = gps_at(R_enu_home @ p + rng.normal(0, 0.05, 3))
+        write_tagged(folder / "photos" / f"{i}.jpg", photograph(T_home_cam), gps, 1, FOCAL_35_MM, error_m=0.05)
+        T_model_cam = T_model_home @ T_home_cam
+        T_model_cam[:3, 3] *= 0.37
+        posed.append(colmap.PosedImage(f"{i}.jpg", 1, T_model_cam))
+    write_model(folder / "model", {1: CAMERA}, posed)
+    return folder
 
 
 def gps_at(enu_m, origin=ORIGIN):
