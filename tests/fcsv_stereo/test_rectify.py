@@ -143,7 +143,7 @@ def test_tilted_pairs_give_the_same_depth(side, matcher):
     assert far_px < 0  # the case that needs the sign
     disparity = match(pair, matcher, DisparityWindow(8, 64))
     points = points_from_depth(depth_from_disparity(pair, disparity), pair.K_reference) @ pair.R_home_rect.T
-    depth = resample(points.reshape(-1, 3), transforms.invert(a.T_home_cam), CAMERA)
+    depth = resample(points.reshape(-1, 3), a.T_home_cam, CAMERA)
     known = np.isfinite(depth)
     error = np.abs(depth[known] - true_depth(a.T_home_cam)[known])
     bound_m = 20.0**2 / (1.5 * CAMERA.fx)

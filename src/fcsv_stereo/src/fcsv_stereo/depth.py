@@ -36,19 +36,6 @@ def points_from_depth(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
     return np.stack([(u - K[0, 2]) / K[0, 0] * depth, (v - K[1, 2]) / K[1, 1] * depth, depth], axis=-1)
 
 
-def resample(points_home: np.ndarray, T_cam_home: np.ndarray, camera: PinholeCamera) -> np.ndarray:
-    """Depth (H,W, NaN) of points (N,3) of home as ``camera`` sees them: the nearest wins, single holes are closed."""
-    p = points_home @ T_cam_home[:3, :3].T + T_cam_home[:3, 3]
-    p = p[np.isfinite(p).all(axis=1) & (p[:, 2] > 0)]
-    u = np.rint(p[:, 0] / p[:, 2] * camera.fx + camera.cx).astype(int)
-    v = np.rint(p[:, 1] / p[:, 2] * camera.fy + camera.cy).astype(int)
-    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    flat = v[inside] * camera.width + u[inside]
-    depth = np.full(camera.width * camera.height, np.inf, np.float32)
-    np.minimum.at(depth, flat, p[inside, 2].astype(np.float32))
-    return close_holes(depth.reshape(camera.height, camera.width))
-
-
 def pixels_of(
     camera: PinholeCamera, T_home_cam: np.ndarray, points_home_m: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -59,6 +46,19 @@ def pixels_of(
         inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
     rows, columns = (np.where(inside, x, 0).astype(int) for x in (v, u))
     return rows, columns, p_cam[:, 2], inside
+
+
+def shown_share(camera: PinholeCamera, T_home_cam: np.ndarray, points_home_m: np.ndarray) -> float:
+    """Share of points (N,3) of home that lie in a picture; something nearer may hide them."""
+    return float(pixels_of(camera, T_home_cam, points_home_m)[3].mean())
+
+
+def resample(points_home_m: np.ndarray, T_home_cam: np.ndarray, camera: PinholeCamera) -> np.ndarray:
+    """Depth (H,W, NaN) of points (N,3) of home as ``camera`` sees them: the nearest wins, single holes are closed."""
+    rows, columns, z, inside = pixels_of(camera, T_home_cam, points_home_m)
+    depth = np.full((camera.height, camera.width), np.inf, np.float32)
+    np.minimum.at(depth, (rows[inside], columns[inside]), z[inside].astype(np.float32))
+    return close_holes(depth)
 
 
 def close_holes(depth: np.ndarray) -> np.ndarray:

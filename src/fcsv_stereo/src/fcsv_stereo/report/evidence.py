@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
+from fcsv_stereo.depth import shown_share
 from fcsv_stereo.model import Axis, ImageEntry, MapResult, Pair
 
 _FAR_M = 1e5  # where a pixel without depth is taken to look
@@ -71,16 +72,11 @@ def pair_evidence(result: MapResult, index: int) -> PairEvidence:
 
 def overlap(result: MapResult, p: Pair) -> float:
     """Share of the reference picture's pixels that the other camera sees, at the mapped depth or far away."""
-    camera = result.reference.camera
+    reference = result.reference
     depth = result.depth[::_STEP_PX, ::_STEP_PX]
     z = np.where(np.isfinite(depth), depth, _FAR_M)
-    points = camera.rays()[::_STEP_PX, ::_STEP_PX] * z[..., None]
-    T_other_ref = transforms.invert(p.T_home_cam_other) @ result.reference.T_home_cam
-    seen = transforms.apply(T_other_ref, points.reshape(-1, 3).astype(float))
-    ahead = seen[:, 2] > 0
-    uv = camera.project(seen[ahead])
-    inside = (uv >= -0.5).all(1) & (uv[:, 0] < camera.width - 0.5) & (uv[:, 1] < camera.height - 0.5)
-    return float(inside.sum() / len(seen))
+    points_cam = (reference.camera.rays()[::_STEP_PX, ::_STEP_PX] * z[..., None]).reshape(-1, 3)
+    return shown_share(reference.camera, p.T_home_cam_other, transforms.apply(reference.T_home_cam, points_cam))
 
 
 def epipolar_offsets(p: Pair) -> np.ndarray:

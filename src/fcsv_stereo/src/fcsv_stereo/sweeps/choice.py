@@ -10,6 +10,8 @@ from typing import Dict, List, Sequence
 
 import numpy as np
 
+from fcsv_geometry import transforms
+from fcsv_stereo.depth import shown_share
 from fcsv_stereo.model import Configuration, ConfigurationInput, Picture
 
 _STEPS = (0.42, 0.6, 0.85, 1.2, 2.0, 4.0)  # of the baseline, the first that leaves few enough pictures: 0.42 is sqrt(2)
@@ -100,17 +102,11 @@ def choose(found: Sequence[Candidate], step: float) -> List[Candidate]:
 
 def overlap(reference: Picture, other: Picture) -> float:
     """Share of the reference picture that the other sees of what is 20 m away."""
-    camera, seen = reference.camera, other.camera
-    u, v = np.meshgrid(
-        np.linspace(0.0, camera.width - 1.0, _GRID), np.linspace(0.0, camera.height - 1.0, _GRID)
-    )  # fmt: skip
-    points_cam = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1) * _NEAR_M
-    points_home = points_cam @ reference.T_home_cam[:3, :3].T + reference.T_home_cam[:3, 3]
-    x, y, z = np.moveaxis((points_home - other.T_home_cam[:3, 3]) @ other.T_home_cam[:3, :3], -1, 0)
-    ahead = np.maximum(z, 1e-6)
-    column, row = x / ahead * seen.fx + seen.cx, y / ahead * seen.fy + seen.cy
-    inside = (z > 0) & (column >= 0) & (column <= seen.width - 1) & (row >= 0) & (row <= seen.height - 1)
-    return float(inside.mean())
+    camera = reference.camera
+    edges = (np.linspace(0.0, n - 1.0, _GRID) for n in (camera.width, camera.height))
+    xy = camera.normalize(np.stack(np.meshgrid(*edges), -1).reshape(-1, 2))
+    points_cam = np.hstack([xy, np.ones((len(xy), 1))]) * _NEAR_M
+    return shown_share(other.camera, other.T_home_cam, transforms.apply(reference.T_home_cam, points_cam))
 
 
 def _blur_px(before: Picture, after: Picture) -> float:

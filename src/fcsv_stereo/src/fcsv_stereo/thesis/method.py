@@ -8,7 +8,6 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_geometry import transforms
 from fcsv_stereo.depth import depth_from_disparity, points_from_depth, resample
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError, MatchingError
@@ -109,8 +108,7 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
 
     started = time.perf_counter()
     reference = matched[0].reference
-    T_cam_home = transforms.invert(reference.T_home_cam)
-    depths = [resample(m.points_home.reshape(-1, 3), T_cam_home, reference.camera) for m in matched]
+    depths = [resample(m.points_home.reshape(-1, 3), reference.T_home_cam, reference.camera) for m in matched]
     layers = [_layer(m, d) for m, d in zip(matched, depths)]
     ranges_m = effective_ranges(layers, options.threshold, options.trim_m, options.across_axes)
     if given.kind is not InputKind.SESSION:  # independent pairs: each keeps what is near
