@@ -39,10 +39,29 @@ def changed(first, second):
 
 def test_black_borders_have_not_moved(pictures):
     found = changed(*pictures)
-    assert found is not None and not found.any()
+    assert found is not None and not found.changed.any() and found.comparable.mean() > 0.9
 
 
 def test_what_came_is_seen_up_to_near_the_border(pictures):
     pictures[1][100:140, 20:60] = 30
-    found = changed(*pictures)
+    found = changed(*pictures).changed
     assert found[110:130, 30 + TURNED_PX : 50 + TURNED_PX].all() and found.mean() < 0.06
+
+
+def moment(stamp_s, changed_px, comparable_px=(0, 1, 2, 3)):
+    """Of a picture of four pixels."""
+    return motion.Moment(stamp_s, *(np.isin(np.arange(4), px)[None] for px in (changed_px, comparable_px)))
+
+
+@pytest.mark.parametrize(
+    "moments, moves",
+    [
+        ([moment(10.0, [1, 2])], [1, 2]),  # one other moment: it may be either that moved
+        ([moment(10.0, [1, 2]), moment(20.0, [1])], [1]),  # the third pixel was only passed by
+        ([moment(10.0, [1, 2]), moment(20.0, [1], [0, 1])], [1, 2]),  # no witness: it does not show the third
+        ([moment(10.0, [1]), moment(1.9, [])], [1]),  # too near in time to say that it stands
+        ([moment(1.0, [1])], []),
+    ],
+)
+def test_what_no_other_moment_shows_moves(moments, moves):
+    assert np.flatnonzero(motion._never_again(0.0, moments)).tolist() == moves

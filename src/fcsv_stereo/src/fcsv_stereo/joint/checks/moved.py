@@ -34,30 +34,58 @@ class _Still:
     full: np.ndarray  # HxW bool: there is picture
 
 
+@dataclass(frozen=True)
+class Moment:
+    """A later picture of the reference camera: ``changed`` HxW bool where it shows something else, ``comparable`` HxW
+    bool where it shows the place at all."""
+
+    stamp_s: float
+    changed: np.ndarray
+    comparable: np.ndarray
+
+
 def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
     """The result without the depths that rest on pairs before which something moved; it says so.
 
     Without reference pictures of later configurations (photographs) there is nothing to go by: the result as it is.
     """
     still = _still(result.reference, result.depth, result.sigma)
+    moments: Dict[str, Optional[Moment]] = {}  # pairs of one instant share their reference picture
     changed: Dict[int, np.ndarray] = {}
     watched = []
     for k, pair in enumerate(result.pairs):
         later = _reference_of(given.configurations, pair.other_name)
-        if later is not None and later.name != result.reference.name:
+        if later is None or later.name == result.reference.name:
+            continue
+        if later.name not in moments:
             scale = result.reference.camera.width / later.camera.width
-            seen = changes(result.reference, later.shrunk(scale) if scale < 1.0 else later, still)
-            if seen is None:
-                continue
-            watched.append(pair.other_name)
-            if seen.any():
-                changed[k] = seen
+            moments[later.name] = changes(result.reference, later.shrunk(scale) if scale < 1.0 else later, still)
+        moment = moments[later.name]
+        if moment is None:
+            continue
+        watched.append(pair.other_name)
+        if moment.changed.any():
+            changed[k] = moment.changed
     result = replace(result, watched=watched)
-    return _without(result, changed) if changed else result
+    seen = [m for m in moments.values() if m is not None]
+    return _without(result, changed, _never_again(result.reference.stamp_s, seen)) if changed else result
 
 
-def changes(reference: Reference, later: Picture, still: _Still) -> Optional[np.ndarray]:
-    """HxW bool: where ``later`` (from nearly the same place) shows something else; None where it cannot be compared."""
+def _never_again(stamp_s: float, moments: List[Moment]) -> np.ndarray:
+    """HxW bool: what no other moment shows as the reference picture does, though some could: it moves, and pairs of
+    the reference picture's own instant agree on where it was only then.
+
+    A moment so near in time that a walker has hardly moved tells nothing.
+    """
+    apart = [m for m in moments if abs(m.stamp_s - stamp_s) >= MOVED.apart_s]
+    if not apart:
+        return np.zeros(moments[0].changed.shape, bool)
+    same = np.any([m.comparable & ~m.changed for m in apart], axis=0)
+    return np.any([m.changed for m in apart], axis=0) & ~same
+
+
+def changes(reference: Reference, later: Picture, still: _Still) -> Optional[Moment]:
+    """Where ``later`` (from nearly the same place) shows something else; None where it cannot be compared."""
     T_later_ref = _aligned(reference, later, still)
     if T_later_ref is None:
         return None
@@ -71,7 +99,7 @@ def changes(reference: Reference, later: Picture, still: _Still) -> Optional[np.
     noise = float(np.median(difference[comparable])) if comparable.any() else 0.0
     explained = MOVED.noise * noise + cv2.blur(slope * _off_px(reference, T_later_ref, still), _WINDOW)
     unlike = (cv2.blur(difference, _WINDOW) > MOVED.changed * explained) & comparable
-    return _spots(unlike)
+    return Moment(later.stamp_s, _spots(unlike), comparable)
 
 
 def _full(image: np.ndarray) -> np.ndarray:
@@ -165,8 +193,9 @@ def _spots(unlike: np.ndarray) -> np.ndarray:
     return cv2.dilate(large[labels].astype(np.uint8), kernel) > 0
 
 
-def _without(result: MapResult, changed: Dict[int, np.ndarray]) -> MapResult:
-    """Depths stay where the longest pair that agrees saw no change: a short one agrees with a wrong depth, too.
+def _without(result: MapResult, changed: Dict[int, np.ndarray], moves: np.ndarray) -> MapResult:
+    """Depths stay where the longest pair that agrees saw no change: a short one agrees with a wrong depth, too. Nothing
+    stays of what ``moves`` (HxW bool).
 
     What stays is as uncertain as that pair alone would leave it.
     """
@@ -178,7 +207,7 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray]) -> MapResult:
         np.maximum(unchanged, np.where(seen, 0.0, reach), out=unchanged)
     somewhere = np.any(list(changed.values()), axis=0)
     known = np.isfinite(result.depth)
-    gone = known & somewhere & (unchanged <= affected)
+    gone = known & somewhere & ((unchanged <= affected) | moves)
     longest = np.float32(max(p.configuration.baseline_m for p in result.pairs))
     sigma = np.where(somewhere, result.sigma * longest / np.maximum(unchanged, 1e-3), result.sigma)
     depth, sigma = (np.where(gone, np.float32(np.nan), x).astype(np.float32) for x in (result.depth, sigma))

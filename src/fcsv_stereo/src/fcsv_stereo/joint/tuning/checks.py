@@ -103,6 +103,7 @@ class Moved(Tuned):
     least_samples: int = tuned(100, "px", "with fewer it is taken as the same")
     exposure_rounds: int = tuned(3, "rounds", "in which what is unusual is left out")
     unusual: float = tuned(2.0, "medians", "what is unusual, one grey level besides")
+    apart_s: float = tuned(2.0, "s", "a picture nearer in time does not tell that something stands: a walker goes 3 m")
     said_share: float = tuned(5e-4, "share of the picture left out", "is worth a warning")
 
 
