@@ -42,6 +42,9 @@ def _fly_mission(machines: Machines, say: Say) -> Tuple[float, float]:
 
             MonitorWatch(machines.plan.monitor_folder, machines.plan.vehicles[0], say)
         _follow(machines, watch, say)
+        mapped = watch.maps.in_words()
+        if mapped:
+            say(mapped)
         return watch.flown_s, sum(watch.moved_m.values())
 
     return _fly(machines, follow, lambda: _land_fleet(watch, say), say)

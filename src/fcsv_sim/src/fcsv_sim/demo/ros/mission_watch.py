@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
 from fcsv_msgs.msg import Capture, MapState, MissionState, RecorderStatus
+from fcsv_sim.demo.maps_in_flight import MapsInFlight
 from fcsv_sim.demo.movement import Movement
 from fcsv_sim.machines.machines import Machine
 from mavros_msgs.msg import State, StatusText
@@ -30,7 +31,7 @@ class MissionWatch:
         self._tell, self._telling = say, threading.Lock()
         self._lock = threading.Lock()
         self._line = ""
-        self._map = None
+        self.maps = MapsInFlight()
         self.phase: Optional[int] = None
         self.captures = 0
         self.moved_m: Dict[str, float] = dict.fromkeys(vehicles, 0.0)
@@ -89,6 +90,8 @@ class MissionWatch:
 
     def _on_mission(self, message: MissionState) -> None:
         self.phase = message.phase
+        if message.phase == MissionState.CONFIGURATIONS:
+            self.maps.begin(time.monotonic())
         step = (
             f" {message.configuration + 1}/{message.configurations}" if message.phase_name == "CONFIGURATIONS" else ""
         )
@@ -105,18 +108,9 @@ class MissionWatch:
         self._say(f"captured {message.configuration.name}: set-point held within {message.position_error_m:.2f} m")
 
     def _on_map(self, message: MapState) -> None:
-        said = (message.state, message.detail, message.configurations)
-        if said == self._map or message.state not in ("partial", "ready", "failed"):
-            return
-        self._map = said
-        if message.state == "failed":
-            self._say(f"map in flight: {message.detail}")
-            return
-        kind = "first look" if message.state == "partial" else "map"
-        self._say(
-            f"{kind} in flight: {message.configurations} configurations, {message.points} points, "
-            f"{message.latency_s:.1f} s after the last picture"
-        )
+        line = self.maps.told(message, time.monotonic())
+        if line is not None:
+            self._say(line)
 
     def _on_state(self, message: State, vehicle: str) -> None:
         self.states[vehicle] = message
