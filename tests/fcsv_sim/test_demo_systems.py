@@ -109,7 +109,7 @@ def test_what_moves_and_who_monitors(arguments, monitor, moving, tmp_path, monke
     monkeypatch.setattr(demo, "run", lambda system, plan, say, **_: plans.append(plan) or 0)
     assert demo.main([*arguments, "--out", str(tmp_path / "out"), "--speed", "1"]) == 0
     (plan,) = plans
-    assert (plan.monitor, plan.movers) == (monitor, moving) and not (plan.monitor and plan.live)
+    assert (plan.monitor, bool(plan.movers)) == (monitor, moving) and not (plan.monitor and plan.live)
 
 
 @pytest.mark.parametrize("below", ["", "deeper/still"])

@@ -87,7 +87,7 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
     speed = slow_motion.share_of_real_time(begun)
     truth = export_truth(plan.sim_folder, plan.session_folder, plan.vehicles, system.stamps and system.stamps(plan))
     if plan.movers:
-        export_movers(truth, movers(Town.generate(plan.seed, plan.world).plan))
+        export_movers(truth, plan.movers)
     if system.T_world_odom is not None:
         T_body_cam = {n: v.T_body_cam for n, v in load_vehicles(vehicles_folder(), plan.vehicles).items()}
         say(held_in_words(held(plan.session_folder, plan.sim_folder, T_body_cam, system.T_world_odom)))
@@ -180,15 +180,14 @@ def _plan(system: System, args) -> FleetPlan:
     moving = _chosen(args.movers, args.world == "street" and any(c.at_once for c in flown.configurations))
     if moving and args.system != "tags":
         raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
-    if moving:
-        movers(Town.generate(args.seed, args.world).plan)  # refused where there is no street for them
+    through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()  # refused without a street
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
     rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
     return FleetPlan(
         out, mission, args.seed, args.world, vehicles, rviz=rviz, near=args.near == "1",
-        live=live and not monitor, monitor=monitor, movers=moving, flight_link=args.flight_link,
+        live=live and not monitor, monitor=monitor, movers=tuple(through_town), flight_link=args.flight_link,
         buttons=args.operator != "you",
     )  # fmt: skip
 

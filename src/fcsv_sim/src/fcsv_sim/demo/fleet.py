@@ -13,6 +13,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
+from fcsv_sim.world.movers import Mover
 
 CONTROL = "control"
 _TOLD_LINES = 6
@@ -41,7 +42,7 @@ class FleetPlan:
     rviz: bool = False
     live: bool = False
     monitor: bool = False  # instead of the map in flight: depth of the newest instant
-    movers: bool = False  # a car and a walker in the town
+    movers: Tuple[Mover, ...] = ()  # what moves through the town
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     buttons: bool = True  # a simulated operator presses them; else somebody does in the window
@@ -169,7 +170,7 @@ class SimulatedFleet(Machines):
             "uav": vehicle,
             "world": self.plan.world,
             "near": self.plan.near,
-            "sim_movers": self.plan.movers,
+            "sim_movers": bool(self.plan.movers),
             **({"captures_hz": MONITORED_HZ} if self.plan.monitor else {}),
             "flight_link": self.plan.flight_link,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
