@@ -10,7 +10,9 @@ covariances are those of its drift. Truth is the renderer's. Home is where uav1 
 until nothing stands within 1 m of it.
 
 there: of the true surfaces that some frame showed within 8 m of its vehicle, the share with a point of the near field
-within 5 cm and 2 % of that distance. wrong: share of its points that are farther than that from every true surface.
+within 5 cm and 2 % of that distance. all that stands: the same of all surfaces more than 0.3 m above the ground that
+are within 8 m of a place of a vehicle, whether a frame showed them or not: backs, tops and insides of hedges, too.
+wrong: share of its points that are farther than that from every true surface.
 --out: pictures of the map and of the near field, a report.
 """
 
@@ -54,6 +56,7 @@ _LEGS = (
 _APART_M, _RECORDED_S = (2.0, 4.0), (2.0, 12.0)  # baselines, and when their pictures are taken
 _WITHIN_M, _SHARE, _FIXED_M = 8.0, 0.02, 0.05
 _CLEAR_M = 1.0
+_PER_M2 = 100.0  # points of all that stands
 _EVERY = 7  # pixels of the truth
 _STANDING_M = 0.3  # above the ground below uav1: not of the ground
 _TRACKER = np.diag([0.005**2] * 3 + [np.radians(0.1) ** 2] * 3)  # of the odometry's own
@@ -72,6 +75,8 @@ class Row:
     there: float
     standing: int
     standing_there: float
+    all_standing: int
+    all_standing_there: float
     wrong: float
     median_m: float
     sigma_m: float
@@ -170,7 +175,7 @@ def flight(world: str, seed: int) -> Row:
     vehicles = {name: Flown(name, renderer, seed) for name in ("uav1", "uav2")}
     T_world_home, aside_m = None, clear(town)
     frames: List[DepthFrame] = []
-    true_points, ranges = [], []
+    true_points, ranges, places = [], [], []
     pictures: Dict[str, List[Picture]] = {"uav1": [], "uav2": []}
     for n, (t, at, apart_m) in enumerate(way(town, aside_m)):
         if T_world_home is None:
@@ -182,7 +187,7 @@ def flight(world: str, seed: int) -> Row:
                 frame, _, depth, T_world_cam = flown.look(t, T_world[name])
                 frames.append(frame)
                 p, r = within(depth, flown._camera.model, T_world_cam, T_world_home)
-                true_points.append(p), ranges.append(r)
+                true_points.append(p), ranges.append(r), places.append(T_world[name][:3, 3])
         if t in _RECORDED_S:
             for name, flown in vehicles.items():
                 pictures[name].append(flown.look(t, T_world[name], 5)[1])
@@ -205,6 +210,7 @@ def flight(world: str, seed: int) -> Row:
         surface,
         np.concatenate(true_points),
         np.concatenate(ranges),
+        all_standing(town, np.array(places), T_world_home),
         scene(town, T_world_home),
         joined,
     )
@@ -245,23 +251,48 @@ def far_map(pictures: Dict[str, List[Picture]]) -> MapResult:
     return Joint().map(MapInput("session", found, prior=FLOWN), Joint().options())
 
 
-def judged(world, seed, counted, seconds, surface: NearSurface, true, ranges, distance_to, joined) -> Row:
+def all_standing(town: Town, places_m: np.ndarray, T_world_home: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Points in home (N,3), 100 to the square metre, of all that stands within 8 m of a place (world), and their
+    distances (N,) from the nearest one."""
+    corners = town.vertices[town.triangles].astype(float)
+    tree, random = cKDTree(places_m), np.random.default_rng(3)
+    a, b, c = np.moveaxis(corners, 1, 0)
+    size = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    near = tree.query(corners.mean(axis=1))[0] <= _WITHIN_M + size
+    a, b, c = a[near], b[near], c[near]
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    k = np.repeat(np.arange(len(a)), random.poisson(_PER_M2 * area))
+    u, v = random.random((2, len(k), 1))
+    u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
+    points = a[k] + u * (b[k] - a[k]) + v * (c[k] - a[k])
+    distance = tree.query(points)[0]
+    points_home = transforms.apply(transforms.invert(T_world_home), points)
+    kept = (distance <= _WITHIN_M) & (points_home[:, 2] > _STANDING_M - _HEIGHT_M)
+    return points_home[kept], distance[kept]
+
+
+def judged(world, seed, counted, seconds, surface: NearSurface, true, ranges, standing_all, distance_to, joined) -> Row:
     """Against the truth."""
     points = surface.points()
-    there = cKDTree(points.points_home_m).query(true)[0] <= _FIXED_M + _SHARE * ranges
+    tree = cKDTree(points.points_home_m)
+    true_all, ranges_all = standing_all
+    all_there = tree.query(true_all)[0] <= _FIXED_M + _SHARE * ranges_all
+    there = tree.query(true)[0] <= _FIXED_M + _SHARE * ranges
     standing = true[:, 2] > _STANDING_M - _HEIGHT_M
     standing_there = float(there[standing].mean()) if standing.any() else float("nan")
     off = distance_to(points.points_home_m)
     allowed = _FIXED_M + _SHARE * _WITHIN_M
     return Row(
         world, seed, sum(counted.values()), seconds, len(points), len(true), float(there.mean()), int(standing.sum()),
-        standing_there, float((off > allowed).mean()), float(np.median(off)), float(np.median(points.sigma_m)),
+        standing_there, len(true_all), float(all_there.mean()) if len(true_all) else float("nan"),
+        float((off > allowed).mean()), float(np.median(off)), float(np.median(points.sigma_m)),
         float((off <= points.sigma_m).mean()), joined,
     )  # fmt: skip
 
 
 _HEAD = (
-    "world, seed", "frames", "time", "points", "there", "there, what stands", "wrong", "off, median", "sigma, median",
+    "world, seed", "frames", "time", "points", "there", "there, what stands", "all that stands", "wrong",
+    "off, median", "sigma, median",
     "within sigma", "seam", "seam at", "seam, step", "seam, size",
 )  # fmt: skip
 
@@ -270,12 +301,13 @@ def cells(r: Row) -> List[str]:
     """A row of the table."""
     n = r.joined.near
     standing = f"{r.standing_there:.1%} of {r.standing:,}" if r.standing else "nothing"
+    everything = f"{r.all_standing_there:.1%} of {r.all_standing:,}" if r.all_standing else "nothing"
     seam = ["none", "–", "–", "–"]
     if n.step is not None:
         seam = [f"{n.shared:,} px", f"{n.from_m:.1f} to {n.to_m:.1f} m", f"{n.step:+.1%}", f"{n.apart:.1%}"]
     return [
         f"{r.world} {r.seed}", str(r.frames), f"{r.seconds:.0f} s", f"{r.points:,}", f"{r.there:.1%}",
-        standing, f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm", f"{1e3 * r.sigma_m:.0f} mm",
+        standing, everything, f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm", f"{1e3 * r.sigma_m:.0f} mm",
         f"{r.within_1_sigma:.0%}", *seam,
     ]  # fmt: skip
 

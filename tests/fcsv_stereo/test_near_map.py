@@ -9,6 +9,7 @@ from support.scenes import CAMERA, camera_pose
 from support.sessions import T0, T_HOME_CAM, write_session
 
 from fcsv_geometry import transforms
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import pipeline
 from fcsv_stereo.cli import main
 from fcsv_stereo.errors import InputError
@@ -90,6 +91,19 @@ def test_the_seam_says_by_how_much_they_differ(scale):
     assert seam.step == pytest.approx(scale - 1.0, abs=0.01) and seam.apart == pytest.approx(abs(scale - 1.0), abs=0.01)
     assert 3.0 < seam.from_m < seam.to_m < 9.5
     assert seam.agree > 0.9 if scale == 1.0 else seam.agree < 0.6
+
+
+def test_what_only_noise_brought_into_range_is_not_there():
+    """A sensor that ends at 10 m tells of a wall at 9.6 m only what is measured too near; at 9 m it is believed."""
+    camera = PinholeCamera(32, 24, 60.0, 60.0, 15.5, 11.5)
+    found = {}
+    for wall_m in (9.0, 9.6):
+        volume = NearVolume(DepthSensor())
+        for i in range(4):
+            depth = np.full((24, 32), 1000.0 * wall_m, np.uint16)
+            volume.integrate(DepthFrame.of_millimetres("uav1", float(i), depth, camera, POSE, np.diag([1e-4] * 6)))
+        found[wall_m] = len(volume.surface())
+    assert found[9.0] > 1000 and found[9.6] == 0
 
 
 def test_the_far_map_hides_nothing_that_stands_before_or_behind_it():

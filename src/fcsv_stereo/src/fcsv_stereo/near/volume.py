@@ -6,13 +6,14 @@ counts every frame alike, ours by 1/sigma**2 of its depth and pose there.
 """
 
 from dataclasses import dataclass
-from typing import Optional
+from typing import List, Optional
 
 import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_stereo.near.frame import DepthFrame
+from fcsv_stereo.near.reach import View, within_reach
 from fcsv_stereo.near.sensor import DepthSensor
 from fcsv_stereo.near.summing import add_frame
 from fcsv_stereo.near.surface import NearSurface
@@ -52,14 +53,19 @@ class NearVolume:
         self._grid = library.t.geometry.VoxelBlockGrid(
             names, (f32, f32, f32), channels, self._rules.voxel_m, _BLOCK, _BLOCKS, self._core.Device("CPU:0")
         )
-        self.frames = 0
+        self._views: List[View] = []
+
+    @property
+    def frames(self) -> int:
+        """How many are in it."""
+        return len(self._views)
 
     def integrate(self, frame: DepthFrame) -> None:
         """Add one frame; one without a depth that can be believed changes nothing."""
         depth = frame.believed(self._sensor)
         if not np.isfinite(depth[::_STRIDE, ::_STRIDE]).any():
             return
-        self.frames += 1
+        self._views.append((frame.camera, frame.T_home_cam))
         T_cam_home = transforms.invert(frame.T_home_cam)
         keys = self._open_blocks(depth, frame)
         indices, _ = self._grid.hashmap().find(keys)
@@ -74,7 +80,8 @@ class NearVolume:
         )  # fmt: skip
 
     def surface(self) -> NearSurface:
-        """All surfaces that enough frames saw."""
+        """All surfaces that enough frames saw, and of which one was near enough: at the end of its range a camera tells
+        only what noise brought nearer."""
         if not self.frames:
             return NearSurface.none(self._rules.voxel_m)
         mesh = self._grid.extract_triangle_mesh(weight_threshold=_LEAST_WEIGHT)
@@ -82,10 +89,10 @@ class NearVolume:
             return NearSurface.none(self._rules.voxel_m)
         own2, shared2, looks = mesh.vertex.colors.numpy().astype(float).T * _COLOUR
         kept = looks > self._rules.least_looks - 0.5  # interpolated between whole numbers
+        vertices = mesh.vertex.positions.numpy()
+        kept[kept] = within_reach(vertices[kept], self._views, self._sensor.sure_m)
         sigma = np.sqrt(np.maximum(own2 + shared2, 0.0)).astype(np.float32)
-        return NearSurface.of(
-            mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy(), sigma, kept, self._rules.voxel_m
-        )
+        return NearSurface.of(vertices, mesh.triangle.indices.numpy(), sigma, kept, self._rules.voxel_m)
 
     @property
     def _unit_m(self) -> float:
