@@ -79,6 +79,22 @@ def test_the_watch_takes_the_newest_pictures_whose_places_are_known_and_each_pai
     assert told.pair == pair and told.error_px < 0.6 and watch.measure(pair) is None
 
 
+def test_reduced_live_pictures_are_read_by_the_camera_of_their_size():
+    """Half as large: half as many pixels, the same angle; and nothing is measured before the camera is known."""
+    watch, pair = EpipolarWatch(["uav1", "uav2"]), ("uav1", "uav2")
+    right = seen((0.0, -2.0, 0.0), told_rpy_deg=(0.0, 2.0, 0.0))
+    for name, one in zip(pair, (LEFT, right)):
+        picture = cv2.imdecode(np.frombuffer(one.data, np.uint8), cv2.IMREAD_COLOR)
+        small = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        watch.tell_live(name, 10.0, cv2.imencode(".png", small)[1].tobytes())
+        watch.tell_pose(name, 10.0, one.T_home_cam)
+    assert watch.measure(pair) is None
+    for name in pair:
+        watch.tell_camera(name, CAMERA)
+    told = watch.measure(pair)
+    assert told.error_px == pytest.approx(0.5 * CAMERA.fx * math.tan(math.radians(2.0)), abs=1.0)
+
+
 # ---- what follows from it ----------------------------------------------------------------------------------------
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fcsv_console.model import above_view, actions, air, cells, facts, hearing, mission_file, soundness, stereo
+from fcsv_console.model import above_view, actions, air, cells, facts, hearing, looking, mission_file, soundness, stereo
 from fcsv_console.model.console import Console
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
@@ -58,7 +58,7 @@ def row(c, now_s, name="uav2"):
 
 
 @pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view",
-                                  "rehearsal", "planning", "poses", "goals"])  # fmt: skip
+                                  "rehearsal", "planning", "poses", "goals", "looking"])  # fmt: skip
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed
@@ -335,6 +335,7 @@ def test_stereo_health_says_go_and_why_not():
     assert h.error_m == pytest.approx(depth_error(h.target_m, 4.0, 602.0))
     c.tell(10.1, facts.CameraInHome("uav2", (0.3, -4.0, 0.0), math.radians(5.0)))
     c.tell(10.1, facts.Captured("uav2", 10.2))
+    c.tell(10.1, facts.Captured("uav1", 10.4))
     h = c.view(10.2).stereo
     assert not h.go and h.apart_m == pytest.approx(0.3) and h.turn_deg == pytest.approx(5.0)
     assert h.words == ("NO-GO: the pictures are 200 ms apart; the cameras are turned 5.0 degrees against the plan; "
@@ -355,8 +356,69 @@ def test_too_near_a_target_has_too_little_overlap():
     row_ = console().file.rows[4]  # 10 m apart
     aged = hearing.Aged(facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0), 0.1, 30.0, False)
     moving = hearing.Aged(facts.CameraInHome("uav2", (0.0, -10.0, 0.0), 0.0), 0.1, 30.0, False)
-    h = stereo.judge(row_, ("uav1", "uav2"), aged, moving, (math.nan, math.nan), 12.0, mission_file.Optics())
+    h = stereo.judge(row_, ("uav1", "uav2"), aged, moving, math.nan, 12.0, mission_file.Optics())
     assert "of the picture is seen by both at 12 m" in h.words and not h.go
+
+
+@pytest.mark.parametrize("axis, place", [("horizontal", (0.0, -4.0, 0.0)), ("vertical", (0.0, 0.0, 4.0))])
+def test_overlap_of_flown_poses_at_the_planned_places_is_the_plans(axis, place):
+    """The plan's closed form along one axis against 48 x 36 pixels that are asked."""
+    optics, z_m = mission_file.Optics(), 40.0
+    front, moving = facts.CameraInHome("uav1", (0.0, 0.0, 0.0), 0.0), facts.CameraInHome("uav2", place, 0.0)
+    shared = looking.seen_by_both(front, moving, z_m, optics)
+    size = optics.width if axis == "horizontal" else optics.height
+    assert shared == pytest.approx(1.0 - 4.0 * optics.focal_px / z_m / size, abs=1.0 / 36)
+
+
+def test_roll_counts_in_the_turn_and_a_camera_that_looks_elsewhere_takes_the_overlap():
+    c = flying(console(), 10.0)
+    c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0, 0.0, math.radians(4.0)))
+    h = c.view(10.1).stereo
+    assert not h.go and h.turn_deg == pytest.approx(4.0)
+    c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), math.radians(-60.0)))
+    h = c.view(10.1).stereo
+    assert h.overlap == 0.0 and "only 0% of the picture is seen by both" in h.words
+
+
+def before(c, now_s, **told):
+    """Home is set, the mission waits for execute; nothing was recorded."""
+    for name in ("uav1", "uav2"):
+        c.tell(now_s, facts.PictureHeard(name, now_s - 0.2 + told.get(name, 0.0)))
+    c.tell(now_s, facts.MissionTold("SET_HOME", "home is set", "execute", 0, 8))
+    return c
+
+
+def test_stereo_health_is_known_before_the_first_recording():
+    h = before(console(), 10.0).view(10.1).stereo
+    assert not h.judged and h.words == "stereo: no epipolar error yet: no home, or too little in common"
+    assert h.pair == ("uav1", "uav2") and h.skew_s == pytest.approx(0.0)
+    c = before(console(), 10.0, uav2=0.012)
+    c.tell(10.0, facts.EpipolarTold(("uav1", "uav2"), 2.5, 80))
+    view = c.view(10.1)
+    assert view.stereo.go and view.stereo.words.startswith("GO so far")
+    assert "epipolar error 2.5 px, skew 12 ms" in cells.stereo_cell(view).text
+    c.tell(10.1, facts.EpipolarTold(("uav1", "uav2"), 30.0, 80))
+    c.tell(10.1, facts.Clock("uav2", 0.25, 0.001))
+    assert c.view(10.2).stereo.words == ("NO-GO: the pictures are 238 ms apart; pictures and places disagree by 30 px "
+                                         "across the epipolar lines")  # fmt: skip
+
+
+def test_before_the_first_recording_silent_pictures_are_not_known():
+    c = before(console(), 10.0)
+    c.tell(14.0, facts.MissionTold("SET_HOME", "home is set", "execute", 0, 8))
+    assert "no pictures of both yet" in c.view(14.0).stereo.words
+    for phase in ("LAND", "DONE", "ABORTED"):
+        c.tell(14.0, facts.MissionTold(phase, "", "", 8, 8))
+        assert c.view(14.0).stereo.words == "stereo: no configuration is flown"
+
+
+def test_skew_is_between_pictures_of_the_same_moment_whichever_came_first():
+    """uav1's picture of the next second is here already: it is not compared with uav2's of the one before."""
+    c = console()
+    for k in range(3):
+        before(c, 10.0 + k, uav2=0.012)
+    c.tell(12.5, facts.PictureHeard("uav1", 12.8))
+    assert c.view(12.6).stereo.skew_s == pytest.approx(0.012)
 
 
 def test_above_another_and_where_it_would_come_down():

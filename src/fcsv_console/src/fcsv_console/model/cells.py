@@ -199,5 +199,5 @@ def stereo_cell(view: View) -> Cell:
                                                  f"turned {s.turn_deg:.1f}°"]  # fmt: skip
     figures += [] if math.isnan(s.epipolar_px) else [f"epipolar error {s.epipolar_px:.1f} px"]
     figures += [] if math.isnan(s.skew_s) else [f"skew {1e3 * s.skew_s:.0f} ms"]
-    tone = QUIET if math.isnan(s.overlap) else GOOD if s.go else CARE
+    tone = QUIET if not s.judged else GOOD if s.go else CARE
     return Cell("\n".join([s.words, ", ".join(figures)]) if figures else s.words, tone)

@@ -7,13 +7,14 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from fcsv_console.model import facts as f
 from fcsv_console.model import mission_file as files
 from fcsv_console.model import planning, stereo
-from fcsv_console.model.actions import FLOWN, Situation, actions, column_problems
+from fcsv_console.model.actions import FLOWN, OVER, Situation, actions, column_problems
 from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.chronicle import Chronicle
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
 from fcsv_console.model.hearing import Heard, slow
+from fcsv_console.model.pair import PairWatch
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import Rehearsals
 from fcsv_console.model.soundness import unsound
@@ -48,7 +49,7 @@ class Console:
         self._check: Heard[f.Check] = Heard(math.inf)
         self._map: Heard[f.MapTold] = Heard(math.inf)
         self._stop: Heard[f.StopTold] = slow()
-        self._epipolar: Heard[f.EpipolarTold] = Heard(4.0)  # measured once a second
+        self._pair = PairWatch(vehicles)
         self._recorder: Heard[f.Recorder] = slow()
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
@@ -87,6 +88,7 @@ class Console:
             return
         self._chronicle.remember(now_s, fact)
         self._pictures.tell(fact)
+        self._pair.tell(now_s, fact)
         self._take(now_s, fact)
 
     def load(self, path) -> None:
@@ -131,7 +133,7 @@ class Console:
     def _take(self, now_s: float, fact: Any) -> None:
         whole = {
             f.MissionTold: self._mission, f.MissionAlive: self._alive, f.Check: self._check, f.MapTold: self._map,
-            f.StopTold: self._stop, f.EpipolarTold: self._epipolar,
+            f.StopTold: self._stop,
         }.get(type(fact))  # fmt: skip
         if whole is not None:
             whole.tell(now_s, fact)
@@ -155,8 +157,8 @@ class Console:
             why = self.drag(fact.index, baseline_m) if baseline_m is not None else ""
             if why:
                 self._chronicle.note_bad(now_s, f"goal {fact.index + 1} stays: {why}")
-        elif isinstance(fact, (f.MapPicture, GoalsElsewhere)):
-            pass  # Pictures keeps the one, the other is an event
+        elif isinstance(fact, (f.MapPicture, f.EpipolarTold, GoalsElsewhere)):
+            pass  # Pictures and PairWatch keep them, the last is an event
         elif fact.vehicle == CONTROL:
             if isinstance(fact, f.Recorder):
                 self._recorder.tell(now_s, fact)
@@ -186,7 +188,8 @@ class Console:
         )
         return View(
             now_s, rows, mission, alive, self.file, running, self._progress(told), check, actions(situation),
-            self.log.events, self._stereo(now_s, rows, running), tuple(self._above(rows)), self._recorder.at(now_s),
+            self.log.events, self._stereo(now_s, rows, running, told), tuple(self._above(rows)),
+            self._recorder.at(now_s),
             self._map.at(now_s), stop, self._home.value is not None, rehearsal,
             self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
             self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
@@ -223,29 +226,26 @@ class Console:
         places = {v.name: v.place.value.p_home_m for v in rows if v.armed and v.place.value and not v.place.stale}
         return above(places, rules)
 
-    def _stereo(self, now_s: float, rows: Sequence[VehicleRow], running: Optional[int]) -> stereo.StereoHealth:
-        row, mission = None if running is None else self.file.rows[running], self.file.mission
-        if row is None or mission is None or mission.reference not in self._vehicles or len(self.names) < 2:
+    def _stereo(
+        self, now_s: float, rows: Sequence[VehicleRow], running: Optional[int], told: Optional[f.MissionTold],
+    ) -> stereo.StereoHealth:  # fmt: skip
+        """Of the configuration that is flown, or before the first one of the pair that will fly it."""
+        before = running is None and told is not None and told.phase not in (*FLOWN, *OVER, "LAND")
+        index = 0 if before else running
+        mission = self.file.mission
+        if index is None or mission is None or mission.reference not in self._vehicles or len(self.names) < 2:
             return stereo.StereoHealth()
-        moving = mission.mover(running, self.names)
-        pair = (mission.reference, moving)
+        pair = (mission.reference, mission.mover(index, self.names))
         by_name = {v.name: v for v in rows}
-        if moving not in by_name:
-            return stereo.StereoHealth(pair, reasons=(f"{moving} is not one of {', '.join(self.names)}",))
-        stamps = tuple(self._stamp_s(now_s, by_name[n]) for n in pair)
-        target_m = self._target_m or row.farthest_m
-        return stereo.judge(row, pair, by_name[pair[0]].place, by_name[moving].place, stamps, target_m, self.optics,
-                            self._epipolar_px(now_s, pair))  # fmt: skip
-
-    def _epipolar_px(self, now_s: float, pair: Tuple[str, str]) -> float:
-        told = self._epipolar.at(now_s)
-        return math.nan if told.value is None or told.stale or told.value.pair != pair else told.value.error_px
-
-    def _stamp_s(self, now_s: float, row: VehicleRow) -> float:
-        """Of the newest picture that was taken while recording, by the control PC's clock; NaN: none of now."""
-        taken = self._vehicles[row.name].heard[f.Captured].at(now_s)
-        offset_s = row.clock.value.offset_s if row.clock.value and not row.clock.stale else 0.0
-        return math.nan if taken.value is None or taken.stale else taken.value.stamp_s - offset_s
+        if pair[1] not in by_name:
+            return stereo.StereoHealth(pair, reasons=(f"{pair[1]} is not one of {', '.join(self.names)}",))
+        offsets_s = {n: by_name[n].clock.value.offset_s for n in pair if by_name[n].clock.value is not None}
+        skew_s, error_px = self._pair.skew_s(now_s, pair, offsets_s), self._pair.epipolar_px(now_s, pair)
+        if before:
+            return stereo.judge_before(pair, skew_s, error_px)
+        row = self.file.rows[index]
+        places = tuple(by_name[n].place for n in pair)
+        return stereo.judge(row, pair, *places, skew_s, self._target_m or row.farthest_m, self.optics, error_px)
 
     def _problems(self, now_s: float, told: Optional[f.MissionTold], column: Sequence[str]) -> Tuple[str, ...]:
         found = [self._master_problem] if self._master_problem else []

@@ -7,7 +7,7 @@ Places from tracking, pictures from the radio; nothing is refined. A turn along 
 import math
 import threading
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Deque, Dict, Optional, Sequence, Tuple
 
 import cv2
@@ -23,14 +23,18 @@ _AGREE_PX = 2.0  # of matches with a geometry of their own: it sorts out wrong o
 _POSES, _POSE_S = 120, 0.05  # kept per vehicle, 4 s; a picture without one so near in time is left out
 
 
+Picture = Tuple[float, bytes, Optional[PinholeCamera]]  # stamp, as it came, its camera; None: a reduced one
+
+
 @dataclass(frozen=True)
 class Seen:
-    """A picture (JPEG or PNG) with its camera as taken and its place."""
+    """A picture (JPEG or PNG) with its camera as taken and its place; ``reduced``: it may be smaller than that."""
 
     stamp_s: float
     data: bytes
     camera: PinholeCamera
     T_home_cam: np.ndarray
+    reduced: bool = False
 
 
 def measured_px(a: Seen, b: Seen) -> Tuple[float, int]:
@@ -40,7 +44,8 @@ def measured_px(a: Seen, b: Seen) -> Tuple[float, int]:
     """
     from fcsv_stereo.refinement.geometry import epipolar_error  # it loads all of refinement: not at the window's start
 
-    uv_a, uv_b = _matches(_gray(a), _gray(b))
+    (gray_a, a), (gray_b, b) = _read(a), _read(b)
+    uv_a, uv_b = _matches(gray_a, gray_b)
     if len(uv_a) < _LEAST:
         return math.nan, len(uv_a)
     rays_a, rays_b = (np.column_stack([s.camera.normalize(uv), np.ones(len(uv))]) for s, uv in ((a, uv_a), (b, uv_b)))
@@ -54,14 +59,17 @@ def measured_px(a: Seen, b: Seen) -> Tuple[float, int]:
     return float(b.camera.fx * np.median(np.abs(error))), int(kept.sum())
 
 
-def _gray(seen: Seen) -> np.ndarray:
+def _read(seen: Seen) -> Tuple[np.ndarray, Seen]:
+    """Grey, with the camera of its size."""
     gray = cv2.imdecode(np.frombuffer(seen.data, np.uint8), cv2.IMREAD_GRAYSCALE) if seen.data else None
     if gray is None:
         raise ValueError(f"{len(seen.data)} octets are no picture")
+    if seen.reduced:
+        seen = replace(seen, camera=seen.camera.resized(gray.shape[1], gray.shape[0]))
     if gray.shape != (seen.camera.height, seen.camera.width):
         raise ValueError(f"the picture is {gray.shape[1]} x {gray.shape[0]}, its camera {seen.camera.width} x "
                          f"{seen.camera.height}")  # fmt: skip
-    return gray
+    return gray, seen
 
 
 def _matches(a: np.ndarray, b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
@@ -86,7 +94,8 @@ class EpipolarWatch:
 
     def __init__(self, vehicles: Sequence[str]):
         self._poses: Dict[str, Deque[Tuple[float, np.ndarray]]] = {n: deque(maxlen=_POSES) for n in vehicles}
-        self._pictures: Dict[str, Deque[Tuple[float, bytes, PinholeCamera]]] = {n: deque(maxlen=4) for n in vehicles}
+        self._pictures: Dict[str, Deque[Picture]] = {n: deque(maxlen=4) for n in vehicles}
+        self._cameras: Dict[str, PinholeCamera] = {}
         self._measured: Tuple[float, float] = (math.nan, math.nan)
         self._lock = threading.Lock()
 
@@ -96,9 +105,19 @@ class EpipolarWatch:
             self._poses[name].append((stamp_s, T_home_cam))
 
     def tell_picture(self, name: str, stamp_s: float, data: bytes, camera: PinholeCamera) -> None:
-        """What it saw."""
+        """What it saw while recording."""
         with self._lock:
             self._pictures[name].append((stamp_s, data, camera))
+
+    def tell_camera(self, name: str, camera: PinholeCamera) -> None:
+        """By which its live pictures are read."""
+        with self._lock:
+            self._cameras[name] = camera
+
+    def tell_live(self, name: str, stamp_s: float, data: bytes) -> None:
+        """A reduced picture, as they always come."""
+        with self._lock:
+            self._pictures[name].append((stamp_s, data, None))
 
     def measure(self, pair: Tuple[str, str]) -> Optional[EpipolarTold]:
         """Of the newest pictures of both whose places are known; None where there is nothing new."""
@@ -114,6 +133,7 @@ class EpipolarWatch:
     def _seen(self, name: str) -> Optional[Seen]:
         for stamp_s, data, camera in reversed(self._pictures[name]):
             near = min(self._poses[name], key=lambda p: abs(p[0] - stamp_s), default=None)
-            if near is not None and abs(near[0] - stamp_s) <= _POSE_S:
-                return Seen(stamp_s, data, camera, near[1])
+            as_taken = camera or self._cameras.get(name)
+            if as_taken is not None and near is not None and abs(near[0] - stamp_s) <= _POSE_S:
+                return Seen(stamp_s, data, as_taken, near[1], camera is None)
         return None

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures taken while recording and cameras' places to the epipolar error, once a second, by a thread of its own."""
+"""Live and recorded pictures and cameras' places to the epipolar error, once a second, by a thread of its own."""
 
 import threading
 from typing import Callable, List, Sequence, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.epipolar import EpipolarWatch
@@ -29,6 +30,8 @@ class EpipolarHearing:
         """Once rospy knows its master."""
         for name in self._vehicles:
             for topic, kind, heard in (("camera_pose", PoseWithCovarianceStamped, self._on_pose),
+                                       ("camera/color/camera_info", CameraInfo, self._on_camera),
+                                       ("camera/color/image_raw/compressed", CompressedImage, self._on_live),
                                        ("capture/picture", CapturedPicture, self._on_picture)):  # fmt: skip
                 self._subscribers.append(rospy.Subscriber(f"/{name}/{topic}", kind, heard, name, queue_size=20))
         threading.Thread(target=self._measure, name="epipolar error", daemon=True).start()
@@ -48,13 +51,22 @@ class EpipolarHearing:
             return
         self._watch.tell_picture(name, m.header.stamp.to_sec(), bytes(m.data), camera)
 
+    def _on_camera(self, m: CameraInfo, name: str) -> None:
+        try:
+            self._watch.tell_camera(name, conversions.camera_from_info(m))
+        except FcsvError as error:
+            self._put(f.Unusable(name, "camera/color/camera_info", str(error)))
+
+    def _on_live(self, m: CompressedImage, name: str) -> None:
+        self._watch.tell_live(name, m.header.stamp.to_sec(), bytes(m.data))
+
     def _measure(self) -> None:
         while not self._over.wait(_PERIOD_S):
             pair = self.pair
             try:
                 told = self._watch.measure(pair)
             except ValueError as error:
-                self._put(f.Unusable(pair[1], "capture/picture", str(error)))
+                self._put(f.Unusable(pair[1], "pictures of the pair", str(error)))
                 continue
             if told is not None:
                 self._put(told)

@@ -14,7 +14,7 @@ from sensor_msgs.msg import BatteryState, CompressedImage, Image
 from std_msgs.msg import String
 
 from fcsv_console.model import facts as f
-from fcsv_control.mission.places import heading_rad
+from fcsv_console.model.looking import looks
 from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.stopping import Report
 from fcsv_geometry import transforms
@@ -59,8 +59,8 @@ def _odometry(name: str, m: Odometry) -> f.Fact:
 def _camera(name: str, m: PoseWithCovarianceStamped) -> f.Fact:
     T_home_cam = conversions.pose_to_transform(m.pose.pose)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
-    pitch_rad = math.asin(max(-1.0, min(1.0, float(T_home_cam[2, 2]))))
-    return f.CameraInHome(name, (x, y, z), heading_rad(T_home_cam), pitch_rad)
+    heading, pitch_rad, roll_rad = looks(T_home_cam[:3, :3])
+    return f.CameraInHome(name, (x, y, z), heading, pitch_rad, roll_rad)
 
 
 def _picture(name: str, m: CompressedImage) -> f.Fact:

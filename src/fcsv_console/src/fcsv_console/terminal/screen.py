@@ -142,7 +142,7 @@ def _clock(v: VehicleRow) -> Text:
 def _stereo(view: View) -> Text:
     s = view.stereo
     figures = "" if math.isnan(s.error_m) else f"  {s.baseline_m:.2f} m, {s.overlap:.0%} shared, +-{s.error_m:.1f} m"
-    return _line(f"{s.words}{figures}", "bold blue" if s.go else "dim" if view.running is None else "bold yellow")
+    return _line(f"{s.words}{figures}", "bold blue" if s.go else "bold yellow" if s.judged else "dim")
 
 
 def _check(view: View) -> Group:

@@ -39,12 +39,13 @@ class OdometryHeard:
 
 @dataclass(frozen=True)
 class CameraInHome:
-    """Where a camera is and looks, in home."""
+    """Where a camera is and looks, in home; ``roll_rad``: about its view, right side down."""
 
     vehicle: str
     p_home_m: Vector3
     heading_rad: float
     pitch_rad: float = 0.0
+    roll_rad: float = 0.0
 
 
 @dataclass(frozen=True)
