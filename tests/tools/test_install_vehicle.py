@@ -210,3 +210,10 @@ def test_on_the_radio_only_the_relay_is_open(install, tmp_path, arguments, more_
         assert open_ports(guarded, other, datagrams) == ({7447, 7448} | more_tcp, {7447} | more_udp)
         home = ["ip", "netns", "exec", guarded, sys.executable, "-c", SCAN, "127.0.0.1", *map(str, tcp)]
         assert len(subprocess.run(home, check=True, capture_output=True, text=True).stdout.split()) == len(tcp)
+
+
+def test_a_radio_that_is_not_there_is_told_before_it_is_refused():
+    """Its firewall would close nothing. Shown only: nothing is written without --apply."""
+    command = ["tools/install_vehicle.sh", *VEHICLE, "--radio", "nosuch0"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and "--radio 'nosuch0': this machine has only lo" in done.stdout.splitlines()[-1]

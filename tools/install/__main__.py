@@ -9,6 +9,7 @@ import difflib
 import getpass
 import os
 import shutil
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -79,6 +80,12 @@ def plan_of(given: argparse.Namespace) -> Plan:
         given.keys or f"{home}/fcsv-keys", given.record_dir or f"{home}/fcsv/session", given.ssh, given.mission,
         tuple(given.launch),
     )  # fmt: skip
+
+
+def radio_missing(radio: str) -> str:
+    """Why a firewall for this interface would close nothing; "" where the interface is there."""
+    here = [name for _, name in socket.if_nameindex()]
+    return "" if radio in here else f"--radio '{radio}': this machine has only {', '.join(here)}"
 
 
 def changes(wanted: Dict[str, str], root: Path) -> Dict[Path, Optional[str]]:
@@ -164,9 +171,13 @@ def main(argv=None) -> int:
             for step in [*stops, *starts] if todo else []:
                 print("+ " + " ".join(step))
             print(f"nothing was changed: {len(todo)} files would be; add --apply" if todo else "nothing is to be done")
+            if alone and plan is not None and radio_missing(plan.radio):
+                print(f"with --apply it would be refused: {radio_missing(plan.radio)}")
             return 0
         if alone and os.geteuid() != 0:
             raise InstallError("--apply needs root: use sudo")
+        if alone and plan is not None and radio_missing(plan.radio):
+            raise InstallError(radio_missing(plan.radio))
         missing = [package for program, package in PROGRAMS.items() if alone and wanted and not shutil.which(program)]
         if missing:
             raise InstallError(f"missing: {', '.join(missing)}; `apt-get install {' '.join(missing)}` first")
