@@ -325,6 +325,38 @@ def test_battery_is_compared_with_what_is_left_of_the_mission():
     assert row(c, 20.2).battery_enough is None
 
 
+# ---- how far it is -----------------------------------------------------------------------------------------------
+
+
+def doing(c, now_s, detail, configuration=1, **more):
+    c.tell(now_s, facts.MissionTold("CONFIGURATIONS", detail, configuration=configuration, configurations=8, **more))
+    return c.view(now_s)
+
+
+def test_progress_goes_on_within_the_running_configuration():
+    c = console()
+    hold_s, record_s = c.file.rows[1].settle_s, c.file.rows[1].record_s
+    assert doing(c, 10.0, "uav2 on its way to horizontal 4 m").progress == pytest.approx(1 / 8)
+    doing(c, 20.0, "uav2 settles at horizontal 4 m")
+    view = c.view(20.0 + 0.5 * hold_s)
+    assert view.progress == pytest.approx((1 + 0.5 * hold_s / (hold_s + record_s)) / 8) and "held" in view.headline
+    doing(c, 30.0, "recording horizontal 4 m")
+    view = doing(c, 30.0 + 0.5 * record_s, "recording horizontal 4 m")
+    assert view.progress == pytest.approx((1 + (hold_s + 0.5 * record_s) / (hold_s + record_s)) / 8)
+    assert view.headline == f"CONFIGURATIONS: recording horizontal 4 m, {0.5 * record_s:.0f} of {record_s:g} s"
+    assert doing(c, 99.0, "recording horizontal 4 m").progress == pytest.approx(2 / 8), (
+        "late: no more than the file says"
+    )
+    assert doing(c, 100.0, "uav2 on its way to horizontal 6 m", 2).progress == pytest.approx(2 / 8)
+
+
+def test_a_recording_that_was_interrupted_begins_anew():
+    c = console()
+    doing(c, 10.0, "recording horizontal 4 m")
+    assert doing(c, 14.0, "paused", waits_for="resume").stage.words == ""
+    assert doing(c, 20.0, "recording horizontal 4 m").stage.words.startswith("0 of")
+
+
 # ---- stereo and air ----------------------------------------------------------------------------------------------
 
 
@@ -370,11 +402,13 @@ def test_overlap_of_flown_poses_at_the_planned_places_is_the_plans(axis, place):
     assert shared == pytest.approx(1.0 - 4.0 * optics.focal_px / z_m / size, abs=1.0 / 36)
 
 
-def test_roll_counts_in_the_turn_and_a_camera_that_looks_elsewhere_takes_the_overlap():
+def test_roll_is_shown_and_a_camera_that_looks_elsewhere_takes_the_overlap():
     c = flying(console(), 10.0)
-    c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0, 0.0, math.radians(4.0)))
+    level = c.view(10.1).stereo
+    c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0, 0.0, math.radians(8.0)))
     h = c.view(10.1).stereo
-    assert not h.go and h.turn_deg == pytest.approx(4.0)
+    assert h.go and h.roll_deg == pytest.approx(8.0) and h.turn_deg == pytest.approx(0.0)
+    assert h.overlap < level.overlap - 0.02 and "rolled 8.0°" in cells.stereo_cell(c.view(10.1)).text
     c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), math.radians(-60.0)))
     h = c.view(10.1).stereo
     assert h.overlap == 0.0 and "only 0% of the picture is seen by both" in h.words

@@ -18,6 +18,7 @@ from fcsv_console.model.pair import PairWatch
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import Rehearsals
 from fcsv_console.model.soundness import unsound
+from fcsv_console.model.stage import StageWatch
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.sightings import Sightings
@@ -49,7 +50,7 @@ class Console:
         self._check: Heard[f.Check] = Heard(math.inf)
         self._map: Heard[f.MapTold] = Heard(math.inf)
         self._stop: Heard[f.StopTold] = slow()
-        self._pair = PairWatch(vehicles)
+        self._pair, self._stage = PairWatch(vehicles), StageWatch()
         self._recorder: Heard[f.Recorder] = slow()
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
@@ -135,6 +136,8 @@ class Console:
             f.MissionTold: self._mission, f.MissionAlive: self._alive, f.Check: self._check, f.MapTold: self._map,
             f.StopTold: self._stop,
         }.get(type(fact))  # fmt: skip
+        if isinstance(fact, f.MissionTold):
+            self._stage.tell(now_s, fact)
         if whole is not None:
             whole.tell(now_s, fact)
         elif isinstance(fact, (f.Calibrated, f.HomeSet)):
@@ -177,6 +180,7 @@ class Console:
         stop = self._stop.at(now_s)
         flown = told is not None and told.phase in FLOWN
         running = told.configuration if flown and told.configuration < len(self.file.rows) else None
+        stage = self._stage.at(now_s, None if running is None else self.file.rows[running])
         rows = self._rows(now_s, stop.value.asked if stop.value else "", running)
         check = self._lines(now_s)
         self._pending = {n: p for n, p in self._pending.items() if now_s - p[0] < _PENDING_S}
@@ -187,13 +191,14 @@ class Console:
             self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal, self._flown
         )
         return View(
-            now_s, rows, mission, alive, self.file, running, self._progress(told), check, actions(situation),
+            now_s, rows, mission, alive, self.file, running, self._progress(told, stage.share), check,
+            actions(situation),
             self.log.events, self._stereo(now_s, rows, running, told), tuple(self._above(rows)),
             self._recorder.at(now_s),
             self._map.at(now_s), stop, self._home.value is not None, rehearsal,
             self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
             self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
-            self._problems(now_s, told, column), self._master_problem,
+            self._problems(now_s, told, column), self._master_problem, stage,
         )  # fmt: skip
 
     def _lines(self, now_s: float):
@@ -216,10 +221,11 @@ class Console:
             for n, v in self._vehicles.items()
         )
 
-    def _progress(self, told: Optional[f.MissionTold]) -> float:
+    def _progress(self, told: Optional[f.MissionTold], share: float) -> float:
+        """Of the list; ``share``: of the running configuration."""
         if told is None or not told.configurations:
             return 0.0
-        return 1.0 if told.phase == "DONE" else min(1.0, told.configuration / told.configurations)
+        return 1.0 if told.phase == "DONE" else min(1.0, (told.configuration + share) / told.configurations)
 
     def _above(self, rows: Sequence[VehicleRow]) -> List[Above]:
         rules = self.file.mission.air if self.file.mission else SeparationRules(Mission.min_separation_m)

@@ -44,12 +44,6 @@ def rotation_of(place: CameraInHome) -> np.ndarray:
     return rotation(place.heading_rad, place.pitch_rad, place.roll_rad)
 
 
-def turn_rad(R_home_a: np.ndarray, R_home_b: np.ndarray, R_a_b: np.ndarray) -> float:
-    """Angle by which the turn from a to b differs from the planned ``R_a_b``."""
-    cosine = (np.trace(R_a_b.T @ R_home_a.T @ R_home_b) - 1.0) / 2.0
-    return math.acos(max(-1.0, min(1.0, float(cosine))))
-
-
 def seen_by_both(reference: CameraInHome, moving: CameraInHome, z_m: float, optics: Optics) -> float:
     """Share (0..1) of the reference picture whose points at depth ``z_m`` the moving camera sees, by both places."""
     wide, high = _GRID

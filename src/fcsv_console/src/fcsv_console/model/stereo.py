@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_console.model.facts import CameraInHome
 from fcsv_console.model.hearing import Aged
-from fcsv_console.model.looking import rotation, rotation_of, seen_by_both, turn_rad
+from fcsv_console.model.looking import seen_by_both
 from fcsv_console.model.mission_file import ConfigurationRow, Optics, overlap_share
 from fcsv_stereo.equations import depth_error
 
@@ -22,7 +22,8 @@ MOST_EPIPOLAR_PX = 10.0  # 1 degree at 602 px: twice the largest turn with which
 
 @dataclass(frozen=True)
 class StereoHealth:
-    """Of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place; ``judged``:
+    """Of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place; ``roll_deg``:
+    of one camera against the other: rectification takes it out, so that it counts by the overlap only; ``judged``:
     there is enough to say go or no-go; ``before``: nothing is flown yet, pictures and places alone are judged."""
 
     pair: Tuple[str, str] = ("", "")
@@ -38,6 +39,7 @@ class StereoHealth:
     reasons: Tuple[str, ...] = ("no configuration is flown",)
     judged: bool = False
     before: bool = False
+    roll_deg: float = math.nan
 
     @property
     def words(self) -> str:
@@ -61,19 +63,25 @@ def judge(
             reasons.append(f"{name}'s place in home is not known" if place.value is None else
                            f"{name}'s place is {place.words} old")  # fmt: skip
     overlap = overlap_share(row, target_m, optics)
-    turn_deg = apart_m = baseline_m = error_m = math.nan
+    turn_deg = roll_deg = apart_m = baseline_m = error_m = math.nan
     if not reasons:
         a, b = np.array(reference.value.p_home_m), np.array(moving.value.p_home_m)
         overlap = seen_by_both(reference.value, moving.value, target_m, optics)
         baseline_m = float(np.linalg.norm(b - a))
         apart_m = float(np.linalg.norm(b - a - np.array(row.goal_m)))
-        R_a_b = rotation(0.0, 0.0, 0.0).T @ rotation(row.goal_heading_rad, 0.0, 0.0)
-        turn_deg = math.degrees(turn_rad(rotation_of(reference.value), rotation_of(moving.value), R_a_b))
+        yaw_deg = _degrees(moving.value.heading_rad - reference.value.heading_rad - row.goal_heading_rad)
+        turn_deg = math.hypot(yaw_deg, _degrees(moving.value.pitch_rad - reference.value.pitch_rad))
+        roll_deg = abs(_degrees(moving.value.roll_rad - reference.value.roll_rad))
         error_m = float(depth_error(target_m, max(baseline_m, 1e-3), optics.focal_px, optics.disparity_error_px))
     reasons += _wrong(overlap, target_m, skew_s, turn_deg, apart_m)
     reasons += _disagree(epipolar_px)
     return StereoHealth(pair, overlap, skew_s, turn_deg, epipolar_px, apart_m, baseline_m, error_m, target_m,
-                        not reasons, tuple(reasons), True)  # fmt: skip
+                        not reasons, tuple(reasons), True, roll_deg=roll_deg)  # fmt: skip
+
+
+def _degrees(angle_rad: float) -> float:
+    """Within -180..180."""
+    return math.degrees((angle_rad + math.pi) % (2.0 * math.pi) - math.pi)
 
 
 def judge_before(pair: Tuple[str, str], skew_s: float, epipolar_px: float) -> StereoHealth:

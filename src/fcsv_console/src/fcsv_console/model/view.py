@@ -15,6 +15,7 @@ from fcsv_console.model.mission_file import MissionFile
 from fcsv_console.model.pictures import CameraPicture, MapPictures
 from fcsv_console.model.poses import Relative, relative
 from fcsv_console.model.rehearsal import Rehearsal
+from fcsv_console.model.stage import Stage
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_control.flight_check.lines import Line, State, worst
@@ -22,7 +23,8 @@ from fcsv_control.flight_check.lines import Line, State, worst
 
 @dataclass(frozen=True)
 class View:
-    """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of the list."""
+    """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of the list,
+    ``stage``: how far the running one is."""
 
     now_s: float
     vehicles: Tuple[VehicleRow, ...]
@@ -48,6 +50,7 @@ class View:
     goals: Tuple[Goal, ...]
     problems: Tuple[str, ...]
     master_problem: str = ""
+    stage: Stage = Stage()
 
     @property
     def check_state(self) -> State:
@@ -74,4 +77,5 @@ class View:
         if not self.mission_alive:
             return f"THE MISSION IS NOT HEARD (was in {m.phase})"
         waits = f", waits for {m.waits_for.replace('_', ' ').upper()}" if m.waits_for else ""
-        return f"{m.phase}{waits}: {m.detail}".rstrip(": ")
+        stage = f", {self.stage.words}" if self.stage.words else ""
+        return f"{m.phase}{waits}: {m.detail}".rstrip(": ") + stage

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far the running configuration is: on its way, holding, recording, by when the mission began to say so."""
+
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+from fcsv_console.model.facts import MissionTold
+from fcsv_console.model.mission_file import ConfigurationRow
+
+
+@dataclass(frozen=True)
+class Stage:
+    """``share``: 0..1 of holding and recording; ``words``: "" on the way, and where nothing is flown."""
+
+    share: float = 0.0
+    words: str = ""
+
+
+class StageWatch:
+    """Told every MissionTold with the time; the clock runs from the first that says another thing.
+
+    A pause, or a recording that begins anew, begins its time anew as well.
+    """
+
+    def __init__(self):
+        self._said: Tuple[int, str] = (-1, "")
+        self._since_s = 0.0
+
+    def tell(self, now_s: float, fact: MissionTold) -> None:
+        """What the mission does now."""
+        said = (fact.configuration, _stage(fact))
+        if said != self._said:
+            self._said, self._since_s = said, now_s
+
+    def at(self, now_s: float, row: Optional[ConfigurationRow]) -> Stage:
+        """Of the running configuration; it never promises more than the file says."""
+        if row is None or row.index != self._said[0]:
+            return Stage()
+        hold_s, record_s = row.settle_s, row.record_s
+        elapsed_s, whole_s = max(0.0, now_s - self._since_s), hold_s + record_s
+        if self._said[1] == "holds" and whole_s > 0.0:
+            done_s = min(elapsed_s, hold_s)
+            return Stage(done_s / whole_s, f"held {done_s:.0f} of {hold_s:g} s")
+        if self._said[1] == "records" and whole_s > 0.0:
+            done_s = min(elapsed_s, record_s)
+            return Stage((hold_s + done_s) / whole_s, f"{done_s:.0f} of {record_s:g} s")
+        return Stage()
+
+
+def _stage(told: MissionTold) -> str:
+    if told.waits_for or told.problems:
+        return "waits"
+    return "records" if told.detail.startswith("recording ") else "holds" if " settles " in told.detail else ""
