@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fcsv_control.mission import heard
+from fcsv_geometry import arrivals
 from fcsv_geometry.flow import RateGate
 from fcsv_multimaster import fkie, order, wire
 from fcsv_multimaster.addresses import AddressWatch, local_addresses
@@ -17,8 +19,10 @@ from fcsv_multimaster.errors import EndpointError, PictureError, WireError
 from fcsv_multimaster.links import Rule, TrafficClass, load_links
 from fcsv_multimaster.measure import Heard, PeerMeasure
 from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
+from fcsv_multimaster.parcel import Parcel
 from fcsv_multimaster.peer import Peer
 from fcsv_multimaster.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
+from fcsv_multimaster.sent_times import SentTimes
 from fcsv_multimaster.transport import Transport
 
 CRITICAL = TrafficClass("datagram", "real_time", True, max_age_s=5.0)
@@ -327,3 +331,73 @@ def test_fkie_gets_the_same_topics_and_nothing_else(root):
     found = fkie.discovery(peers)
     assert found["robot_hosts"] == ["10.0.0.1", "10.0.0.3"] and not found["send_mcast"]
     assert fkie.discovery({**peers, "uav3": None})["send_mcast"]
+
+
+# ---- from when what came counts ----------------------------------------------------------------------------
+
+
+def parcel(topic, came_s, age_s, traffic, unsure_s=0.0):
+    return Parcel("uav2", topic, "p/T", "0" * 32, 1, wire.RAW, b"", Rule(topic, traffic), age_s, came_s, unsure_s)
+
+
+def test_states_that_came_are_told_with_when_they_were_sent_at_the_latest():
+    state, sent = TrafficClass("datagram", "interactive_high", False, max_age_s=1.0), SentTimes()
+    sent.came(parcel("/uav2/odometry/state", 20.0, 0.7, state, 0.1))
+    sent.came(parcel("/uav2/mavros/state", 20.0, None, state))  # before the clocks are known
+    sent.came(parcel("/uav2/odometry/state", 20.1, 0.2, state, 0.1))
+    for traffic in (CRITICAL, EVENT, BULK):
+        sent.came(parcel("/uav2/other", 20.0, 0.1, traffic))
+    assert sent.take() == {"/uav2/odometry/state": pytest.approx(19.8), "/uav2/mavros/state": 19.0}
+    assert sent.take() == {}
+
+
+def test_an_age_is_no_surer_than_the_pings_by_which_clocks_are_known():
+    peer = PeerMeasure()
+    assert peer.clocks.unsure_s == 0.0  # no age at all
+    peer.clocks.answered(10.0, 10.4, 500.3, 0.0)  # 0.3 s there and 0.1 s back, or the other way round
+    peer.clocks.answered(11.0, 11.8, 501.4, 0.0)
+    assert peer.clocks.unsure_s == pytest.approx(0.2)
+    assert peer.clocks.age_s(500.0, 10.0) + peer.clocks.unsure_s >= 0.0 + (10.0 - 9.7)  # sent at 9.7 of our clock
+
+
+def test_what_nobody_measured_is_as_old_as_the_shipped_links_let_through(root):
+    links = load_links(root / "config/links/default.yaml")
+    assert links.classes["state"].max_age_s == arrivals.UNMEASURED_S
+    topics = {r.topic.replace("{vehicle}/", ""): r.traffic for r in (*links.to_control, *links.between_vehicles)}
+    for topic in (heard.ODOMETRY, heard.STATE, heard.BATTERY, heard.GUARDIAN, heard.RECORDER):
+        assert topics[f"/{topic}"] == links.classes["state"], topic
+
+
+def test_ages_survive_restarts_and_a_relay_that_says_nothing():
+    assert doctest.testmod(arrivals).attempted and not doctest.testmod(arrivals).failed
+    known, topic = arrivals.Arrivals(), "/uav2/odometry/state"
+    known.came(topic, "/relay")
+    assert known.since_s(topic, 10.0) == 9.0, "never told: not fresh"
+    known.told([topic], [9.95])
+    assert known.since_s(topic, 10.0) == 9.95
+    assert known.since_s(topic, 10.1) == 9.95, "of the next the relay has not told yet: the one before counts"
+    assert known.since_s(topic, 300.0) == 299.0, "a relay that restarted: no older than it lets through"
+    known.told([topic], [310.0])
+    assert known.since_s(topic, 300.0) == 300.0, "told of one that is still to come: this one is not younger for that"
+    known.came(topic, "/uav2/odometry")
+    assert known.since_s(topic, 320.0) == 320.0, "no relay is between"
+
+
+def test_the_missions_view_is_as_old_as_the_relay_measured():
+    known = arrivals.Arrivals()
+    vehicle = heard.VehicleHeard(np.eye(4), lambda topic, came_s: known.since_s(f"/uav2/{topic}", came_s))
+    topics = [f"/uav2/{t}" for t in (heard.ODOMETRY, heard.STATE, heard.BATTERY, heard.RECORDER)]
+    for topic in topics:
+        known.came(topic, "/relay")
+    vehicle.odometry(50.0, np.eye(4), 0.1)
+    vehicle.state(50.0, "GUIDED", True, True)
+    vehicle.battery(41.0, 0.9)
+    vehicle.recorder(50.0, "", 1)
+    ages = lambda: [getattr(vehicle.view(50.1, None), f"{n}_age_s") for n in ("pose", "state", "recorder")]  # noqa: E731
+    assert ages() == [pytest.approx(1.1)] * 3
+    known.told(topics, [49.9, 49.8, 40.0, 49.7])
+    assert ages() == [pytest.approx(a) for a in (0.2, 0.3, 0.4)]
+    assert vehicle.view(50.1, None).battery_share == 0.9
+    known.told(topics[1:2], [50.5])
+    vehicle.state(50.6, "GUIDED", True, True)
+    assert np.isnan(vehicle.view(50.6, None).battery_share), "10 s before the state by when both were sent"

@@ -12,6 +12,7 @@ import xmlrpc.client
 
 import psutil
 import pytest
+import yaml
 from support.waiting import within
 
 from fcsv_sim.machines.machines import Machine, free_port
@@ -116,6 +117,15 @@ def test_listed_topics_cross_and_others_do_not(net):
     assert 'mode: "GUIDED"' in net.hears("control", "/uav1/mavros/state")
     assert net.publishers("uav1", "/uav1/secret") and net.publishers("control", "/uav1/mavros/state") == ["/relay"]
     assert net.publishers("control", "/uav1/secret") == [] and net.hears("control", "/uav1/secret", 4.0) == ""
+
+
+def test_those_here_are_told_when_what_crossed_was_sent(net):
+    net.python("uav1", STATE.format(mode="LAND"))
+    began_s = time.monotonic()
+    until(lambda: 'mode: "LAND"' in net.hears("control", "/uav1/mavros/state"), what="the state")
+    told = next(yaml.safe_load_all(net.hears("control", "/relay/ages")))
+    sent_s = dict(zip(told["topics"], told["sent_s"]))
+    assert list(sent_s) == ["/uav1/mavros/state"] and began_s < sent_s["/uav1/mavros/state"] < time.monotonic()
 
 
 def test_another_version_of_a_message_is_named_and_dropped(net):

@@ -49,12 +49,14 @@ class Inbound:
                 not rule.traffic.reliable and peer.measure.overtaken(topic, head.sequence)
             )
             poor = peer.measure.poor
-            age_s = peer.measure.clocks.age_s(head.sent_s, now_s)
+            age_s, unsure_s = peer.measure.clocks.age_s(head.sent_s, now_s), peer.measure.clocks.unsure_s
             if not again:
                 peer.measure.came(topic, head.sequence, len(payload), age_s, now_s)
         keyframe = False
         if not again:
-            parcel = Parcel(source, topic, type_name, head.md5, head.sequence, head.packing, data, rule, age_s, now_s)
+            parcel = Parcel(
+                source, topic, type_name, head.md5, head.sequence, head.packing, data, rule, age_s, now_s, unsure_s
+            )
             keyframe = self._take(peer, parcel, head)
         if head.number:
             self._acknowledge(source, head, keyframe, link, poor)

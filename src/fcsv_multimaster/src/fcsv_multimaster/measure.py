@@ -47,6 +47,11 @@ class Clocks:
             return None
         return max(0.0, now_s + min(self._samples)[1] - sent_s)
 
+    @property
+    def unsure_s(self) -> float:
+        """By how much an age may be wrong: the answer to the quickest ping was under way both ways together so long."""
+        return min(self._samples)[0] / 2 if self._samples else 0.0
+
 
 @dataclass
 class TopicCount:

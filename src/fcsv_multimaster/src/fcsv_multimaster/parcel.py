@@ -11,7 +11,8 @@ from fcsv_multimaster.outbound import Message
 
 @dataclass(frozen=True)
 class Parcel:
-    """A message that came at ``came_s`` (monotonic); ``age_s`` is None before the clocks are known."""
+    """A message that came at ``came_s`` (monotonic); ``age_s`` is None before the clocks are known, and may be wrong by
+    ``unsure_s``."""
 
     source: str
     topic: str
@@ -23,6 +24,7 @@ class Parcel:
     rule: Rule
     age_s: Optional[float]
     came_s: float
+    unsure_s: float = 0.0
 
     def late(self, now_s: float) -> bool:
         """Whether it is older by now than its class allows."""

@@ -2,7 +2,7 @@
 """The view-model: ``tell`` it facts with monotonic time, ask it for a ``view``. It never raises on what it is told."""
 
 import math
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model import mission_file as files
@@ -31,7 +31,8 @@ _ALIVE_S = 3.0  # as the flight check has it
 
 
 class Console:
-    """``vehicles``: the column, front first; ``tags``: the tag that each carries; ``target_m``: the range wanted.
+    """``vehicles``: the column, front first; ``tags``: the tag that each carries; ``target_m``: the range wanted;
+    ``since_s``: from when the newest message of a topic counts that came at some time (Arrivals.since_s).
 
     ``wall_offset_s`` as Chronicle's.
     """
@@ -39,11 +40,12 @@ class Console:
     def __init__(
         self, vehicles: Sequence[str], tags: Optional[Mapping[str, int]] = None,
         optics: files.Optics = files.USUAL, target_m: float = 0.0,
+        since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s,
     ):  # fmt: skip
         self.names, self.optics, self.file = list(vehicles), optics, files.MissionFile()
         self._chronicle = Chronicle()
         self._target_m = target_m
-        self._vehicles = {name: Vehicle(name) for name in vehicles}
+        self._vehicles = {name: Vehicle(name, since_s) for name in vehicles}
         self._sightings = Sightings(dict(tags or {}))
         self._mission: Heard[f.MissionTold] = Heard(math.inf)
         self._alive: Heard[f.MissionAlive] = Heard(_ALIVE_S)

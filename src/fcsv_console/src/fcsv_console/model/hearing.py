@@ -5,7 +5,7 @@ import math
 import statistics
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Generic, Optional, TypeVar
+from typing import Callable, Deque, Generic, Optional, TypeVar
 
 T = TypeVar("T")
 STALE_S = 1.0  # an operator sees within this time that a stream stopped
@@ -73,15 +73,15 @@ class Heard(Generic[T]):
         usual_s = statistics.median(b - a for a, b in zip(times, times[1:]))
         return min(self._stale_s, max(self._least_s, _MISSED * usual_s))
 
-    def at(self, now_s: float) -> Aged[T]:
-        """As it is to be shown now."""
+    def at(self, now_s: float, since_s: Callable[[float], float] = lambda came_s: came_s) -> Aged[T]:
+        """As it is to be shown now. ``since_s``: from when what came at some time counts."""
         while self._times and self._times[0] < now_s - _WINDOW_S:
             self._times.popleft()
         times = self._times
         span_s = now_s - times[0] if times else 0.0
         rate_hz = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
         rate_hz = min(rate_hz, len(times) / span_s) if span_s > 0.5 else rate_hz
-        age_s = max(0.0, now_s - self._at_s)
+        age_s = max(0.0, now_s - since_s(self._at_s))
         return Aged(self.value, age_s, rate_hz, age_s > self._patience_s)
 
 

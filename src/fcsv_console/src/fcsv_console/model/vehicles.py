@@ -121,11 +121,19 @@ def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked:
     return Flier(MISSION, "mission" if who == "mission" else f"commanded by {a.sender}")
 
 
-class Vehicle:
-    """Collects what is heard of one vehicle."""
+#: what crosses the radio as state, by the topic whose age counts
+_CROSSES = {
+    f.AutopilotState: "mavros/state", f.OdometryHeard: "odometry/state", f.Battery: "mavros/battery",
+    f.Guardian: "guardian/state", f.Agent: "agent/alive", f.Recorder: "recorder/status",
+}  # fmt: skip
 
-    def __init__(self, name: str):
-        self.name = name
+
+class Vehicle:
+    """Collects what is heard of one vehicle. ``since_s`` gives from when the newest message of a topic counts that came
+    at some time: Arrivals.since_s, where a relay is between."""
+
+    def __init__(self, name: str, since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s):
+        self.name, self._since_s = name, since_s
         self.epoch: Optional[int] = None
         self._any: Heard[str] = Heard()
         self.heard: Dict[Type, Heard] = {
@@ -149,7 +157,7 @@ class Vehicle:
         lasts: Callable[[float], float],
     ) -> VehicleRow:  # fmt: skip
         """``calibrated``: epoch and age (s) of the calibration; ``lasts``: seconds that a battery share lasts."""
-        at = {kind: heard.at(now_s) for kind, heard in self.heard.items()}
+        at = {kind: self._at(now_s, kind) for kind in self.heard}
         battery, anything = at[f.Battery], self._any.at(now_s)
         share = battery.value.share if battery.value is not None and not battery.stale else math.nan
         return VehicleRow(
@@ -158,3 +166,9 @@ class Vehicle:
             at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.Said],
             self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s,
         )  # fmt: skip
+
+    def _at(self, now_s: float, kind: Type) -> Aged:
+        topic = _CROSSES.get(kind)
+        if topic is None:
+            return self.heard[kind].at(now_s)
+        return self.heard[kind].at(now_s, lambda came_s: self._since_s(f"/{self.name}/{topic}", came_s))

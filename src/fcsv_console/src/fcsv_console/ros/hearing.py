@@ -4,14 +4,16 @@
 import threading
 import time
 from collections import deque
-from typing import Any, Callable, Deque, Iterable, Iterator, List, Sequence, Tuple
+from typing import Any, Callable, Deque, Iterable, Iterator, List, Optional, Sequence, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 
 from fcsv_console.model import facts as f
 from fcsv_console.ros import messages
+from fcsv_geometry.arrivals import Arrivals
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros.relay_ages import hear_ages, publisher_of
 from fcsv_multimaster.ros.master_watch import master_knows_us, register_again
 
 _MOST = 20000  # facts that wait: a window that hangs for a minute
@@ -24,9 +26,11 @@ class Hearing:
     """``subscribe`` once rospy knows its master; ``take`` from any thread, again and again.
 
     ``recorded``: a bag is played. Its pictures are those of the camera; in flight only compressed ones cross the radio.
+    ``arrivals`` are told what the relay measures.
     """
 
-    def __init__(self, vehicles: Sequence[str], recorded: bool = False):
+    def __init__(self, vehicles: Sequence[str], recorded: bool = False, arrivals: Optional[Arrivals] = None):
+        self._arrivals = arrivals or Arrivals()
         self._vehicles = list(vehicles)
         self._of_vehicle = dict(messages.OF_VEHICLE, **(messages.RECORDED if recorded else {}))
         self._waiting: Deque[Tuple[float, Any]] = deque(maxlen=_MOST)
@@ -41,6 +45,7 @@ class Hearing:
                 self._hear(f"/{name}/{topic}", kind, name, topic, convert)
         for topic, (kind, convert) in messages.OF_CONTROL.items():
             self._hear(topic, kind, "", topic, convert)
+        self._subscribers.append(hear_ages(self._arrivals))
         self._subscribers.append(rospy.Subscriber("/relay/links", DiagnosticArray, self._on_links, queue_size=2))
         self._watch.start()
 
@@ -61,6 +66,7 @@ class Hearing:
 
     def _hear(self, topic: str, kind: Any, name: str, short: str, convert: messages.Convert) -> None:
         def heard(message: Any) -> None:
+            self._arrivals.came(topic, publisher_of(message))
             self._keep(lambda: [convert(name, message)], name, short)
 
         self._subscribers.append(rospy.Subscriber(topic, kind, heard, queue_size=20, tcp_nodelay=True))

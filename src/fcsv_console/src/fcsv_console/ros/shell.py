@@ -26,6 +26,7 @@ from fcsv_console.ros.event_file import EventFile
 from fcsv_console.ros.goal_markers import GoalMarkers
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_console.ros.window_turns import WindowTurns
+from fcsv_geometry.arrivals import Arrivals
 from fcsv_geometry.vehicle import load_vehicles
 
 _LOOK_S = 0.5
@@ -65,11 +66,14 @@ def _parameters() -> dict:
 class Shell:
     """``view`` takes in what came meanwhile; ``do`` asks for an action by name. Both of one thread; neither waits."""
 
-    def __init__(self, console: Console, name: str, recorded: bool = False, windowed: bool = False):
+    def __init__(
+        self, console: Console, name: str, recorded: bool = False, windowed: bool = False,
+        arrivals: Optional[Arrivals] = None,
+    ):  # fmt: skip
         self.console, self._name, self._windowed = console, name, windowed
         self._goals: Optional[GoalMarkers] = None
         self._turns: Optional[WindowTurns] = None
-        self._hearing, self._commands = Hearing(console.names, recorded), None
+        self._hearing, self._commands = Hearing(console.names, recorded, arrivals), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
         self.events: Optional[EventFile] = None
         self._after = AfterRunner(self._hearing.put)
@@ -202,10 +206,11 @@ def open_shell(
     Raises ConfigError where a vehicle file cannot be used.
     """
     found = fleet(vehicles, mission, vehicles_dir)
-    console = Console(found.vehicles, found.tags, target_m=target_m)
+    arrivals = Arrivals()
+    console = Console(found.vehicles, found.tags, target_m=target_m, since_s=arrivals.since_s)
     if found.mission:
         console.load(found.mission)
-    shell = Shell(console, name, recorded, windowed)
+    shell = Shell(console, name, recorded, windowed, arrivals)
     shell.name_places(usual_places(found))
     if windowed and found.session_dir:
         shell.keep_events(found.session_dir)

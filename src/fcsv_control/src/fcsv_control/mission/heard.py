@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the control PC has heard of one vehicle, with ages by when it came: no stamp of a sender enters an age."""
+"""What the control PC has heard of one vehicle. Ages count from when it was sent, as the relay here measured it by
+monotonic clocks: no stamp of a sender enters an age."""
 
 import math
 from dataclasses import dataclass
-from typing import Optional
+from typing import Callable, Optional
 
 import numpy as np
 
@@ -14,6 +15,12 @@ _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _GUARDIAN_OLD_S = 3.0  # it speaks five times a second
 _BATTERY_OLD_S = 10.0  # before the last state: it is told once a second
 _NEVER_S = -math.inf
+ODOMETRY, STATE, BATTERY = "odometry/state", "mavros/state", "mavros/battery"  # topics whose age counts
+GUARDIAN, RECORDER = "guardian/state", "recorder/status"
+
+
+def _as_it_came(_topic: str, came_s: float) -> float:
+    return came_s
 
 
 @dataclass
@@ -38,10 +45,11 @@ class FrameEpochs:
 
 
 class VehicleHeard:
-    """``now_s`` is monotonic time of this machine. A message that the relay held up is younger here than it is by up
-    to the age at which its class is dropped (1 s for states: config/links)."""
+    """``now_s`` is monotonic time of this machine. ``since_s`` gives from when the newest message of a topic counts
+    that came at some time: Arrivals.since_s, where a relay is between."""
 
-    def __init__(self, T_body_cam: np.ndarray):
+    def __init__(self, T_body_cam: np.ndarray, since_s: Callable[[str, float], float] = _as_it_came):
+        self._since_s = since_s
         self._T_body_cam = T_body_cam
         self.epochs = FrameEpochs()
         self._T_odom_body: Optional[np.ndarray] = None
@@ -93,25 +101,26 @@ class VehicleHeard:
 
     def _guardian_words(self, now_s: float) -> str:
         """Where one was heard it must go on being heard."""
-        silent = self._guarded_s != _NEVER_S and now_s - self._guarded_s > _GUARDIAN_OLD_S
+        silent = self._guarded_s != _NEVER_S and now_s - self._since_s(GUARDIAN, self._guarded_s) > _GUARDIAN_OLD_S
         return "it is silent" if silent else self._guarded
 
     def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
         """The vehicle now; its place in home where ``T_home_odom`` is known."""
         known = self._T_odom_body is not None and T_home_odom is not None
         seen = now_s - self._tag_s < _TAG_GAP_S
+        state_s, battery_s = self._since_s(STATE, self._state_s), self._since_s(BATTERY, self._battery_s)
         return VehicleView(
-            pose_age_s=now_s - self._odometry_s,
+            pose_age_s=now_s - self._since_s(ODOMETRY, self._odometry_s),
             speed_mps=self._speed_mps,
             height_m=self._z_m - self._ground_z_m,
-            state_age_s=now_s - self._state_s,
+            state_age_s=now_s - state_s,
             connected=self._connected,
             armed=self._armed,
             mode=self._mode,
             sees_front_s=self._tag_s - self._tag_since_s if seen else 0.0,
             T_home_cam=camera_in_home(T_home_odom, self._T_odom_body, self._T_body_cam) if known else None,
-            battery_share=self._battery_share if self._state_s - self._battery_s <= _BATTERY_OLD_S else math.nan,
-            recorder_age_s=now_s - self._recorder_s,
+            battery_share=self._battery_share if state_s - battery_s <= _BATTERY_OLD_S else math.nan,
+            recorder_age_s=now_s - self._since_s(RECORDER, self._recorder_s),
             recorder_problem=self._problem,
             pictures=None if self._recorder_s == _NEVER_S else self._pictures_before + self._pictures,
             guarded=self._guardian_words(now_s),

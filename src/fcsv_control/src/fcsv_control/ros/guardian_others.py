@@ -12,18 +12,23 @@ from nav_msgs.msg import Odometry
 
 from fcsv_control.guardian.air import Other
 from fcsv_geometry import home_messages, transforms
+from fcsv_geometry.arrivals import Arrivals
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames, Place
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros.relay_ages import hear_ages, publisher_of
 from fcsv_msgs.msg import Calibration, GuardianState, Home
 from mavros_msgs.msg import State
 
 
 class OtherVehicles:
-    """``now`` gives where this vehicle's odometry stands in home, and the others there, as heard last."""
+    """``now`` gives where this vehicle's odometry stands in home, and the others there, as heard last; from when it was
+    sent, as the relay on board measured it."""
 
     def __init__(self, own: str, vehicles: List[str]):
         self._own, self._lock = own, threading.Lock()
+        self._arrivals = Arrivals()
+        hear_ages(self._arrivals, f"/{own}")
         self._in_home = HomeFrames()
         self._heard: Dict[str, Tuple[np.ndarray, Other]] = {}  # position in its own odometry
         self._states: Dict[str, State] = {}
@@ -44,7 +49,9 @@ class OtherVehicles:
             for name, (p_odom, other) in self._heard.items():
                 if name in places:
                     p_home = transforms.apply(places[name].T_a_b, p_odom)
-                    found[name] = replace(other, p_home_m=p_home, sigma_m=places[name].sigma_m(p_odom))
+                    heard_s = self._arrivals.since_s(_odometry_of(name), other.heard_s)
+                    sigma_m = places[name].sigma_m(p_odom)
+                    found[name] = replace(other, p_home_m=p_home, sigma_m=sigma_m, heard_s=heard_s)
             return places.get(self._own), found
 
     def _compose(self, message, take) -> None:
@@ -65,6 +72,7 @@ class OtherVehicles:
             self._renew(name)
 
     def _on_odometry(self, message: Odometry, name: str) -> None:
+        self._arrivals.came(_odometry_of(name), publisher_of(message))
         try:
             T_odom_body = conversions.pose_to_transform(message.pose.pose)
         except FcsvError as error:
@@ -85,3 +93,7 @@ class OtherVehicles:
             armed, mode = (True, "") if state is None else (state.armed, state.mode)
             told = self._guardians.get(name, GuardianState())
             self._heard[name] = (p_odom, replace(other, armed=armed, mode=mode).guarded(told))
+
+
+def _odometry_of(name: str) -> str:
+    return f"/{name}/odometry/state"

@@ -3,7 +3,7 @@
 
 import threading
 import time
-from typing import Optional
+from typing import Callable, Dict, Optional, Sequence
 
 import numpy as np
 import rospy
@@ -14,9 +14,11 @@ from sensor_msgs.msg import BatteryState
 from fcsv_control.guardian.messages import in_words
 from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.snapshot import RecorderView, VehicleView
+from fcsv_geometry.arrivals import Arrivals
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.ros.relay_ages import hear_ages, publisher_of
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_msgs.msg import Epoch, Epochs, GuardianState, RecorderStatus, TagDetections
 from mavros_msgs.msg import State
@@ -39,14 +41,18 @@ class RecorderInput:
 
 
 class VehicleInputs:
-    """Subscribes to a vehicle's topics; ``front_tag_id`` is the tag that its camera should see (None: the first)."""
+    """Subscribes to a vehicle's topics; ``front_tag_id`` is the tag that its camera should see (None: the first).
+    ``arrivals``: from when what came over the radio counts."""
 
-    def __init__(self, vehicle: VehicleGeometry, front_tag_id: Optional[int], health: Health):
-        self._name, self._heard = vehicle.name, VehicleHeard(vehicle.T_body_cam)
+    def __init__(self, vehicle: VehicleGeometry, front_tag_id: Optional[int], health: Health, arrivals: Arrivals):
+        self._name, self._arrivals = vehicle.name, arrivals
+        self._heard = VehicleHeard(vehicle.T_body_cam, lambda t, s: arrivals.since_s(f"/{vehicle.name}/{t}", s))
         self._front_tag_id = front_tag_id
         self._health = health
         self._lock = threading.Lock()
-        subscribe = lambda topic, kind, call: rospy.Subscriber(f"/{self._name}/{topic}", kind, call, queue_size=10)  # noqa: E731
+        subscribe = lambda topic, kind, call: rospy.Subscriber(  # noqa: E731
+            f"/{self._name}/{topic}", kind, self._noting(topic, call), queue_size=10
+        )
         subscribe("mavros/local_position/pose", PoseStamped, self._on_position)
         subscribe("mavros/battery", BatteryState, self._on_battery)
         subscribe("recorder/status", RecorderStatus, self._on_recorder)
@@ -58,6 +64,16 @@ class VehicleInputs:
             rospy.Subscriber(f"/{what}_epochs", Epochs, self._on_epochs, what, queue_size=1)
         if front_tag_id is not None:
             subscribe("tags/detections", TagDetections, self._on_tags)
+
+    def _noting(self, topic: str, take: Callable) -> Callable:
+        """``take``, once the message was noted as one that came from a relay, or not."""
+        name = f"/{self._name}/{topic}"
+
+        def heard_of(message) -> None:
+            self._arrivals.came(name, publisher_of(message))
+            take(message)
+
+        return heard_of
 
     def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
         """The vehicle at monotonic time ``now_s``; its place in home where ``T_home_odom`` is known."""
@@ -106,3 +122,11 @@ class VehicleInputs:
         if self._front_tag_id in [d.id for d in message.detections]:
             with self._lock:
                 self._heard.front_tag(time.monotonic())
+
+
+def inputs_of(column: Sequence[VehicleGeometry], health: Health) -> Dict[str, VehicleInputs]:
+    """Of every vehicle, by name; the front one is first. Each but that one sees the tag of the one in front."""
+    arrivals = Arrivals()
+    hear_ages(arrivals)
+    fronts = [None, *(v.tag_id for v in column[:-1])]
+    return {v.name: VehicleInputs(v, front, health, arrivals) for v, front in zip(column, fronts)}

@@ -19,7 +19,7 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.ros.mission_desk import MissionDesk
-from fcsv_control.ros.mission_inputs import RecorderInput, VehicleInputs
+from fcsv_control.ros.mission_inputs import RecorderInput, inputs_of
 from fcsv_control.ros.mission_memory import MissionMemory, Restored
 from fcsv_geometry import home_messages
 from fcsv_geometry.errors import FcsvError
@@ -102,8 +102,7 @@ class MissionNode:
         rospy.Service("/mission/proceed", Proceed, self._on_proceed)
         rospy.Service("/mission/abort", Trigger, self._on_abort)
         self._desk = MissionDesk(self._machine, self._lock)
-        fronts = [None, *(self._vehicles[n].tag_id for n in names[:-1])]
-        self._inputs = {n: VehicleInputs(self._vehicles[n], tag, self._health) for n, tag in zip(names, fronts)}
+        self._inputs = inputs_of([self._vehicles[n] for n in names], self._health)
         self._recorder = RecorderInput(self._parameters.recorder) if self._parameters.recorder else None
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)

@@ -16,6 +16,7 @@ from fcsv_multimaster.links import TF_TOPICS
 from fcsv_multimaster.parcel import Parcel
 from fcsv_multimaster.ros.pictures import PictureUnpacker
 from fcsv_multimaster.ros.tf_merge import TfIn
+from fcsv_multimaster.sent_times import SentTimes
 
 _CONNECT_S = 1.0  # who subscribed before has connected by then, or is no more
 _NO_MORE_S = 0.3  # after the last connection no other comes
@@ -53,6 +54,7 @@ class Inbox:
         self._drop, self._definition = drop, definition
         self._lock = threading.Lock()
         self._entries: Dict[str, _Entry] = {}
+        self.sent = SentTimes()
         self._pictures = PictureUnpacker()
         self._tf = {t: TfIn(static=t == "/tf_static") for t in TF_TOPICS}
         self._waiting: Dict[str, List[Parcel]] = {}
@@ -94,6 +96,7 @@ class Inbox:
         message = entry.cls()
         message._buff = data
         entry.used_s = time.monotonic()
+        self.sent.came(parcel)
         try:
             entry.publisher.publish(message)
         except rospy.ROSException:

@@ -11,8 +11,9 @@ from typing import Dict, List
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 
-from fcsv_geometry.ros import node
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_msgs.msg import RelayAges
 from fcsv_multimaster.addresses import AddressWatch
 from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
 from fcsv_multimaster.errors import EndpointError, RelayError
@@ -29,6 +30,7 @@ from fcsv_multimaster.ros.tf_merge import TfOut
 
 _SWITCH_S = 0.0005  # what is urgent must not wait five milliseconds for a thread that handles pictures
 _TF_HZ = 10.0
+_AGES_HZ = 20.0
 # A process that slept for longer (SIGSTOP) has sessions that its peers closed. Zenoh's numbers for topics are a
 # session's own; those of an old one were seen to be taken for another machine's.
 _SLEPT_S = 3.0
@@ -82,6 +84,8 @@ class RelayNode:
         self._tf_header: Dict[str, Dict[str, str]] = {}
         rospy.loginfo("%s to %s sends %s", self._name, sorted(peers) or "nobody", self._exchange.exports)
         self._subscribers = self._subscribe()
+        self._ages = rospy.Publisher("~ages", RelayAges, queue_size=5, tcp_nodelay=True)
+        self._ages_timer = node.every(1.0 / _AGES_HZ, lambda _event: self._tell_ages())
 
     def _subscribe(self) -> List[rospy.Subscriber]:
         subscribers = []
@@ -134,6 +138,11 @@ class RelayNode:
     def _on_parcel(self, parcel: Parcel) -> bool:
         self._health.tick(f"in {parcel.topic}")
         return self._inbox.deliver(parcel)
+
+    def _tell_ages(self) -> None:
+        sent = self._inbox.sent.take()
+        if sent:
+            self._ages.publish(RelayAges(conversions.header(rospy.get_time(), ""), list(sent), list(sent.values())))
 
     # ---- what goes on by itself ----------------------------------------------------------------------------
 

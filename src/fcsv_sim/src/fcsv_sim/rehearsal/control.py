@@ -39,7 +39,6 @@ class ControlPc:
         self._mission, self._fleet, self._radios = mission, fleet, radios
         self._random = np.random.default_rng([seed, 22])
         self._cameras = {n: v.geometry.T_body_cam for n, v in fleet.items()}
-        self._now_s = 0.0
         self._hear_nobody()
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
         self._T_ref_odom: Dict[str, np.ndarray] = {}  # T_odom1_odomN by the calibration
@@ -58,7 +57,6 @@ class ControlPc:
 
     def listen(self, now_s: float) -> None:
         """Every vehicle sends what is due over its radio."""
-        self._now_s = now_s
         for name, vehicle in self._fleet.items():
             due, radio, state = self._due_s[name], self._radios[name], vehicle.link.state
             for ack in vehicle.acks:
@@ -79,30 +77,35 @@ class ControlPc:
                 self._send(now_s, name, self._slow, (share, vehicle.pictures))
 
     def _send(self, now_s: float, name: str, take: Callable, told: Tuple) -> None:
-        """``take`` it when it arrives, unless something newer of the kind came before."""
+        """``take`` it when it arrives, unless something newer of the kind came before; it counts from when it was sent,
+        as the relay measures it."""
         heard = self.heard
 
         def arrived(what: Tuple) -> None:
             if heard is self.heard and now_s >= self._newest_s.get((name, take), 0.0):
                 self._newest_s[name, take] = now_s
-                take(name, *what)
+                take(name, now_s, *what)
 
         self._radios[name].send(now_s, arrived, told)
 
-    def _pose(self, name: str, T_odom_body: np.ndarray, speed_mps: float, height_m: float, epoch: EpochBegan) -> None:
+    def _pose(
+        self, name: str, sent_s: float, T_odom_body: np.ndarray, speed_mps: float, height_m: float, epoch: EpochBegan
+    ) -> None:
         heard = self.heard[name]
-        heard.odometry(self._now_s, T_odom_body, speed_mps)
+        heard.odometry(sent_s, T_odom_body, speed_mps)
         heard.position(height_m)
         heard.epochs.now, heard.epochs.reason = epoch.number, epoch.reason
 
-    def _state(self, name: str, mode: str, armed: bool, connected: bool, guarded: str, lost: bool) -> None:
+    def _state(
+        self, name: str, sent_s: float, mode: str, armed: bool, connected: bool, guarded: str, lost: bool
+    ) -> None:
         self._states[name] = (mode, armed, connected, guarded, lost)
-        self.heard[name].state(self._now_s, mode, armed, connected)
-        self.heard[name].guardian(self._now_s, guarded, lost)
+        self.heard[name].state(sent_s, mode, armed, connected)
+        self.heard[name].guardian(sent_s, guarded, lost)
 
-    def _slow(self, name: str, battery_share: float, pictures: int) -> None:
-        self.heard[name].battery(self._now_s, battery_share)
-        self.heard[name].recorder(self._now_s, "", pictures)
+    def _slow(self, name: str, sent_s: float, battery_share: float, pictures: int) -> None:
+        self.heard[name].battery(sent_s, battery_share)
+        self.heard[name].recorder(sent_s, "", pictures)
 
     def _acknowledged(self, name: str):
         return lambda ack: self._take_ack(name, ack)
