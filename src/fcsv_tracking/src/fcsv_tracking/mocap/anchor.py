@@ -14,6 +14,18 @@ from fcsv_geometry import rotations, transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.trajectory import Trajectory
 
+_SAME_RAD = np.radians(20.0)  # a body that is turned over is off by far more, an odometry that goes on by less
+
+
+def lies_as_before(proven_R_M_O: Optional[np.ndarray], R_M_O: np.ndarray) -> bool:
+    """Whether the odometry lies in the mocap's frame as it did when its heading was proven (None: it never was).
+
+    Only a body turned over and an odometry that began anew, turned just as much, could deceive it together.
+    """
+    if proven_R_M_O is None:
+        return False
+    return float(np.linalg.norm(rotations.log(proven_R_M_O.T @ R_M_O))) < _SAME_RAD
+
 
 class Anchor:
     """Collects pairs of poses; the middle of them once they agree."""

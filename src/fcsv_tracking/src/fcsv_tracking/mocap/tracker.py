@@ -15,7 +15,7 @@ import numpy as np
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_tracking.mocap.anchor import Anchor
+from fcsv_tracking.mocap.anchor import Anchor, lies_as_before
 from fcsv_tracking.mocap.blend import Blend
 from fcsv_tracking.mocap.disputes import Disputes, MocapVerdict
 from fcsv_tracking.mocap.filter import PERIOD_S, MocapFilter
@@ -25,7 +25,6 @@ from fcsv_tracking.mocap.samples import MocapInput, VehicleInput, VehicleSample
 _LONGEST_STEP_S = 0.05
 _LATEST_S = 0.02  # how long after the filter's moment a sample may come: motion is straight for so long
 _UNPROVEN_S = 0.1  # how long odometry alone is followed before movement has proven its heading
-_SAME_HEADING_RAD = np.radians(20.0)  # a body that is turned over is off by far more, an odometry that goes on by less
 _CONTRADICTION = "odometry and IMU contradict each other, or mocap: who is right is not known"
 _SILENT = "neither odometry nor mocap"
 _UNPROVEN = "its heading is not proven yet: move it 0.3 m sideways in the mocap's view"
@@ -229,14 +228,8 @@ class MocapTracker:
         self._time_s = self._mocap_s = moment_s
         self._began_p_M = T_M_D[:3, 3].copy()
         self.counts.count("anchored")
-        self._heading_confirmed = self._looks_as_before()
+        self._heading_confirmed = lies_as_before(self._proven_R_M_O, self._filter.state.R_M_O)
         self.absent_because = "" if self._heading_confirmed else _UNPROVEN
-
-    def _looks_as_before(self) -> bool:
-        """Whether the odometry lies in the mocap's frame as it did when it went silent, its heading proven: only a body
-        turned over and an odometry that began anew just as much turned could deceive it together."""
-        before, now = self._proven_R_M_O, self._filter.state.R_M_O
-        return before is not None and float(np.linalg.norm(rotations.log(before.T @ now))) < _SAME_HEADING_RAD
 
     def _forget(self, why: str) -> None:
         """No pose from here on, until mocap and odometry agree for half a second again.
