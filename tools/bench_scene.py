@@ -11,6 +11,7 @@ are other witnesses by the drawn points; their bound is 1.15 times the worst of 
 """
 
 import argparse
+import dataclasses
 import itertools
 import logging
 import multiprocessing
@@ -23,7 +24,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from fcsv_control.flight.scene_check import SceneCheckRules
+from fcsv_control.flight.scene_check import SceneCheck, SceneCheckRules
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.mission import load_mission
 from fcsv_sim.bringup import mission_file
@@ -52,6 +53,12 @@ DRIFT_HEAD = (
     "| --- | --- | --- | --- | --- |",
 )
 
+ONE_WAY_HEAD = (
+    f"| points that moved one way, bound {RULES.one_way_share:g} | calm vehicles doubted | most without a drift | "
+    f"seen | within {SOON_S:g} s | after (s) |",
+    "| --- | --- | --- | --- | --- | --- |",
+)
+
 
 @dataclass(frozen=True)
 class Moment:
@@ -73,7 +80,19 @@ class Seen:
     (rad), points, and how far off (rad), the first as on board, the others as VARIANTS."""
 
     looks: np.ndarray
+    one_way: np.ndarray  # (N, 4) time, seconds between the pictures, share of points (one_way), height over the ground
     cpu_s: float = 0.0
+
+    def one_way_s(self, share: float, from_s: float = -np.inf) -> Optional[float]:
+        """When first so many points had moved one way, as SceneCheck counts them."""
+        check = SceneCheck(dataclasses.replace(RULES, one_way_share=share))
+        return next((row[0] for row in self.one_way.tolist() if check.one_way(*row) and row[0] >= from_s), None)
+
+    @property
+    def most_one_way(self) -> float:
+        """The least share at which nothing would be said."""
+        shares = sorted({1e-6, *self.one_way[self.one_way[:, 2] > 0.0, 2].tolist()})
+        return next((s for s in shares if self.one_way_s(s) is None), 1.0)
 
     @property
     def enough(self) -> np.ndarray:
@@ -131,7 +150,11 @@ class Recorder:
 def by_points(moments: Sequence[Moment]) -> Seen:
     """What the rehearsal's witness says."""
     looks = [(m.at_s, m.points) for m in moments if m.points is not None]
-    return Seen(np.array([(t, k.span_s, k.turn_rad, k.points, k.off_rad) for t, k in looks]).reshape(-1, 5))
+    one_way = [(m.at_s, m.points.span_s, m.points.one_way, m.T_world_body[2, 3]) for m in moments if m.points]
+    return Seen(
+        np.array([(t, k.span_s, k.turn_rad, k.points, k.off_rad) for t, k in looks]).reshape(-1, 5),
+        np.array(one_way).reshape(-1, 4),
+    )
 
 
 def by_pictures(
@@ -141,7 +164,7 @@ def by_pictures(
     random, watch = np.random.default_rng([seed, 9]), SceneWatch()
     camera = SimulatedCamera(renderer, T_body_cam, CameraParameters(width_px, width_px * 3 // 4), seed)
     shake_rad = np.radians(Airframe().vibration_rms_deg)
-    looks, epoch, cpu_s = [], None, 0.0
+    looks, one_way, epoch, cpu_s = [], [], None, 0.0
     for m in moments:
         if m.epoch != epoch:
             epoch = m.epoch
@@ -155,7 +178,8 @@ def by_pictures(
         cpu_s += time.process_time() - begun_s
         if seen is not None:
             looks.append((m.at_s, seen.span_s, seen.turn_rad, seen.points, seen.off_rad, *variants(*LAST)))
-    return Seen(np.array(looks).reshape(-1, 5 + len(VARIANTS)), cpu_s)
+            one_way.append((m.at_s, seen.span_s, seen.one_way, m.T_world_body[2, 3]))
+    return Seen(np.array(looks).reshape(-1, 5 + len(VARIANTS)), np.array(one_way).reshape(-1, 4), cpu_s)
 
 
 # ---- other witnesses by the same points ------------------------------------------------------------------------
@@ -164,9 +188,9 @@ def by_pictures(
 LAST: List[np.ndarray] = []  # of the last look: points then and now, T_now_then
 
 
-def _remember(span_s: float, xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -> SceneLook:
+def _remember(span_s: float, xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray, R_odom_now) -> SceneLook:
     LAST[:] = xy_then, xy_now, T_now_then
-    return _look(span_s, xy_then, xy_now, T_now_then)
+    return _look(span_s, xy_then, xy_now, T_now_then, R_odom_now)
 
 
 _look, scene_motion.look = scene_motion.look, _remember
@@ -216,6 +240,17 @@ def drift_row(name: str, seen: Sequence[Seen], began_s: Sequence[float], bound_r
     return f"| {name} | {1e3 * bound_rad:.1f} | {len(after_s)} of {len(seen)} | {soon} | {times} |"
 
 
+def one_way_row(name: str, calm: Sequence[Seen], drifts: Sequence[Seen], began_s: Sequence[float]) -> str:
+    """What the rule of points that moved one way says."""
+    worst = max((s.most_one_way for s in calm), default=float("nan"))
+    doubted = sum(s.one_way_s(RULES.one_way_share) is not None for s in calm)
+    told = [s.one_way_s(RULES.one_way_share, b) for s, b in zip(drifts, began_s)]
+    after_s = sorted(t - b for t, b in zip(told, began_s) if t is not None)
+    times = f"{np.median(after_s):.1f}, worst {after_s[-1]:.1f}" if after_s else "–"
+    soon = sum(a < SOON_S for a in after_s)
+    return f"| {name} | {doubted} of {len(calm)} | {worst:.3f} | {len(after_s)} of {len(drifts)} | {soon} | {times} |"
+
+
 @dataclass(frozen=True)
 class Task:
     """One flight and its world."""
@@ -260,6 +295,9 @@ def tables(flights: Sequence[Tuple[str, bool, float, Seen, Seen]]) -> str:
     for k, name in enumerate(("as on board", *VARIANTS) if calm and drifts else ()):
         worst_rad = max(float(s[4].in_a_row(k)[1].max(initial=0.0)) for s in calm)
         rows.append(drift_row(f"all drawn, {name}", [s[4] for s in drifts], began_s, MARGIN * worst_rad, k))
+    rows += ["", *ONE_WAY_HEAD]
+    for k, name in ((3, "points of the rehearsal"), (4, "drawn pictures")):
+        rows.append(one_way_row(name, [s[k] for s in calm], [s[k] for s in drifts], began_s))
     looks, cpu_s = sum(len(s[4].looks) for s in flights), sum(s[4].cpu_s for s in flights)
     return "\n".join([*rows, "", f"{1e3 * cpu_s / max(looks, 1):.1f} ms of processor time for each look at a picture"])
 

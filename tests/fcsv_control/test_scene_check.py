@@ -65,6 +65,38 @@ def test_it_is_only_said_where_nobody_asked_for_more():
     assert "drifts" in check.scene_says and not check.doubt
 
 
+def one_way_doubts(shares, span_s=1.0, above_m=6.0, every_s=LOOK_S):
+    check = SceneCheck()
+    return [bool(check.one_way(k * every_s, span_s, share, above_m)) for k, share in enumerate(shares)]
+
+
+def test_points_that_went_one_way_are_a_doubt_after_two_looks():
+    assert one_way_doubts([0.3, 0.3]) == [False, True]
+    assert not any(one_way_doubts([0.3, 0.1, 0.3, 0.1]))
+
+
+@pytest.mark.parametrize("what", [{"span_s": 0.5}, {"above_m": 2.0}, {"every_s": 2.5}])
+def test_but_not_near_the_ground_nor_soon_nor_rarely(what):
+    assert not any(one_way_doubts([0.3] * 6, **what))
+
+
+def test_a_share_or_a_height_that_is_no_number_is_no_doubt():
+    assert not any(one_way_doubts([float("nan")] * 6)) and not any(one_way_doubts([0.3] * 6, above_m=float("nan")))
+
+
+def test_points_that_went_one_way_land_a_flying_vehicle():
+    said = []
+    for lands in (True, False):
+        check = FeedCheck(FeedCheckRules(scene=SceneCheckRules(one_way_lands=lands)))
+        check.on_ground()
+        check.judge(10.0, 10.0, np.eye(4))
+        for k, height_m in enumerate((0.0, 6.0, 6.0)):  # the barometer says how high it is
+            check.barometer(10.0 + LOOK_S * k, height_m)
+            check.scene(10.0 + LOOK_S * k, 1.0, 0.0, 0.0, 40, 0.3)
+        said.append((check.scene_says, check.doubt))
+    assert "fly" in said[0][0] and said == [(said[0][0], said[0][0]), (said[0][0], "")]
+
+
 def flown(seed, drift_mps, seconds):
     """When doubt came (s), or None: a vehicle that goes and turns between places where it hovers, with a tracker."""
     scene, check = SimulatedScene(T_BODY_CAM, seed), SceneCheck()
@@ -81,8 +113,10 @@ def flown(seed, drift_mps, seconds):
         T_odom = tracker.odometry(at_s, transforms.from_xyz_yaw(p_m, yaw_rad))[0]
         turning = (turns[leg + 1] - turns[leg]) / 4.0 if share < 1.0 else 0.0
         seen = scene.see(at_s, transforms.from_xyz_yaw(p_m + off_m, yaw_rad), T_odom, np.array([0.0, 0.0, turning]))
-        if seen is not None and check.look(at_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points):
-            return at_s
+        if seen is not None:
+            off = check.look(at_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points)
+            if off or check.one_way(at_s, seen.span_s, seen.one_way, p_m[2]):
+                return at_s
     return None
 
 

@@ -73,9 +73,9 @@ def test_points_that_move_by_themselves_are_outvoted():
     random = np.random.default_rng(2)
     xy = random.uniform(-0.4, 0.4, (50, 2))
     moved = xy + np.where(np.arange(50)[:, None] < 30, [0.2, 0.0], [0.0, 0.0])
-    assert look(1.0, xy, moved, np.eye(4)).off_rad < 1e-9
+    assert look(1.0, xy, moved, np.eye(4), R_FLU_OPTICAL).off_rad < 1e-9
     moved = xy + np.where(np.arange(50)[:, None] < 40, [0.2, 0.0], [0.0, 0.0])
-    assert look(1.0, xy, moved, np.eye(4)).off_rad == pytest.approx(0.2)
+    assert look(1.0, xy, moved, np.eye(4), R_FLU_OPTICAL).off_rad == pytest.approx(0.2)
 
 
 def test_a_new_frame_or_another_picture_size_begins_anew(wall):

@@ -2,8 +2,8 @@
 """Do a camera's pictures agree with how a tracker says that it moved: a witness that the tracker's drift cannot move.
 
 Points of the scene are followed from one picture to a later one. The two poses say along which line each point may have
-moved, whatever its depth: the epipolar line, from infinitely far away to ``NEAREST_M`` (Hartley and Zisserman 2004,
-9.2). A tracker that drifts while the vehicle holds its place by it moves the camera, and so all points off their lines.
+moved, whatever its depth: the epipolar line, from infinitely far away to 2 m (epipolar.py). A tracker that drifts while
+the vehicle holds its place by it moves the camera, and so all points off their lines, near ones first (one_way.py).
 """
 
 import math
@@ -15,9 +15,10 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_tracking.epipolar import from_lines
 from fcsv_tracking.errors import TrackingError
+from fcsv_tracking.one_way import one_way_share
 
-NEAREST_M = 2.0  # of the scene: nearer points would move further
 SHARE_THAT_MAY_MOVE = 0.7  # of the points by themselves: people, leaves, another vehicle
 _WIDTH_PX = 320  # of the pictures in which points are followed
 _MOST_POINTS, _LEAST_POINTS = 60, 15
@@ -34,6 +35,7 @@ class SceneLook:
     off_rad: float
     turn_rad: float
     points: int
+    one_way: float
 
 
 def off_lines(xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -> np.ndarray:
@@ -45,21 +47,20 @@ def off_lines(xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -
     >>> off_lines(np.zeros((2, 2)), np.array([[0.1, 0.0], [0.1, 0.03]]), T).round(9).tolist()
     [0.0, 0.03]
     """
-    far = xy_then @ T_now_then[:3, :2].T + T_now_then[:3, 2]
-    near = far + T_now_then[:3, 3] / NEAREST_M
-    a, b = (p[:, :2] / np.maximum(p[:, 2:], 0.1) for p in (far, near))
-    line, from_a = b - a, xy_now - a
-    length2 = np.maximum(np.einsum("ij,ij->i", line, line), 1e-18)
-    share = np.minimum(np.maximum(np.einsum("ij,ij->i", line, from_a) / length2, 0.0), 1.0)
-    off = from_a - share[:, None] * line
+    off = from_lines(xy_then, xy_now, T_now_then)
     return np.hypot(off[:, 0], off[:, 1])
 
 
-def look(span_s: float, xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -> SceneLook:
-    """What followed points (N, 2; N of one or more), as for off_lines(), say of a motion."""
+def look(
+    span_s: float, xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray, R_odom_now: np.ndarray
+) -> SceneLook:
+    """What followed points (N, 2; N of one or more), as for off_lines(), say of a motion; ``R_odom_now`` (3, 3) turns
+    from the camera now into the level odometry frame."""
+    turn_rad = _turn_rad(T_now_then)
     off_rad = np.sort(off_lines(xy_then, xy_now, T_now_then))
-    return SceneLook(span_s, float(off_rad[int((1.0 - SHARE_THAT_MAY_MOVE) * len(off_rad))]), _turn_rad(T_now_then),
-                     len(xy_then))  # fmt: skip
+    most_rad = float(off_rad[int((1.0 - SHARE_THAT_MAY_MOVE) * len(off_rad))])
+    one_way = one_way_share(xy_then, xy_now, T_now_then, R_odom_now, turn_rad)
+    return SceneLook(span_s, most_rad, turn_rad, len(xy_then), one_way)
 
 
 def outlived(span_s: float, T_now_then: np.ndarray) -> bool:
@@ -106,7 +107,7 @@ class SceneWatch:
         if len(kept) < max(_LEAST_POINTS, _KEPT * len(points_then)) or outlived(span_s, T_now_then):
             return self._take(stamp_s, small, T_odom_cam)
         xy = (camera.normalize(p) for p in (points_then[kept], self._points))
-        return look(span_s, *xy, T_now_then)
+        return look(span_s, *xy, T_now_then, T_odom_cam[:3, :3])
 
     def _take(self, stamp_s: float, small: np.ndarray, T_odom_cam: np.ndarray) -> None:
         points = cv2.goodFeaturesToTrack(small, _MOST_POINTS, 0.01, 12)

@@ -114,12 +114,18 @@ class FeedCheck:
             off_m = self._height.barometer(now_s, height_m, self._tracker_m)
             self.doubt = self.doubt or self._height.doubt(off_m)
 
-    def scene(self, now_s: float, span_s: float, off_rad: float, turn_rad: float, points: int) -> None:
+    def scene(
+        self, now_s: float, span_s: float, off_rad: float, turn_rad: float, points: int, one_way: float = 0.0
+    ) -> None:
         """What the vehicle's own pictures say of the tracker's motion (SceneMotion.msg), while it flies."""
         if self._tracker_m is not None:
             self.scene_says = self._scene.look(now_s, span_s, off_rad, turn_rad, points) or self.scene_says
+            said = self._scene.one_way(now_s, span_s, one_way, self._height.above_m)
+            self.scene_says = self.scene_says or said
             if self._rules.scene.lands:
                 self.doubt = self.doubt or self.scene_says
+            elif self._rules.scene.one_way_lands:
+                self.doubt = self.doubt or said
 
     def judge(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """Whether a pose of a flying vehicle may go to the autopilot. ``came_back``: it is the first after a silence

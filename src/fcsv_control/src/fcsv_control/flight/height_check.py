@@ -44,6 +44,7 @@ class HeightCheck:
     def __init__(self, rules: Optional[HeightCheckRules] = None):
         self._rules = rules or HeightCheckRules()
         self.ground_seen = False  # by this process
+        self.above_m = 0.0  # over the lowest since the take-off, by the barometer
         self._lowest_m: Optional[float] = None  # of the barometer since the take-off
         self.begin_again()
 
@@ -54,7 +55,7 @@ class HeightCheck:
     def on_ground(self) -> None:
         """Nothing of before counts."""
         self.begin_again()
-        self._lowest_m, self.ground_seen = None, True
+        self._lowest_m, self.ground_seen, self.above_m = None, True, 0.0
 
     def barometer(self, now_s: float, baro_m: float, tracker_m: float) -> float:
         """A sample, and the tracker's height then; by how much (m) they moved against each other, 0.0 while too little
@@ -65,7 +66,8 @@ class HeightCheck:
         if self._lowest_m is None:  # who was started in flight never saw the ground: where the tracker began
             self._lowest_m = baro_m if self.ground_seen else baro_m - max(0.0, tracker_m)
         self._lowest_m = min(self._lowest_m, baro_m)
-        if baro_m - self._lowest_m < r.above_m:
+        self.above_m = baro_m - self._lowest_m
+        if self.above_m < r.above_m:
             return 0.0
         apart.append((now_s, tracker_m - baro_m))
         while apart[0][0] < now_s - r.apart_s - r.before_s:

@@ -21,6 +21,10 @@ class SceneCheckRules:
     looks: int = 3  # in a row
     longest_s: float = 2.0  # between two of those
     lands: bool = False  # whether it is a doubt, upon which the vehicle lands; else it is only said
+    one_way_share: float = 0.19  # of the points (fcsv_tracking.one_way), moved as if the vehicle flew one way,
+    one_way_looks: int = 2  # in a row,
+    one_way_above_m: float = 2.5  # over the take-off: nearer to the ground small errors move the points far
+    one_way_lands: bool = False  # likewise
 
     def __post_init__(self):
         require_positive(self)
@@ -36,6 +40,7 @@ class SceneCheck:
     def begin_again(self) -> None:
         """Nothing of before counts."""
         self._off, self._off_s = 0, float("-inf")
+        self._one_way, self._one_way_s = 0, float("-inf")
 
     def look(self, now_s: float, span_s: float, off_rad: float, turn_rad: float, points: int) -> str:
         """A look (SceneMotion.msg) at the scene of a flying vehicle; why the tracker is not believed, or nothing."""
@@ -48,3 +53,20 @@ class SceneCheck:
         self._off = self._off + 1 if now_s - self._off_s < r.longest_s else 1
         self._off_s = now_s
         return "the camera's pictures move, the tracker does not: it drifts" if self._off >= r.looks else ""
+
+    def one_way(self, now_s: float, span_s: float, share: float, above_m: float) -> str:
+        """The share of the points that moved as if the vehicle flew one way, this high over the take-off (m); why the
+        tracker is not believed, or nothing."""
+        r = self._rules
+        if span_s < r.least_s or not above_m > r.one_way_above_m:
+            return ""
+        if not share > r.one_way_share:
+            self._one_way = 0
+            return ""
+        self._one_way = self._one_way + 1 if now_s - self._one_way_s < r.longest_s else 1
+        self._one_way_s = now_s
+        return (
+            "the camera sees the vehicle fly, the tracker does not: it drifts"
+            if self._one_way >= r.one_way_looks
+            else ""
+        )

@@ -61,7 +61,7 @@ class PoseFeed:
         self._check.barometer(time.monotonic(), height_m)
 
     def _on_scene(self, m: SceneMotion) -> None:
-        self._check.scene(time.monotonic(), m.span_s, m.off_rad, m.turn_rad, m.points)
+        self._check.scene(time.monotonic(), m.span_s, m.off_rad, m.turn_rad, m.points, m.one_way)
 
     def begin_again(self) -> None:
         """The odometry's frame was begun anew: the next pose is adopted at once."""

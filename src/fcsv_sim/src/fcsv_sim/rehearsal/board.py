@@ -150,7 +150,7 @@ class OnBoard:
     def _scene_looked(self, now_s: float, seen: SceneLook) -> None:
         """Its pictures were held against its tracker."""
         if self.link_runs:
-            self._check.scene(now_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points)
+            self._check.scene(now_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points, seen.one_way)
 
     def _on_board(self, now_s: float) -> None:
         """The line between autopilot and link, the link's events, the watchdog, the agent."""

@@ -54,7 +54,7 @@ class SimulatedScene:
         T_now_then = transforms.invert(T_odom_cam) @ T_odom_then
         if seen.sum() < _KEPT * len(xy) or outlived(span_s, T_now_then):
             return self._take(stamp_s, T_world_cam, T_odom_cam, turns_radps)
-        return look(span_s, xy_then[seen], xy[seen], T_now_then)
+        return look(span_s, xy_then[seen], xy[seen], T_now_then, T_odom_cam[:3, :3])
 
     def _take(self, stamp_s: float, T_world_cam: np.ndarray, T_odom_cam: np.ndarray, turns_radps) -> None:
         n, random = self._count, self._random

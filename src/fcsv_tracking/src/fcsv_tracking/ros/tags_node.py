@@ -176,7 +176,8 @@ class TagsNode:
         seen = self._scene.see(stamp_s, grey, self._camera, T_odom_cam)
         if seen is not None:
             header = conversions.header(stamp_s, frames.camera_optical(self._name))
-            self._scene_motion.publish(SceneMotion(header, seen.span_s, seen.off_rad, seen.turn_rad, seen.points))
+            look = (seen.span_s, seen.off_rad, seen.turn_rad, seen.points, seen.one_way)
+            self._scene_motion.publish(SceneMotion(header, *look))
 
     def _body_at(self, stamp_s: float):
         """T_odom_body at a picture's stamp; odometry that is still under way is waited for."""
