@@ -161,10 +161,11 @@ def flown():
 
 
 def scale_sigmas(result, reference):
+    """Without what a focal length that may be wrong makes of it: three posters far away do not tell it."""
     out = []
     for r in result.others:
         arm = r.picture.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
-        out.append(float(np.sqrt(arm @ r.covariance[3:, 3:] @ arm)) / (arm @ arm))
+        out.append(float(np.sqrt(arm @ (r.told + r.untold)[3:, 3:] @ arm)) / (arm @ arm))
     return out
 
 

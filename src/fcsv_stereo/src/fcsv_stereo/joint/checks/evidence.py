@@ -25,7 +25,6 @@ FEATURES = (
     "volume's match about it", "volume's match further about it", "log step about it", "log step further about it",
     "log contrast", "share of pairs that see it",
 )  # fmt: skip
-WRONG = 0.1  # share of the depth: errors above it are what ``doubt`` is the probability of
 _WINDOW = (RESIDUALS.window_px,) * 2
 
 
@@ -113,7 +112,7 @@ def chance_of_wrong(off: np.ndarray) -> np.ndarray:
     >>> chance_of_wrong(np.array([0.0, 0.05, 0.1])).astype(float).round(3).tolist()
     [0.0, 0.046, 0.317]
     """
-    return erfc(WRONG / (np.sqrt(2.0) * np.maximum(off, 1e-6))).astype(np.float32)
+    return erfc(EVIDENCE.wrong / (np.sqrt(2.0) * np.maximum(off, 1e-6))).astype(np.float32)
 
 
 def _unlike(difference: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ class Evidence(Tuned):
     probes_px: Tuple[float, ...] = tuned(
         (2.5, 5.0, 12.0), "px of that scale, either way", "other depths that are tried"
     )
+    wrong: float = tuned(0.1, "share of the depth", "larger errors are what the doubt is the probability of")
     noise_grey: float = tuned(0.75, "grey levels", "differences below it tell nothing")
     stands_out: float = tuned(1.2, "times worse at other depths", "from it on a match stands out")
     plain_grey: float = tuned(2.5, "grey levels, mean difference from what is about it", "below it there is no texture")
