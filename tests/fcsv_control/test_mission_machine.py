@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state machine on a fake clock: the ordinary way, and what must stop it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -409,6 +411,20 @@ def test_small_vehicles_are_held_where_their_own_air_begins(flight):
         above = f.fleet["uav1"].T_home_body[:3, 3] + np.array([0.0, 0.0, height_m])
         f.fleet["uav2"].T_home_body[:3, 3] = above
         assert watch.problems(f.machine.mission, "CONFIGURATIONS", f.snapshot()) == found
+
+
+@pytest.mark.parametrize("apart_m, age_s, found", [(1.2, 0.05, 0), (0.75, 0.05, 1), (1.2, 0.75, 1)])
+def test_room_for_what_is_not_known_of_two_places_is_kept_in_flight_too(flight, apart_m, age_s, found):
+    """0.63 m of air and 0.15 m of doubt, as guardians count it; half a second more of age at 1 m/s is 0.5 m."""
+    f = flight(mission(("horizontal", 1.2), air=SeparationRules(1.0, 1.0), min_separation_m=1.0, home_height_m=2.0))
+    f.up_to_configurations()
+    f.fleet["uav2"].T_home_body[:3, 3] = f.fleet["uav1"].T_home_body[:3, 3] + np.array([0.0, apart_m, 0.0])
+    seen = f.snapshot()
+    late = replace(seen.vehicles["uav2"], pose_age_s=age_s, speed_mps=1.0)
+    still = replace(seen.vehicles["uav1"], pose_age_s=0.05, speed_mps=0.0)
+    seen = replace(seen, vehicles={"uav1": still, "uav2": late})
+    said = watch.problems(f.machine.mission, "CONFIGURATIONS", seen)
+    assert len([s for s in said if "too near" in s]) == found, said
 
 
 def test_a_gust_while_recording_is_recorded_again(flying):

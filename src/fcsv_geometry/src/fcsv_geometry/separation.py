@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """How near vehicles are to each other, with their downwash, and where one can go out of the others' way.
 
-The planner, the mission, the guardian and the rehearsals measure with these functions. Positions are (3,), m, in any
-one level frame with z up.
+The planner, the mission, the guardian and the rehearsals measure with these functions: ``share`` says for all of them
+whether two vehicles are far enough apart. Positions are (3,), m, in any one level frame with z up.
 """
 
 from dataclasses import dataclass
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Union
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from fcsv_geometry.config import require_positive
 
 LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that came down without a position: it drifts
 _SIGMAS = 3.0
+_TRACKERS_SIGMA_M = 0.05  # of two places against each other by what both trackers drifted since calibration
+_USUAL_AGE_S = 0.25  # of a pose that comes ten times a second over a radio: ways are planned with room for it
+_MOST_AGE_S = 1.0  # of a pose in the separation: then it is its silence that counts
+_MOST_SPEED_MPS = 2.0
 _ANGLES = [0.0, *(sign * k * np.pi / 8.0 for k in range(1, 9) for sign in (1.0, -1.0))]  # the nearest first
 _AWAY_M = 0.3  # nearer than this horizontally, "away" has no direction
 
@@ -29,30 +33,45 @@ class SeparationRules:
         require_positive(self)
 
 
-def distance_m(offset_m: np.ndarray, vertical_factor: float = SeparationRules.vertical_factor) -> float:
-    """Distance (m) of two vehicles in which height counts for ``1 / vertical_factor``.
+def flat(points_m: np.ndarray, vertical_factor: float) -> np.ndarray:
+    """Points (..., 3) in which height counts for ``1 / vertical_factor``."""
+    return points_m / np.array([1.0, 1.0, vertical_factor])
+
+
+def distance_m(
+    offset_m: np.ndarray, vertical_factor: float = SeparationRules.vertical_factor
+) -> Union[float, np.ndarray]:
+    """Distance (m) of two vehicles in which height counts for ``1 / vertical_factor``; (N,) of offsets (N, 3).
 
     >>> distance_m(np.array([0.0, 0.0, 3.0]), 3.0), distance_m(np.array([0.0, 3.0, 0.0]), 3.0)
     (1.0, 3.0)
     """
-    x, y, z = offset_m
-    return float((x * x + y * y + (z / vertical_factor) ** 2) ** 0.5)
+    x, y, z = offset_m.T
+    return (x * x + y * y + (z / vertical_factor) ** 2) ** 0.5
 
 
-def margin_m(
-    offset_m: np.ndarray, rules: SeparationRules, sigma_m: float = 0.0, age_s: float = 0.0, speed_mps: float = 0.0
-) -> float:
-    """By how much (m) two vehicles are further apart than they must be; negative: too near.
+def doubt_m(sigmas_m: Sequence[float] = (), age_s: float = 0.0, speed_mps: float = 0.0) -> float:
+    """How much nearer (m) two vehicles may be than they were heard to be.
 
-    ``sigma_m`` is the standard deviation of the offset (both poses), ``age_s`` the age of the older pose,
-    ``speed_mps`` how
-    fast both can have approached meanwhile.
+    ``sigmas_m``: standard deviations of their places in home, as calibration left them; what trackers drift comes to
+    it. ``age_s``: of the older pose. ``speed_mps``: how fast they may have approached meanwhile.
 
-    >>> margin_m(np.array([2.0, 0.0, 0.0]), SeparationRules(0.8, 3.0), sigma_m=0.1, age_s=0.5, speed_mps=1.0)
-    0.4
+    >>> round(doubt_m([0.12], age_s=0.75, speed_mps=1.0), 3)
+    0.89
     """
-    needed_m = rules.horizontal_m + _SIGMAS * sigma_m + age_s * speed_mps
-    return round(distance_m(offset_m, rules.vertical_factor) - needed_m, 9)
+    sigma_m = float(np.sqrt(_TRACKERS_SIGMA_M**2 + sum(s * s for s in sigmas_m)))
+    unusual_s = min(max(0.0, age_s - _USUAL_AGE_S), _MOST_AGE_S)
+    return _SIGMAS * sigma_m + unusual_s * min(speed_mps, _MOST_SPEED_MPS)
+
+
+def share(offset_m: np.ndarray, rules: SeparationRules, doubt: float = 0.0) -> Union[float, np.ndarray]:
+    """Of the distance that two vehicles must keep, how much they keep: from 1 on it is enough; (N,) of offsets (N, 3).
+    ``doubt`` (m) is ``doubt_m``, where places were heard and are not planned.
+
+    >>> float(share(np.array([2.0, 0.0, 0.0]), SeparationRules(0.8, 3.0), doubt=0.2))
+    2.0
+    """
+    return distance_m(offset_m, rules.vertical_factor) / (rules.horizontal_m + doubt)
 
 
 def aside(

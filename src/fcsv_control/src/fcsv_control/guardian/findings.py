@@ -16,10 +16,6 @@ STICK = "the throttle stick is not in the middle: who takes over would climb or 
 NO_POSES = "no poses come from the tracking camera"
 ABOVE = "above"  # a finding about one who comes down
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
-_USUAL_AGE_S = 0.25  # of a state that comes ten times a second over a radio
-_TRACKERS_SIGMA_M = 0.05  # of two places against each other by what both trackers drifted since calibration
-_MOST_SPEED_MPS = 2.0
-_MOST_AGE_S = 1.0  # of a pose of another vehicle, in the separation: then it is its silence that counts
 _BELOW_M = 0.5
 _ABOVE_FLOOR_M = 0.5
 _ESCAPES_M = 2.0  # above the take-off place
@@ -95,17 +91,15 @@ class Watches:
         return reasons
 
     def separations(self, now_s: float, air: Air) -> Iterator[Tuple[str, float]]:
-        """The margin (m) to each other vehicle whose place is known."""
+        """Of the distance to each other vehicle whose place is known, how much is kept (separation.share)."""
         here = air.p_home_m
         if here is None:
             return
         for name, other in air.others.items():
-            age_s = min(max(0.0, now_s - other.heard_s - _USUAL_AGE_S), _MOST_AGE_S)
-            if other.armed and now_s - other.heard_s < _OLD_S:
-                sigma_m = math.sqrt(_TRACKERS_SIGMA_M**2 + air.sigma_m**2 + other.sigma_m**2)
-                speed_mps = min(other.speed_mps, _MOST_SPEED_MPS)
-                offset = here - other.p_home_m
-                yield name, separation.margin_m(offset, self._rules.separation, sigma_m, age_s, speed_mps)
+            age_s = now_s - other.heard_s
+            if other.armed and age_s < _OLD_S:
+                doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), age_s, other.speed_mps)
+                yield name, float(separation.share(here - other.p_home_m, self._rules.separation, doubt_m))
 
     def beneath(self, now_s: float, air: Air) -> Optional[str]:
         """A vehicle that this one would come down upon, flying or not."""
@@ -219,8 +213,8 @@ class Watches:
             yield Finding("fence", Wish.BRAKE, "it is outside the fence")
 
     def _others(self, now_s: float, air: Air) -> Iterator[Finding]:
-        for name, margin_m in self.separations(now_s, air):
-            if margin_m < 0.0 and air.flying:
+        for name, share in self.separations(now_s, air):
+            if share < 1.0 and air.flying:
                 yield Finding("separation", Wish.ASIDE, f"too near to {name}", name)
         here = air.p_home_m
         for name, other in air.others.items() if here is not None and air.flying else ():

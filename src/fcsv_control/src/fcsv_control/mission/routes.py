@@ -2,13 +2,15 @@
 """Ways between places that keep clear of the other vehicles."""
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence
+from functools import cached_property
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
+from fcsv_geometry import separation
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.separation import SeparationRules, distance_m
+from fcsv_geometry.separation import SeparationRules
 
 _SLACK = 0.2  # a goal may keep this share less of a vehicle that does not stand quite at its place
 _SHELL = 1.35  # corners of the way stand at this multiple of the separation; their chords stay outside of it
@@ -36,28 +38,29 @@ class Keep:
     separation_m: float
     air: Optional[SeparationRules] = None
 
-    def share(self, offset_m: np.ndarray) -> float:
-        """Of what is to be kept, how much is: 1 and more is enough."""
-        kept = float(np.linalg.norm(offset_m)) / self.separation_m
-        if self.air is None:
-            return kept
-        return min(kept, distance_m(offset_m, self.air.vertical_factor) / self.air.horizontal_m)
+    def share(self, offset_m: np.ndarray, doubt_m: float = 0.0) -> float:
+        """Of what is to be kept, how much is: 1 and more is enough. ``doubt_m``: separation.doubt_m of its air."""
+        return float(min(separation.share(offset_m, *kept) for kept in self._kept(doubt_m)))
 
     def shares_of(self, offsets_m: np.ndarray) -> np.ndarray:
         """``share`` (N,) of each of many offsets (N, 3)."""
-        kept = np.linalg.norm(offsets_m, axis=1) / self.separation_m
-        if self.air is None:
-            return kept
-        flat = offsets_m / np.array([1.0, 1.0, self.air.vertical_factor])
-        return np.minimum(kept, np.linalg.norm(flat, axis=1) / self.air.horizontal_m)
+        return np.min([separation.share(offsets_m, *kept) for kept in self._kept()], axis=0)
 
     def shares(self, other: np.ndarray, a: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """The least share (N,) on the legs from a (3,) to each of nodes (N, 3)."""
-        kept = distance_to_segments(other, a, nodes) / self.separation_m
-        if self.air is None:
-            return kept
-        flat = np.array([1.0, 1.0, 1.0 / self.air.vertical_factor])
-        return np.minimum(kept, distance_to_segments(other * flat, a * flat, nodes * flat) / self.air.horizontal_m)
+        least = []
+        for rules, _ in self._kept():
+            flat = [separation.flat(p, rules.vertical_factor) for p in (other, a, nodes)]
+            least.append(distance_to_segments(*flat) / rules.horizontal_m)
+        return np.min(least, axis=0)
+
+    def _kept(self, doubt_m: float = 0.0) -> List[Tuple[SeparationRules, float]]:
+        """The sphere, and the air: each with what is to be added for doubt. The sphere's size has room for it."""
+        return [(self._sphere, 0.0)] + ([] if self.air is None else [(self.air, doubt_m)])
+
+    @cached_property
+    def _sphere(self) -> SeparationRules:
+        return SeparationRules(self.separation_m, 1.0)
 
     @property
     def shell_m(self) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from fcsv_control.mission.patience import Pause
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
+from fcsv_geometry import separation
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import AIR_M, GROUND, Mission
 from fcsv_geometry.separation import SeparationRules
@@ -88,8 +89,11 @@ def _of_recorder(recorder: RecorderView) -> Iterator[str]:
 
 def _too_near(mission: Mission, snapshot: Snapshot) -> Iterator[str]:
     air = SeparationRules(_GUARDED * mission.air.horizontal_m, mission.air.vertical_factor)
-    known = [n for n, v in snapshot.vehicles.items() if v.T_home_cam is not None]
+    keep = Keep(_TOO_NEAR * mission.min_separation_m, air)
+    known = {n: v for n, v in snapshot.vehicles.items() if v.T_home_cam is not None}
     for a, b in combinations(known, 2):
         offset_m = snapshot.p_home_cam(a) - snapshot.p_home_cam(b)
-        if Keep(_TOO_NEAR * mission.min_separation_m, air).share(offset_m) < 1.0:
+        age_s = max(known[n].pose_age_s for n in (a, b))
+        doubt_m = separation.doubt_m(age_s=age_s, speed_mps=known[a].speed_mps + known[b].speed_mps)
+        if keep.share(offset_m, doubt_m) < 1.0:
             yield f"{a} and {b} are too near to each other; move them apart by hand"

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What two vehicles must keep of each other, by what is known of their places."""
+
+import doctest
+
+import numpy as np
+import pytest
+
+from fcsv_geometry import separation
+from fcsv_geometry.separation import SeparationRules, doubt_m, share
+
+AIR = SeparationRules(0.6, 3.0)
+
+
+def test_examples_hold():
+    done = doctest.testmod(separation)
+    assert done.attempted and not done.failed
+
+
+@pytest.mark.parametrize("offset_m, kept", [((0.6, 0.0, 0.0), 1.0), ((0.0, 0.0, 1.8), 1.0), ((0.3, 0.0, 0.0), 0.5)])
+def test_height_counts_for_a_third(offset_m, kept):
+    assert share(np.array(offset_m), AIR) == pytest.approx(kept)
+    assert share(np.array([offset_m, offset_m]), AIR) == pytest.approx([kept, kept])
+
+
+def test_what_is_known_less_well_needs_more_room():
+    """Never less than what both trackers drift; age counts from a quarter of a second on, for a second at most."""
+    usual = doubt_m(age_s=0.2, speed_mps=2.0)
+    assert usual == doubt_m() == pytest.approx(0.15)
+    assert doubt_m([0.1, 0.1]) == pytest.approx(3.0 * np.hypot(0.05, np.hypot(0.1, 0.1)))
+    assert doubt_m(age_s=0.75, speed_mps=1.0) == pytest.approx(usual + 0.5)
+    assert doubt_m(age_s=9.0, speed_mps=9.0) == doubt_m(age_s=1.25, speed_mps=2.0)
+    assert share(np.array([0.7, 0.0, 0.0]), AIR) > 1.0 > share(np.array([0.7, 0.0, 0.0]), AIR, usual)
