@@ -76,6 +76,31 @@ def test_colours_are_never_the_only_sign():
 # ---- messages ----------------------------------------------------------------------------------------------------
 
 
+def test_the_pyramids_of_the_node_markers_become_what_cameras_on_the_ground_see():
+    """By the functions that draw them for rviz, so that neither side drifts."""
+    from fcsv_console.ros import ground_views
+    from fcsv_geometry import transforms
+    from fcsv_geometry.camera import PinholeCamera
+    from fcsv_tracking.ros.tracking_markers import gimbal_views, mocap_view
+
+    mocap = mocap_view("mocap", (47.0, 43.0))
+    found = ground_views.seen(mocap, transforms.from_xyz_yaw(np.array([1.0, 2.0, 3.0]), math.pi / 2.0))
+    corners = np.array(found.corners_m)
+    assert found.gimbal_of == "" and found.eye_m == pytest.approx((1.0, 2.0, 3.0))
+    assert np.ptp(corners[:, 1]) == pytest.approx(0.0, abs=1e-9), "turned to the left it looks along home's y"
+    reach_m = corners[0, 1] - 2.0
+    assert reach_m > 1.0 and np.ptp(corners[:, 0]) == pytest.approx(2 * reach_m * math.tan(math.radians(47.0 / 2)))
+    assert np.ptp(corners[:, 2]) == pytest.approx(2 * reach_m * math.tan(math.radians(43.0 / 2)))
+    assert mocap.ns == ground_views.MOCAP
+    (gimbal,) = gimbal_views({"uav2": PinholeCamera(600.0, 600.0, 320.0, 240.0, 640, 480)})
+    found = ground_views.seen(gimbal, np.eye(4), 0.3)
+    assert gimbal.ns == ground_views.GIMBALS and (found.gimbal_of, found.age_s) == ("uav2", 0.3)
+    assert np.ptp(np.array(found.corners_m)[:, 2]) == 0.0, "an optical frame looks along z"
+    with pytest.raises(FcsvError):
+        gimbal.points = gimbal.points[:5]
+        ground_views.seen(gimbal, np.eye(4))
+
+
 def test_messages_become_facts():
     from geometry_msgs.msg import PoseWithCovarianceStamped
     from nav_msgs.msg import Odometry

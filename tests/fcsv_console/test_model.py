@@ -58,7 +58,7 @@ def row(c, now_s, name="uav2"):
 
 
 @pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view",
-                                  "rehearsal", "planning", "poses", "goals", "looking"])  # fmt: skip
+                                  "rehearsal", "planning", "poses", "goals", "looking", "ground_views"])  # fmt: skip
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed
@@ -608,3 +608,47 @@ def test_a_distance_to_a_place_that_is_stale_is_not_told():
     for k in range(20):
         c.tell(10.0 + 0.1 * k, facts.CameraInHome("uav2", (0.0, -6.0, 0.0), 0.0))
     assert poses_shown(c, 12.0)[2] == ["uav2: not known", "uav1: not known"]
+
+
+# ---- what cameras on the ground see ------------------------------------------------------------------------------
+
+
+LEVEL = ((2.0, 1.0, 2.0), (2.0, -1.0, 2.0), (2.0, -1.0, 0.0), (2.0, 1.0, 0.0))
+
+
+def test_what_cameras_on_the_ground_see_is_shown_as_long_as_it_is_heard():
+    c = console()
+    assert c.view(0.0).ground_views == (), "nothing is guessed"
+    c.tell(0.0, facts.SeenFrom("", (0.0, 0.0, 1.0), LEVEL))
+    c.tell(0.0, facts.SeenFrom("uav2", (0.5, 0.0, 1.0), LEVEL, age_s=1.0))
+    mocap, gimbal = c.view(1.0).ground_views
+    assert (mocap.words, gimbal.words) == ("mocap", "gimbal of uav2") and gimbal.eye_m == (0.5, 0.0)
+    assert sorted(mocap.outline_m) == [(0.0, 0.0), (2.0, -1.0), (2.0, 1.0)]
+    assert [v.words for v in c.view(2.0).ground_views] == ["mocap"], "where the gimbal looks was read 3 s ago"
+    assert c.view(3.0).ground_views == ()
+
+
+def test_a_camera_that_looks_straight_up_is_a_square_about_its_eye():
+    up = tuple((x, y, 4.0) for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)))
+    c = console()
+    c.tell(0.0, facts.SeenFrom("", (0.0, 0.0, 1.0), up))
+    assert sorted(c.view(0.0).ground_views[0].outline_m) == [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)]
+
+
+def test_a_view_with_nan_is_refused_and_the_last_one_stays():
+    c = console()
+    c.tell(0.0, facts.SeenFrom("", (0.0, 0.0, 1.0), LEVEL))
+    before = c.view(0.1).ground_views
+    c.tell(0.1, facts.SeenFrom("", (0.0, 0.0, 1.0), ((2.0, math.nan, 2.0), *LEVEL[1:])))
+    view = c.view(0.2)
+    assert view.ground_views == before and "corners_m holds nan" in view.problems[0]
+
+
+def test_the_picture_from_above_holds_all_that_cameras_on_the_ground_see():
+    c = console()
+    narrow = above_view.fitted(c.view(0.0), 400.0, 400.0)
+    c.tell(0.0, facts.SeenFrom("", (0.0, 0.0, 1.0), tuple((x + 40.0, 9.0 * y, z) for x, y, z in LEVEL)))
+    view = c.view(0.1)
+    scale = above_view.fitted(view, 400.0, 400.0)
+    assert scale.px_per_m < narrow.px_per_m
+    assert all(0.0 <= px <= 400.0 for p in view.ground_views[0].outline_m for px in scale.to_px(*p))

@@ -272,6 +272,27 @@ def test_gauges_tell_how_far_who_flies_is_from_its_place(shown):
     assert gauges(replace(view, running=None)) == () and not gauges(console.view(view.now_s + 60.0))
 
 
+def test_what_mocap_and_gimbals_see_is_painted_only_while_it_is_known(shown):
+    from fcsv_console.qt import colours
+
+    window, console, _ = shown("flying")
+    plan = window.plan
+    samples.ground_cameras(console)
+    window.show_view(console.view(samples.NOW_S))
+    scale = plan.scale
+    u, v = (round(x) for x in scale.to_px(2.9, 3.0))  # in the mocap's view alone, far from all else
+    ground = plan.palette().color(QtGui.QPalette.Base)
+    with_it = plan.grab().toImage()
+    assert with_it.pixelColor(u, v) != ground and "what the mocap sees is drawn" in plan.accessibleDescription()
+    eye = with_it.pixelColor(*(round(x) for x in scale.to_px(-2.5, -0.4)))
+    assert eye == QtGui.QColor(colours.VEHICLES[1]), "a gimbal has the colour of the vehicle that it follows"
+    later = replace(window._view, ground_views=())
+    window.show_view(later)
+    assert plan.scale != scale, "the vehicles have the picture for themselves"
+    plan.show_view(replace(later, ground_views=()))
+    assert "mocap" not in plan.accessibleDescription()
+
+
 def test_the_wheel_on_the_height_bar_changes_a_vertical_goal_while_it_is_allowed(shown, app):
     window, console, _ = shown("flying")
     window.goal_changed.connect(console.drag)

@@ -46,9 +46,10 @@ class Scale:
 
 
 def fitted(view: View, width: float, height: float, zoom: float = 1.0) -> Scale:
-    """Goals, home and vehicles in the picture."""
+    """Goals, home, vehicles and what cameras on the ground see, in the picture."""
     points = [(0.0, 0.0), *((p[0], p[1]) for r in view.file.rows for p in r.way_m or [r.goal_m])]
     points += [(v.place.value.p_home_m[0], v.place.value.p_home_m[1]) for v in view.vehicles if v.place.value]
+    points += [p for seen in view.ground_views for p in seen.outline_m]
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     high_m, wide_m = (max(_LEAST_M, _MARGIN * (max(s) - min(s))) for s in (xs, ys))
     per_m = min(height / (high_m + 2.0), width / (wide_m + 2.0)) * zoom

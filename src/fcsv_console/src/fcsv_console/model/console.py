@@ -13,6 +13,7 @@ from fcsv_console.model.air import Above, above
 from fcsv_console.model.chronicle import Chronicle
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
+from fcsv_console.model.ground_views import GroundViews
 from fcsv_console.model.hearing import Heard, slow
 from fcsv_console.model.pair import PairWatch
 from fcsv_console.model.pictures import Pictures
@@ -57,7 +58,7 @@ class Console:
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
         self._flown: Optional[Mission] = None
-        self._goals = Goals()
+        self._goals, self._ground_views = Goals(), GroundViews()
         self._rehearsals, self._pictures, self.after = Rehearsals(), Pictures(), AfterFlight()
         self._master_problem = ""
         self._pending: Dict[str, Tuple[float, int]] = {}  # action -> when asked, event
@@ -153,6 +154,8 @@ class Console:
                 self.file = read  # no file was named: the mission's own is shown
         elif isinstance(fact, f.RehearsalTold):
             self._rehearsals.tell(fact)
+        elif isinstance(fact, f.SeenFrom):
+            self._ground_views.tell(now_s, fact)
         elif isinstance(fact, (f.JobTold, f.PlacesFound)):
             self.after.tell(fact)
         elif isinstance(fact, GoalEnabled):
@@ -200,7 +203,7 @@ class Console:
             self._map.at(now_s), stop, self._home.value is not None, rehearsal,
             self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
             self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
-            self._problems(now_s, told, column), self._master_problem, stage,
+            self._problems(now_s, told, column), self._master_problem, stage, self._ground_views.shown(now_s),
         )  # fmt: skip
 
     def _lines(self, now_s: float):

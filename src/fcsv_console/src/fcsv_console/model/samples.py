@@ -165,6 +165,25 @@ def landed(c: Console) -> None:
     c.tell(NOW_S - 5.0, f.JobTold("map", "runs", 0.62))
 
 
+def ground_cameras(c: Console) -> None:
+    """Besides ``flying``: what a mocap sees, and a gimbal for each vehicle."""
+    c.tell(NOW_S - 0.4, _seen("", (-4.0, 1.0, -0.5), 0.0, 7.0, (47.0, 43.0)))  # thesis table 5.1
+    for name, y, place in zip(_NAMES, (0.4, -0.4), ((0.0, 0.0, 0.0), c.file.rows[2].goal_m)):
+        c.tell(NOW_S - 0.2, _seen(name, (-2.5, y, -1.2), math.atan2(place[1] - y, place[0] + 2.5), 4.0, (55.0, 43.0)))
+
+
+def _seen(gimbal_of: str, eye_m: Tuple[float, float, float], heading_rad: float, reach_m: float,
+          fov_deg: Tuple[float, float]) -> f.SeenFrom:  # fmt: skip
+    """A level camera."""
+    wide, high = (reach_m * math.tan(math.radians(a / 2.0)) for a in fov_deg)
+    x, y, z = eye_m
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    return f.SeenFrom(gimbal_of, eye_m, tuple(
+        (x + reach_m * c - side * wide * s, y + reach_m * s + side * wide * c, z + up * high)
+        for side, up in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ))  # fmt: skip
+
+
 SAMPLES: Dict[str, Callable[[Console], None]] = {
     "ground": on_the_ground, "ready": ready, "flying": flying, "wrong": wrong, "silent": silent,
     "landed": landed,

@@ -3,7 +3,7 @@
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, Iterator
 
 _MAY_BE_NAN = {"share", "voltage_v", "round_trip_s", "loss", "coverage", "error_px"}  # not known
 _MAY_BE_INFINITE = {"minutes_left"}
@@ -19,12 +19,20 @@ def unsound(fact: Any) -> str:
     """
     for field in dataclasses.fields(fact):
         value = getattr(fact, field.name)
-        values = value if isinstance(value, tuple) else (value,)
-        for number in values:
+        for number in _flat(value):
             if isinstance(number, float) and not _fine(field.name, number):
                 return f"{field.name} holds {number:g}"
     share = getattr(fact, "share", math.nan)
     return f"share is {share:g}, not in 0..1" if not math.isnan(share) and not 0.0 <= share <= 1.0 + 1e-6 else ""
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    """A value, or those of a tuple, of tuples in it too."""
+    if isinstance(value, tuple):
+        for part in value:
+            yield from _flat(part)
+    else:
+        yield value
 
 
 def _fine(name: str, number: float) -> bool:

@@ -10,6 +10,7 @@ from fcsv_console.model.after import Places, Step
 from fcsv_console.model.air import Above
 from fcsv_console.model.events import Event
 from fcsv_console.model.goals import Goal
+from fcsv_console.model.ground_views import GroundView
 from fcsv_console.model.hearing import Aged
 from fcsv_console.model.mission_file import MissionFile
 from fcsv_console.model.pictures import CameraPicture, MapPictures
@@ -51,6 +52,7 @@ class View:
     problems: Tuple[str, ...]
     master_problem: str = ""
     stage: Stage = Stage()
+    ground_views: Tuple[GroundView, ...] = ()
 
     @property
     def check_state(self) -> State:

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the view from above is painted: rings, fence, goals, vehicles with names, where one would fall, height bar."""
+"""How the view from above is painted: rings, fence, what cameras on the ground see, goals, vehicles with names, where
+one would fall, height bar."""
 
 import math
 from dataclasses import dataclass
 from typing import List, Optional, Tuple
 
-from python_qt_binding.QtCore import QPointF, QRectF, Qt
+from python_qt_binding.QtCore import QPointF, QRectF, QSizeF, Qt
 from python_qt_binding.QtGui import QColor, QPainter, QPainterPath, QPalette, QPen, QPolygonF
 
 from fcsv_console.model import above_view as geometry
@@ -47,6 +48,7 @@ class PlanPicture:
         """Everything, from the ground up."""
         self._grid()
         self._fence()
+        self._ground_views()
         self._goals()
         for k, vehicle in enumerate(self._view.vehicles):
             self._vehicle(vehicle, k)
@@ -90,6 +92,21 @@ class PlanPicture:
         self._painter.drawEllipse(self._at(0.0, 0.0), radius, radius)
         if mission.fence.polygon:
             self._painter.drawPolygon(QPolygonF([self._at(x, y) for x, y in mission.fence.polygon]))
+
+    def _ground_views(self) -> None:
+        """Of the mocap in the colour of words, of a gimbal in that of the vehicle that it follows."""
+        names = [v.name for v in self._view.vehicles]
+        for seen in self._view.ground_views:
+            colour = self._ink(255)
+            if seen.vehicle in names:
+                colour = QColor(colours.VEHICLES[names.index(seen.vehicle) % len(colours.VEHICLES)])
+            fill = QColor(colour)
+            fill.setAlpha(24)
+            self._painter.setPen(QPen(colour, 1.5, Qt.DashDotLine))
+            self._painter.setBrush(fill)
+            self._painter.drawPolygon(QPolygonF([self._at(x, y) for x, y in seen.outline_m]))
+            self._painter.setBrush(colour)
+            self._painter.drawRect(QRectF(self._at(*seen.eye_m) - QPointF(4.0, 4.0), QSizeF(8.0, 8.0)))
 
     def _goals(self) -> None:
         for row in self._view.file.rows:
@@ -147,13 +164,15 @@ class PlanPicture:
         self.taken.append((at.x() - radius, at.y() - radius, 2.0 * radius, 2.0 * radius))
 
     def _names(self) -> None:
-        """Of vehicles, with their heights, and of home; each where it hides least."""
+        """Of vehicles, with their heights, of home and of cameras on the ground; each where it hides least."""
         for v in self._view.vehicles:
             if v.place.value is not None:
                 x, y, z = v.place.value.p_home_m
                 age = f", {v.place.words} old" if v.place.stale else ""
                 self.label(self._at(x, y), f"{v.name}  {round(z, 1) + 0.0:+.1f} m{age}")
         self.label(self._at(0.0, 0.0), "home")
+        for seen in self._view.ground_views:
+            self.label(self._at(*seen.eye_m), seen.words)
 
     def label(self, at: QPointF, words: str) -> QRectF:
         """Beside ``at``, on a ground of its own, so that it can be read over rings; where it was written."""

@@ -19,6 +19,7 @@ PICTURES = (
     ("ready", "ready", "light", (1366, 740)),
     ("flying", "flying", "dark", (1366, 740)),
     ("pictures", "pictures", "dark", (1366, 740)),
+    ("indoors", "indoors", "light", (1366, 740)),
     ("wrong", "wrong", "dark", (1366, 740)),
     ("silent", "silent", "light", (1366, 740)),
     ("landed", "landed", "light", (1366, 740)),
@@ -57,12 +58,15 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def made(situation: str, size: Tuple[int, int]):
-    """A shown window with a scripted situation; "error": a file that cannot be flown; "pictures": with them."""
+    """A shown window with a scripted situation; "error": a file that cannot be flown; "pictures": with them;
+    "indoors": with cameras on the ground."""
     from fcsv_console.qt.window import ConsoleWindow
 
     mission = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "config/missions/outdoor.yaml"
     console = samples.console(str(mission))
-    samples.SAMPLES[{"error": "ready", "pictures": "flying"}.get(situation, situation)](console)
+    samples.SAMPLES[{"error": "ready", "pictures": "flying", "indoors": "flying"}.get(situation, situation)](console)
+    if situation == "indoors":
+        samples.ground_cameras(console)
     if situation == "error":
         console.edit(console.file.text.replace("baseline_m: 6.0", "baseline_m: -6.0"))
     window = ConsoleWindow(console.view(samples.NOW_S), console.optics.fov_rad("horizontal"))

@@ -24,6 +24,7 @@ from fcsv_console.ros.commands import Commands
 from fcsv_console.ros.epipolar import EpipolarHearing
 from fcsv_console.ros.event_file import EventFile
 from fcsv_console.ros.goal_markers import GoalMarkers
+from fcsv_console.ros.ground_views import GroundViewHearing
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_console.ros.window_turns import WindowTurns
 from fcsv_geometry.arrivals import Arrivals
@@ -73,6 +74,7 @@ class Shell:
         self.console, self._name, self._windowed = console, name, windowed
         self._goals: Optional[GoalMarkers] = None
         self._turns: Optional[WindowTurns] = None
+        self._ground_views: Optional[GroundViewHearing] = None
         self._hearing, self._commands = Hearing(console.names, recorded, arrivals), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
         self.events: Optional[EventFile] = None
@@ -95,6 +97,7 @@ class Shell:
         if self._windowed:
             self._turns = WindowTurns(self._hearing.put)
             self._goals = GoalMarkers(self._hearing.put)
+            self._ground_views = GroundViewHearing(self._hearing.put)
         self._hearing.put(f.MasterTold())
 
     def view(self) -> View:
@@ -191,6 +194,8 @@ class Shell:
         self._epipolar.close()
         if self._turns is not None:
             self._turns.close()
+        if self._ground_views is not None:
+            self._ground_views.close()
         self._hearing.close()
         rospy.signal_shutdown("the console was closed")
 

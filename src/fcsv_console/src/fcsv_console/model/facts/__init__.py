@@ -20,6 +20,7 @@ from fcsv_console.model.facts.of_control import (
     MissionAlive,
     MissionFlown,
     MissionTold,
+    SeenFrom,
     StopTold,
 )
 from fcsv_console.model.facts.of_vehicle import (
@@ -43,7 +44,7 @@ from fcsv_console.model.facts.of_vehicle import (
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
                   EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
 Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionFlown, MissionAlive, StopTold, MapTold,
-             EpipolarTold, MapPicture, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip
+             EpipolarTold, MapPicture, SeenFrom, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip
 
 __all__ = [
     "Agent",
@@ -75,6 +76,7 @@ __all__ = [
     "Recorder",
     "RehearsalTold",
     "Said",
+    "SeenFrom",
     "StopTold",
     "Tags",
     "Unusable",

@@ -84,3 +84,16 @@ class MapPicture:
     width: int
     height: int
     data: bytes
+
+
+@dataclass(frozen=True)
+class SeenFrom:
+    """What a camera on the ground sees: a pyramid from its eye to four corners, each (x, y, z) in home (m).
+
+    ``gimbal_of``: the vehicle that it follows, "" of a mocap; ``age_s``: of where it looked, when told.
+    """
+
+    gimbal_of: str
+    eye_m: Tuple[float, float, float]
+    corners_m: Tuple[Tuple[float, float, float], ...]
+    age_s: float = 0.0
