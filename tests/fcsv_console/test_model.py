@@ -455,6 +455,23 @@ def test_skew_is_between_pictures_of_the_same_moment_whichever_came_first():
     assert c.view(12.6).stereo.skew_s == pytest.approx(0.012)
 
 
+def test_a_recorder_that_gets_no_pictures_says_for_how_long():
+    c = console()
+
+    def words(now_s):
+        return dict(cells.vehicle_rows(c.view(now_s)))["recorder"][0].text
+
+    for second in range(12):
+        pictures = 3 * min(second, 4) + (second >= 10)  # none comes between 4 and 10 s
+        c.tell(float(second), facts.Recorder("uav1", True, pictures, 0, math.inf))
+        assert ("no picture" in words(second + 0.1)) == (7 <= second <= 9)
+    c.tell(12.0, facts.Recorder("uav1", False, 13, 0, math.inf))
+    c.tell(20.0, facts.Recorder("uav1", True, 13, 0, math.inf))
+    assert words(20.1) == "RECORDS", "it waits from when it is on"
+    c.tell(23.0, facts.Recorder("uav1", True, 13, 0, math.inf))
+    assert words(23.1) == "RECORDS, no picture for 3 s"
+
+
 def test_above_another_and_where_it_would_come_down():
     c = flying(console(), 10.0)
     c.tell(10.1, facts.CameraInHome("uav2", (0.2, -0.1, 5.0), 0.0))

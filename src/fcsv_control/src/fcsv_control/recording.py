@@ -58,6 +58,7 @@ class RecorderParameters:
     seed: Optional[int] = None
     topics: List[str] = field(default_factory=list)  # more topics to record always, absolute names
     pictures_on: bool = False  # before anybody said what is wanted
+    no_picture_s: float = 2.0  # pictures are on, and none came for longer: said
     least_free_mib: int = 500
     part_mib: int = 2048  # a bag that grows beyond is closed, and the next part begins
     most_waiting_mib: int = 96  # of messages that wait for a slow disk; beyond they are dropped and counted
@@ -71,6 +72,8 @@ class RecorderParameters:
             raise ValueError("vehicles, mission: the control PC's recorder needs both, for session.yaml")
         if min(self.least_free_mib, self.most_waiting_mib, self.part_mib) < 1:
             raise ValueError("least_free_mib, most_waiting_mib, part_mib: must be at least 1")
+        if not self.no_picture_s > 0.0:
+            raise ValueError(f"no_picture_s: {self.no_picture_s} must be above 0")
         bad = [t for t in self.topics if not t.startswith("/")]
         if bad:
             raise ValueError(f"topics: '{bad[0]}' is not absolute; begin it with /")

@@ -131,8 +131,9 @@ def _recorder(v: VehicleRow) -> Cell:
         return Cell(r.problem, BAD)
     left = f", disk {r.minutes_left:.0f} min" if math.isfinite(r.minutes_left) else ""
     dropped = f", {r.dropped} DROPPED" if r.dropped else ""
-    words = f"{'RECORDS' if r.pictures_on else 'ready'}{dropped}{left}"
-    return Cell(words, CARE if r.dropped else GOOD if r.pictures_on else PLAIN)
+    gap = f", no picture for {v.no_picture_s:.0f} s" if v.no_picture_s else ""
+    words = f"{'RECORDS' if r.pictures_on else 'ready'}{gap}{dropped}{left}"
+    return Cell(words, CARE if r.dropped or gap else GOOD if r.pictures_on else PLAIN)
 
 
 def _clock(v: VehicleRow) -> Cell:

@@ -9,6 +9,7 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.hearing import Aged, Heard, slow
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
 from fcsv_control.guardian.messages import in_words
+from fcsv_geometry.silence import Silence
 
 _FAILSAFE_MODES = ("RTL", "SMART_RTL", "AUTO", "FLIP")
 _STOPPED_MODES = ("BRAKE", "LAND")
@@ -26,7 +27,8 @@ class Flier:
 @dataclass(frozen=True)
 class VehicleRow:
     """A vehicle at one moment; times in s. ``heard``: anything of it at all; its state comes 2.5 times a second, other
-    streams five to thirty times. ``endurance_s``: until its battery is at the mission's lowest share."""
+    streams five to thirty times. ``endurance_s``: until its battery is at the mission's lowest share. ``no_picture_s``:
+    how long its recorder has waited for a picture, 0 where one came in the last seconds."""
 
     name: str
     flier: Flier
@@ -47,6 +49,7 @@ class VehicleRow:
     calibration_age_s: float
     endurance_s: float
     needed_s: float
+    no_picture_s: float
 
     @property
     def connection(self) -> str:
@@ -121,6 +124,7 @@ def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked:
     return Flier(MISSION, "mission" if who == "mission" else f"commanded by {a.sender}")
 
 
+_NO_PICTURE_S = 2.5  # its recorder tells once a second how many it has
 #: what crosses the radio as state, by the topic whose age counts
 _CROSSES = {
     f.AutopilotState: "mavros/state", f.OdometryHeard: "odometry/state", f.Battery: "mavros/battery",
@@ -136,6 +140,7 @@ class Vehicle:
         self.name, self._since_s = name, since_s
         self.epoch: Optional[int] = None
         self._any: Heard[str] = Heard()
+        self._no_picture, self._pictures = Silence(_NO_PICTURE_S), 0
         self.heard: Dict[Type, Heard] = {
             f.AutopilotState: slow(), f.OdometryHeard: Heard(), f.CameraInHome: Heard(),
             f.Guardian: Heard(), f.Agent: Heard(), f.Battery: slow(), f.PictureHeard: slow(),
@@ -147,6 +152,8 @@ class Vehicle:
         """A fact of it that was found sound. What this machine makes of it, or says about it, is no sign of life."""
         if not isinstance(fact, (f.CameraInHome, f.Radio, f.Clock)):
             self._any.tell(now_s, self.name)
+        if isinstance(fact, f.Recorder):
+            self._recorded(now_s, fact)
         if isinstance(fact, f.EpochHeard):
             self.epoch = fact.epoch
         elif type(fact) in self.heard:
@@ -164,8 +171,14 @@ class Vehicle:
             self.name, who_flies(anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
             anything, at[f.AutopilotState], at[f.OdometryHeard], at[f.CameraInHome], at[f.PictureHeard], battery,
             at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.Said],
-            self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s,
+            self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s, self._no_picture.lasts_s(now_s),
         )  # fmt: skip
+
+    def _recorded(self, now_s: float, told: f.Recorder) -> None:
+        self._no_picture.want(now_s, told.pictures_on)
+        if told.pictures != self._pictures:
+            self._pictures = told.pictures
+            self._no_picture.came(now_s)
 
     def _at(self, now_s: float, kind: Type) -> Aged:
         topic = _CROSSES.get(kind)

@@ -22,6 +22,7 @@ from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.mission import Mission, load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.silence import Silence, in_steps
 from fcsv_msgs.msg import RecorderStatus
 
 
@@ -31,8 +32,8 @@ class RecorderNode:
     def __init__(self):
         p = self._parameters = node.parameters(RecorderParameters)
         self._folder, self._listing = _made(Path(p.folder).expanduser()), threading.Lock()
-        self._pictures_on = p.pictures_on
-        self._health = Health(p.name)
+        self._health, self._silence = Health(p.name), Silence(p.no_picture_s)
+        self._want_pictures(p.pictures_on)
         self._disk = DiskWatch(p.least_free_mib << 20)
         mission = load_mission(p.mission) if p.role == "control" else None
         self._writer = _opened(self._folder, p)
@@ -95,10 +96,16 @@ class RecorderNode:
                 rospy.logerr_throttle(10.0, f"{error}")
 
     def _on_pictures(self, message: Bool) -> None:
-        self._pictures_on = message.data
+        self._want_pictures(message.data)
+
+    def _want_pictures(self, wanted: bool) -> None:
+        self._pictures_on = wanted
+        self._silence.want(time.monotonic(), wanted)
 
     def _on_picture(self, message: rospy.AnyMsg, topic: str) -> None:
         if self._pictures_on:
+            if topic.endswith("image_raw"):
+                self._silence.came(time.monotonic())
             self._on_message(message, topic)
 
     def _on_message(self, message: rospy.AnyMsg, topic: str) -> None:
@@ -113,6 +120,8 @@ class RecorderNode:
         if self._session is not None:
             self._list(self._parameters.name, w.path.name)
         self._health.problem("disk", w.problem)
+        lasts_s = in_steps(self._silence.lasts_s(time.monotonic()))
+        self._health.problem("pictures", f"{self._parameters.name}: no picture for {lasts_s} s" if lasts_s else "")
         self._health.value("minutes left", f"{self._disk.minutes_left:.0f}")
         self._health.value("pictures", w.pictures)
         self._health.value("MB", w.bytes // 10**6)

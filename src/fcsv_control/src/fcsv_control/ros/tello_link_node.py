@@ -72,7 +72,7 @@ class TelloLinkNode:
             Said: lambda o: self._out.text(o.severity, o.text),
             EstimateMoved: lambda o: self._out.moved(o.step_m),
         }
-        self._video = TelloVideo(p.vehicle, p.video, self._health) if p.video.calibration else None
+        self._video = TelloVideo(p.vehicle, p.video, self._health, self._key_picture) if p.video.calibration else None
         on_video = self._video.datagram if self._video else lambda _now_s, _data: None
         hears = Hears(self._on_flight, self._on_imu, self._on_packet, on_video)
         self._radio = TelloRadio(p.vehicle, p.radio, hears)
@@ -115,6 +115,10 @@ class TelloLinkNode:
             self._health.drop("log that cannot be")
         else:
             self._out.own(motion)
+
+    def _key_picture(self) -> None:
+        if self._radio is not None:  # pictures of one that flew before may come as it is made
+            self._radio.key_picture()
 
     # ---- from ROS ------------------------------------------------------------------------------------------------
 
@@ -188,7 +192,7 @@ class TelloLinkNode:
                            ("tellopy is connected", radio.connected), ("poses refused", refused)):  # fmt: skip
             self._health.value(key, value)
         if self._video:
-            self._video.report()
+            self._video.report(now_s)
 
     # ---- what the services ask for -------------------------------------------------------------------------------
 

@@ -21,6 +21,7 @@ from fcsv_geometry import netns
 _log = logging.getLogger(__name__)
 _CONNECTION_REQUEST = b"conn_req:\x96\x17"  # pictures to port 6038 (0x1796), as tellopy asks
 _LAND = 0x0055  # message; payload 0: land, 1: stop landing
+_START_VIDEO, _VIDEO_TYPE = 0x0025, 0x60  # message and packet type
 _STUCK_S = 1.0  # packets arrive, and tellopy is not connected for so long
 _JOIN_S = 3.0
 
@@ -114,6 +115,11 @@ class TelloRadio:
     def stay_up(self) -> None:
         """An end of the Tello's own landing, for which tellopy has no name; may be lost in the air."""
         self._tello.send_packet_data(_LAND, payload=b"\x01")
+
+    def key_picture(self) -> None:
+        """A request for a key picture, as tellopy sends it every 2 s; may be lost in the air."""
+        if self._tello.video_enabled:
+            self._tello.send_packet_data(_START_VIDEO, type=_VIDEO_TYPE)
 
     def mind(self, now_s: float, video: bool) -> None:
         """Ask for what tellopy does not ask for by itself.

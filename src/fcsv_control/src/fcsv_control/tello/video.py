@@ -3,7 +3,7 @@
 
 H.264 behind two bytes, the picture's number and the packet's, whose bit 7 marks the last one of a picture (tellopy
 0.7.0, VideoData). A picture is shown where all its packets came and all those that it builds on: after a loss nothing
-is shown until the next key picture, where a decoder would go on with what is smeared. tellopy asks for key pictures.
+is shown until the next key picture, where a decoder would go on with what is smeared; key_pictures.py asks for it.
 """
 
 from collections import Counter
@@ -52,7 +52,16 @@ class Video:
         self._pieces: Dict[int, bytes] = {}
         self._end: Optional[int] = None
         self._parameters = b""
+        self._broken = False  # something came that could not be shown
         self._whole = False  # what the next picture builds on was shown
+
+    @property
+    def broken(self) -> bool:
+        """Whether what comes cannot be shown before a key picture, and none is on its way."""
+        if not self._broken:
+            return False
+        begins = kinds(self._pieces.get(0, b"")) if self._number is not None else Counter()
+        return not (begins[_PARAMETERS] or begins[_KEY])
 
     def add(self, now_s: float, datagram: bytes) -> Optional[Picture]:
         """A picture, with its last datagram."""
@@ -88,7 +97,7 @@ class Video:
         if found[_KEY]:
             stream, self._parameters = (b"" if found[_PARAMETERS] else self._parameters) + stream, b""
         elif not self._whole:
-            self.dropped["pictures before a key picture"] += 1
+            self._lost("pictures before a key picture")
             return None
         try:
             shown = self._codec.decode(av.Packet(stream))
@@ -98,12 +107,12 @@ class Video:
             self._lost("pictures that cannot be decoded")
             self._codec = self._opened()
             return None
-        self._whole = True
+        self._whole, self._broken = True, False
         return Picture(self._arrived_s, shown[-1].to_ndarray(format="rgb24"))
 
     def _lost(self, why: str) -> None:
         self.dropped[why] += 1
-        self._whole = False
+        self._whole, self._broken = False, True
 
     @staticmethod
     def _opened() -> av.CodecContext:
