@@ -46,7 +46,7 @@ def distance_m(
     >>> distance_m(np.array([0.0, 0.0, 3.0]), 3.0), distance_m(np.array([0.0, 3.0, 0.0]), 3.0)
     (1.0, 3.0)
     """
-    x, y, z = offset_m.T
+    x, y, z = np.asarray(offset_m).T
     return (x * x + y * y + (z / vertical_factor) ** 2) ** 0.5
 
 
