@@ -58,7 +58,8 @@ def row(c, now_s, name="uav2"):
 
 
 @pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view",
-                                  "rehearsal", "planning", "poses", "goals", "looking", "ground_views"])  # fmt: skip
+                                  "rehearsal", "planning", "poses", "goals", "looking", "ground_views",
+                                  "mission_folder"])  # fmt: skip
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed

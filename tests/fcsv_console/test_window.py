@@ -198,6 +198,105 @@ def test_a_changed_file_is_saved_and_one_with_an_error_is_not(shown, tmp_path):
     assert window.mission.note.text() == "mine.yaml" and not window.mission.save.isEnabled()
 
 
+@pytest.fixture
+def folder(shown, tmp_path):
+    """(window, console, show) with two mission files in a folder, outdoor.yaml loaded."""
+    window, console, _ = shown("flying")
+    for name in ("outdoor.yaml", "short.yaml"):
+        (tmp_path / name).write_text((Path(OUTDOOR).parent / name).read_text())
+    window.edited.connect(console.edit)
+    window.opened.connect(console.load)
+    console.load(str(tmp_path / "outdoor.yaml"))
+
+    def show():
+        window.show_view(console.view(samples.NOW_S))
+
+    show()
+    return window, console, show
+
+
+def names_in(files):
+    return [files.item(k).text() for k in range(files.count())]
+
+
+def click_on(files, k):
+    QTest.mouseClick(files.viewport(), KEYS.LeftButton, pos=files.visualItemRect(files.item(k)).center())
+
+
+def test_a_file_of_the_folder_is_loaded_by_click_and_by_enter(shown, folder, app):
+    window, console, show = folder
+    files = window.mission.files
+    assert names_in(files) == ["> outdoor", "short"] and files.isVisible()
+    click_on(files, 1)
+    show()
+    assert Path(console.file.source).name == "short.yaml" and names_in(files) == ["outdoor", "> short"]
+    files.setFocus()
+    files.setCurrentRow(0)
+    hold(app, window, KEYS.Key_Return, 0.0)
+    show()
+    assert Path(console.file.source).name == "outdoor.yaml" and window.mission.note.text() == "outdoor.yaml"
+
+
+def test_changes_that_are_not_saved_are_not_lost_by_loading_another_file(shown, folder, app, monkeypatch):
+    window, console, show = folder
+    files = window.mission.files
+    console.drag(0, 3.0)
+    show()
+    changed = console.file.text
+    assert names_in(files)[0] == "> outdoor *"
+    for k in (1, 0, 1):
+        click_on(files, k)
+    QTest.mouseDClick(files.viewport(), KEYS.LeftButton, pos=files.visualItemRect(files.item(1)).center())
+    short = str(Path(console.file.source).with_name("short.yaml"))
+    monkeypatch.setattr(QtWidgets.QFileDialog, "getOpenFileName", lambda *_: (short, ""))
+    window.mission.findChild(QtWidgets.QPushButton, "open").click()
+    assert window.mission.note.text() == "outdoor.yaml has changes: save or revert them, then load short.yaml"
+    assert console.file.text == changed
+    window.mission.revert.click()
+    show()
+    assert console.file.rows[0].baseline_m == 2.0 and not window.mission.revert.isVisible()
+    window.mission.text.undo()
+    show()
+    assert console.file.text == changed, "what was reverted is not lost either"
+    window.mission.save.click()
+    show()
+    click_on(files, 1)
+    show()
+    assert Path(console.file.source).name == "short.yaml" and not window.mission.save.isEnabled()
+
+
+def test_a_file_that_changed_on_the_disk_is_read_anew_and_one_that_came_is_listed(shown, folder, app):
+    window, console, show = folder
+    files, path = window.mission.files, Path(console.file.source)
+    path.write_text(path.read_text().replace("baseline_m: 2.0", "baseline_m: 2.5"))
+    click_on(files, 0)
+    show()
+    assert console.file.rows[0].baseline_m == 2.5 and window.mission.note.text() == "outdoor.yaml"
+    (path.parent / "a.yaml").write_text("name: a")
+    until_s = time.monotonic() + 20.0
+    while len(names_in(files)) < 3 and time.monotonic() < until_s:
+        go_on(app, 0.02)
+    assert names_in(files) == ["a", "> outdoor", "short"]
+    click_on(files, 0)
+    show()
+    assert console.file.error and window.mission.note.text() == console.file.error.words
+
+
+def test_the_files_have_a_tab_of_their_own_where_there_is_no_room_beside(shown, folder, app):
+    window, console, show = folder
+    window.resize(960, 540)
+    app.processEvents()
+    tabs = window.mission.findChild(QtWidgets.QTabWidget)
+    assert [tabs.tabText(k) for k in range(tabs.count())][-1] == "F&iles" and not window.mission.files.isVisible()
+    tabs.setCurrentWidget(window.mission.files)
+    assert window.mission.files.isVisible()
+    click_on(window.mission.files, 1)
+    assert Path(console.file.source).name == "short.yaml"
+    window.resize(1366, 740)
+    app.processEvents()
+    assert window.mission.files.isVisible() and window.mission.table.isVisible()
+
+
 def test_a_goal_is_dragged_only_while_it_is_allowed(shown, app):
     window, console, _ = shown("flying")
     window.goal_changed.connect(console.drag)

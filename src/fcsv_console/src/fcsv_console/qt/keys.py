@@ -9,6 +9,7 @@ from python_qt_binding.QtWidgets import QApplication, QDockWidget, QLineEdit, QP
 from fcsv_console.qt.hold import ActionButton
 
 _EDITORS = (QPlainTextEdit, QLineEdit)
+TAKES_ENTER = "takes_enter"  # property of a widget in which Enter chooses
 _REPEAT_MS = 60  # a release that is followed by a press so soon was the key's own repetition
 
 
@@ -35,6 +36,8 @@ class Keys(QObject):
             return False
         writes = isinstance(watched, _EDITORS)
         if event.modifiers() & (Qt.ControlModifier | Qt.AltModifier | Qt.MetaModifier):
+            return False
+        if event.key() in (Qt.Key_Return, Qt.Key_Enter) and watched.property(TAKES_ENTER):
             return False
         button = self._by_key.get(event.key())
         if button is None:

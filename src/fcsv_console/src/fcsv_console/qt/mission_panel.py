@@ -12,18 +12,22 @@ from python_qt_binding.QtWidgets import (
     QLabel,
     QPlainTextEdit,
     QPushButton,
+    QSplitter,
     QTabWidget,
     QTextEdit,
     QVBoxLayout,
     QWidget,
 )
 
-from fcsv_console.model import cells
+from fcsv_console.model import cells, mission_folder
 from fcsv_console.model.mission_file import MissionFile
 from fcsv_console.model.view import View
 from fcsv_console.qt import colours
+from fcsv_console.qt.mission_folder import MissionFolder
 from fcsv_console.qt.plan_form import PlanForm
 from fcsv_console.qt.tables import CellTable
+
+_BESIDE_PX, _FILES_PX = 460, 110
 
 
 class MissionPanel(QWidget):
@@ -45,14 +49,23 @@ class MissionPanel(QWidget):
         self.note.setWordWrap(True)
         self.note.setAccessibleName("Mission file")
         self.save = self._button("&Save", "Write the file; the mission node reads it when it starts", self._save)
+        self.revert = self._button("Re&vert", "Leave the changes; Ctrl+Z in the text brings them back", self._revert)
         open_ = self._button("&Open", "Open another mission file", self._open)
+        open_.setObjectName("open")
         self._tabs = QTabWidget()
         self._tabs.setAccessibleName("Configurations as table or text")
-        self._tabs.addTab(self.table, "&Table")
+        self.files = MissionFolder()
+        self.files.wanted.connect(self._want)
+        self._beside = QSplitter()
+        self._beside.setAccessibleName("Files and configurations")
+        self._beside.setChildrenCollapsible(False)
+        self._beside.addWidget(self.table)
+        self._tabs.addTab(self._beside, "&Table")
         self._tabs.addTab(self.text, "Te&xt")
         self.plan = PlanForm()
         self.plan.wanted.connect(self.planned)
         self._tabs.addTab(self.plan, "&Plan")
+        self._tabs.addTab(self.files, "F&iles")
         self.rehearsal = QLabel()
         self.rehearsal.setWordWrap(True)
         self.rehearsal.setAccessibleName("Rehearsal")
@@ -67,7 +80,10 @@ class MissionPanel(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2)
         layout.addWidget(self._tabs, 1)
-        layout.addWidget(self.note)
+        told = QHBoxLayout()
+        told.addWidget(self.note, 1)
+        told.addWidget(self.revert)
+        layout.addLayout(told)
         layout.addWidget(self.rehearsal)
         layout.addLayout(line)
 
@@ -77,6 +93,22 @@ class MissionPanel(QWidget):
         button.setAccessibleName(title.replace("&", ""))
         button.clicked.connect(call)
         return button
+
+    def resizeEvent(self, event) -> None:
+        """The files stand beside their configurations where both have room, else in a tab of their own."""
+        super().resizeEvent(event)
+        beside = self.width() >= _BESIDE_PX
+        if beside == (self._beside.count() == 2):
+            return
+        if beside:
+            if self._tabs.currentWidget() is self.files:
+                self._tabs.setCurrentWidget(self._beside)
+            self._tabs.removeTab(self._tabs.indexOf(self.files))
+            self._beside.insertWidget(0, self.files)
+            self._beside.setSizes([_FILES_PX, self.width() - _FILES_PX])
+            self.files.show()
+        else:
+            self._tabs.addTab(self.files, "F&iles")
 
     def show_view(self, view: View) -> None:
         """Table, text, error."""
@@ -106,6 +138,8 @@ class MissionPanel(QWidget):
         self.note.setText(words)
         tone = cells.BAD if file.error else cells.CARE if changed else cells.QUIET
         self.note.setStyleSheet(f"color: {colours.tone(tone, self.palette()).name()}")
+        self.files.show_loaded(file.source, changed)
+        self.revert.setVisible(changed)
         self.save.setEnabled(changed and file.mission is not None and bool(file.source))
         self._mark(file.error.line if file.error else 0)
 
@@ -133,7 +167,23 @@ class MissionPanel(QWidget):
             return
         self._saved, self._shown = self.text.toPlainText(), None
 
+    def _revert(self) -> None:
+        """As an edit, so that the editor can undo it."""
+        cursor = QTextCursor(self.text.document())
+        cursor.select(QTextCursor.Document)
+        cursor.insertText(self._saved)
+
+    def _want(self, path: str) -> None:
+        """Another file, or this one anew; what was not saved is never lost by it."""
+        why = mission_folder.refused(path, self._source, self.text.toPlainText() != self._saved)
+        if why:
+            self.note.setText(why)
+            self.note.setStyleSheet(f"color: {colours.tone(cells.CARE, self.palette()).name()}")
+            return
+        self._saved = ""  # what is read now is what is saved
+        self.opened.emit(path)
+
     def _open(self) -> None:
         path, _ = QFileDialog.getOpenFileName(self, "Mission file", str(Path(self._source).parent), "*.yaml")
         if path:
-            self.opened.emit(path)
+            self._want(path)
