@@ -76,6 +76,17 @@ def test_colours_are_never_the_only_sign():
 # ---- messages ----------------------------------------------------------------------------------------------------
 
 
+def test_diagnostics_of_a_vehicle_become_a_fact_without_what_is_well():
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    from fcsv_console.ros import messages
+
+    kind, convert = messages.OF_VEHICLE["diagnostics/worst"]
+    told = [DiagnosticStatus(level=level, name=f"n{level}", message="m") for level in (2, 0, 3, 9)]
+    assert kind is DiagnosticArray
+    assert convert("uav1", DiagnosticArray(status=told)) == facts.Diagnosed("uav1", (("n2", 2, "m"), ("n3", 3, "m")))
+
+
 def test_the_pyramids_of_the_node_markers_become_what_cameras_on_the_ground_see():
     """By the functions that draw them for rviz, so that neither side drifts."""
     from fcsv_console.ros import ground_views

@@ -670,3 +670,27 @@ def test_the_picture_from_above_holds_all_that_cameras_on_the_ground_see():
     scale = above_view.fitted(view, 400.0, 400.0)
     assert scale.px_per_m < narrow.px_per_m
     assert all(0.0 <= px <= 400.0 for p in view.ground_views[0].outline_m for px in scale.to_px(*p))
+
+
+# ---- diagnostics -------------------------------------------------------------------------------------------------
+
+
+def diagnostics_of(c, now_s, name="uav2"):
+    return cells.diagnostics(row(c, now_s, name))
+
+
+def test_the_worst_line_of_a_vehicles_diagnostics_is_shown_and_its_end_too():
+    c = console()
+    assert diagnostics_of(c, 0.0) == cells.Cell("not heard", cells.GONE)
+    c.tell(0.0, facts.Diagnosed("uav2"))
+    assert diagnostics_of(c, 0.1) == cells.Cell("well", cells.QUIET)
+    wrong = (("uav2/odometry: health", 2, "no poses"), ("", 1, "and 2 more"))
+    c.tell(1.0, facts.Diagnosed("uav2", wrong))
+    assert diagnostics_of(c, 1.1) == cells.Cell("ERROR odometry: no poses\nand 2 more", cells.BAD)
+    c.tell(1.2, facts.Diagnosed("uav1", (("link uav1-control", 1, "slow"),)))
+    assert diagnostics_of(c, 1.3, "uav1").text == "WARN link uav1-control: slow"
+    c.tell(1.5, facts.Diagnosed("uav2", (("uav2/odometry: health", 1, "slow"), *wrong[1:])))
+    assert diagnostics_of(c, 1.6).tone == cells.CARE
+    events = [e.what for e in c.view(1.6).events if e.who == "uav2"]
+    assert events == ["diagnostics: uav2/odometry: health is not well"], "once, however its words change"
+    assert diagnostics_of(c, 14.0) == cells.Cell("not heard for 12.5 s", cells.GONE)

@@ -468,6 +468,16 @@ def test_a_vehicle_that_vanishes_is_shown_and_nothing_is_lost_on_the_way_back(sh
     assert window.vehicles.item(0, 1).text() == "mission"
 
 
+def test_the_worst_line_of_diagnostics_is_seen_without_scrolling(shown, app):
+    window, _, _ = shown("ground")
+    app.processEvents()
+    table = window.vehicles
+    (k,) = (i for i in range(table.rowCount()) if table.item(i, 0).text() == "diagnostics")
+    item = table.item(k, 2)
+    assert item.text() == "WARN tags: slow or silent: pictures"
+    assert table.viewport().rect().contains(table.visualItemRect(item))
+
+
 def test_the_docks_open_and_close_by_key(shown, app):
     window, _, _ = shown("silent")
     for key, dock in ((KEYS.Key_F4, window.pictures), (KEYS.Key_F5, window.after)):

@@ -16,6 +16,8 @@ from fcsv_control.flight_check.lines import Line, State
 PLAIN, QUIET, GOOD, CARE, BAD, GONE = "plain", "quiet", "good", "care", "bad", "gone"  # tones
 _OF_FLIER = {PILOT: GOOD, MISSION: GOOD, GUARDIAN: CARE, FAILSAFE: BAD, UNKNOWN: GONE}
 _OF_STATE = {State.GREEN: QUIET, State.AMBER: CARE, State.RED: BAD, State.UNKNOWN: GONE}
+_LEVELS = {1: ("WARN", CARE), 2: ("ERROR", BAD), 3: ("STALE", GONE)}  # of diagnostic_msgs/DiagnosticStatus
+_HEALTH = ": health"
 _FROM_THE_WORST = (State.RED, State.UNKNOWN, State.AMBER, State.GREEN)
 
 
@@ -31,6 +33,7 @@ def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
     """(label, one cell per vehicle)."""
     table = (
         ("flown by", lambda v: Cell(v.flier.words, _OF_FLIER.get(v.flier.who, PLAIN))),
+        ("diagnostics", diagnostics),
         ("connection", lambda v: Cell(v.connection, PLAIN if v.connection == "connected" else GONE)),
         ("mode", _mode),
         ("pose", lambda v: _rate(v.pose)),
@@ -134,6 +137,23 @@ def _recorder(v: VehicleRow) -> Cell:
     gap = f", no picture for {v.no_picture_s:.0f} s" if v.no_picture_s else ""
     words = f"{'RECORDS' if r.pictures_on else 'ready'}{gap}{dropped}{left}"
     return Cell(words, CARE if r.dropped or gap else GOOD if r.pictures_on else PLAIN)
+
+
+def diagnostics(v: VehicleRow) -> Cell:
+    """What is wrong, the worst first."""
+    if v.diagnosed.value is None or v.diagnosed.stale:
+        return Cell("not heard" if v.diagnosed.value is None else f"not heard for {v.diagnosed.words}", GONE)
+    wrong = v.diagnosed.value.wrong
+    if not wrong:
+        return Cell("well", QUIET)
+    told = [f"{_LEVELS[level][0]} {_node(v.name, name)}: {text}" if name else text for name, level, text in wrong]
+    return Cell("\n".join(told), _LEVELS[wrong[0][1]][1])
+
+
+def _node(vehicle: str, name: str) -> str:
+    """Of "uav1/tags: health" only "tags": the column says whose, and most are a node's health."""
+    name = name[len(vehicle) + 1 :] if name.startswith(f"{vehicle}/") else name
+    return name[: -len(_HEALTH)] if name.endswith(_HEALTH) else name
 
 
 def _clock(v: VehicleRow) -> Cell:

@@ -61,6 +61,9 @@ class Chronicle:
         elif isinstance(fact, f.Said):
             level = "warning" if fact.severity <= _LOUD else "info"
             self._changed(now_s, f"said {fact.vehicle} {fact.who}", f"{fact.vehicle} {fact.who}", fact.text, level)
+        elif isinstance(fact, f.Diagnosed):
+            words = f"diagnostics: {fact.wrong[0][0]} is not well" if fact.wrong else ""
+            self._changed(now_s, f"diagnostics {fact.vehicle}", fact.vehicle, words, "warning")
         elif isinstance(fact, f.Answered) and fact.outcome:
             who = f"{fact.vehicle} agent"
             self.event(now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning")

@@ -57,6 +57,7 @@ def _streams(c: Console, now_s: float, mode: str, armed: bool, places: Sequence[
             if k % 10 == 0:
                 c.tell(at_s, f.Battery(name, share - (0.04 if name == "uav2" else 0.0), 15.3))
                 c.tell(at_s, f.PictureHeard(name, at_s, _picture(name)))
+                c.tell(at_s, f.Diagnosed(name))
                 c.tell(at_s, f.Recorder(name, mode == "GUIDED", 412, 0, 96.0))
                 c.tell(at_s, f.Radio(name, 0.006, 0.01))
                 c.tell(at_s, f.Clock(name, 0.0012, 0.0004))
@@ -103,6 +104,7 @@ def on_the_ground(c: Console) -> None:
     c.tell(NOW_S - 0.3, f.Check(_lines(uav2_battery=amber, **{"uav1_pre-arm": red})))
     c.tell(NOW_S - 0.1, f.MissionTold("WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows),
                                       ("flight check: uav1 pre-arm is RED",)))  # fmt: skip
+    c.tell(NOW_S - 0.2, f.Diagnosed("uav2", (("uav2/tags: health", 1, "slow or silent: pictures"),)))
     c.tell(NOW_S - 1.0, f.Said("uav1", "autopilot", "PreArm: Compass not calibrated", 2))
     c.tell(NOW_S - 5.0, f.RehearsalTold(c.file.text, "runs", 0.38))
 

@@ -44,6 +44,7 @@ class VehicleRow:
     clock: Aged[f.Clock]
     radio: Aged[f.Radio]
     said: Aged[f.Said]
+    diagnosed: Aged[f.Diagnosed]
     epoch: Optional[int]
     calibrated_epoch: Optional[int]
     calibration_age_s: float
@@ -131,6 +132,8 @@ _CROSSES = {
     f.Guardian: "guardian/state", f.Agent: "agent/alive", f.Recorder: "recorder/status",
 }  # fmt: skip
 
+_DIAGNOSED_S = 12.0  # told every 5 s while all is well (fcsv_control.flight_check.digest): two may get lost
+
 
 class Vehicle:
     """Collects what is heard of one vehicle. ``since_s`` gives from when the newest message of a topic counts that came
@@ -146,6 +149,7 @@ class Vehicle:
             f.Guardian: Heard(), f.Agent: Heard(), f.Battery: slow(), f.PictureHeard: slow(),
             f.Recorder: slow(), f.Clock: Heard(10.0), f.Radio: slow(),
             f.Said: Heard(math.inf), f.Captured: slow(), f.Tags: slow(),
+            f.Diagnosed: Heard(_DIAGNOSED_S),
         }  # fmt: skip
 
     def tell(self, now_s: float, fact: Any) -> None:
@@ -171,6 +175,7 @@ class Vehicle:
             self.name, who_flies(anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
             anything, at[f.AutopilotState], at[f.OdometryHeard], at[f.CameraInHome], at[f.PictureHeard], battery,
             at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.Said],
+            at[f.Diagnosed],
             self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s, self._no_picture.lasts_s(now_s),
         )  # fmt: skip
 

@@ -92,6 +92,11 @@ def _guardian(name: str, m: GuardianState) -> f.Fact:
     return f.Guardian(name, m.action, m.holds, m.uncontrolled, m.lost, m.taken, tuple(m.reasons), tuple(m.forbids))
 
 
+def _diagnosed(name: str, m: DiagnosticArray) -> f.Fact:
+    levels = (DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
+    return f.Diagnosed(name, tuple((s.name, s.level, s.message) for s in m.status if s.level in levels))
+
+
 def _recorder(name: str, m: RecorderStatus) -> f.Fact:
     return f.Recorder(name, m.pictures_on, m.pictures, m.dropped, m.minutes_left, m.problem)
 
@@ -124,6 +129,7 @@ OF_VEHICLE: Dict[str, Tuple[Any, Convert]] = {
     "capture/picture": (CapturedPicture, lambda name, m: f.Captured(name, m.header.stamp.to_sec())),
     "tags/detections": (TagDetections, _tags),
     "recorder/status": (RecorderStatus, _recorder),
+    "diagnostics/worst": (DiagnosticArray, _diagnosed),
     "clock/offset": (ClockOffset, lambda name, m: f.Clock(name, m.offset_s, m.uncertainty_s)),
     "command_ack": (CommandAck, _answered),
 }

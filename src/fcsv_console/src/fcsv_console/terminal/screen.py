@@ -79,6 +79,11 @@ def _vehicles(view: View) -> Table:
         told = f"{v.connection}, {v.mode}, {'ARMED' if v.armed else 'motors off'}" if v.state.value else v.connection
         table.add_row("", _line(told, style), _disk(v))
         table.add_row("", _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"), _clock(v))
+        wrong = cells.diagnostics(v)
+        if wrong.tone in (cells.CARE, cells.BAD):
+            table.add_row(
+                "", _line(wrong.text.split("\n")[0], "bold yellow" if wrong.tone == cells.CARE else "bold red")
+            )
         if v.said.value is not None:
             table.add_row("", _line(f'"{v.said.value.text}" {v.said.words} ago', "dim"))
     return table

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What must be true before take-off, of this vehicle, by what is heard on board: `flight_check`, once a second."""
+"""What must be true before take-off, of this vehicle, by what is heard on board: `flight_check`, once a second; and the
+worst lines of its diagnostics: `diagnostics/worst`."""
 
 import math
 import shutil
@@ -21,6 +22,7 @@ from fcsv_control.flight_check.pace import Pace
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.flight_check.vehicle import Disk, VehicleFacts
 from fcsv_control.ros import flight_check_messages as messages
+from fcsv_control.ros.diagnostics_digest import ON_THE_WAY_BYTES, DiagnosticsDigest
 from fcsv_control.ros.relay_keys import RelayKeys
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
@@ -29,7 +31,6 @@ from mavros_msgs.msg import State as FlightState
 from mavros_msgs.msg import StatusText
 
 _STEP_S = 0.5
-_ON_THE_WAY_BYTES = 80  # headers of the relay, UDP and IP
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,9 @@ class VehicleCheckNode:
         self._states = None
         self._health = Health(p.vehicle)
         self._publisher = rospy.Publisher("flight_check", FlightCheck, queue_size=2, latch=True)
+        self._diagnostics = DiagnosticsDigest(
+            f"{p.vehicle}/" if p.flight_link == TELLO else ""
+        )  # one ROS master for all
         self._subscribe()
         self._timer = node.every(_STEP_S, self._step)
 
@@ -103,11 +107,12 @@ class VehicleCheckNode:
         with self._lock:
             lines = self._judged.lines(time.monotonic(), self._facts, self._rules)
         self._publish(lines)
+        self._diagnostics.step()
 
     def _publish(self, lines) -> None:
         states = [line.state for line in lines]
         message = messages.small(self._name, lines, 0.0)
-        size = messages.size_bytes(message) + _ON_THE_WAY_BYTES
+        size = messages.size_bytes(message) + ON_THE_WAY_BYTES
         message.next_s = self._pace.period_s(size)
         if self._pace.due(time.monotonic(), size, states != self._states):
             self._tell_log(lines)

@@ -31,6 +31,7 @@ from fcsv_console.model.facts.of_vehicle import (
     CameraInHome,
     Captured,
     Clock,
+    Diagnosed,
     EpochHeard,
     Guardian,
     OdometryHeard,
@@ -42,7 +43,7 @@ from fcsv_console.model.facts.of_vehicle import (
 )
 
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
-                  EpochHeard, Radio, Said, Answered, Tags, Captured]  # fmt: skip
+                  EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed]  # fmt: skip
 Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionFlown, MissionAlive, StopTold, MapTold,
              EpipolarTold, MapPicture, SeenFrom, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip
 
@@ -56,6 +57,7 @@ __all__ = [
     "Captured",
     "Check",
     "Clock",
+    "Diagnosed",
     "EpipolarTold",
     "EpochHeard",
     "Fact",

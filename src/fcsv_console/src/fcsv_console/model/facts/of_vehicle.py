@@ -155,3 +155,12 @@ class Captured:
 
     vehicle: str
     stamp_s: float
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """What is wrong in its diagnostics, the worst first: (name, level, text), a last one without a name counts the
+    others; empty: it is well. Levels are those of diagnostic_msgs/DiagnosticStatus."""
+
+    vehicle: str
+    wrong: Tuple[Tuple[str, int, str], ...] = ()
