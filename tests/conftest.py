@@ -94,7 +94,9 @@ def ros_master(tmp_path_factory):
         os.environ.update({k: v for k, v in machine.env.items() if k.startswith("ROS_")})
         import rospy
 
-        rospy.init_node("fcsv_tests", anonymous=True, disable_signals=True, disable_rostime=False)
+        from fcsv_geometry.ros import node
+
+        node.begin("fcsv_tests", anonymous=True, disable_signals=True, disable_rostime=False)
         yield machine
         rospy.signal_shutdown("tests are over")
 

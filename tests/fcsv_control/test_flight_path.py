@@ -31,7 +31,8 @@ def test_odometry_reaches_the_autopilot_with_everything_else_frozen(flight_link,
         script.write_text(f"""
 import rospy, json, time
 from geometry_msgs.msg import PoseStamped
-rospy.init_node('ear')
+from fcsv_geometry.ros import node
+node.begin('ear')
 f = open({str(out)!r}, 'a', buffering=1)
 for t in ('vision_pose', 'local_position'):
     rospy.Subscriber('/uav1/mavros/' + t + '/pose', PoseStamped,

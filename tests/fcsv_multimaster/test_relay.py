@@ -54,7 +54,10 @@ class Net:
     def python(self, name, code):
         """A rospy script on a machine; it runs until the test ends."""
         path = self.machines[name].folder / f"script-{time.time()}.py"
-        path.write_text("import rospy, sys, time\nrospy.init_node('t', anonymous=True)\n" + textwrap.dedent(code))
+        path.write_text(
+            "import rospy, sys, time\nfrom fcsv_geometry.ros import node\nnode.begin('t', anonymous=True)\n"
+            + textwrap.dedent(code)
+        )
         self.scripts.append(self.machines[name].run([sys.executable, str(path)], path.stem))
 
     def hears(self, name, topic, timeout_s=15.0):

@@ -182,6 +182,7 @@ def listen(vehicle: str, sim_folder: str) -> None:
     from geometry_msgs.msg import PoseStamped
 
     from fcsv_geometry.errors import PoseUnavailable
+    from fcsv_geometry.ros import node
     from fcsv_msgs.msg import GuardianState
     from mavros_msgs.msg import State
 
@@ -189,7 +190,7 @@ def listen(vehicle: str, sim_folder: str) -> None:
         sys.stdout.write(json.dumps({"t": time.monotonic(), "what": what, **more}) + "\n")
         sys.stdout.flush()
 
-    rospy.init_node("ear", anonymous=True)
+    node.begin("ear", anonymous=True)
     on = lambda topic, kind, call: rospy.Subscriber(f"/{vehicle}/{topic}", kind, call, queue_size=20)  # noqa: E731
     on("guardian/state", GuardianState, lambda m: tell("guardian", action=m.action, holds=m.holds, why=m.reasons))
     on("mavros/state", State, lambda m: tell("state", mode=m.mode, armed=m.armed))

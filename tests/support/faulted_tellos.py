@@ -47,6 +47,7 @@ class Story:
         from sensor_msgs.msg import Joy
         from std_msgs.msg import Float64
 
+        from fcsv_geometry.ros import node
         from fcsv_msgs.msg import MissionState
         from fcsv_sim.truth import TruthReader
         from mavros_msgs.msg import State, StatusText
@@ -54,7 +55,7 @@ class Story:
         self._out, self._log = out, open(out / "story.log", "w", buffering=1)
         self._mode: Dict[str, str] = {}
         self._said, self._phase = "", ""
-        rospy.init_node("story", anonymous=True, disable_signals=True)
+        node.begin("story", anonymous=True, disable_signals=True)
         self._over = rospy.is_shutdown
         self._truth = {n: TruthReader(out / "run" / "sim", n) for n in NAMES}
         self._sticks = {n: rospy.Publisher(f"/{n}/pilot/joy", Joy, queue_size=1) for n in NAMES}

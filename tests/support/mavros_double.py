@@ -24,7 +24,7 @@ from sensor_msgs.msg import BatteryState
 from fcsv_control.flight import conversion, frame_bytes
 from fcsv_control.flight.lines import UdpLine
 from fcsv_control.flight.state import MODES
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from mavros_msgs.msg import Mavlink, RCIn, State, StatusText
 from mavros_msgs.srv import CommandBool, CommandBoolResponse, CommandTOL, CommandTOLResponse, SetMode, SetModeResponse
 
@@ -150,6 +150,6 @@ class MavrosDouble:
 
 
 if __name__ == "__main__":
-    rospy.init_node("mavros")
+    node.begin("mavros")
     MavrosDouble().spin()
     sys.exit(0)

@@ -47,7 +47,10 @@ class NamespaceMachine(Machine):
     def python(self, code: str, log: str = "script") -> Process:
         """A rospy script on this machine; it runs until the machine stops."""
         path = self.folder / f"{log}-{time.time()}.py"
-        path.write_text("import rospy, sys, time\nrospy.init_node('t', anonymous=True)\n" + textwrap.dedent(code))
+        path.write_text(
+            "import rospy, sys, time\nfrom fcsv_geometry.ros import node\nnode.begin('t', anonymous=True)\n"
+            + textwrap.dedent(code)
+        )
         return self.run([sys.executable, str(path)], path.stem)
 
     def _inside(self, command):

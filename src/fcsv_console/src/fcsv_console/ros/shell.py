@@ -28,6 +28,7 @@ from fcsv_console.ros.ground_views import GroundViewHearing
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_console.ros.window_turns import WindowTurns
 from fcsv_geometry.arrivals import Arrivals
+from fcsv_geometry.ros import node
 from fcsv_geometry.vehicle import load_vehicles
 
 _LOOK_S = 0.5
@@ -90,7 +91,7 @@ class Shell:
             self._hearing.put(f.MasterTold(NO_MASTER))
             if self._over.wait(_LOOK_S):
                 return
-        rospy.init_node(self._name, anonymous=True, disable_signals=True)
+        node.begin(self._name, anonymous=True, disable_signals=True)
         self._commands = Commands(self.console.names)
         self._hearing.subscribe()
         self._epipolar.subscribe()

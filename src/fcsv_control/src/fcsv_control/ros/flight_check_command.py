@@ -12,6 +12,7 @@ import rospy
 from fcsv_control.flight_check import table
 from fcsv_control.flight_check.lines import Line
 from fcsv_control.ros import flight_check_messages as messages
+from fcsv_geometry.ros import node
 from fcsv_msgs.msg import FlightCheck
 from fcsv_msgs.srv import AcceptLine
 
@@ -36,7 +37,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     if not topics:
         print("flight_check: neither vehicle_check nor fleet_check runs on this machine's master", file=sys.stderr)
         return _NOTHING
-    rospy.init_node("flight_check_command", anonymous=True)
+    node.begin("flight_check_command", anonymous=True)
     if arguments.accept and not _accept(*arguments.accept):
         return _NOTHING
     return _show(topics, arguments.watch)

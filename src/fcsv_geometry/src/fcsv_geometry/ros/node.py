@@ -10,11 +10,18 @@ import rospy
 
 from fcsv_geometry import config
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros import publishers
 from fcsv_geometry.vehicle import VehicleGeometry, load_vehicles
 
 T = TypeVar("T")
 CANNOT_RUN = 2
 _LOG_EVERY_S = 5.0
+
+
+def begin(name: str, **how) -> None:
+    """``rospy.init_node`` of a process of this workspace: it forgets no publisher (publishers.py)."""
+    publishers.keep_all()
+    rospy.init_node(name, **how)
 
 
 def run(name: str, make: Callable[[], Any]) -> int:
@@ -23,7 +30,7 @@ def run(name: str, make: Callable[[], Any]) -> int:
     ``make`` reads parameters and subscribes; its result's ``spin()`` is used where it has one. An FcsvError
     from it is the end, as one line.
     """
-    rospy.init_node(name)
+    begin(name)
     _log_to_rosout()
     try:
         node = make()

@@ -11,6 +11,8 @@ import rosgraph
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+from fcsv_geometry.ros import node
+
 _LEVELS = {DiagnosticStatus.OK: "ok", DiagnosticStatus.WARN: "WARN", DiagnosticStatus.ERROR: "ERROR"}
 _WAIT_S = 10.0  # the relay reports once a second; a machine that is busy starts this program slowly
 _WORDS = ("state", "says")
@@ -30,7 +32,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     if not topics:
         print("link_status: no relay runs on this machine's master", file=sys.stderr)
         return 2
-    rospy.init_node("link_status", anonymous=True)
+    node.begin("link_status", anonymous=True)
     return _show(topics, arguments.watch)
 
 

@@ -11,7 +11,7 @@ from sensor_msgs.msg import Image, PointCloud2
 
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_stereo.output import read_ply
 from fcsv_stereo.ros.baseline_topics import BaselineTopics
@@ -39,7 +39,7 @@ def publish_map(out: Path) -> list:
 
 def main() -> int:
     """Publish the map in the folder given as argument or parameter ~out, and stay."""
-    rospy.init_node("show_map")
+    node.begin("show_map")
     words = rospy.myargv(sys.argv)[1:]
     out = Path(words[0] if words else rospy.get_param("~out"))
     health = Health("map")

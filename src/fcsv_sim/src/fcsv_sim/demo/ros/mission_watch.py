@@ -10,6 +10,7 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
+from fcsv_geometry.ros import node
 from fcsv_msgs.msg import Capture, MapState, MissionState, RecorderStatus
 from fcsv_sim.demo.maps_in_flight import MapsInFlight
 from fcsv_sim.demo.movement import Movement
@@ -20,7 +21,7 @@ from mavros_msgs.msg import State, StatusText
 def attach(control: Machine) -> None:
     """Make this process a node on a machine's master (once: rospy knows one master a process)."""
     os.environ.update({k: v for k, v in control.env.items() if k.startswith("ROS_")})
-    rospy.init_node("demo", anonymous=True, disable_signals=True)
+    node.begin("demo", anonymous=True, disable_signals=True)
 
 
 class MissionWatch:
