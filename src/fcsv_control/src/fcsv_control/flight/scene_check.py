@@ -30,6 +30,23 @@ class SceneCheckRules:
         require_positive(self)
 
 
+class _InARow:
+    """Counts looks that are off, one after the other, none much later than the one before."""
+
+    def __init__(self, looks: int, longest_s: float):
+        self._looks, self._longest_s = looks, longest_s
+        self._count, self._last_s = 0, float("-inf")
+
+    def enough(self, now_s: float, off: bool) -> bool:
+        """Whether this look is the last of so many."""
+        if not off:
+            self._count = 0
+            return False
+        self._count = self._count + 1 if now_s - self._last_s < self._longest_s else 1
+        self._last_s = now_s
+        return self._count >= self._looks
+
+
 class SceneCheck:
     """Told what each look says, it gives the doubt."""
 
@@ -39,20 +56,16 @@ class SceneCheck:
 
     def begin_again(self) -> None:
         """Nothing of before counts."""
-        self._off, self._off_s = 0, float("-inf")
-        self._one_way, self._one_way_s = 0, float("-inf")
+        r = self._rules
+        self._off, self._one_way = _InARow(r.looks, r.longest_s), _InARow(r.one_way_looks, r.longest_s)
 
     def look(self, now_s: float, span_s: float, off_rad: float, turn_rad: float, points: int) -> str:
         """A look (SceneMotion.msg) at the scene of a flying vehicle; why the tracker is not believed, or nothing."""
         r = self._rules
         if span_s < r.least_s or points < r.least_points:
             return ""
-        if not off_rad > r.off_rad + r.off_share * turn_rad:
-            self._off = 0
-            return ""
-        self._off = self._off + 1 if now_s - self._off_s < r.longest_s else 1
-        self._off_s = now_s
-        return "the camera's pictures move, the tracker does not: it drifts" if self._off >= r.looks else ""
+        off = off_rad > r.off_rad + r.off_share * turn_rad
+        return "the camera's pictures move, the tracker does not: it drifts" if self._off.enough(now_s, off) else ""
 
     def one_way(self, now_s: float, span_s: float, share: float, above_m: float) -> str:
         """The share of the points that moved as if the vehicle flew one way, this high over the take-off (m); why the
@@ -60,13 +73,5 @@ class SceneCheck:
         r = self._rules
         if span_s < r.least_s or not above_m > r.one_way_above_m:
             return ""
-        if not share > r.one_way_share:
-            self._one_way = 0
-            return ""
-        self._one_way = self._one_way + 1 if now_s - self._one_way_s < r.longest_s else 1
-        self._one_way_s = now_s
-        return (
-            "the camera sees the vehicle fly, the tracker does not: it drifts"
-            if self._one_way >= r.one_way_looks
-            else ""
-        )
+        off = self._one_way.enough(now_s, share > r.one_way_share)
+        return "the camera sees the vehicle fly, the tracker does not: it drifts" if off else ""
