@@ -61,9 +61,8 @@ class VehicleCheckNode:
         self._states = None
         self._health = Health(p.vehicle)
         self._publisher = rospy.Publisher("flight_check", FlightCheck, queue_size=2, latch=True)
-        self._diagnostics = DiagnosticsDigest(
-            f"{p.vehicle}/" if p.flight_link == TELLO else ""
-        )  # one ROS master for all
+        shares_its_master = p.flight_link == TELLO
+        self._diagnostics = DiagnosticsDigest(f"{p.vehicle}/" if shares_its_master else "")
         self._subscribe()
         self._timer = node.every(_STEP_S, self._step)
 
