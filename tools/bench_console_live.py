@@ -16,7 +16,8 @@ _BEFORE_S = 20.0  # the live map loads its kernels, everybody finds each other
 LISTENER = """
 import sys, time, rospy
 from std_msgs.msg import String
-rospy.init_node("listener", anonymous=True)
+from fcsv_geometry.ros import node
+node.begin("listener", anonymous=True)
 rospy.Subscriber("/stop_all", String, lambda m: print(time.monotonic(), flush=True), tcp_nodelay=True)
 rospy.spin()
 """

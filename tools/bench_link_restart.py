@@ -94,9 +94,10 @@ def measured(autopilot: Autopilot, times: int):
     import rospy
     from geometry_msgs.msg import PoseStamped
 
+    from fcsv_geometry.ros import node
     from fcsv_msgs.msg import LinkHealth
 
-    rospy.init_node("bench_link_restart", disable_signals=True)
+    node.begin("bench_link_restart", disable_signals=True)
     health = []
     rospy.Subscriber("/uav1/flight_link/health", LinkHealth, lambda m: health.append(m))
     poses = rospy.Publisher("/uav1/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True)

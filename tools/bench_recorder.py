@@ -109,7 +109,9 @@ def main(argv: Optional[List[str]] = None) -> int:
             os.environ.update({k: v for k, v in machine.env.items() if k.startswith("ROS_")})
             import rospy
 
-            rospy.init_node("bench_recorder", disable_signals=True)
+            from fcsv_geometry.ros import node
+
+            node.begin("bench_recorder", disable_signals=True)
             feed = Feed()
             for i in tqdm(range(args.kills), desc="kills"):
                 place = Path(folder) / f"session{i}"

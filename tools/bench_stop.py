@@ -100,9 +100,10 @@ def caller(path: str, count: int) -> int:
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
 
+    from fcsv_geometry.ros import node
     from mavros_msgs.msg import State
 
-    rospy.init_node("caller")
+    node.begin("caller")
     modes = []
     rospy.Subscriber("/uav1/mavros/state", State, lambda m: modes.append(m.mode))
     over = rospy.Publisher("/stop_all/over", String, queue_size=1)
@@ -138,7 +139,9 @@ def autopilot(path: str, port: int) -> int:
     from fcsv_control.flight.state import MODES
 
     m = mavutil.mavlink
-    rospy.init_node("autopilot")
+    from fcsv_geometry.ros import node
+
+    node.begin("autopilot")
     feed = rospy.Publisher("/uav1/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True)
     pose = PoseStamped()
     pose.header.frame_id, pose.pose.orientation.w = "uav1/odom", 1.0

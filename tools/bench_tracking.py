@@ -108,9 +108,10 @@ def node_latency_ms(flight, pictures):
         from nav_msgs.msg import Odometry
         from sensor_msgs.msg import CameraInfo, Image
 
+        from fcsv_geometry.ros import node
         from fcsv_msgs.msg import TagDetections
 
-        rospy.init_node("bench", disable_signals=True)
+        node.begin("bench", disable_signals=True)
         heard = {}
         vehicles = str(DOCUMENT.parents[1] / "config" / "vehicles")
         for key, value in {"vehicle": "uav2", "vehicles": ["uav1", "uav2"], "vehicles_dir": vehicles, "rate_hz": 60.0,

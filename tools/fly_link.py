@@ -302,7 +302,9 @@ def measure(arguments, machine, folder: Path) -> int:
     """Start the nodes and fly."""
     import rospy
 
-    rospy.init_node("fly_link", disable_signals=True)
+    from fcsv_geometry.ros import node
+
+    node.begin("fly_link", disable_signals=True)
     truth = Truth(arguments.truth)
     require(lambda: truth.T is not None, 30.0, f"SIM_STATE at {arguments.truth}")
     path = folder / "link.launch"

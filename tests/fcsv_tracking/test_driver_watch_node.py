@@ -15,7 +15,8 @@ until = within(30.0)
 HANGS = """
 import rospy
 from std_msgs.msg import String
-rospy.init_node('driver')
+from fcsv_geometry.ros import node
+node.begin('driver')
 p = rospy.Publisher('/w/hangs', String, queue_size=1)
 while not rospy.is_shutdown():
     p.publish('x'); rospy.sleep(0.05)

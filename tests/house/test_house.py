@@ -206,6 +206,14 @@ def test_every_tuned_number_says_its_unit_and_what_it_trades():
             assert all(said), f"{type(stage).__name__}.{f.name} does not say {said}"
 
 
+def test_every_process_becomes_a_node_by_the_one_way_that_forgets_no_publisher():
+    """``node.begin`` mends rospy before it calls ``init_node``; reference.py and tests only take its place."""
+    own = ROOT / "src/fcsv_geometry/src/fcsv_geometry/ros/node.py"
+    files = [p for folder in ("src", "tools", "tests") for p in (ROOT / folder).rglob("*.py") if p != own]
+    call = "rospy." + "init_node("
+    assert not [str(p.relative_to(ROOT)) for p in files if call in p.read_text()]
+
+
 def compiled(function):
     return any("njit" in ast.dump(d) for d in function.decorator_list)
 

@@ -26,7 +26,9 @@ from fcsv_msgs.msg import Command, CommandAck
 def main() -> None:
     role, *arguments = sys.argv[1:]
     if role != "fleet":
-        rospy.init_node(role, anonymous=True)
+        from fcsv_geometry.ros import node
+
+        node.begin(role, anonymous=True)
     {"source": source, "pictures": pictures, "sink": sink, "commander": commander, "fleet": fleet}[role](*arguments)
 
 
