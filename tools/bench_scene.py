@@ -14,8 +14,8 @@ import argparse
 import dataclasses
 import itertools
 import logging
-import multiprocessing
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable, List, Optional, Sequence, Tuple
@@ -324,8 +324,8 @@ def main() -> None:
     tasks = [Task(w, f, args.seed + k, args.width) for k, (w, f) in enumerate(kinds)]
     begin()
     first, seen = look_again(tasks[0]), []  # what is compiled is compiled once
-    with multiprocessing.Pool(args.jobs, begin) as pool:
-        told = pool.imap(look_again, tasks[1:])
+    with ProcessPoolExecutor(args.jobs, initializer=begin) as pool:
+        told = pool.map(look_again, tasks[1:])
         for task, flight in zip(tasks, itertools.chain([first], tqdm(told, total=len(tasks) - 1, disable=None))):
             seen += [(task.world, *vehicle) for vehicle in flight]
             if args.out:

@@ -3,16 +3,18 @@
 
 import json
 import os
+import signal
 from collections import Counter
-from multiprocessing import Pool
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
 
 from fcsv_geometry.flight_limits import PauseLimits
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration, load_mission
+from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import takeover
-from fcsv_sim.rehearsal.command import Job, main, prepare, rehearse
+from fcsv_sim.rehearsal.command import Job, main, on_all_cores, prepare, rehearse
 from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.invariants import NOT_HELD
@@ -82,8 +84,8 @@ def _job(seed: int) -> Job:
 
 @pytest.mark.timeout(900)  # a minute, where the machine does nothing else
 def test_sixty_flights_with_every_fault():
-    with Pool(os.cpu_count(), prepare) as pool:
-        flown = list(pool.imap(_fly, range(FLIGHTS), chunksize=1))
+    with ProcessPoolExecutor(os.cpu_count(), initializer=prepare) as pool:
+        flown = list(pool.map(_fly, range(FLIGHTS)))
     assert {name for r in flown for name in r.began} == set(FAULTS)
     for result in flown:
         known = set().union(*(KNOWN.get(f, set()) for f in result.faults))
@@ -93,6 +95,16 @@ def test_sixty_flights_with_every_fault():
 
 def _fly(seed: int):
     return rehearse(_job(seed))
+
+
+def test_a_process_that_is_killed_is_told(monkeypatch):
+    monkeypatch.setattr("fcsv_sim.rehearsal.command.prepare", int)  # this process is to stay as it is
+    with pytest.raises(SimulationError, match="one of 2 processes was killed.*--jobs"):
+        on_all_cores(_killed, [1, 2, 3], 2)
+
+
+def _killed(_job):
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_who_was_flown_by_hand_is_never_commanded():

@@ -5,8 +5,9 @@ import argparse
 import gc
 import json
 import logging
-import multiprocessing
 import os
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -77,7 +78,7 @@ def _rehearse(args) -> int:
         return _trace(jobs[0], args.trace)
     if args.json is not None:
         require_file(args.json)
-    results = list(zip(jobs, _on_all_cores(rehearse, jobs, args.jobs)))
+    results = list(zip(jobs, on_all_cores(rehearse, jobs, args.jobs)))
     if args.json is not None:
         _write(results, args.json)
     print("\n".join(table([(job.name, r) for job, r in results])))
@@ -105,14 +106,23 @@ def _told(job: Job, r: Result) -> str:
     return f"--faults '{job.name}' --seed {job.seed}: {told} ({r.phase}: {r.detail})"
 
 
-def _on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
+def on_all_cores(work: Callable, jobs: List, processes: int) -> Iterable:
+    """work(job) of each job, in their order, with progress.
+
+    Raises SimulationError where a process is killed.
+    """
     prepare()
     if work is rehearse and len(jobs) == 1:
         return [_one(jobs[0])]
     if processes == 1 or len(jobs) == 1:
         return [work(job) for job in tqdm(jobs, unit="flight", disable=None)]
-    with multiprocessing.Pool(processes, prepare) as pool:
-        return list(tqdm(pool.imap(work, jobs), total=len(jobs), unit="flight", disable=None))
+    with ProcessPoolExecutor(processes, initializer=prepare) as pool:  # a Pool waits for ever for a process that died
+        try:
+            return list(tqdm(pool.map(work, jobs), total=len(jobs), unit="flight", disable=None))
+        except BrokenProcessPool:
+            raise SimulationError(
+                f"one of {processes} processes was killed, as where memory runs out: ask for fewer (--jobs)"
+            ) from None
 
 
 def _one(job: Job) -> Result:
@@ -153,7 +163,7 @@ def _trace(job: Job, path: str) -> int:
 
 def _takeover_table(args, mission: Mission) -> int:
     trials = takeover.trials(mission, args.vehicles, args.seed)
-    outcomes = list(_on_all_cores(takeover.fly, trials, args.jobs))
+    outcomes = list(on_all_cores(takeover.fly, trials, args.jobs))
     print("\n".join(takeover.table(outcomes)))
     return int(any(o.commands for o in outcomes))
 
