@@ -670,3 +670,144 @@ def test_a_landing_beside_another_that_lands_goes_on():
     air = landing(6.0)
     air.others = {"uav2": {"p_home_m": np.array([2.0, 0.0, 7.0]), "mode": "LAND"}}
     assert not air.run(3.0).asked
+
+
+def alone(share=0.15, p=(6.0, 0.0, 8.0), **others):
+    """One whose battery is low, away from its take-off place, with the control PC silent; the others by their places."""
+    air = Aloft()
+    air.p = np.array(p)
+    air.run(1.0)
+    air.others = {name: {"p_home_m": np.array(p_other), "mode": "GUIDED"} for name, p_other in others.items()}
+    air.battery = share
+    air.silent.add("control")
+    air.forget()
+    return air
+
+
+def words(air):
+    return "; ".join(air.texts)
+
+
+def test_who_has_a_low_battery_and_nobody_to_command_it_flies_home_and_lands_there():
+    air = alone(uav2=(12.0, 0.0, 8.0)).run(9.5)
+    assert not air.held and not air.asked, "a mission that is started again may bring it down"
+    air.run(1.0)
+    assert air.guardian.verdict.action == "home" and air.guardian.verdict.holds
+    air.run(5.0)
+    assert np.allclose(air.held[0][1], [0.0, 0.0, 8.0]), "at the height that it had"
+    assert air.modes == ["LAND"] and np.linalg.norm(air.p[:2]) < 0.5
+    assert "nothing from the control PC" in words(air) and "above its take-off place" in words(air)
+
+
+def test_a_mission_that_lives_brings_it_down_itself():
+    air = alone()
+    air.silent.clear()
+    assert air.run(50.0).held == [] and air.asked == []
+
+
+@pytest.mark.parametrize("share", [0.05, math.nan, 0.8])
+def test_a_battery_that_is_empty_unknown_or_well_flies_nobody_home(share):
+    air = alone(share).run(29.0)
+    assert not air.held and air.modes == (["LAND"] if share == 0.05 else [])
+
+
+def test_a_mission_that_is_heard_again_stops_it_on_the_way():
+    air = alone(p=(20.0, 0.0, 8.0)).run(13.0)
+    air.silent.clear()
+    here = air.p.copy()
+    air.run(2.0)
+    assert np.linalg.norm(air.p - here) < 2.0 and np.linalg.norm(air.held[-1][1] - here) < 2.0
+    air.run(2.0)
+    assert not air.guardian.verdict.holds and not air.asked
+
+
+@pytest.mark.parametrize(
+    "others, why",
+    [
+        ({"uav2": (6.0, 0.3, 3.0)}, "uav2 is beneath"),
+        ({"uav2": (3.0, 0.5, 8.0)}, "uav2 is too near to the way"),
+        ({"uav2": (3.0, 0.5, 1.0)}, "uav2 is too near to the way"),
+        ({"uav2": (-2.0, 0.0, 0.0)}, "uav2 is too near to the way, or to the take-off place"),
+    ],
+)
+def test_where_the_way_or_the_place_is_not_clear_it_stays_and_lands_as_ever(others, why):
+    air = alone(**others).run(29.0)
+    assert not air.held and not air.asked and f"it does not fly home: {why}" in words(air)
+    air.run(8.0)
+    assert air.modes == ["LAND"]
+
+
+def test_who_comes_into_the_way_stops_it_there():
+    air = alone(p=(20.0, 0.0, 8.0), uav2=(9.0, 12.0, 8.0)).run(13.0)
+    assert 12.0 < air.p[0] < 16.0
+    air.others["uav2"]["p_home_m"] = np.array([4.0, 1.0, 8.0])
+    air.run(4.0)
+    assert air.p[0] > 11.0 and air.guardian.verdict.action == "hold" and "uav2 is too near to the way" in words(air)
+
+
+@pytest.mark.parametrize("speed_mps, flies", [(0.2, True), (2.0, False)])
+def test_who_moves_may_be_in_the_way_by_then(speed_mps, flies):
+    air = alone(uav2=(6.0, 9.0, 8.0))
+    air.others["uav2"]["speed_mps"] = speed_mps
+    assert bool(air.run(11.0).held) == flies
+
+
+def test_who_is_not_heard_may_be_anywhere():
+    air = alone(uav2=(12.0, 0.0, 8.0))
+    air.run(1.0)
+    air.silent.add("uav2")
+    assert not air.run(12.0).held and "it does not fly home: uav2 is not heard" in words(air)
+
+
+def unsure(air):
+    air.confidence = 1.0
+
+
+def began_anew(air):
+    air.guardian.epoch(7)
+
+
+def not_in_home(air):
+    air.T_home_odom = None
+
+
+def off(air):
+    air.feed_off = np.array([1.2, 0.0, 0.0])
+
+
+def fenced(air):
+    air.guardian.mission_fence(Fence(polygon=[(4.0, -9.0), (9.0, -9.0), (9.0, 9.0), (4.0, 9.0)]))
+
+
+@pytest.mark.parametrize(
+    "spoil, why",
+    [
+        (began_anew, "its take-off place is not known"), (not_in_home, "its place among the others is not known"),
+        (unsure, "its position is not good"), (off, "its position is not good"), (fenced, "the way leaves the fence"),
+    ],
+)  # fmt: skip
+def test_who_does_not_know_the_way_stays(spoil, why):
+    air = alone()
+    air.run(9.0)
+    spoil(air)
+    air.run(2.0)
+    assert f"it does not fly home: {why}" in words(air)
+    assert all(np.linalg.norm(p - [6.0, 0.0, 8.0]) < 0.1 for _, p in air.held)
+
+
+def test_a_pilot_is_not_flown_home():
+    air = alone(p=(20.0, 0.0, 8.0)).run(12.0)
+    assert air.held
+    air.mode = "LOITER"
+    air.run(0.1)
+    air.forget()
+    assert air.run(90.0).held == [] and air.asked == []
+    air.mode = "GUIDED"  # by himself
+    assert air.run(20.0).held == [] and air.asked == []
+
+
+def test_who_comes_too_near_on_the_way_home_outranks_it():
+    air = alone(p=(20.0, 0.0, 8.0), uav2=(30.0, 0.0, 8.0)).run(12.0)
+    air.others["uav2"]["p_home_m"] = air.p + [0.3, 0.3, 0.0]
+    air.run(0.2)
+    assert air.guardian.verdict.action == "aside"

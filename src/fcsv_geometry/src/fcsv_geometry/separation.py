@@ -91,7 +91,7 @@ def aside(
         length_m = float(np.linalg.norm(away))
         first = away / length_m if length_m > _AWAY_M else first
     places = [here_m + 2.0 * clear_m * np.array([*_turned(first, angle), 0.0]) for angle in _ANGLES]
-    room = [_room_m(here_m, p, others_m, clear_m) for p in places]
+    room = [room_m(here_m, p, others_m, clear_m) for p in places]
     return next((p for p, m in zip(places, room) if m >= 0.0), places[int(np.argmax(room))])
 
 
@@ -101,15 +101,23 @@ def _turned(direction: np.ndarray, angle_rad: float) -> np.ndarray:
     return np.array([c * direction[0] - s * direction[1], s * direction[0] + c * direction[1]])
 
 
-def _room_m(here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float) -> float:
+def passes_m(here_m: np.ndarray, place_m: np.ndarray, other_m: np.ndarray) -> float:
+    """How near (m), horizontally, the straight way to a place comes to another vehicle.
+
+    >>> passes_m(np.zeros(3), np.array([8.0, 0.0, 0.0]), np.array([4.0, 3.0, 7.0]))
+    3.0
+    """
+    off, ab = other_m[:2] - here_m[:2], place_m[:2] - here_m[:2]
+    share = min(1.0, max(0.0, float(off @ ab) / max(float(ab @ ab), 1e-12)))
+    return float(np.linalg.norm(off - share * ab))
+
+
+def room_m(here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float) -> float:
     """By how much (m) a way and its end keep clear, horizontally; negative: they do not. Who is near already must not
     come nearer."""
     least_m = np.inf
-    a, ab = here_m[:2], place_m[:2] - here_m[:2]
     for other in others_m:
-        off = other[:2] - a
-        share = min(1.0, max(0.0, float(off @ ab) / max(float(ab @ ab), 1e-12)))
-        passes_m = float(np.linalg.norm(off - share * ab))
-        needed_m = min(0.8 * clear_m, float(np.linalg.norm(off)) - 1e-6)
-        least_m = min(least_m, passes_m - needed_m, float(np.linalg.norm(off - ab)) - clear_m)
+        needed_m = min(0.8 * clear_m, float(np.linalg.norm(other[:2] - here_m[:2])) - 1e-6)
+        end_m = float(np.linalg.norm(other[:2] - place_m[:2]))
+        least_m = min(least_m, passes_m(here_m, place_m, other) - needed_m, end_m - clear_m)
     return least_m

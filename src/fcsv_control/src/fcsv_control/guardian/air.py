@@ -68,6 +68,9 @@ class Air:
     feed: Optional[np.ndarray] = None
     estimate: Optional[np.ndarray] = None
     take_off: Optional[np.ndarray] = None  # estimate when last on the ground
+    epoch: Optional[int] = None  # of the odometry
+    take_off_epoch: Optional[int] = None  # in another one ``take_off`` is elsewhere
+    lost: bool = False  # its tracker failed in this flight: where it is, is not known since
     confidence: float = math.nan
     link: LinkReport = field(default_factory=LinkReport)
     link_s: float = -_INF

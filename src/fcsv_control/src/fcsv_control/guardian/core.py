@@ -24,7 +24,6 @@ _SET_POINT_HZ = 10.0
 _AGAIN_S = 0.5  # a mode is asked for again
 _THERE_M = 0.4
 _STALL_S = 0.25  # a step that comes later than this was delayed itself
-_FOUND_S = 1.0
 _STOPS_MPS2, _LONGEST_STOP_S = 2.5, 1.0  # how an ArduCopter in GUIDED comes to rest
 _CALM_S = 3.0  # what asked for a hold must be over for so long
 _SAY_AGAIN_S = 10.0
@@ -42,8 +41,7 @@ class Guardian:
         self._aside_s: Optional[float] = None  # when the way aside began
         self._held_s = self._stepped_s = now_s  # when something last asked for a hold, and the last step
         self._link_heard = self._link_restarted = False
-        self._landing = self._lost = False
-        self._unseen_s = now_s  # when the tracker last did not see it
+        self._landing = self._homeward = False
         self._braking_for = ""
         self._answered: Set[str] = set()  # findings for which it braked: a fence counts once per crossing
         self._asked: Tuple[str, float, float] = ("", now_s, now_s)  # mode, first and last asked
@@ -66,7 +64,7 @@ class Guardian:
             self._answered.clear()
             self._watches.disarmed()
         elif not self.air.armed:
-            self._lost = False
+            self.air.lost = False
         self.air.mode, self.air.armed, self.air.state_s = mode, armed, now_s
 
     def feed(self, now_s: float, T_odom_body: np.ndarray) -> None:
@@ -77,7 +75,11 @@ class Guardian:
         """The autopilot's estimate."""
         self.air.estimated(now_s, T_odom_body)
         if not self.air.armed and math.isfinite(self.air.state_s):  # started in flight, it never saw the ground
-            self.air.take_off = T_odom_body
+            self.air.take_off, self.air.take_off_epoch = T_odom_body, self.air.epoch
+
+    def epoch(self, number: int) -> None:
+        """Of the odometry's frame: in flight, a new one says that the take-off place is not where it was."""
+        self.air.epoch = number
 
     def link(self, now_s: float, report: LinkReport) -> None:
         """The flight link lives."""
@@ -138,7 +140,6 @@ class Guardian:
         found = self._watches.findings(now_s, air) if air.armed else []
         self._mind_link(now_s)
         forbids = tuple(self._watches.forbids(now_s, air)) if air.mode != "GUIDED" else ()
-        worst = max((f.wish for f in found), default=Wish.SAY)
         acting = air.armed and self._hands.ours
         if acting:
             self._act(now_s, found)
@@ -146,20 +147,12 @@ class Guardian:
             self._let_go()
         for f in found:
             self._say(now_s, f.what, f.text, acting and f.wish > Wish.SAY)
-        blind = worst is Wish.LAND and air.flying
-        found_again = self._found_again(now_s)
-        self._lost = blind or (self._lost and not found_again)
+        blind = air.flying and any(f.wish is Wish.LAND for f in found)
+        air.lost = (not self._watches.found_again(now_s, air) and air.lost) or blind
         reasons = tuple(f.text for f in found if f.wish > Wish.SAY)
         action = self._action(now_s) if acting else ""
         taken = air.armed and not self._hands.ours
-        self._verdict = Verdict(action, self._place is not None, blind, reasons, forbids, self._lost, taken)
-
-    def _found_again(self, now_s: float) -> bool:
-        """Whether poses of a tracker that knows places, not only ways, have come for a second."""
-        r, air = self._rules, self.air
-        if not r.finds_again or now_s - air.feed_s > r.feed_warn_s or air.link.doubt:
-            self._unseen_s = now_s
-        return now_s - self._unseen_s > _FOUND_S
+        self._verdict = Verdict(action, self._place is not None, blind, reasons, forbids, air.lost, taken)
 
     @property
     def verdict(self) -> Verdict:
@@ -177,6 +170,9 @@ class Guardian:
         self._answered &= {f.what for f in found}
         wishes = [f for f in found if f.wish > Wish.SAY and f.what not in self._answered]
         worst = max(wishes, key=lambda f: f.wish, default=None)
+        if self._homeward and (worst is None or worst.wish is not Wish.HOME):  # it stops where it is
+            self._homeward, self._place = False, None
+            self._hold(now_s)
         escape = next((f for f in wishes if f.wish is Wish.ESCAPE or (self._landing and f.what == ABOVE)), None)
         if self._landing or escape or (worst is not None and worst.wish in (Wish.LAND, Wish.LAND_ASIDE)):
             self._land(now_s, worst, escape)
@@ -191,6 +187,8 @@ class Guardian:
             self._brake(now_s, worst)
         elif worst.wish is Wish.ASIDE:
             self._move_aside(now_s, worst.away_from)
+        elif worst.wish is Wish.HOME:
+            self._fly_home(now_s)
         else:
             self._hold(now_s)
         if self._place is not None and self.air.mode == "GUIDED" and self._gate.passes(now_s):
@@ -254,6 +252,13 @@ class Guardian:
             self._place = transforms.level(self.air.estimate)
             self._place[:3, 3] += v * min(float(np.linalg.norm(v)) / (2.0 * _STOPS_MPS2), _LONGEST_STOP_S)
 
+    def _fly_home(self, now_s: float) -> None:
+        """To above the take-off place, at the height that it has."""
+        if not self._homeward:
+            self._place, self._aside_s = transforms.level(self.air.estimate), None
+            self._place[:2, 3] = self.air.take_off[:2, 3]
+        self._homeward, self._held_s = True, now_s
+
     def _brake(self, now_s: float, finding: Finding) -> None:
         """BRAKE, once per finding; LAND where it does not show."""
         if now_s - self._ask(now_s, "BRAKE") > self._rules.obey_s:
@@ -265,7 +270,7 @@ class Guardian:
             self._let_go()
 
     def _let_go(self) -> None:
-        self._place, self._aside_s, self._landing = None, None, False
+        self._place, self._aside_s, self._landing, self._homeward = None, None, False, False
 
     def _ask(self, now_s: float, mode: str) -> float:
         """Ask for a mode, now and again until it shows; when it was asked for first."""
@@ -285,7 +290,7 @@ class Guardian:
             return asked
         if self._place is None:
             return ""
-        return "aside" if self._aside_s is not None else "hold"
+        return "home" if self._homeward else "hold" if self._aside_s is None else "aside"
 
     def _say(self, now_s: float, what: str, text: str, acts: bool) -> None:
         """Once while it lasts, again where it is another text, or after some time without it."""

@@ -8,6 +8,7 @@ from typing import Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
+from fcsv_control.guardian import way_home
 from fcsv_control.guardian.air import Air, Other
 from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry import separation
@@ -18,6 +19,7 @@ ABOVE = "above"  # a finding about one who comes down
 _OLD_S = 60.0  # what was heard of a vehicle so long ago says nothing any more
 _BELOW_M = 0.5
 _ABOVE_FLOOR_M = 0.5
+_FOUND_S = 1.0
 _ESCAPES_M = 2.0  # above the take-off place
 
 
@@ -26,11 +28,12 @@ class Wish(IntEnum):
 
     SAY = 1
     HOLD = 2  # where it is
-    ASIDE = 3  # out of another's way, then hold
-    BRAKE = 4
-    ESCAPE = 5  # out of LAND, out of the way of one that comes down without control, then LAND
-    LAND_ASIDE = 6  # LAND, first out of the way of who is beneath
-    LAND = 7  # at once: the position cannot be relied on
+    HOME = 3  # to above the take-off place
+    ASIDE = 4  # out of another's way, then hold
+    BRAKE = 5
+    ESCAPE = 6  # out of LAND, out of the way of one that comes down without control, then LAND
+    LAND_ASIDE = 7  # LAND, first out of the way of who is beneath
+    LAND = 8  # at once: the position cannot be relied on
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ class Watches:
     def __init__(self, rules: GuardianRules):
         self._rules = rules
         self._since_s: Dict[str, float] = {}
-        self._took_off = False
+        self._took_off = self._homeward = False
+        self._unseen_s = float("-inf")  # when the tracker last did not see it
         self._watches = (self._feed, self._doubt, self._ekf, self._confidence, self._tilt, self._battery, self._control,
                          self._agent, self._link, self._stick, self._fence, self._others)  # fmt: skip
 
@@ -89,6 +93,13 @@ class Watches:
         if air.confidence <= r.confidence:
             reasons.append("the tracking camera has low confidence")
         return reasons
+
+    def found_again(self, now_s: float, air: Air) -> bool:
+        """Whether poses of a tracker that knows places, not only ways, have come for a second."""
+        r = self._rules
+        if not r.finds_again or now_s - air.feed_s > r.feed_warn_s or air.link.doubt:
+            self._unseen_s = now_s
+        return now_s - self._unseen_s > _FOUND_S
 
     def separations(self, now_s: float, air: Air) -> Iterator[Tuple[str, float]]:
         """Of the distance to each other vehicle whose place is known, how much is kept (separation.share)."""
@@ -162,12 +173,29 @@ class Watches:
         unknown = math.isnan(share)
         text = "battery not known" if unknown else f"battery below {r.low_battery:.0%}"
         low = unknown or share < r.low_battery
+        alone = low and not unknown and air.mode == "GUIDED" and air.flying and now_s - air.control_s > r.home_s
+        self._homeward = self._homeward and alone
         if self._lasts(now_s, "empty", share < r.empty_battery, r.battery_s):
             yield Finding("battery", Wish.LAND_ASIDE, f"battery below {r.empty_battery:.0%}")
         elif self._lasts(now_s, "low", low, r.low_battery_s):
             yield Finding("battery", Wish.LAND_ASIDE, f"{text} for too long")
         elif self._lasts(now_s, "low", low, r.battery_s):
             yield Finding("battery", Wish.SAY, text)
+            if alone:
+                yield self._home(now_s, air, text)
+
+    def _home(self, now_s: float, air: Air, text: str) -> Finding:
+        """Its battery is low, and nobody is there who would bring it down."""
+        below = self.beneath(now_s, air)
+        against = f"{below} is beneath" if below else ""
+        against = against or way_home.against(now_s, air, self._rules, self.clear_m, self._homeward)
+        if against:  # under way it stops there
+            wish = Wish.HOLD if self._homeward else Wish.SAY
+            return Finding("home", wish, f"it does not fly home: {against}")
+        self._homeward = True
+        if way_home.left_m(air) < way_home.THERE_M:
+            return Finding("home", Wish.LAND_ASIDE, f"{text}, and it is above its take-off place")
+        return Finding("home", Wish.HOME, f"{text}, and nothing from the control PC")
 
     def _control(self, now_s: float, air: Air) -> Iterator[Finding]:
         r, silent_s = self._rules, now_s - air.control_s

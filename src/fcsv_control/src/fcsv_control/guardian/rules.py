@@ -33,6 +33,7 @@ class GuardianRules:
     low_battery: float = 0.2
     low_battery_s: float = 60.0  # so long the mission has to bring it down
     empty_battery: float = 0.1
+    home_s: float = 10.0  # low, and so long without the control PC: home; a mission that restarts is back by then
     battery_s: float = 2.0  # a voltage that sags for a moment is no empty battery
     battery_old_s: float = 10.0  # what was heard of it counts for so long
     link_warn_s: float = 2.0

@@ -65,7 +65,7 @@ class OnBoard:
         self._check = FeedCheck()
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self.T_home_odom: Dict[str, np.ndarray] = {}  # as the control PC told it last
-        self.agent.epoch(self.epoch.number, self.epoch.reason)
+        self._tell_epoch()
         self.recording = False
         self.pictures = 0
         self.acks: List[Ack] = []
@@ -126,7 +126,7 @@ class OnBoard:
         self.T_odom_body = transforms.from_xyz_quaternion(self.odometry.p_odom_body, self.odometry.q_odom_body_xyzw)
         if self._odometry.epoch != self.epoch:
             self.epoch = self._odometry.epoch
-            self.agent.epoch(self.epoch.number, self.epoch.reason)
+            self._tell_epoch()
         if self._feed.judge(now_s, stamp_s)[0] is FeedVerdict.SEND:
             T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
             self.guardian.feed(now_s, T_odom_body)
@@ -146,6 +146,10 @@ class OnBoard:
                     self.link.note_reset()
             self.link.send_pose(stamp_s, T_odom_body)
             self._watchdog.feed(now_s)
+
+    def _tell_epoch(self) -> None:
+        self.agent.epoch(self.epoch.number, self.epoch.reason)
+        self.guardian.epoch(self.epoch.number)
 
     def _scene_looked(self, now_s: float, seen: SceneLook) -> None:
         """Its pictures were held against its tracker."""

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a vehicle that nobody commands can fly to above its take-off place, straight and at the height that it has,
+and come down there."""
+
+import math
+from typing import Callable
+
+import numpy as np
+
+from fcsv_control.guardian.air import Air, Other
+from fcsv_control.guardian.rules import GuardianRules
+from fcsv_geometry import separation, transforms
+
+THERE_M = 0.4  # horizontally
+_MORE_M = 0.3  # of room, to set out: what is only just clear would stop it on the way
+_SLOWEST_MPS = 1.0  # it flies at least as fast
+_MOVES_MPS = 0.5
+_APART_M = 1.0  # of estimate and feed, in flight
+
+
+def left_m(air: Air) -> float:
+    """Horizontally, to above the take-off place; both places must be known."""
+    return math.hypot(*(air.estimate[:2, 3] - air.take_off[:2, 3]))
+
+
+def against(now_s: float, air: Air, rules: GuardianRules, clear_m: Callable[[Other], float], under_way: bool) -> str:
+    """What speaks against it, "" where nothing does. ``clear_m`` tells how far away horizontally one must be."""
+    if air.take_off is None or air.estimate is None or air.take_off_epoch != air.epoch:
+        return "its take-off place is not known"
+    if air.p_home_m is None:
+        return "its place among the others is not known"
+    if not _believed(now_s, air, rules):
+        return "its position is not good"
+    T_odom_there = transforms.level(air.estimate)
+    T_odom_there[:2, 3] = air.take_off[:2, 3]
+    p_home_there = transforms.apply(air.T_home_odom, T_odom_there[:3, 3])
+    if not _within_fences(air, rules, p_home_there):
+        return "the way leaves the fence"
+    for name, other in air.others.items():
+        if now_s - other.heard_s > rules.silent_above_s:
+            return f"{name} is not heard"
+        doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), now_s - other.heard_s, other.speed_mps)
+        needed_m = clear_m(other) + doubt_m + (0.0 if under_way else _MORE_M)
+        if not _clear(air, rules, other, needed_m, p_home_there):
+            return f"{name} is too near to the way, or to the take-off place"
+    return ""
+
+
+def _believed(now_s: float, air: Air, rules: GuardianRules) -> bool:
+    """Whether it knows well where it is."""
+    feed_is_good = now_s - air.feed_s < rules.feed_warn_s and not air.confidence <= rules.confidence
+    filter_is_good = air.link.ekf_variance <= rules.ekf_variance and air.apart_m < _APART_M
+    return feed_is_good and filter_is_good and not air.link.doubt and not air.lost
+
+
+def _within_fences(air: Air, rules: GuardianRules, p_home_there: np.ndarray) -> bool:
+    height_m = float(air.estimate[2, 3] - air.take_off[2, 3])
+    parts = 1 + math.ceil(left_m(air))
+    for share in (k / parts for k in range(parts + 1)):
+        p = air.p_home_m + share * (p_home_there - air.p_home_m)
+        if rules.fence.outside_m(p, height_m) > 0.0:
+            return False
+        fence = air.mission_fence
+        if fence is not None and fence.outside_m(p, height_m) > rules.mission_fence_slack_m:
+            return False
+    return True
+
+
+def _clear(air: Air, rules: GuardianRules, other: Other, clear_m: float, p_home_there: np.ndarray) -> bool:
+    """Whether another vehicle keeps away from the way and its end; at any height, so that neither flies over the other.
+    One that moves, or that a pilot has, may be anywhere that it reaches meanwhile."""
+    here, there = air.p_home_m, p_home_there
+    if other.taken and other.armed:
+        clear_m = max(clear_m, rules.uncontrolled_clear_m)
+    if other.armed and other.speed_mps > _MOVES_MPS:
+        reaches_m = other.speed_mps * left_m(air) / _SLOWEST_MPS
+        return separation.passes_m(here, there, other.p_home_m) > clear_m + reaches_m
+    return separation.room_m(here, there, [other.p_home_m], clear_m) >= 0.0
