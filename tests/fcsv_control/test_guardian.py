@@ -673,7 +673,7 @@ def test_a_landing_beside_another_that_lands_goes_on():
 
 
 def alone(share=0.15, p=(6.0, 0.0, 8.0), **others):
-    """One whose battery is low, away from its take-off place, with the control PC silent; the others by their places."""
+    """One whose battery is low, away from its take-off place, with the control PC silent; others by their places."""
     air = Aloft()
     air.p = np.array(p)
     air.run(1.0)
@@ -743,6 +743,10 @@ def test_who_comes_into_the_way_stops_it_there():
     air.others["uav2"]["p_home_m"] = np.array([4.0, 1.0, 8.0])
     air.run(4.0)
     assert air.p[0] > 11.0 and air.guardian.verdict.action == "hold" and "uav2 is too near to the way" in words(air)
+    air.others.clear()
+    air.guardian.air.others.clear()
+    air.run(5.0)
+    assert air.p[0] > 11.0, "two that stop for each other do not go on by turns"
 
 
 @pytest.mark.parametrize("speed_mps, flies", [(0.2, True), (2.0, False)])

@@ -53,6 +53,7 @@ class Watches:
         self._rules = rules
         self._since_s: Dict[str, float] = {}
         self._took_off = self._homeward = False
+        self._stopped = ""  # why, on the way home
         self._unseen_s = float("-inf")  # when the tracker last did not see it
         self._watches = (self._feed, self._doubt, self._ekf, self._confidence, self._tilt, self._battery, self._control,
                          self._agent, self._link, self._stick, self._fence, self._others)  # fmt: skip
@@ -174,7 +175,7 @@ class Watches:
         text = "battery not known" if unknown else f"battery below {r.low_battery:.0%}"
         low = unknown or share < r.low_battery
         alone = low and not unknown and air.mode == "GUIDED" and air.flying and now_s - air.control_s > r.home_s
-        self._homeward = self._homeward and alone
+        self._homeward, self._stopped = self._homeward and alone, self._stopped if alone else ""
         if self._lasts(now_s, "empty", share < r.empty_battery, r.battery_s):
             yield Finding("battery", Wish.LAND_ASIDE, f"battery below {r.empty_battery:.0%}")
         elif self._lasts(now_s, "low", low, r.low_battery_s):
@@ -187,9 +188,10 @@ class Watches:
     def _home(self, now_s: float, air: Air, text: str) -> Finding:
         """Its battery is low, and nobody is there who would bring it down."""
         below = self.beneath(now_s, air)
-        against = f"{below} is beneath" if below else ""
+        against = self._stopped or (f"{below} is beneath" if below else "")
         against = against or way_home.against(now_s, air, self._rules, self.clear_m, self._homeward)
-        if against:  # under way it stops there
+        if against:
+            self._stopped = against if self._homeward else ""  # for good: two would go on by turns
             wish = Wish.HOLD if self._homeward else Wish.SAY
             return Finding("home", wish, f"it does not fly home: {against}")
         self._homeward = True
