@@ -357,6 +357,18 @@ def test_a_link_that_hangs_is_ended_once():
     assert len(air.run(3.0).restarts) == 2
 
 
+def test_an_autopilot_that_is_not_heard_is_said_and_nothing_else_done():
+    """Nothing would reach it: it flies on by its own failsafes, and the link is alive."""
+    air = Aloft()
+    air.report = LinkReport(throttle=0.0, connected=False)
+    air.run(5.0)
+    assert any("hears no autopilot" in text for text in air.texts)
+    assert not air.asked and not air.held and not air.restarts
+    air.report = LinkReport(throttle=0.0)
+    air.forget()
+    assert not air.run(15.0).texts, "it is heard again"
+
+
 def test_who_is_held_in_flight_is_held_where_it_comes_to_rest():
     air = Aloft()
     air.silent.add("agent")

@@ -30,6 +30,7 @@ class LinkReport:
     parameters_ok: bool = True
     parameter: str = ""  # the first that does not fit
     in_the_air: Optional[bool] = None  # as the autopilot says; None: it has not
+    connected: bool = True  # its heartbeat is heard
 
 
 @dataclass(frozen=True)

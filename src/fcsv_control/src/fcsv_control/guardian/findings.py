@@ -216,6 +216,8 @@ class Watches:
     def _link(self, now_s: float, air: Air) -> Iterator[Finding]:
         if now_s - air.link_s > self._rules.link_silent_s:
             yield Finding("link", Wish.SAY, "the flight link is silent")
+        elif not air.link.connected:
+            yield Finding("link", Wish.SAY, "the flight link hears no autopilot")
 
     def _stick(self, now_s: float, air: Air) -> Iterator[Finding]:
         off = air.mode == "GUIDED" and abs(air.link.throttle) > self._rules.throttle_middle

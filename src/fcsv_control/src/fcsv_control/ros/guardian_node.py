@@ -134,7 +134,7 @@ class GuardianNode:
         in_the_air = None if m.in_the_air < 0 else bool(m.in_the_air)
         report = LinkReport(
             m.doubt, m.ekf_variance, throttle, m.system_status in AUTOPILOT_FAILSAFE, m.origin_set, m.parameters_ok,
-            m.parameter, in_the_air,
+            m.parameter, in_the_air, m.connected,
         )  # fmt: skip
         self._hear(self._core.link, report)
 

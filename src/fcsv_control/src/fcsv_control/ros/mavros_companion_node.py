@@ -4,7 +4,9 @@
 import math
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 
+import rosgraph
 import rospy
 from geometry_msgs.msg import PointStamped
 from std_srvs.srv import Trigger, TriggerResponse
@@ -13,10 +15,12 @@ from fcsv_control.flight.feed import FeedParameters
 from fcsv_control.flight.feed_check import FeedCheckRules
 from fcsv_control.flight.link import FlightLink, LinkParameters
 from fcsv_control.flight.mavros import COMPONENT, MavrosCore
+from fcsv_control.flight.mavros_watch import MavrosWatch, MavrosWatchRules
 from fcsv_control.flight.profile import load_profile, port_of
 from fcsv_control.flight.watchdog import WatchdogParameters
 from fcsv_control.ros.link_health import LinkHealthReport
 from fcsv_control.ros.mavros_line import MavrosLine
+from fcsv_control.ros.mavros_process import MavrosProcess, mind
 from fcsv_control.ros.pose_feed import WATCH_S, PoseFeed
 from fcsv_geometry import frames
 from fcsv_geometry.flow import RateGate
@@ -24,6 +28,8 @@ from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import ModeAsked, Refusal
 from mavros_msgs.msg import StatusText
+
+_ASK_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,7 @@ class MavrosCompanionParameters:
     feed: FeedParameters = field(default_factory=FeedParameters)
     watchdog: WatchdogParameters = field(default_factory=WatchdogParameters)
     feed_check: FeedCheckRules = field(default_factory=FeedCheckRules)
+    mavros_watch: MavrosWatchRules = field(default_factory=MavrosWatchRules)
 
 
 class MavrosCompanionNode:
@@ -71,7 +78,9 @@ class MavrosCompanionNode:
         asked = lambda m: self._core.mode_asked(m.mode)  # noqa: E731
         rospy.Subscriber("flight_link/mode_asked", ModeAsked, asked, queue_size=10, tcp_nodelay=True)
         self._feed.begin(self._link)
-        self._timer = node.every(WATCH_S, self._watch)
+        self._process = MavrosProcess(partial(_address, rospy.resolve_name("mavros")))
+        self._hang = MavrosWatch(p.mavros_watch, time.monotonic())
+        self._timers = node.every(WATCH_S, self._watch), node.every(_ASK_S, self._watch_mavros)
 
     def _watch(self, _event) -> None:
         now_s = time.monotonic()
@@ -81,6 +90,13 @@ class MavrosCompanionNode:
             self._told.diagnose(self._link)
             gone = "" if self._line.there else f"{self._name}: no MAVROS listens on {rospy.resolve_name('mavlink/to')}"
             self._health.problem("mavros", gone)
+
+    def _watch_mavros(self, _event) -> None:
+        """One that hangs is ended: roslaunch starts it again."""
+        words = mind(self._hang, self._process, lambda: self._line.heard_s)
+        if words:
+            self._say(StatusText.CRITICAL, f"{self._name}: {words}")
+        self._health.value("MAVROS hung, times", self._hang.ended)
 
     def _on_pose(self, T_odom_body, v_odom_mps) -> None:
         self._health.tick("autopilot")
@@ -104,6 +120,14 @@ class MavrosCompanionNode:
     def _odometry_reset(self, _request) -> TriggerResponse:
         self._feed.begin_again()
         return TriggerResponse(True, "the next pose is adopted at once; the set-point has to be issued again")
+
+
+def _address(name: str) -> str:
+    """Of a node's slave API. Raises OSError where the master does not know it, or is not heard."""
+    try:
+        return rosgraph.Master(rospy.get_name()).lookupNode(name)
+    except rosgraph.MasterException as error:
+        raise OSError(str(error)) from error
 
 
 def main() -> int:
