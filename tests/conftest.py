@@ -70,6 +70,18 @@ class InSlowMotion(pytest.Item):
         return self.place
 
 
+@pytest.fixture(autouse=True)
+def signals_as_before():
+    """Commands that a test runs in this process answer signals in their own way: what is forked later would, too, and
+    a process of multiprocessing's Pool could not be ended."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield
+    for number, handler in before.items():
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The checkout."""

@@ -20,12 +20,8 @@ from fcsv_sim.machines.machines import MachineError
 
 
 @pytest.fixture(autouse=True)
-def signals_as_before():
-    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+def listens(signals_as_before):
     interrupt.listen()
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 class Clock:
