@@ -14,11 +14,12 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import cli, colmap
 from fcsv_stereo.errors import InputError, MatchingError, StereoError
 from fcsv_stereo.evaluation import evaluate
-from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly
+from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly, method
 from fcsv_stereo.joint.pairs import nearest_useful_m
 from fcsv_stereo.joint.views import grey, inverse_depths, projection, views
 from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pipeline import METHODS
+from fcsv_stereo.refinement import refine
 
 UNREFINED = JointOptions(refine_poses=False)
 FOCAL_PX = scenes.CAMERA.fx
@@ -215,7 +216,9 @@ def test_inverse_depths_move_by_the_step():
     assert len(inverse_depths(found, 1.0, 50)) <= 51
 
 
-def test_the_map_of_a_session():
+def test_the_map_of_a_session(monkeypatch):
+    unseen = ["The focal length."]  # as refinement says
+    monkeypatch.setattr(method, "refine", lambda *inputs: replace(refine(*inputs), unseen=unseen))
     given = scenes.given(((0, -0.5, 0), "horizontal"), ((0, -1.0, 0), "horizontal"), ((0, 0, 1.0), "vertical"))
     result = map_joint(given, JointOptions(), quiet)
     truth = scenes.true_depth(result.reference.T_home_cam)
@@ -229,6 +232,7 @@ def test_the_map_of_a_session():
         expected = p.configuration.baseline_m * FOCAL_PX / 20.0  # of the far wall, 2.5
         assert np.nanmedian(np.abs(p.disparity)) == pytest.approx(expected, rel=0.1)
     assert set(result.timing_s) == {"refine", "match", "fuse"} and max(result.cloud.baseline_index) <= 2
+    assert result.unseen == unseen
 
 
 def test_depth_of_half_the_size():

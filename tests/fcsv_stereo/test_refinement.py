@@ -241,7 +241,7 @@ def test_a_wrong_focal_length_is_said(reference, truths, factor, words):
     taken = refine(wrong[0], wrong[1:])
     for result, advice in ((kept, "--refine-focal"), (taken, "it was taken")):
         said = [w for w in result.warnings if "focal length" in w]
-        assert len(said) == bool(words)
+        assert len(said) == bool(words) and not result.unseen, "eight pictures tell it"
         if words:
             number = float(said[0].split("focal length ")[1].split("%")[0])
             assert number == pytest.approx(float(words.split("%")[0]), abs=0.6) and words.split()[1] in said[0]
@@ -258,6 +258,8 @@ def test_one_pair_doubts_a_wrong_focal_length(factor):
     result = refine(replace(reference, camera=camera), [replace(others[2], camera=camera)])
     (pose,) = result.others
     assert result.focal_scale == 1.0 and pose.refined and 0.1 < pose.focal_doubt < 1.0
+    assert not any("focal length" in w for w in result.warnings)
+    assert len(result.unseen) == 1 and result.unseen[0].startswith("Whether the focal length is right ")
     across = pose.doubted[4, 4] ** 0.5 / abs(pose.picture.T_home_cam[1, 3])
     assert 0.5 * pose.focal_doubt**0.5 * 0.05 < across < 0.1, "a scale that is in doubt"
 

@@ -16,11 +16,13 @@ from scipy.spatial import cKDTree
 from support.scenes import CAMERA, given, texture, true_depth
 
 from fcsv_geometry import transforms
+from fcsv_stereo import output
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.report import cloud_view, evidence, figures, page, plain_words, sections, write_report
 from fcsv_stereo.report.figures import _with_none
-from fcsv_stereo.report.parts import Paragraph
+from fcsv_stereo.report.parts import Paragraph, Tone
+from fcsv_stereo.table import demo_table
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 
 WIDE = ErrorThreshold(5.0, False)
@@ -134,6 +136,19 @@ def test_who_takes_poses_as_they_come_is_told_what_does_not_show(result):
     said = [sections.summary(sections.ReportData(r, [], []))[0].text for r in (result, refined)]
     assert said[0].startswith("Nothing stands out as wrong. Poses were taken as they came")
     assert said[1] == "Nothing stands out as wrong."
+
+
+def test_what_refinement_cannot_know_is_told(result):
+    """On the page, where all is well or something else is not; in report.json; and as a last line of the command."""
+    refined = replace(result, images=[replace(i, refined=True) for i in result.images], unseen=["The focal length."])
+    good, *_ = sections.summary(sections.ReportData(refined, [], []))
+    assert (good.text, good.tone) == ("Nothing stands out as wrong. The focal length.", Tone.GOOD)
+    bad = sections.summary(sections.ReportData(replace(refined, warnings=["Dark."]), [], []))
+    assert [(p.text, p.tone) for p in bad[:2]] == [("Dark.", Tone.WARNING), ("The focal length.", Tone.PLAIN)]
+    document = output.report_document(refined)
+    assert document["unseen"] == ["The focal length."] and not output.report_document(result)["unseen"]
+    document["timing_s"] = {"total": 1.0}
+    assert demo_table(document).splitlines()[-1] == "not seen: The focal length."
 
 
 @pytest.mark.parametrize("factor, times, words", [

@@ -155,6 +155,7 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "pictures": [p.to_dict() for p in picture_list(result)],
         "spare_pictures": dict(result.spare),
         "warnings": result.warnings,
+        "unseen": result.unseen,
     }  # fmt: skip
     if result.clocks:
         document["time_offsets"] = {vehicle: clock.to_dict() for vehicle, clock in result.clocks.items()}

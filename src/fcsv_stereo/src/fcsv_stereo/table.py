@@ -22,6 +22,7 @@ def demo_table(document: dict) -> str:
     if truth:
         lines += _truth_lines(truth)
     lines += [f"warning: {w}" for w in document.get("warnings", [])]
+    lines += [f"not seen: {u}" for u in document.get("unseen", [])]
     return "\n".join(lines)
 
 

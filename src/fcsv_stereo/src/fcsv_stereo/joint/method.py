@@ -115,7 +115,7 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
 
     started = time.perf_counter()
     progress("poses", 0, 3)
-    reference, refined = _refine(reference, others, options, warnings)
+    reference, refined, unseen = _refine(reference, others, options, warnings)
     timing_s = {"refine": time.perf_counter() - started}
 
     started = time.perf_counter()
@@ -149,7 +149,9 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     timing_s["fuse"] = time.perf_counter() - started
     progress("map", 3, 3)
     view, images = Reference.of(reference), _images(reference, others, refined, left_out)
-    return MapResult("joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings, found.kind)
+    return MapResult(
+        "joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings, found.kind, unseen=unseen
+    )
 
 
 def _prior(given: MapInput, options: JointOptions) -> Optional[PosePrior]:
@@ -178,19 +180,20 @@ def choose_pictures(configurations: List[ConfigurationInput]) -> Tuple[Picture, 
 
 def _refine(
     reference: Picture, others: List[Picture], options: JointOptions, warnings: List[str]
-) -> Tuple[Picture, List[RefinedPicture]]:
-    """The reference keeps its pose; its focal length follows the others' where that is refined."""
+) -> Tuple[Picture, List[RefinedPicture], List[str]]:
+    """The reference keeps its pose; its focal length follows the others' where that is refined. Last what may be wrong
+    and would show nowhere."""
     if options.refine_poses:
         refinement = refine(reference, others, options.refinement)
         warnings += refinement.warnings
-        return refinement.reference, refinement.others
+        return refinement.reference, refinement.others, refinement.unseen
     prior = options.refinement.prior
     unrefined = []
     for o in others:
         told, nan = prior_covariance(reference, o, prior), float("nan")
         untold = of_scale(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3], prior.scale_sigma)
         unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, told, untold))
-    return reference, unrefined
+    return reference, unrefined, []
 
 
 def _unfit_to_match(refined: List[RefinedPicture]) -> Dict[int, str]:

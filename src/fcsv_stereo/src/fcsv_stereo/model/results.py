@@ -94,6 +94,7 @@ class MapResult:
     clocks: Mapping[str, Any] = field(default_factory=dict)  # of sweeps, by vehicle (sweeps.ClockOffset)
     spare: Mapping[str, int] = field(default_factory=dict)  # by vehicle, pictures not needed (picture_list.spare)
     cut: Optional[CloudCut] = None  # what was left out of the cloud (cloud_bounds)
+    unseen: List[str] = field(default_factory=list)  # sentences: what may be wrong and would show nowhere
     near: Optional[Any] = None  # what the near field brought (near.join.NearJoin); None: there is none
 
     def __post_init__(self):

@@ -3,6 +3,11 @@
 
 A focal length is either right or off by some ANY_FOCAL. Which, is told by how likely both make the pictures. What they
 leave open is in the poses' covariance: yaw follows a wrong focal length, and moves all disparities of a pair.
+
+Cameras that look the same way and stand beside each other do not tell it, however many they are: a scale of the
+picture's plane is one of all depths. Two pictures do where their axes are neither parallel nor meet as far from the one
+as from the other (Sturm, "On focal length calibration from two views", 2001); where they do meet so, the prior of the
+rotation tells it. ``unseen`` says what they leave open.
 """
 
 from dataclasses import dataclass, replace
@@ -22,6 +27,8 @@ _ODDS = 0.25  # that it is wrong, before the pictures tell: data sheets and EXIF
 _PERHAPS, _LIKELY = 0.35, 0.6  # probabilities, for a warning: a single pair shows 5 % by 2 to 3 standard deviations
 _SURE = 5.0  # standard deviations, to take it
 _KNOWN = 0.01  # share to which several pictures tell it
+_NOTHING = 0.9 * ANY_FOCAL  # from this standard deviation on the pictures add nothing to what was known before
+_TURN_DEG = 20  # two pictures turned towards each other by so much show 5 % off in all draws (docs/refinement.md)
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,23 @@ class FocalFit:
     def known(self) -> bool:
         """Well enough to take it."""
         return self.sigma <= _KNOWN and abs(self.change) >= max(_LEAST, _SURE * self.sigma)
+
+    @property
+    def unseen(self) -> str:
+        """What the pictures would not show; empty where they would show a focal length that is wrong by ANY_FOCAL.
+
+        They would where one that comes out a standard deviation too near to the given one is still said.
+        """
+        least = max(ANY_FOCAL - self.sigma, 0.0)
+        if self.words or replace(self, change=least, probability=_probability(least, self.sigma)).words:
+            return ""
+        known = f"is known from these pictures to +-{self.sigma:.1%} only"
+        how = known if self.sigma < _NOTHING else "cannot be known from these pictures"
+        return (
+            f"Whether the focal length is right {how}: one that is {ANY_FOCAL:.0%} wrong makes depths wrong by as much "
+            "and may show nowhere. A calibration tells it, or a picture whose view is turned by "
+            f"{_TURN_DEG} degrees against the others'."
+        )
 
     @property
     def words(self) -> str:
@@ -67,10 +91,15 @@ def focal_fit(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Option
     free = adjust(loose, found.poses, found.rho)
     fields = systematic(replace(consensus, adjusted=free, problem=loose), cameras)
     change, sigma = free.focal_scale - 1.0, min(float(np.hypot(free.focal_sigma, fields.focal_sigma)), ANY_FOCAL)
-    favour = _ODDS * sigma / ANY_FOCAL * np.exp(min(0.5 * (change / sigma) ** 2, 500.0))
-    probability = float(favour / (1.0 + favour))
+    probability = _probability(change, sigma)
     step = _looks_like(free)
     return FocalFit(change, sigma, probability, probability * (change**2 + sigma**2) * np.outer(step, step))
+
+
+def _probability(change: float, sigma: float) -> float:
+    """That the given one is wrong, where the pictures fit one that is changed by ``change +- sigma``."""
+    favour = _ODDS * sigma / ANY_FOCAL * np.exp(min(0.5 * (change / sigma) ** 2, 500.0))
+    return float(favour / (1.0 + favour))
 
 
 def _looks_like(free: Adjusted) -> np.ndarray:

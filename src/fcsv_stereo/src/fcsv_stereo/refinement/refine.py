@@ -52,7 +52,8 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
     elif focal is not None:
         found = _doubted(found, focal)
         words += [f"{focal.words}: calibrate the camera, or map with --refine-focal"] if focal.words else []
-    return _refinement(found, words, options, clock)
+    refined = _refinement(found, words, options, clock)
+    return replace(refined, unseen=[focal.unseen] if focal is not None and focal.unseen else [])
 
 
 @dataclass(frozen=True)

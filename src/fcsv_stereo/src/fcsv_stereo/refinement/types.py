@@ -82,6 +82,7 @@ class RefinedPicture:
 class Refinement:
     """All pictures after one adjustment; ``reference`` keeps its pose, ``others`` keep their order.
 
+    ``unseen`` are sentences about what may be wrong and would show nowhere.
     ``focal_scale`` multiplies every focal length (already done in the pictures' cameras). ``time_offsets_s`` is
     by vehicle what is to be added to the stamps of its pictures.
     """
@@ -92,3 +93,4 @@ class Refinement:
     timing_s: Dict[str, float]
     focal_scale: float = 1.0
     time_offsets_s: Dict[str, float] = field(default_factory=dict)
+    unseen: List[str] = field(default_factory=list)

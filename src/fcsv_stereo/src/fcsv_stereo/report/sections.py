@@ -46,7 +46,9 @@ def summary(data: ReportData) -> List[Part]:
     result, e = data.result, data.evaluation
     found = warnings(result, data.evidence, data.seams, e)
     parts = [Paragraph(w, Tone.WARNING) for w in found]
-    parts = parts or [Paragraph(" ".join(["Nothing stands out as wrong.", *_unseen(result)]), Tone.GOOD)]
+    unseen = _unseen(result)
+    parts += [Paragraph(u) for u in unseen if parts]
+    parts = parts or [Paragraph(" ".join(["Nothing stands out as wrong.", *unseen]), Tone.GOOD)]
     known = result.depth[np.isfinite(result.depth)]
     span = f"{np.percentile(known, 1):.1f} to {np.percentile(known, 99):.0f} m" if known.size else "–"
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -77,12 +79,12 @@ def summary(data: ReportData) -> List[Part]:
 
 
 def _unseen(result: MapResult) -> List[str]:
-    """What the pictures would not show, where nothing was refined."""
+    """What may be wrong and would show nowhere: in poses and cameras that were taken as they came, or by refinement."""
     if any(i.refined for i in result.images):
-        return []
+        return result.unseen
     return [
-        "Poses were taken as they came: a baseline of another length, or a small turn of the cameras towards each "
-        "other, makes all depths wrong and shows nowhere."
+        "Poses were taken as they came: a baseline or a focal length of another length, or a small turn of the cameras "
+        "towards each other, makes all depths wrong and shows nowhere."
     ]
 
 
