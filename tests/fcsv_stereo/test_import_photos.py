@@ -2,7 +2,6 @@
 """GPS-tagged photographs become a folder that map reads: tags, places, scale, models, and what is refused."""
 
 import struct
-import subprocess
 import sys
 
 import numpy as np
@@ -196,10 +195,10 @@ def test_a_picture_that_is_stored_turned_is_written_upright(tmp_path):
 
 
 @pytest.mark.slow
-def test_poses_by_pycolmap(flown, tmp_path):
+def test_poses_by_pycolmap(flown, tmp_path, capfd):
     """Five photographs of two walls, from the pixels and GPS of 5 cm alone, within 3 % of 6 m."""
     pytest.importorskip("pycolmap", reason="pycolmap is optional: pip install -r tools/bench/requirements.txt")
-    command = ["rosrun", "fcsv_stereo", "import_photos", str(flown / "photos"), "-o", str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
+    # in this Python, whose pycolmap it is: rosrun's is that of the checkout
+    status = fcsv_command.main(["import-photos", str(flown / "photos"), "-o", str(tmp_path / "out")])
+    assert status == 0, capfd.readouterr().err[-2000:]
     require_true_places(tmp_path / "out", 0.2)

@@ -133,7 +133,7 @@ def test_the_wheel_maps_as_the_catkin_way_does(inputs, clean, tmp_path):
     (b"#ROSBAG V1.2\n" + bytes(500), "is a bag of version 1.2, only 2.0 is read"),
     (b"#ROSBAG V2.0\n" + bytes(500), "holds no whole message"),
     (b"no bag", "is not a bag"),
-])  # fmt: skip
+], ids=["version", "empty", "text"])  # fmt: skip
 def test_the_wheel_names_a_bad_bag_in_one_line(clean, tmp_path, content, words):
     venv, env = clean
     (tmp_path / "a.bag").write_bytes(content)
