@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One whole vehicle on a real master: tracker, odometry, flight link and agent fly the simulated autopilot."""
 
+import os
 import signal
 import socket
 import time
@@ -13,6 +14,7 @@ from support.mavros_package import path_to_mavros
 from support.waiting import within
 
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS
+from fcsv_control.ros.mavros_process import ask_pid
 from fcsv_geometry import transforms
 from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_sim.machines.machines import free_port
@@ -136,7 +138,7 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
     start_node("fcsv_control", "vehicle_check", ns=NAME, params={"vehicle": NAME})
     try:
         pc = ControlPc()
-        pc.tracker = tracker
+        pc.tracker, pc.by_mavros = tracker, request.param == "mavros"
         yield pc
         pc.close()
     finally:
@@ -201,6 +203,8 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
     assert (stamps_s[-1] - stamps_s[0]) / 10 == pytest.approx(0.1, abs=0.02)  # 10 Hz
     assert np.allclose(pc.set_points[-1].pose.position.x, above[0] + 2.0)
     the_check_shows_what_this_vehicle_lacks(pc, ros_master)
+    if pc.by_mavros:
+        a_mavros_that_hangs_is_ended_and_starts_again(pc)
     landing_overtakes_what_waits(pc)
 
     arm_in_guided(pc)
@@ -222,6 +226,28 @@ def the_check_shows_what_this_vehicle_lacks(pc, ros_master):
     command = ros_master.run(["rosrun", "fcsv_control", "flight_check"], "flight_check")
     until(lambda: command.returncode is not None, what="the table")
     assert command.returncode == 2 and "flight check: RED, 5 of 18 lines not green" in command.tail(60)
+
+
+def a_mavros_that_hangs_is_ended_and_starts_again(pc):
+    """It hovers meanwhile: the autopilot goes on without poses for 8 s."""
+    hung = mavros_pid()
+    os.kill(hung, signal.SIGSTOP)
+    until(lambda: any("MAVROS hung and was ended, it starts again" in t for t in pc.texts), what="the companion")
+    assert any("the flight link hears no autopilot" in t for t in pc.texts), pc.texts
+    until(lambda: mavros_pid() not in (None, hung), what="another MAVROS")
+    pc.T_odom_body, pc.state.mode = None, ""
+    until(lambda: pc.T_odom_body is not None and pc.state.mode, what="what the autopilot says through it")
+    assert pc.state.mode == "GUIDED" and pc.state.armed
+
+
+def mavros_pid():
+    """Process id, None while it does not answer."""
+    import rosgraph
+
+    try:
+        return ask_pid(rosgraph.Master("/tests").lookupNode(f"/{NAME}/mavros"))
+    except rosgraph.MasterException:
+        return None
 
 
 def landing_overtakes_what_waits(pc):
