@@ -10,13 +10,14 @@ import pytest
 from support.scenes import CAMERA, camera_pose, photograph, picture, true_depth
 
 from bench import __main__ as bench_main
-from bench import colmap_poses, growth, measure, tables
+from bench import colmap_poses, growth, measure, real, tables
 from bench.__main__ import main
 from bench.scenes import HORIZONTAL, NOISES, Scene, SceneName, smaller
 from fcsv_geometry import transforms
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import MatchingError
 from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference, silent
+from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.thesis import Thesis
 
 
@@ -115,6 +116,23 @@ def test_means_keep_the_worst_and_leave_out_what_is_not_known():
     )
     (ratio,) = [r for r in rows if "seconds" in r and ", H " in r]
     assert "| 1.00 (1.00) | 0.33 (0.50) |" in ratio and sum("–" in r.split("|")[3] for r in rows) > 2
+
+
+def test_what_is_answered_is_judged_by_its_kind(scene, monkeypatch):
+    """A quarter agrees and is right, a quarter is by one pair and 20 % too far, the rest no pair supports."""
+    truth = scene.true_depth.astype(np.float32)
+    quarter = truth.shape[1] // 4
+    depth, kind = truth.copy(), np.full(truth.shape, Kind.HIDDEN, np.uint8)
+    kind[:, :quarter], kind[:, quarter : 2 * quarter] = 2, 1
+    depth[:, quarter:] *= 1.2
+    result = replace(result_of(scene, depth, 0.15 * truth, scene.true_poses()), kind=kind)
+    monkeypatch.setattr(real, "Joint", lambda: Oracle(lambda: result))
+    monkeypatch.setattr(real, "shoot", lambda *_: scene)
+    lines = real.measure_answered([scene.name, scene.name])
+    row = [s.strip() for s in lines[2].split("|")]
+    assert row[1:9] == ["as it is", "walls 1", "50.0%", "50.0%", "0.0%", "–", "50.0%", "100.0%"]
+    assert lines[4].split("|")[3:9] == lines[2].split("|")[3:9] and "2 maps" in lines[4]
+    assert "| two pairs or more agree | 25.0% | 0.0% | 100.0% | 100.0% |" in lines
 
 
 def test_growth_exponents_and_options():

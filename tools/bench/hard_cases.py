@@ -31,7 +31,7 @@ _BACKLIT, _VEIL_GREY, _BLOOM_PX, _BLOOM_GREY = 0.3, 18.0, 25.0, 70.0
 _READOUT_S, _STRIPS = 0.02, 24  # of a D435's colour imager, and of how many poses a picture is put together
 _TURN_RAD_S, _DRIFT_MPS = np.radians(6.0), 0.3  # standard deviations per axis, of a multirotor that holds
 _WRONG_FOCAL = 1.05
-_EXACT = PoseNoise(1e-7, 1e-7)
+EXACT = PoseNoise(1e-7, 1e-7)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ LIGHTS: Dict[str, Light] = {"overcast sky": overcast, "fog": fog, "backlight": b
 def cases(place: SceneName, foreign: SceneName) -> List[Case]:
     """All cases at one place; ``foreign`` is where a picture that was pasted in is from."""
     scene, elsewhere = shoot(place, HORIZONTAL), shoot(foreign, HORIZONTAL)
-    given, exact = scene.given(HORIZONTAL, NOISES[0]), scene.given(HORIZONTAL, _EXACT)
+    given, exact = scene.given(HORIZONTAL, NOISES[0]), scene.given(HORIZONTAL, EXACT)
     changes: Dict[str, Callable[[MapInput], MapInput]] = {
         name: partial(lit, place=place, depths=scene.depths, light=light) for name, light in LIGHTS.items()
     }

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a map knows what it does not know: hard cases and real photographs, beside SGBM with exact poses."""
 
-import shutil
-import tempfile
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from bench.hard_cases import Case, cases, foreign
-from bench.scenes import SceneName
-from fcsv_stereo import colmap
+from bench.hard_cases import EXACT, Case, cases, foreign
+from bench.photographs import measure_fountain, motorcycle
+from bench.scenes import HORIZONTAL, NOISES, SceneName, shoot
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.model.kinds import WORDS, masks, supported
@@ -22,8 +19,6 @@ _PLACES = (("street", 11), ("village", 12), ("field", 13))
 _DRAWS = 20
 _SURE, _WRONG = 0.1, 0.1
 _MOST_M = 400.0
-_SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
-_MOTORCYCLE = {"f": 994.978, "baseline_m": 0.193001, "doffs": 31.086}
 
 
 @dataclass(frozen=True)
@@ -52,31 +47,32 @@ def measure_real() -> List[str]:
     if pair is not None:
         rows.append(_measured(pair, "Middlebury", by_kind, JointOptions()))
         print(f"    {rows[-1]}", flush=True)
-    return [*_table(rows), "", *_kind_table(by_kind), "", _refused()]
+    lines = [*_table(rows), "", *_kind_table(by_kind), "", *measure_fountain()]
+    print("\n".join(lines), flush=True)
+    return [*lines, "", _refused()]
 
 
-def motorcycle() -> Optional[Case]:
-    """The real pair with its truth; None where it is not beside the checkout."""
-    source, m = _SHARED / "motorcycle", _MOTORCYCLE
-    if not source.is_dir():
-        return None
-    disparity = np.load(source / "motorcycle_disp.npz")
-    disparity = disparity[disparity.files[0]]
-    height, width = disparity.shape
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "images").mkdir()
-        for side in ("left", "right"):
-            shutil.copy(source / f"motorcycle_{side}.png", Path(folder) / "images")
-        cx = (width / 2, width / 2 + m["doffs"])
-        lines = [f"{i + 1} PINHOLE {width} {height} {m['f']} {m['f']} {c} {height / 2}\n" for i, c in enumerate(cx)]
-        (Path(folder) / "cameras.txt").write_text("".join(lines))
-        (Path(folder) / "images.txt").write_text(
-            f"1 1 0 0 0 0 0 0 1 motorcycle_left.png\n\n2 1 0 0 0 {-m['baseline_m']} 0 0 2 motorcycle_right.png\n\n"
-        )
-        given = colmap.read_photographs(Path(folder), None)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth = np.where(disparity > 0, m["f"] * m["baseline_m"] / (disparity + m["doffs"]), np.inf)
-    return Case("Motorcycle", given, np.where(np.isfinite(depth), depth, np.inf).astype(np.float32), given)
+def measure_answered(scenes: Sequence[SceneName]) -> List[str]:
+    """The page's lines: what a map holds without ``--complete``, on ordinary scenes, four horizontal pairs each."""
+    rows, by_kind = [], {}
+    for name in scenes:
+        scene = shoot(name, HORIZONTAL)
+        given, exact = scene.given(HORIZONTAL, NOISES[0]), scene.given(HORIZONTAL, EXACT)
+        rows.append(_measured(Case("as it is", given, scene.true_depth, exact), str(name), by_kind))
+        print(f"    {rows[-1]}", flush=True)
+    return [*_table([*rows, _mean(rows)]), "", *_kind_table(by_kind)]
+
+
+def _mean(rows: Sequence[Row]) -> Row:
+    """Of each figure over the maps that have it."""
+
+    def mean(name: str):
+        values = np.array([getattr(r, name) for r in rows])
+        known = values[np.isfinite(values).reshape(len(values), -1).all(1)]
+        return known.mean(0) if len(known) else np.full(values.shape[1:], np.nan)
+
+    names = ("told", "wrong", "wrong_agreed", "sky_sure", "within", "sgbm")
+    return Row("**mean**", f"{len(rows)} maps", *map(mean, names))
 
 
 def _measured(case: Case, place: str, by_kind: Dict[str, list], options: Optional[JointOptions] = None) -> Row:
