@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A flight's bags gathered by rsync, from folders and through a remote shell that breaks; what is missing is said."""
 
-import os
 import shutil
 import sys
 
-import genpy
 import pytest
-import rosbag
-from std_msgs.msg import String
+from support.bags import write_strings
 
 from fcsv_control import gathering
 from fcsv_control.commands.gather_session import main
@@ -16,28 +13,15 @@ from fcsv_control.session import load_session, new_session, save_session
 from fcsv_geometry.bags.repair import check
 from fcsv_geometry.mission import load_mission
 
-SIZE = 400_000
-
-
-def write(path, close=True, messages=20, size=SIZE):
-    bag = rosbag.Bag(str(path), "w", chunk_threshold=100_000)
-    for i in range(messages):
-        bag.write("/a", String(data=os.urandom(size // messages // 2).hex()), genpy.Time(100 + i))
-    if close:
-        bag.close()
-    else:
-        bag._file.flush()
-        bag._file.close()
-
 
 @pytest.fixture
 def machines(tmp_path, root):
     """Folders of two vehicles and the control PC, as after a flight; uav1 recorded in two parts."""
     for name in ("uav1", "uav2", "control"):
         (tmp_path / name).mkdir()
-        write(tmp_path / name / f"{name}.bag")
-    write(tmp_path / "uav1" / "uav1.1.bag")
-    write(tmp_path / "uav1" / "uav1.20260102T030405Z.bag")  # of an earlier flight
+        write_strings(tmp_path / name / f"{name}.bag")
+    write_strings(tmp_path / "uav1" / "uav1.1.bag")
+    write_strings(tmp_path / "uav1" / "uav1.20260102T030405Z.bag")  # of an earlier flight
     (tmp_path / "uav1" / "notes.txt").write_text("not a bag")
     mission = load_mission(root / "config/missions/short.yaml")
     save_session(tmp_path / "control", new_session(mission, ["uav1", "uav2"], "2026-01-02T03:04:05Z"))
@@ -82,7 +66,7 @@ def test_the_operator_s_events_come_with_the_session(machines, capsys):
 
 def test_a_transfer_that_is_cut_off_goes_on_where_it_ended(machines, capsys):
     big = machines / "uav2" / "uav2.bag"
-    write(big, messages=60, size=6_000_000)  # long enough to be cut in the middle
+    write_strings(big, messages=60, size=6_000_000)  # long enough to be cut in the middle
     shell(machines, f'"$@" | "{sys.executable}" -c "{LIMITED}" {machines}/count 3000000')
     assert gather(machines, uav2=f"uav2.local:{machines}/uav2") == 1
     said = capsys.readouterr().err
@@ -117,7 +101,7 @@ while True:
 
 def test_a_bag_that_was_not_closed_is_repaired_and_is_not_fetched_again(machines, capsys):
     (machines / "uav2" / "uav2.bag").unlink()
-    write(machines / "uav2" / "uav2.bag.active", close=False)
+    write_strings(machines / "uav2" / "uav2.bag.active", close=False)
     assert gather(machines) == 1
     assert "uav2: uav2.bag.active was not closed or is damaged: repaired, 20 messages" in capsys.readouterr().err
     out = machines / "out"

@@ -18,6 +18,8 @@ from fcsv_geometry.bags.parts import part_number
 from fcsv_geometry.bags.repair import ACTIVE, KEPT, recording_of, repaired
 from fcsv_geometry.errors import BagError, ConfigError
 
+#: A machine that is switched off, or whose radio goes in the middle, ends the transfer and not the patience.
+RSH = "ssh -o ConnectTimeout=10 -o ServerAliveInterval=5 -o ServerAliveCountMax=3"
 _PARTIAL = ".gathering"  # where rsync keeps what was transferred of a file so far
 _LISTED = re.compile(r"^-\S+\s+(?P<size>[\d,]+) \S+ \S+ (?P<name>.+)$")
 _TRANSFERRED = re.compile(r"^\s*(?P<bytes>[\d,]+)\s+\d+%")
@@ -70,7 +72,7 @@ def bags_in(listing: str, machine: str) -> Dict[str, int]:
 class Gatherer:
     """Gathers into ``folder``; ``rsh``: the remote shell's command. Raises SessionError where nothing can be."""
 
-    def __init__(self, folder: Path, rsh: str = "ssh"):
+    def __init__(self, folder: Path, rsh: str = RSH):
         if shutil.which("rsync") is None:
             raise SessionError("rsync is not installed: apt install rsync (on the vehicles too)")
         self.folder, self._rsh = folder, rsh

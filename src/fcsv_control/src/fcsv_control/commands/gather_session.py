@@ -9,7 +9,7 @@ from typing import List, Optional
 from tqdm import tqdm
 
 from fcsv_control.errors import SessionError
-from fcsv_control.gathering import Gatherer, parse_source
+from fcsv_control.gathering import RSH, Gatherer, parse_source
 from fcsv_geometry import commands
 
 
@@ -56,5 +56,5 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the session")
     parser.add_argument("sources", nargs="+", metavar="NAME=PLACE", help="HOST:FOLDER over ssh, or a folder")
-    parser.add_argument("--rsh", default="ssh", help="remote shell, as rsync's --rsh (default: ssh)")
+    parser.add_argument("--rsh", default=RSH, help="remote shell, as rsync's --rsh (default: %(default)s)")
     return parser
