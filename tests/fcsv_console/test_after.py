@@ -2,15 +2,12 @@
 """After the flight: gathering and mapping as child processes that can be stopped, the report, and what is locked."""
 
 import math
-import os
 import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 from fcsv_console.children.after import AfterRunner
 from fcsv_console.model import after, facts, samples
@@ -163,23 +160,17 @@ def test_a_report_that_no_browser_opens_is_told_with_its_place(monkeypatch, tmp_
 
 
 @pytest.fixture
-def window():
-    pytest.importorskip("python_qt_binding")
-    from fcsv_console.qt.window import ConsoleWindow
-    from fcsv_console.ros.window_command import application
-
-    app = application("light")
+def window(app, opened):
     c = samples.console(OUTDOOR)
     samples.on_the_ground(c)
     c.after.places = PLACES
     c.tell(samples.NOW_S, facts.PlacesFound(True, False))
-    made = ConsoleWindow(c.view(samples.NOW_S), c.optics.fov_rad("horizontal"))
+    made = opened(c)
     made.console = c
     made.show()
     made.show_after.click()
     app.processEvents()
-    yield made
-    made.close()
+    return made
 
 
 def test_the_dock_shows_what_can_be_done_and_asks_for_it(window):

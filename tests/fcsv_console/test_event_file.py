@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Events are kept with the session, whole and not too often; where they cannot be kept this is told once."""
 
-import os
 import time
 
 import pytest
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 from fcsv_console.model.events import EventLog
 
@@ -55,20 +52,16 @@ def test_a_folder_that_cannot_be_is_told_once(tmp_path):
     assert only.topic == "events" and only.why.startswith("not kept: ") and "session" in only.why
 
 
-def test_a_sound_is_made_for_warnings_and_only_where_it_was_asked_for(monkeypatch):
-    pytest.importorskip("python_qt_binding")
+def test_a_sound_is_made_for_warnings_and_only_where_it_was_asked_for(opened, monkeypatch):
     from python_qt_binding.QtWidgets import QApplication
 
     from fcsv_console.model import samples
-    from fcsv_console.qt.window import ConsoleWindow
-    from fcsv_console.ros.window_command import application
 
     beeps = []
-    app = application("light")
     monkeypatch.setattr(QApplication, "beep", lambda *_: beeps.append(1))
     c = samples.console("config/missions/outdoor.yaml")
     samples.flying(c)
-    window = ConsoleWindow(c.view(samples.NOW_S), c.optics.fov_rad("horizontal"))
+    window = opened(c)
 
     def happens(level):
         c.log.add(0.0, "uav1 autopilot", "EKF variance", level=level)
@@ -84,5 +77,3 @@ def test_a_sound_is_made_for_warnings_and_only_where_it_was_asked_for(monkeypatc
     assert beeps == [1]
     window.show_view(c.view(samples.NOW_S))
     assert beeps == [1], "once"
-    window.close()
-    app.processEvents()

@@ -2,14 +2,11 @@
 """Pictures: each camera's with its tags, the map's with its depth; one that cannot be shown is told."""
 
 import math
-import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 from fcsv_console.model import facts, pictures, samples
 from fcsv_console.model.console import Console
@@ -127,26 +124,15 @@ def test_messages_become_pictures_and_wrong_ones_are_refused():
 # ---- the window --------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def app():
-    pytest.importorskip("python_qt_binding")
-    from fcsv_console.ros.window_command import application
-
-    return application("light")
-
-
 @pytest.fixture
-def window(app):
-    from fcsv_console.qt.window import ConsoleWindow
-
+def window(app, opened):
     c = samples.console(OUTDOOR)
     samples.flying(c)
-    made = ConsoleWindow(c.view(samples.NOW_S), c.optics.fov_rad("horizontal"))
+    made = opened(c)
     made.console = c
     made.show()
     app.processEvents()
-    yield made
-    made.close()
+    return made
 
 
 def colour(box, u, v):
@@ -214,7 +200,6 @@ def test_space_stops_all_from_a_dock_that_was_taken_out(window, app):
         app.processEvents()
         time.sleep(0.005)
     QTest.keyRelease(app.focusWidget() or box, Qt.Key_Space)
-    app.removeEventFilter(window.keys)
     assert asked == ["stop_all"]
 
 

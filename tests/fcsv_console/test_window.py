@@ -2,14 +2,12 @@
 """The real window without a screen: clicks, held keys, drags; names for a screen reader; reasons in tooltips."""
 
 import math
-import os
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("python_qt_binding")
 
 from python_qt_binding import QtCore, QtGui, QtWidgets
@@ -38,38 +36,23 @@ def buttons_by_the_clock(monkeypatch):
     monkeypatch.setattr("fcsv_console.qt.hold.time", Clock)
 
 
-@pytest.fixture(scope="module")
-def app():
-    from fcsv_console.ros.window_command import application
-
-    return application("dark")
-
-
 @pytest.fixture
-def shown(app):
-    """shown(situation) -> (window, console, what it asked for); closed after the test."""
-    from fcsv_console.qt.window import ConsoleWindow
-
-    windows = []
+def shown(app, opened):
+    """shown(situation) -> (window, console, what it asked for)."""
 
     def show(situation):
         console = samples.console(OUTDOOR)
         samples.SAMPLES[situation](console)
-        window = ConsoleWindow(console.view(samples.NOW_S), console.optics.fov_rad("horizontal"))
-        asked = []
+        window, asked = opened(console), []
         window.asked.connect(lambda name, given: asked.append((name, given)))
         app.installEventFilter(window.keys)
         window.show()
         window.activateWindow()
         window.setFocus()
         app.processEvents()
-        windows.append(window)
         return window, console, asked
 
-    yield show
-    for window in windows:
-        app.removeEventFilter(window.keys)
-        window.close()
+    return show
 
 
 def hold(app, widget, key, seconds):
@@ -88,6 +71,20 @@ def go_on(app, seconds):
         app.processEvents()
         time.sleep(STEP_S)
         Clock.now_s += STEP_S
+
+
+def test_a_window_that_ended_leaves_nothing_that_goes_on(app):
+    from fcsv_console.qt.window import ConsoleWindow
+
+    before, gone = set(app.allWidgets()), []
+    window = ConsoleWindow(samples.console(OUTDOOR).view(samples.NOW_S), 1.0)
+    window.show()
+    window.resize(960, 540)  # timers of its tables are due
+    window.mission.table._fitting.destroyed.connect(lambda: gone.append("timer"))
+    window.keys.destroyed.connect(lambda: gone.append("keys"))
+    window.end()
+    assert sorted(gone) == ["keys", "timer"] and set(app.allWidgets()) == before
+    app.processEvents()
 
 
 def test_every_control_has_a_name_for_a_screen_reader(shown):

@@ -20,7 +20,7 @@ SYSTEMS = "tests/system/"  # each test in it is marked system
 # what stands in a file that has tests of another tier than plain: a fixture or a mark
 _NOT_PLAIN = re.compile(rf"\b({'|'.join(sorted(STARTS_ROS))})\b|\bmark\.(ros|alone|system|slow_motion)\b")
 # fixtures that are shared but cost next to nothing: no reason to keep their tests on one worker
-CHEAP = {"root", "shared_data", "pool", "ros_master"}
+CHEAP = {"root", "shared_data", "pool", "ros_master", "app"}
 OUTCOMES = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")
 
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of a window, stacked."""
 
-from python_qt_binding.QtWidgets import QVBoxLayout, QWidget
+from typing import Sequence
+
+from python_qt_binding.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout, QWidget
 
 
 def column(*widgets) -> QVBoxLayout:
@@ -11,6 +13,21 @@ def column(*widgets) -> QVBoxLayout:
     for widget in widgets:
         layout.addWidget(widget)
     return layout
+
+
+def in_groups(groups: Sequence[Sequence[QWidget]]) -> QHBoxLayout:
+    """Side by side, a rule between groups; narrower than their own hints, so that 960 px are enough."""
+    line = QHBoxLayout()
+    line.setSpacing(4)
+    for k, group in enumerate(groups):
+        if k:
+            rule = QFrame()
+            rule.setFrameShape(QFrame.VLine)
+            line.addWidget(rule)
+        for widget in group:
+            widget.setMinimumSize(64, 40)
+            line.addWidget(widget, 1)
+    return line
 
 
 def panel(*parts, stretch=None) -> QWidget:

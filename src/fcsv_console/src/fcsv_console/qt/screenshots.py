@@ -52,7 +52,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         if not window.grab().save(str(path)):
             print(f"screenshots: {path} cannot be written", file=sys.stderr)
             return 1
-        window.close()
+        window.end()
         print(path)
     return 0
 

@@ -3,13 +3,12 @@
 
 from typing import Dict, Optional, Tuple
 
-from python_qt_binding.QtCore import Qt, Signal
+from python_qt_binding.QtCore import QCoreApplication, QEvent, Qt, Signal
 from python_qt_binding.QtGui import QFont
 from python_qt_binding.QtWidgets import (
     QApplication,
     QCheckBox,
     QFileDialog,
-    QFrame,
     QHBoxLayout,
     QLabel,
     QMainWindow,
@@ -28,7 +27,7 @@ from fcsv_console.qt import colours
 from fcsv_console.qt.after_dock import AfterDock
 from fcsv_console.qt.hold import ActionButton
 from fcsv_console.qt.keys import Keys
-from fcsv_console.qt.layouts import column, panel
+from fcsv_console.qt.layouts import column, in_groups, panel
 from fcsv_console.qt.map_panel import RVIZ_ALONE, MapPanel
 from fcsv_console.qt.mission_panel import MissionPanel
 from fcsv_console.qt.pictures import PicturesDock
@@ -82,6 +81,16 @@ class ConsoleWindow(QMainWindow):
         self.setMinimumSize(_LEAST_WIDE_PX, _LEAST_HIGH_PX)
         self.resize(1366, 740)
         self.show_view(view)
+
+    def end(self) -> None:
+        """Close it and delete it with all its parts, now.
+
+        One that only loses its last name is deleted by Python's garbage collector. Until then its timers go on, and
+        the collector may come while one of them is in Qt's code, which then goes on in freed memory.
+        """
+        self.close()
+        self.deleteLater()
+        QCoreApplication.sendPostedEvents(self, QEvent.DeferredDelete)
 
     # ---- parts ---------------------------------------------------------------------------------------------------
 
@@ -175,21 +184,8 @@ class ConsoleWindow(QMainWindow):
         layout.setContentsMargins(8, 8, 8, 8)
         layout.addLayout(head)
         layout.addWidget(across, 1)
-        layout.addLayout(self._action_line())
+        layout.addLayout(in_groups([[self.buttons[name] for name in group] for group in _GROUPS]))
         self.setCentralWidget(whole)
-
-    def _action_line(self) -> QHBoxLayout:
-        line = QHBoxLayout()
-        line.setSpacing(4)
-        for k, group in enumerate(_GROUPS):
-            if k:
-                rule = QFrame()
-                rule.setFrameShape(QFrame.VLine)
-                line.addWidget(rule)
-            for name in group:
-                self.buttons[name].setMinimumSize(64, 40)  # narrower than its own hint: 960 px are enough
-                line.addWidget(self.buttons[name], 1)
-        return line
 
     # ---- what is shown -------------------------------------------------------------------------------------------
 
