@@ -10,9 +10,10 @@ covariances are those of its drift. Truth is the renderer's. Home is where uav1 
 until nothing stands within 1 m of it.
 
 there: of the true surfaces that some frame showed within 8 m of its vehicle, the share with a point of the near field
-within 5 cm and 2 % of that distance. all that stands: the same of all surfaces more than 0.3 m above the ground that
-are within 8 m of a place of a vehicle, whether a frame showed them or not: backs, tops and insides of hedges, too.
-wrong: share of its points that are farther than that from every true surface.
+within 5 cm and 2 % of that distance. By area, of all surfaces more than 0.3 m above the ground that are within 8 m of a
+place of a vehicle: saw: those that some frame's camera saw (within 8 m, in its field of view, nothing before them);
+in sight: those that a camera at one of these places would see if it looked their way; all that stands: backs, tops and
+insides of hedges, too. wrong: share of its points that are farther than that from every true surface.
 --out: pictures of the map and of the near field, a report.
 """
 
@@ -58,8 +59,39 @@ _WITHIN_M, _SHARE, _FIXED_M = 8.0, 0.02, 0.05
 _CLEAR_M = 1.0
 _PER_M2 = 100.0  # points of all that stands
 _EVERY = 7  # pixels of the truth
+_BEFORE_M = 0.02  # what is nearer to a point than this hides nothing of it
 _STANDING_M = 0.3  # above the ground below uav1: not of the ground
 _TRACKER = np.diag([0.005**2] * 3 + [np.radians(0.1) ** 2] * 3)  # of the odometry's own
+
+
+@dataclass(frozen=True)
+class Part:
+    """``points`` of what stands, and the share of them that is in the near field."""
+
+    points: int
+    there: float
+
+    @staticmethod
+    def of(there: np.ndarray) -> "Part":
+        """``there`` (N,) bool."""
+        return Part(len(there), float(there.mean()) if len(there) else float("nan"))
+
+    @property
+    def words(self) -> str:
+        """For a table."""
+        return f"{self.there:.1%} of {self.points:,}" if self.points else "nothing"
+
+
+@dataclass(frozen=True)
+class Standing:
+    """All that stands within 8 m: ``points_home_m`` (N,3); from the nearest place of a vehicle, ``distance_m`` (N,);
+    ``shown_m`` and ``in_sight_m`` (N,) from the nearest camera that saw it, or would have by looking its way; infinite
+    where none."""
+
+    points_home_m: np.ndarray
+    distance_m: np.ndarray
+    shown_m: np.ndarray
+    in_sight_m: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -75,8 +107,9 @@ class Row:
     there: float
     standing: int
     standing_there: float
-    all_standing: int
-    all_standing_there: float
+    saw: "Part"
+    in_sight: "Part"
+    all_standing: "Part"
     wrong: float
     median_m: float
     sigma_m: float
@@ -175,7 +208,7 @@ def flight(world: str, seed: int) -> Row:
     vehicles = {name: Flown(name, renderer, seed) for name in ("uav1", "uav2")}
     T_world_home, aside_m = None, clear(town)
     frames: List[DepthFrame] = []
-    true_points, ranges, places = [], [], []
+    true_points, ranges, places, eyes = [], [], [], []
     pictures: Dict[str, List[Picture]] = {"uav1": [], "uav2": []}
     for n, (t, at, apart_m) in enumerate(way(town, aside_m)):
         if T_world_home is None:
@@ -188,6 +221,7 @@ def flight(world: str, seed: int) -> Row:
                 frames.append(frame)
                 p, r = within(depth, flown._camera.model, T_world_cam, T_world_home)
                 true_points.append(p), ranges.append(r), places.append(T_world[name][:3, 3])
+                eyes.append(T_world_cam)
         if t in _RECORDED_S:
             for name, flown in vehicles.items():
                 pictures[name].append(flown.look(t, T_world[name], 5)[1])
@@ -210,7 +244,7 @@ def flight(world: str, seed: int) -> Row:
         surface,
         np.concatenate(true_points),
         np.concatenate(ranges),
-        all_standing(town, np.array(places), T_world_home),
+        all_standing(town, np.array(places), eyes, vehicles["uav1"]._camera.model, T_world_home),
         scene(town, T_world_home),
         joined,
     )
@@ -251,9 +285,9 @@ def far_map(pictures: Dict[str, List[Picture]]) -> MapResult:
     return Joint().map(MapInput("session", found, prior=FLOWN), Joint().options())
 
 
-def all_standing(town: Town, places_m: np.ndarray, T_world_home: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Points in home (N,3), 100 to the square metre, of all that stands within 8 m of a place (world), and their
-    distances (N,) from the nearest one."""
+def all_standing(town: Town, places_m: np.ndarray, eyes: List[np.ndarray], camera, T_world_home) -> Standing:
+    """100 points to the square metre of all that stands within 8 m of a place (world), and which of them the cameras
+    at ``eyes`` (T_world_cam each) saw."""
     corners = town.vertices[town.triangles].astype(float)
     tree, random = cKDTree(places_m), np.random.default_rng(3)
     a, b, c = np.moveaxis(corners, 1, 0)
@@ -268,15 +302,47 @@ def all_standing(town: Town, places_m: np.ndarray, T_world_home: np.ndarray) -> 
     distance = tree.query(points)[0]
     points_home = transforms.apply(transforms.invert(T_world_home), points)
     kept = (distance <= _WITHIN_M) & (points_home[:, 2] > _STANDING_M - _HEIGHT_M)
-    return points_home[kept], distance[kept]
+    return Standing(points_home[kept], distance[kept], *seen_from(town, points[kept], eyes, camera))
 
 
-def judged(world, seed, counted, seconds, surface: NearSurface, true, ranges, standing_all, distance_to, joined) -> Row:
+def seen_from(town: Town, points: np.ndarray, eyes: List[np.ndarray], camera) -> Tuple[np.ndarray, np.ndarray]:
+    """(N,) m each, of points (N,3; world): from the nearest of the cameras (T_world_cam) that has one in its picture
+    and nothing before it, and from the nearest with nothing before it; infinite where none within 8 m."""
+    import open3d as o3d
+
+    mesh = o3d.t.geometry.RaycastingScene()
+    mesh.add_triangles(
+        o3d.core.Tensor(town.vertices.astype(np.float32)), o3d.core.Tensor(town.triangles.astype(np.uint32))
+    )
+    shown, in_sight = np.full((2, len(points)), np.inf)
+    for T_world_cam in eyes:
+        at = T_world_cam[:3, 3]
+        distance = np.linalg.norm(points - at, axis=1)
+        k = np.nonzero(distance <= _WITHIN_M)[0]
+        short = (points[k] - at) * (1.0 - _BEFORE_M / distance[k])[:, None]
+        rays = np.concatenate([np.broadcast_to(at, short.shape), short], axis=1).astype(np.float32)
+        k = k[~mesh.test_occlusions(o3d.core.Tensor(rays), tnear=0.0, tfar=1.0).numpy()]
+        in_sight[k] = np.minimum(in_sight[k], distance[k])
+        x, y, z = transforms.apply(transforms.invert(T_world_cam), points[k]).T
+        z = np.where(z > 0.0, z, np.nan)
+        column, row = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+        k = k[(column >= 0) & (column <= camera.width - 1) & (row >= 0) & (row <= camera.height - 1)]
+        shown[k] = np.minimum(shown[k], distance[k])
+    return shown, in_sight
+
+
+def judged(
+    world, seed, counted, seconds, surface: NearSurface, true, ranges, everything: Standing, distance_to, joined
+) -> Row:
     """Against the truth."""
     points = surface.points()
     tree = cKDTree(points.points_home_m)
-    true_all, ranges_all = standing_all
-    all_there = tree.query(true_all)[0] <= _FIXED_M + _SHARE * ranges_all
+    from_m = tree.query(everything.points_home_m)[0]
+
+    def within_of(range_m: np.ndarray) -> Part:
+        known = np.isfinite(range_m)
+        return Part.of(from_m[known] <= _FIXED_M + _SHARE * range_m[known])
+
     there = tree.query(true)[0] <= _FIXED_M + _SHARE * ranges
     standing = true[:, 2] > _STANDING_M - _HEIGHT_M
     standing_there = float(there[standing].mean()) if standing.any() else float("nan")
@@ -284,15 +350,15 @@ def judged(world, seed, counted, seconds, surface: NearSurface, true, ranges, st
     allowed = _FIXED_M + _SHARE * _WITHIN_M
     return Row(
         world, seed, sum(counted.values()), seconds, len(points), len(true), float(there.mean()), int(standing.sum()),
-        standing_there, len(true_all), float(all_there.mean()) if len(true_all) else float("nan"),
+        standing_there, *map(within_of, (everything.shown_m, everything.in_sight_m, everything.distance_m)),
         float((off > allowed).mean()), float(np.median(off)), float(np.median(points.sigma_m)),
         float((off <= points.sigma_m).mean()), joined,
     )  # fmt: skip
 
 
 _HEAD = (
-    "world, seed", "frames", "time", "points", "there", "there, what stands", "all that stands", "wrong",
-    "off, median", "sigma, median",
+    "world, seed", "frames", "time", "points", "there", "there, what stands", "saw", "in sight", "all that stands",
+    "wrong", "off, median", "sigma, median",
     "within sigma", "seam", "seam at", "seam, step", "seam, size",
 )  # fmt: skip
 
@@ -301,14 +367,13 @@ def cells(r: Row) -> List[str]:
     """A row of the table."""
     n = r.joined.near
     standing = f"{r.standing_there:.1%} of {r.standing:,}" if r.standing else "nothing"
-    everything = f"{r.all_standing_there:.1%} of {r.all_standing:,}" if r.all_standing else "nothing"
     seam = ["none", "–", "–", "–"]
     if n.step is not None:
         seam = [f"{n.shared:,} px", f"{n.from_m:.1f} to {n.to_m:.1f} m", f"{n.step:+.1%}", f"{n.apart:.1%}"]
     return [
-        f"{r.world} {r.seed}", str(r.frames), f"{r.seconds:.0f} s", f"{r.points:,}", f"{r.there:.1%}",
-        standing, everything, f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm", f"{1e3 * r.sigma_m:.0f} mm",
-        f"{r.within_1_sigma:.0%}", *seam,
+        f"{r.world} {r.seed}", str(r.frames), f"{r.seconds:.0f} s", f"{r.points:,}", f"{r.there:.1%}", standing,
+        r.saw.words, r.in_sight.words, r.all_standing.words, f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm",
+        f"{1e3 * r.sigma_m:.0f} mm", f"{r.within_1_sigma:.0%}", *seam,
     ]  # fmt: skip
 
 
