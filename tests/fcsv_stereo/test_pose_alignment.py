@@ -53,6 +53,21 @@ def test_inverse_depth_that_is_off_does_not_turn_them(pool):
     assert max(turns_deg(pictures, true)) < 0.03
 
 
+def test_a_pose_that_is_better_known_than_pixels_tell_stays(pool):
+    """Turned by 0.17 degrees, which pixels would undo; but what they say may be wrong by 0.5 degrees, and the pose is
+    known to 0.05: it moves by hundredths of what they say, its sigma stays; the other pictures follow the pixels."""
+    reference, true, given, w = scene()
+    prior = [np.diag(np.repeat([np.radians(s), 0.01], 3) ** 2) for s in (0.05, 0.15, 0.15)]
+    doubted = np.diag(np.repeat([np.radians(0.5), 0.05], 3) ** 2)
+    found = detail(views(reference, given, 1.0, [grey(p) for p in (reference, *given)]))
+    known = np.ones(w.shape, bool)
+    pictures, covariances, _ = adjust(reference, given, prior, found, w, known, 6, pool, [doubted, None, None])
+    assert turns_deg(pictures, given)[0] < 0.02 and max(turns_deg(pictures, true)[1:]) < 0.03
+    np.testing.assert_allclose(np.sqrt(np.diag(covariances[0])[:3]), np.radians(0.05), rtol=0.02)
+    undone, *_ = adjust(reference, given, prior, found, w, known, 6, pool)
+    assert turns_deg(undone, true)[0] < 0.03
+
+
 def test_without_texture_all_stays_where_it_is(pool):
     reference, _, given, w = scene()
     noise = np.random.default_rng(1)

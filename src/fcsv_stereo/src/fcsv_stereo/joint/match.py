@@ -97,11 +97,14 @@ def match_jointly(
     covariances: Optional[Sequence[Optional[np.ndarray]]] = None,
     untold: Optional[Sequence[np.ndarray]] = None,
     suspicion: Optional[Suspicion] = None,
+    in_pixels: Optional[Sequence[Optional[np.ndarray]]] = None,
 ) -> JointDepth:
     """Depth of ``reference`` from all ``others``; poses are taken as they are, with their 6x6 ``covariances``.
 
     ``untold`` (6x6 each) is besides in these poses whatever the pixels say (``RefinedPicture.untold``): it is in sigma,
     and has no part in whether there is a depth, nor in what speaks for it. A ``suspicion`` has, and is in sigma.
+    ``in_pixels`` (6x6, or None) are the errors of poses by pixels where others are better (``RefinedPicture``): such
+    poses are adjusted as little as that says.
     Raises MatchingError where no other picture can be used.
     """
     options = options or MatchOptions()
@@ -110,6 +113,7 @@ def match_jointly(
         raise MatchingError("no picture can be matched: " + "; ".join(left_out.values()))
     poses = [covariances[i] for i in used] if covariances else None
     pictures = Pictures.of(reference, [others[i] for i in used], poses, options.adjust_poses)
+    pictures = replace(pictures, in_pixels=[in_pixels[i] if in_pixels else None for i in used])
     first, *between = _scales(pictures.greys[0].size, options)
     with ThreadPoolExecutor(options.threads) as pool:
         pictures, rough = _match_roughly(pictures, first / 2.0, options, pool)
@@ -243,8 +247,9 @@ def _with_adjusted_poses(
 ) -> Tuple[Pictures, np.ndarray]:
     """Poses that fit the pictures where ``w`` is ``known`` (HxW), and inverse depth (1/m) with them."""
     others, covariances, w = adjust(
-        pictures.reference, pictures.others, pictures.prior, details, w, known, MATCH.pose_steps, pool
-    )
+        pictures.reference, pictures.others, pictures.prior, details, w, known, MATCH.pose_steps, pool,
+        pictures.in_pixels,
+    )  # fmt: skip
     return pictures.posed(others, covariances), w
 
 

@@ -130,7 +130,8 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     told, untold = [refined[i].told for i in kept], [refined[i].untold for i in kept]
     doubt = max(refined[i].focal_doubt for i in kept)
     suspicion = Suspicion(doubt, [refined[i].doubted / doubt for i in kept]) if doubt > 0.0 else None
-    found = match_jointly(reference, pictures, matching, told, untold, suspicion)
+    in_pixels = [refined[i].in_pixels for i in kept]
+    found = match_jointly(reference, pictures, matching, told, untold, suspicion, in_pixels)
     for i, picture in zip(found.used, found.pictures):
         pictures[i] = picture
         refined[kept[i]] = replace(refined[kept[i]], picture=picture)

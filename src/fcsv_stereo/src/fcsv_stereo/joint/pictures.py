@@ -17,7 +17,7 @@ class Pictures:
 
     ``greys`` are HxW float32 at full size, the reference's first, exposures made alike once they are known.
     ``covariances`` (6x6; rad in camera axes, m in home's) are those of the others' poses, None where not given.
-    ``prior`` is what poses may be adjusted by; None where they are taken as they are.
+    ``prior`` is what poses may be adjusted by; None where they are taken as they are. ``in_pixels``: see ``adjust``.
     """
 
     reference: Picture
@@ -25,6 +25,7 @@ class Pictures:
     greys: List[np.ndarray]
     covariances: List[Optional[np.ndarray]]
     prior: Optional[List[np.ndarray]] = None
+    in_pixels: Optional[List[Optional[np.ndarray]]] = None
 
     @classmethod
     def of(cls, reference: Picture, others: List[Picture], covariances, adjust_poses: bool) -> "Pictures":

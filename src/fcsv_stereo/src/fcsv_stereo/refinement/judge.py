@@ -28,20 +28,22 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
     reason = consensus.refused.get(k, "")
     if not reason and (adjusted is None or k not in adjusted.order):
         reason = direct.reason or "no picture that it overlaps with could be refined"
-    compared = 0
+    compared, in_pixels = 0, None
     if not reason:
         told, untold = _covariances(views[0], adjusted, k, options)
         T_home_cam = views[0].picture.T_home_cam @ adjusted.poses[k]
         if _no_gain(views, k, told, untold, options):
             sigma_deg = np.degrees(np.sqrt(np.diag(told + untold)[:3]).max())
             reason = f"the pictures fix its rotation no better than {sigma_deg:.2g} degrees"
-            compared = _epipolar(views, k, consensus)[2]
+            compared, in_pixels = _epipolar(views, k, consensus)[2], untold
         else:
             reason = _doubt(views, k, T_home_cam, options)
     if reason:
         arm_m = prior_T[:3, 3] - views[0].picture.T_home_cam[:3, 3]
         told, untold = _prior(views, k, options), of_scale(arm_m, options.prior.scale_sigma)
-        return RefinedPicture(views[k].picture, prior_T, False, reason, compared, np.nan, np.nan, told, untold)
+        nan = float("nan")
+        kept = RefinedPicture(views[k].picture, prior_T, False, reason, compared, nan, nan, told, untold)
+        return replace(kept, in_pixels=in_pixels)
     before, after, inliers = _epipolar(views, k, consensus)
     camera = scaled(views[k].picture.camera, adjusted.focal_scale)
     picture = replace(views[k].picture, T_home_cam=T_home_cam, camera=camera)

@@ -47,6 +47,8 @@ class RefinedPicture:
     ``told`` (6x6), which further pixels make smaller, and ``untold``, which stays however many are compared: the scale
     that all poses share, and errors that all points of a picture share (``systematic``); and of ``doubted``, which
     stays as well: what a focal length that is wrong with the probability ``focal_doubt`` makes of them (``focal``).
+    ``in_pixels`` (6x6) is of a picture whose prior is better than what pictures tell: the errors that a pose from its
+    pixels would have, however many are compared. None of all others.
     """
 
     picture: Picture
@@ -60,6 +62,7 @@ class RefinedPicture:
     untold: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
     doubted: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
     focal_doubt: float = 0.0
+    in_pixels: Optional[np.ndarray] = None
 
     @property
     def covariance(self) -> np.ndarray:

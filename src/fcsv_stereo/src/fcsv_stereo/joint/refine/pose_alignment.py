@@ -8,7 +8,7 @@ Engel, Koltun and Cremers 2018, with the inverse depth of small cells eliminated
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import List, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -32,13 +32,17 @@ _BEHIND = np.float32(-1e6)  # px: far outside of every picture
 def adjust(
     reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray], found: Views, w: np.ndarray,
     known: np.ndarray, iterations: int, pool: ThreadPoolExecutor,
+    in_pixels: Optional[Sequence[Optional[np.ndarray]]] = None,
 ) -> Tuple[List[Picture], List[np.ndarray], np.ndarray]:  # fmt: skip
     """The others with adjusted poses, their 6x6 covariances (rad in camera axes, m in home's), and ``w`` with them.
 
     ``found`` holds the pictures without their local mean (``residuals.detail``); ``w`` is HxW (1/m) and ``known``
     (HxW bool) where it may be relied on. The covariances given are the prior; too little texture leaves it as it is.
+    A picture that has ``in_pixels`` (6x6) has a prior that is no other pictures' word: it is taken as it is, and what
+    the pixels say of the pose errs by ``in_pixels`` besides their noise.
     """
-    prior, scale, scale_variance = _prior(reference, others, covariances)
+    in_pixels = in_pixels or [None] * len(others)
+    prior, scale, scale_variance = _prior(reference, others, covariances, in_pixels)
     start, total = list(others), np.zeros(6 * len(others))
     pictures, out, now = start, list(covariances), w.astype(np.float32)
     if known.sum() < POSE_ALIGNMENT.least_cells * _CELL**2:
@@ -52,8 +56,8 @@ def adjust(
         ]
         middles = now[tuple(corners.T + _CELL // 2)]
         H, g, energy, solve_w, weight = _reduced([job.result() for job in jobs], middles)
-        information = H / (energy * POSE_ALIGNMENT.correlated)
-        step = np.linalg.solve(information + prior, g / (energy * POSE_ALIGNMENT.correlated) - prior @ total)
+        information, push = _weakened(H, g, energy * POSE_ALIGNMENT.correlated, in_pixels)
+        step = np.linalg.solve(information + prior, push - prior @ total)
         total = total + step
         _add(corners, solve_w(step), now)
         pictures = [moved(o, total[6 * i : 6 * i + 6]) for i, o in enumerate(start)]
@@ -95,7 +99,24 @@ def moved(picture: Picture, change: np.ndarray) -> Picture:
     return replace(picture, T_home_cam=transforms.transform(rotation, T[:3, 3] + change[3:]))
 
 
-def _prior(reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray]):
+def _weakened(H: np.ndarray, g: np.ndarray, variance: float, in_pixels: Sequence[Optional[np.ndarray]]):
+    """The pixels' information (6N, 6N) and gradient (6N,), less what errors of covariance ``in_pixels`` leave of them:
+    (H^-1 + S)^-1, without inverting an H that does not tell the scale."""
+    information, push = H / variance, g / variance
+    if all(s is None for s in in_pixels):
+        return information, push
+    S = np.zeros_like(information)
+    for i, s in enumerate(in_pixels):
+        if s is not None:
+            S[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = s
+    left = np.linalg.solve(np.eye(len(S)) + information @ S, np.c_[information, push])
+    return 0.5 * (left[:, :-1] + left[:, :-1].T), left[:, -1]
+
+
+def _prior(
+    reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray],
+    in_pixels: Sequence[Optional[np.ndarray]],
+):  # fmt: skip
     """Information matrix of all poses, the direction (6N) in which the scale grows, and the scale's variance.
 
     Pictures do not tell the scale: it is held, lest the noise in their slopes shifts it.
@@ -103,7 +124,8 @@ def _prior(reference: Picture, others: Sequence[Picture], covariances: Sequence[
     n = len(others)
     prior, scale = np.zeros((6 * n, 6 * n)), np.zeros((n, 6))
     for i, (o, c) in enumerate(zip(others, covariances)):
-        prior[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = np.linalg.inv(c * np.outer(_LOOSENED, _LOOSENED))
+        loosened = _LOOSENED if in_pixels[i] is None else np.ones(6)
+        prior[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = np.linalg.inv(c * np.outer(loosened, loosened))
         scale[i, 3:] = o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
     along = scale[:, 3:] / np.square(np.linalg.norm(scale[:, 3:], axis=1, keepdims=True))
     variances = [a @ c[3:, 3:] @ a for a, c in zip(along, covariances)]
