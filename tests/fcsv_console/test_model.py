@@ -5,6 +5,7 @@ import doctest
 import importlib
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def row(c, now_s, name="uav2"):
 
 @pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view",
                                   "rehearsal", "planning", "poses", "goals", "looking", "ground_views",
-                                  "mission_folder"])  # fmt: skip
+                                  "mission_folder", "bags"])  # fmt: skip
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed
@@ -694,3 +695,27 @@ def test_the_worst_line_of_a_vehicles_diagnostics_is_shown_and_its_end_too():
     events = [e.what for e in c.view(1.6).events if e.who == "uav2"]
     assert events == ["diagnostics: uav2/odometry: health is not well"], "once, however its words change"
     assert diagnostics_of(c, 14.0) == cells.Cell("not heard for 12.5 s", cells.GONE)
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_what_the_bags_of_a_playback_do_not_have_is_told_and_in_flight_it_is_not_heard(monkeypatch, recorded):
+    hearing_of = pytest.importorskip("fcsv_console.ros.hearing")
+    plays = {"/uav1/mavros/state", "/uav1/clock/offset", "/uav2/mavros/state", "/uav2/diagnostics/worst"}
+
+    def subscriber(topic, *_args, **_kwargs):
+        return SimpleNamespace(get_num_connections=lambda: int(topic in plays))
+
+    monkeypatch.setattr(hearing_of.rospy, "Subscriber", subscriber)
+    hearing = hearing_of.Hearing(["uav1", "uav2"], recorded)
+    hearing._watch = SimpleNamespace(start=lambda: None)
+    hearing.subscribe()
+    for _ in range(3):
+        hearing._look_at_bags()
+    c = console()
+    for _, fact in hearing.take():
+        c.tell(0.0, fact)
+    absent = cells.Cell("not in the bags", cells.QUIET) if recorded else cells.Cell("not heard", cells.GONE)
+    assert diagnostics_of(c, 0.1, "uav1") == absent and diagnostics_of(c, 0.1, "uav2").text == "not heard"
+    clocks = next(of for label, of in cells.vehicle_rows(c.view(0.1)) if label == "clock")
+    assert [cell.text for cell in clocks] == ["not known", "not in the bags" if recorded else "not known"]
+    assert row(c, 0.1, "uav1").connection == "never heard", "that it is played is no sign of the vehicle's life"

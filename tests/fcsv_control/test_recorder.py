@@ -338,7 +338,7 @@ def test_what_a_machine_records():
     for topic in ("/calibration", "/home", "/mission/state", "/mission/capture", "/uav1/odometry/state",
                   "/uav1/mavros/state", "/uav1/camera_pose", "/tf", "/tf_static", "/uav1/guardian/state",
                   "/uav1/guardian/said", "/uav1/agent/alive", "/uav1/command", "/uav1/command_ack",
-                  "/stop_all/report", "/diagnostics", "/mocap/uav1/pose"):  # fmt: skip
+                  "/stop_all/report", "/diagnostics", "/uav1/diagnostics/worst", "/mocap/uav1/pose"):  # fmt: skip
         assert topic in control.always
     assert not control.pictures
 

@@ -23,7 +23,7 @@ _OF_CONTROL: Tuple[str, ...] = ("/calibration", "/home", "/mission/capture")
 _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",
     "camera_pose", "recorder/status", "odometry/epoch", "agent/alive", "command", "command_ack",
-    "guardian/state", "guardian/said",
+    "guardian/state", "guardian/said", "diagnostics/worst",
 )  # fmt: skip
 _CONTROL: Tuple[str, ...] = (
     "/calibration",

@@ -29,6 +29,9 @@ class Cell:
     tone: str = PLAIN
 
 
+_NOT_IN_BAGS = Cell("not in the bags", QUIET)
+
+
 def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
     """(label, one cell per vehicle)."""
     table = (
@@ -141,6 +144,8 @@ def _recorder(v: VehicleRow) -> Cell:
 
 def diagnostics(v: VehicleRow) -> Cell:
     """What is wrong, the worst first."""
+    if "diagnostics/worst" in v.not_in_bags:
+        return _NOT_IN_BAGS
     if v.diagnosed.value is None or v.diagnosed.stale:
         return Cell("not heard" if v.diagnosed.value is None else f"not heard for {v.diagnosed.words}", GONE)
     wrong = v.diagnosed.value.wrong
@@ -157,6 +162,8 @@ def _node(vehicle: str, name: str) -> str:
 
 
 def _clock(v: VehicleRow) -> Cell:
+    if "clock/offset" in v.not_in_bags:
+        return _NOT_IN_BAGS
     c = v.clock.value
     if c is None or v.clock.stale:
         return Cell("not known", GONE)

@@ -28,7 +28,8 @@ class Flier:
 class VehicleRow:
     """A vehicle at one moment; times in s. ``heard``: anything of it at all; its state comes 2.5 times a second, other
     streams five to thirty times. ``endurance_s``: until its battery is at the mission's lowest share. ``no_picture_s``:
-    how long its recorder has waited for a picture, 0 where one came in the last seconds."""
+    how long its recorder has waited for a picture, 0 where one came in the last seconds. ``not_in_bags``: topics that a
+    playback does not have."""
 
     name: str
     flier: Flier
@@ -51,6 +52,7 @@ class VehicleRow:
     endurance_s: float
     needed_s: float
     no_picture_s: float
+    not_in_bags: Tuple[str, ...] = ()
 
     @property
     def connection(self) -> str:
@@ -142,6 +144,7 @@ class Vehicle:
     def __init__(self, name: str, since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s):
         self.name, self._since_s = name, since_s
         self.epoch: Optional[int] = None
+        self._not_in_bags: Tuple[str, ...] = ()
         self._any: Heard[str] = Heard()
         self._no_picture, self._pictures = Silence(_NO_PICTURE_S), 0
         self.heard: Dict[Type, Heard] = {
@@ -154,12 +157,14 @@ class Vehicle:
 
     def tell(self, now_s: float, fact: Any) -> None:
         """A fact of it that was found sound. What this machine makes of it, or says about it, is no sign of life."""
-        if not isinstance(fact, (f.CameraInHome, f.Radio, f.Clock)):
+        if not isinstance(fact, (f.CameraInHome, f.Radio, f.Clock, f.NotInBags)):
             self._any.tell(now_s, self.name)
         if isinstance(fact, f.Recorder):
             self._recorded(now_s, fact)
         if isinstance(fact, f.EpochHeard):
             self.epoch = fact.epoch
+        elif isinstance(fact, f.NotInBags):
+            self._not_in_bags = fact.topics
         elif type(fact) in self.heard:
             self.heard[type(fact)].tell(now_s, fact)
 
@@ -177,6 +182,7 @@ class Vehicle:
             at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.Said],
             at[f.Diagnosed],
             self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s, self._no_picture.lasts_s(now_s),
+            self._not_in_bags,
         )  # fmt: skip
 
     def _recorded(self, now_s: float, told: f.Recorder) -> None:

@@ -10,6 +10,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 
 from fcsv_console.model import facts as f
+from fcsv_console.model.bags import Bags
 from fcsv_console.ros import messages
 from fcsv_geometry.arrivals import Arrivals
 from fcsv_geometry.errors import FcsvError
@@ -33,6 +34,7 @@ class Hearing:
         self._arrivals = arrivals or Arrivals()
         self._vehicles = list(vehicles)
         self._of_vehicle = dict(messages.OF_VEHICLE, **(messages.RECORDED if recorded else {}))
+        self._bags = Bags() if recorded else None
         self._waiting: Deque[Tuple[float, Any]] = deque(maxlen=_MOST)
         self._subscribers: List[rospy.Subscriber] = []
         self._over = threading.Event()
@@ -70,6 +72,8 @@ class Hearing:
             self._keep(lambda: [convert(name, message)], name, short)
 
         self._subscribers.append(rospy.Subscriber(topic, kind, heard, queue_size=20, tcp_nodelay=True))
+        if name and self._bags is not None:
+            self._bags.follow(name, short, self._subscribers[-1].get_num_connections)
 
     def _on_links(self, message: DiagnosticArray) -> None:
         self._keep(lambda: messages.radios(message), "", "/relay/links")
@@ -88,3 +92,8 @@ class Hearing:
             if known is False:
                 register_again()
             self.put(f.MasterTold(NO_MASTER if known is None else ""))
+            self._look_at_bags()
+
+    def _look_at_bags(self) -> None:
+        for fact in self._bags.told() if self._bags is not None else ():
+            self.put(fact)

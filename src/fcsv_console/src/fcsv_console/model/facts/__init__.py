@@ -34,6 +34,7 @@ from fcsv_console.model.facts.of_vehicle import (
     Diagnosed,
     EpochHeard,
     Guardian,
+    NotInBags,
     OdometryHeard,
     PictureHeard,
     Radio,
@@ -43,7 +44,7 @@ from fcsv_console.model.facts.of_vehicle import (
 )
 
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
-                  EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed]  # fmt: skip
+                  EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed, NotInBags]  # fmt: skip
 Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionFlown, MissionAlive, StopTold, MapTold,
              EpipolarTold, MapPicture, SeenFrom, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip
 
@@ -70,6 +71,7 @@ __all__ = [
     "MissionAlive",
     "MissionFlown",
     "MissionTold",
+    "NotInBags",
     "OdometryHeard",
     "OfVehicle",
     "PictureHeard",

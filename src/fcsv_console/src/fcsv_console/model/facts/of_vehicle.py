@@ -164,3 +164,11 @@ class Diagnosed:
 
     vehicle: str
     wrong: Tuple[Tuple[str, int, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class NotInBags:
+    """Topics of a vehicle that nobody plays while others of it are played: they were not recorded."""
+
+    vehicle: str
+    topics: Tuple[str, ...]
