@@ -14,6 +14,7 @@ from python_qt_binding import QtCore, QtGui, QtWidgets
 from python_qt_binding.QtTest import QTest
 
 from fcsv_console.model import above_view, actions, facts, mission_file, samples
+from fcsv_console.model.console import Console
 from fcsv_control.flight_check.lines import State
 
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
@@ -245,6 +246,29 @@ def test_a_file_of_the_folder_is_loaded_by_click_and_by_enter(shown, folder, app
     hold(app, window, KEYS.Key_Return, 0.0)
     show()
     assert Path(console.file.source).name == "outdoor.yaml" and window.mission.note.text() == "outdoor.yaml"
+
+
+def test_beside_a_playback_the_place_of_the_files_says_that_there_is_none(opened, app, tmp_path):
+    console = Console(["uav1", "uav2"])
+    console.tell(samples.NOW_S, facts.MissionFlown(Path(OUTDOOR).read_text()))
+    window = opened(console)
+    window.show()
+    files = window.mission.files
+    assert len(console.file.rows) == 8 and files.count() == 0 and files.empty == files.accessibleDescription()
+    assert files.empty.startswith("No file is loaded") and "Open" in files.empty
+
+    def inked():
+        picture = files.viewport().grab().toImage()
+        return len({picture.pixel(x, y) for x in range(picture.width()) for y in range(0, 60)}) > 1
+
+    assert inked()
+    for name in ("gone", "."):
+        console.load(str(tmp_path / name / "mine.yaml"))
+        window.show_view(console.view(samples.NOW_S))
+        assert files.empty == f"No mission files in {(tmp_path / name)}" and inked()
+    console.load(OUTDOOR)
+    window.show_view(console.view(samples.NOW_S))
+    assert files.empty == files.accessibleDescription() == "" and files.count() > 1
 
 
 def test_changes_that_are_not_saved_are_not_lost_by_loading_another_file(shown, folder, app, monkeypatch):

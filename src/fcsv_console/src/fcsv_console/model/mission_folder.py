@@ -18,6 +18,19 @@ def rows(names: Sequence[str], loaded: str, changed: bool) -> Tuple[Tuple[str, s
     return tuple((n, f"> {n[: -len(_ENDS)]}{mark}" if n == loaded else n[: -len(_ENDS)]) for n in found)
 
 
+def empty(loaded: str) -> str:
+    """What stands in place of the list where it has no row; ``loaded``: path of the file that is shown, or "".
+
+    >>> empty("")
+    "No file is loaded: the list is the mission's own. Open shows the files of a folder."
+    >>> empty("/m/ten.yaml")
+    'No mission files in /m'
+    """
+    if not loaded:
+        return "No file is loaded: the list is the mission's own. Open shows the files of a folder."
+    return f"No mission files in {Path(loaded).parent}"
+
+
 def refused(wanted: str, loaded: str, changed: bool) -> str:
     """Why a file is not loaded in place of another; "" where it may be.
 

@@ -4,10 +4,14 @@
 import os
 
 from python_qt_binding.QtCore import QFileSystemWatcher, Qt, Signal
+from python_qt_binding.QtGui import QPainter
 from python_qt_binding.QtWidgets import QListWidget, QListWidgetItem
 
-from fcsv_console.model import mission_folder
+from fcsv_console.model import cells, mission_folder
+from fcsv_console.qt import colours
 from fcsv_console.qt.keys import TAKES_ENTER
+
+_MARGIN_PX = 4
 
 
 class MissionFolder(QListWidget):
@@ -27,6 +31,7 @@ class MissionFolder(QListWidget):
         self._watch = QFileSystemWatcher(self)
         self._watch.directoryChanged.connect(lambda _folder: self._list())
         self.itemClicked.connect(self._want)
+        self._say()
 
     def show_loaded(self, path: str, changed: bool) -> None:
         """The file that is loaded, "" where there is none, and whether it has changes that are not saved."""
@@ -47,6 +52,7 @@ class MissionFolder(QListWidget):
         except OSError:
             names = []  # the folder is gone: the note tells of the file
         rows = mission_folder.rows(names, os.path.basename(self._path), self._changed)
+        self._say(rows)
         if rows == self._rows:
             return
         chosen = self.currentItem().data(Qt.UserRole) if self.currentItem() is not None else ""
@@ -59,6 +65,19 @@ class MissionFolder(QListWidget):
             self.addItem(item)
             if name == chosen:
                 self.setCurrentItem(item)
+
+    def _say(self, rows=()) -> None:
+        self.empty = "" if rows else mission_folder.empty(self._path)
+        self.setAccessibleDescription(self.empty)
+        self.viewport().update()
+
+    def paintEvent(self, event) -> None:
+        super().paintEvent(event)
+        if self.empty:
+            painter = QPainter(self.viewport())
+            painter.setPen(colours.tone(cells.QUIET, self.palette()))
+            room = self.viewport().rect().adjusted(_MARGIN_PX, _MARGIN_PX, -_MARGIN_PX, -_MARGIN_PX)
+            painter.drawText(room, Qt.AlignLeft | Qt.AlignTop | Qt.TextWordWrap, self.empty)
 
     def keyPressEvent(self, event) -> None:
         if event.key() in (Qt.Key_Return, Qt.Key_Enter):
