@@ -29,12 +29,17 @@ def main() -> int:
     parser.add_argument("--live", type=Path, metavar="SESSION", help="instead: beside a live map of it, played in real "
                         "time; with rviz embedded where there is a screen (xvfb-run -a)")  # fmt: skip
     parser.add_argument("--seconds", type=float, default=60.0, help="to measure beside a live map (default: 60)")
+    parser.add_argument("--starts", type=int, metavar="N", help="instead: N starts, until the first drawn frame")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="of the screen in the end of --live")
     arguments = parser.parse_args()
     if arguments.live:
         from bench_console_live import beside_a_live_map
 
         return beside_a_live_map(arguments.live.resolve(), arguments.seconds, arguments.clicks, arguments.picture)
+    if arguments.starts:
+        from bench_console_start import starts
+
+        return starts(arguments.starts)
     if arguments.playback:
         return playback(arguments.playback, arguments.minutes, arguments.rate)
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")

@@ -156,6 +156,29 @@ def test_a_report_that_no_browser_opens_is_told_with_its_place(monkeypatch, tmp_
     shell.close()
 
 
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_window_that_is_closed_before_it_joined_the_master_ends_without_a_traceback(monkeypatch, closed):
+    pytest.importorskip("rospy")
+    from fcsv_console.ros import shell as shells
+
+    def interrupted(*_args, **_kwargs):
+        raise shells.rospy.exceptions.ROSInitException("init_node interrupted")
+
+    join = shells.Shell._join
+    monkeypatch.setattr(shells.Shell, "_join", lambda self: None)
+    shell = shells.Shell(landed(), "console")
+    monkeypatch.setattr(shells.rosgraph, "is_master_online", lambda: True)
+    monkeypatch.setattr(shells.node, "begin", interrupted)
+    if closed:
+        shell._over.set()
+        join(shell)
+        assert shell._commands is None
+    else:
+        with pytest.raises(shells.rospy.exceptions.ROSInitException):
+            join(shell)
+    shell.close()
+
+
 # ---- the dock ----------------------------------------------------------------------------------------------------
 
 

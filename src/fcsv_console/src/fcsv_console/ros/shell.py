@@ -91,7 +91,12 @@ class Shell:
             self._hearing.put(f.MasterTold(NO_MASTER))
             if self._over.wait(_LOOK_S):
                 return
-        node.begin(self._name, anonymous=True, disable_signals=True)
+        try:
+            node.begin(self._name, anonymous=True, disable_signals=True)
+        except rospy.exceptions.ROSInitException:
+            if self._over.is_set():  # the window was closed meanwhile
+                return
+            raise
         self._commands = Commands(self.console.names)
         self._hearing.subscribe()
         self._epipolar.subscribe()
