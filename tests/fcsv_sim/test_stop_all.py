@@ -4,44 +4,23 @@
 import numpy as np
 import pytest
 
-from fcsv_control.agent.messages import Instruction, Kind
-from fcsv_control.stopping import STOP, StopAll
+from fcsv_control.stopping import LAND
 from fcsv_geometry.mission import Mission, StereoConfiguration
 from fcsv_sim.people.operator import Sticks
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.radio import RadioQuality
 
 
-class StopDesk:
-    """The stop-all node of a rehearsal: a fault that is told of every pass; the call comes at ``at_s``."""
+class Call:
+    """Somebody's call at ``at_s``: a fault that is told of every pass."""
 
-    def __init__(self, flight, at_s):
-        self.core, self.at_s, self.called_s = StopAll(list(flight.fleet)), at_s, None
-        take = flight.control._take_ack
-
-        def take_ack(name, ack):
-            take(name, ack)
-            if ack.sender == "stop_all":
-                self.core.acknowledged(flight.now_s, name, ack.number, "" if ack.result == 0 else ack.reason)
-
-        flight.control._take_ack = take_ack
+    def __init__(self, at_s):
+        self.at_s, self.called_s = at_s, None
 
     def __call__(self, flight):
-        now_s = flight.now_s
-        for name, heard in flight.control.heard.items():
-            view = heard.view(now_s, None)
-            if np.isfinite(view.state_age_s):
-                self.core.state(now_s - view.state_age_s, name, view.mode, view.armed)
-        if self.called_s is None and now_s >= self.at_s:
-            self.called_s = now_s
-            self.core.begin(now_s, STOP, "a test")
-            if flight.control.alive:
-                flight.control.machine.stopped("a test")
-        for order in self.core.due(now_s):
-            instruction = Instruction(order.vehicle, "stop_all", order.number, Kind.SET_MODE, now_s, order.ordered_s,
-                                      0.0, order.mode)  # fmt: skip
-            vehicle = flight.fleet[order.vehicle]
-            flight.radios[order.vehicle].send(now_s, lambda c, v=vehicle: v.obey(c, flight.now_s), instruction)
+        if self.called_s is None and flight.now_s >= self.at_s:
+            self.called_s = flight.now_s
+            flight.control.stop_all(flight.now_s)
 
 
 @pytest.fixture
@@ -76,11 +55,11 @@ def asked_since(flight, name, since_s):
 def test_with_the_mission_dead_everybody_stops_and_stays(flying, loss, most_s):
     flight = flying(1, loss)
     flight.control.alive = False  # it neither hears nor says anything; the stop-all node does
-    desk = StopDesk(flight, flight.now_s)
-    wait(flight, 25.0, desk)  # after 30 s without the control PC the guardians land
+    call = Call(flight.now_s)
+    wait(flight, 25.0, call)  # after 30 s without the control PC the guardians land
     for name, vehicle in flight.fleet.items():
-        [(at_s, mode), *more] = asked_since(flight, name, desk.called_s)
-        assert mode == "BRAKE" and at_s - desk.called_s <= most_s
+        [(at_s, mode), *more] = asked_since(flight, name, call.called_s)
+        assert mode == "BRAKE" and at_s - call.called_s <= most_s
         assert {m for _, m in more} <= {"BRAKE"} and vehicle.link.state.mode == "BRAKE"
         assert np.linalg.norm(vehicle.body.velocity_mps) < 1.0  # wind of 2 m/s at most
     assert not flight.invariants.violations
@@ -90,24 +69,23 @@ def test_who_is_flown_by_hand_gets_no_mode_command(flying):
     flight = flying(2)
     flight.hands["uav2"] = lambda *_: Sticks(mode="BRAKE")  # a pilot's BRAKE, which looks like ours
     wait(flight, 2.0)
-    desk = StopDesk(flight, flight.now_s)
-    desk.core.begin(flight.now_s, "land", "a test")
-    desk.called_s = flight.now_s
-    wait(flight, 20.0, desk)
-    assert not asked_since(flight, "uav2", desk.called_s) and desk.core.report(flight.now_s).by_hand == ["uav2"]
-    assert [m for _, m in asked_since(flight, "uav1", desk.called_s)][:1] == ["LAND"]
+    desk, called_s = flight.control.stop_desk, flight.now_s
+    desk.call(called_s, LAND, "a test")
+    wait(flight, 20.0)
+    assert not asked_since(flight, "uav2", called_s) and desk.core.report(flight.now_s).by_hand == ["uav2"]
+    assert [m for _, m in asked_since(flight, "uav1", called_s)][:1] == ["LAND"]
 
 
 def test_the_mission_takes_them_again_when_the_operator_resumes(flying):
     flight = flying(3)
     flight.operator_there = False
-    desk = StopDesk(flight, flight.now_s)
-    wait(flight, 60.0, desk)
+    call = Call(flight.now_s)
+    wait(flight, 60.0, call)
     assert {v.link.state.mode for v in flight.fleet.values()} == {"BRAKE"}
-    assert {m for n in flight.fleet for _, m in asked_since(flight, n, desk.called_s)} == {"BRAKE"}
+    assert {m for n in flight.fleet for _, m in asked_since(flight, n, call.called_s)} == {"BRAKE"}
     assert flight.control.machine.waits_for == "resume"
     flight.operator_there = True
-    assert flight.control.machine.proceed("resume") == ""
+    assert flight.control.proceed("resume") == ""
     result = flight.run()
     assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
 
@@ -118,12 +96,13 @@ def test_who_was_stopped_above_another_lands_beside_it_when_the_control_pc_is_go
     while upper.p_world_m[2] - lower.p_world_m[2] < 4.8 and flight.now_s < 300.0:
         flight.step()
     wait(flight, 3.0)
-    desk = StopDesk(flight, flight.now_s)
-    wait(flight, 2.0, desk)
+    flight.operator_there = False
+    call = Call(flight.now_s)
+    wait(flight, 2.0, call)
     assert {v.link.state.mode for v in flight.fleet.values()} == {"BRAKE"}
     assert np.linalg.norm((upper.p_world_m - lower.p_world_m)[:2]) < 1.5
-    flight.control.alive = False
-    wait(flight, 70.0)  # the stop-all node is gone with it
+    flight.control.die()  # the stop-all node, too
+    wait(flight, 70.0)
     assert not any(v.link.state.armed for v in flight.fleet.values())
     assert not flight.invariants.violations
     assert np.linalg.norm((upper.p_world_m - lower.p_world_m)[:2]) > 1.5

@@ -95,7 +95,7 @@ def read(path: Path, mission: Mission, vehicles: Sequence[str], wall_s: float) -
         raise SessionError(f"{path}: is damaged ({error})") from error
     except config.ConfigError as error:
         raise SessionError(f"{error}; the file is damaged or of another program") from error
-    _require_fitting(path, memory, mission, vehicles, wall_s)
+    require_fitting(path, memory, mission, vehicles, wall_s)
     return memory
 
 
@@ -112,7 +112,9 @@ def set_aside(path: Path) -> Path:
     return aside
 
 
-def _require_fitting(path: Path, memory: Memory, mission: Mission, vehicles: Sequence[str], wall_s: float) -> None:
+def require_fitting(path: Path, memory: Memory, mission: Mission, vehicles: Sequence[str], wall_s: float) -> None:
+    """Raises SessionError where a memory that was read from ``path`` is of another mission or fleet, or too old at the
+    time of day ``wall_s``."""
     if memory.digest != digest(mission):
         raise SessionError(f"{path}: is of mission '{memory.mission}' as it was then, not of '{mission.name}' as it is")
     if memory.vehicles != list(vehicles):

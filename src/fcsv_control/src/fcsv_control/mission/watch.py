@@ -14,8 +14,8 @@ from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import AIR_M, GROUND, Mission
 from fcsv_geometry.separation import SeparationRules
 
-_POSE_STALE_S = 2.0
-_STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio
+POSE_STALE_S = 2.0
+STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio
 _RECORDER_STALE_S = 5.0
 _TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses explains
 _GUARDED = SeparationRules().horizontal_m / AIR_M  # of the air that the mission keeps, guardians keep so much
@@ -49,14 +49,14 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
     for name, view in snapshot.vehicles.items():
         if phase in _IN_THE_AIR and view.battery_share < mission.empty_battery_share:
             raise MissionError(f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody")
-        if phase == "CONFIGURATIONS" and view.state_age_s <= _STATE_STALE_S and not view.armed:
+        if phase == "CONFIGURATIONS" and view.state_age_s <= STATE_STALE_S and not view.armed:
             raise MissionError(f"{name}: motors are off: landing everybody")
 
 
 def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tuple[Pause, str]]:
-    ages_s = [("state", view.state_age_s, _STATE_STALE_S)]
+    ages_s = [("state", view.state_age_s, STATE_STALE_S)]
     if mission.tracker != GROUND or phase not in _BEFORE_SIGHT:
-        ages_s.append(("pose", view.pose_age_s, _POSE_STALE_S))
+        ages_s.append(("pose", view.pose_age_s, POSE_STALE_S))
     silent = [f"no {what} for {most_s:g} s" for what, age_s, most_s in ages_s if age_s > most_s]
     if silent:
         yield Pause.LOST, f"{' and '.join(silent)}; check the radio link"

@@ -51,6 +51,7 @@ class OnBoard:
 
     _server: MavlinkServer  # the other end of its line
     _passes = 0
+    now_s = 0.0  # its monotonic clock
 
     def __init__(self, geometry: VehicleGeometry, rules: AgentRules, guardian: GuardianRules):
         self.geometry, self.name = geometry, geometry.name
@@ -82,17 +83,19 @@ class OnBoard:
 
     # ---- the radio ---------------------------------------------------------------------------------------------
 
-    def obey(self, instruction: Instruction, now_s: float) -> None:
+    def obey(self, instruction: Instruction) -> None:
         """A command came over the radio."""
+        now_s = self.now_s
         self.told(now_s, "ordered", instruction)
         if instruction.kind in (Kind.GOTO, Kind.HOLD):
             self.guardian.moved(now_s)
         self.agent.take(now_s, instruction)
 
-    def hear_control(self, now_s: float, sender: str, T_home_odom: Dict[str, np.ndarray], fence: Fence) -> None:
-        """The mission's state and fence came, and where odometry frames stand in home."""
-        self.agent.control_heard(now_s, sender)
-        self.guardian.control_heard(now_s)
+    def hear_control(self, sender: str, sent_s: float, T_home_odom: Dict[str, np.ndarray], fence: Fence) -> None:
+        """The mission's state and fence came, sent at ``sent_s`` by its own monotonic clock, and where odometry frames
+        stand in home."""
+        self.agent.control_heard(self.now_s, sender, sent_s)
+        self.guardian.control_heard(self.now_s)
         self.guardian.mission_fence(fence)
         self.T_home_odom = T_home_odom
         self.guardian.home(T_home_odom.get(self.name))

@@ -16,6 +16,7 @@ from fcsv_sim.rehearsal.fault import Fault
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
+_CLOCK_STEPS_S = (-60.0, -2.0, -0.4, 0.4, 2.0, 60.0)
 _ABOVE_M = 1.0  # horizontally nearer than this, and 2 m higher: above another
 
 
@@ -47,13 +48,50 @@ class RadioLoses(Fault):
             radio.quality = replace(radio.quality, loss=0.3)
 
 
+class RadioHoldsUp(Fault):
+    """A relay on the way keeps what one vehicle, or everybody, sends and is sent for 0.5 to 4 s, then delivers it in a
+    burst; again every 4 to 12 s, for good."""
+
+    name = "radio holds up"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        self._radios = list(flight.radios.values()) if self._random.random() < 0.3 else [flight.radios[vehicle.name]]
+        self._next_s = flight.now_s
+        self.goes_on(flight, 0.0)
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if flight.now_s < self._next_s:
+            return
+        until_s = flight.now_s + self._uniform(0.5, 4.0)
+        self._next_s = flight.now_s + self._uniform(4.0, 12.0)
+        for radio in self._radios:
+            radio.held_until_s = until_s
+
+
 class ClockSteps(Fault):
     """A vehicle's clock is set by 0.4, 2 or 60 s."""
 
     name = "clock steps"
+    changes_nothing = True
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        vehicle.clock_offset_s = float(self._random.choice([-60.0, -2.0, -0.4, 0.4, 2.0, 60.0]))
+        vehicle.clock_offset_s = float(self._random.choice(_CLOCK_STEPS_S))
+
+
+class ControlClockSteps(Fault):
+    """The control PC's clock is set by 0.4, 2 or 60 s, and set back 5 s later in one of two flights."""
+
+    name = "control clock steps"
+    changes_nothing = True
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        self._until_s = self._lasts_s(0.5, 5.0, 5.0)
+        flight.control.clock_offset_s = float(self._random.choice(_CLOCK_STEPS_S))
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if since_s > self._until_s and not self.ended:
+            self.ended = True
+            flight.control.clock_offset_s = 0.0
 
 
 class Battery(Fault):
@@ -110,7 +148,7 @@ class MissionDies(Fault):
     name = "mission dies"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        flight.control.alive = False
+        flight.control.die()
 
 
 class MissionRestarts(Fault):
@@ -124,7 +162,7 @@ class MissionRestarts(Fault):
     def goes_on(self, flight: Flight, since_s: float) -> None:
         if since_s > 5.0 and not self.ended:
             self.ended = True
-            flight.control.restart()
+            flight.control.restart(flight.now_s)
 
 
 class AutopilotReboots(Fault):
@@ -176,11 +214,12 @@ class ComesDownAlone(ComesDown):
     name = "comes down alone"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        flight.control.alive = False
+        flight.control.die()
         super().begin(flight, vehicle)
 
 
 BOARD_FAULTS = (
-    RadioCut, RadioLoses, ClockSteps, Battery, AgentDies, LinkDies, LinkSleeps, MissionDies, MissionRestarts, ComesDown,
-    ComesDownAlone, *([AutopilotReboots] if hasattr(Autopilot, "reboot") else []),
+    RadioCut, RadioLoses, RadioHoldsUp, ClockSteps, ControlClockSteps, Battery, AgentDies, LinkDies, LinkSleeps,
+    MissionDies, MissionRestarts, ComesDown, ComesDownAlone,
+    *([AutopilotReboots] if hasattr(Autopilot, "reboot") else []),
 )  # fmt: skip

@@ -24,7 +24,7 @@ from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import takeover, trace
 from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of, make_faults
 from fcsv_sim.rehearsal.flight import LONGEST_S, Flight, Result
-from fcsv_sim.rehearsal.tables import speed_line, table
+from fcsv_sim.rehearsal.tables import feeds_lines, speed_line, table
 
 _HELP = """examples:
   rosrun fcsv_sim rehearse short --flights 1000
@@ -59,6 +59,8 @@ def rehearse(job: Job, watched: Optional[Callable[[Flight], None]] = None) -> Re
     for fault in faults:
         mission = fault.adapt(mission)
     flight = Flight(mission, job.vehicles, job.seed)
+    if all(fault.changes_nothing for fault in faults):
+        flight.expect_calm()
     if watched is not None:
         watched(flight)
     return flight.run(faults, job.longest_s)
@@ -82,6 +84,7 @@ def _rehearse(args) -> int:
     if args.json is not None:
         _write(results, args.json)
     print("\n".join(table([(job.name, r) for job, r in results])))
+    print("\n".join(feeds_lines([r for _, r in results])))
     print(speed_line([r for _, r in results]))
     broken = [(job, r) for job, r in results if r.violations]
     for job, r in broken[: args.show]:
@@ -96,6 +99,7 @@ def _write(results: Sequence[Tuple[Job, Result]], path: str) -> None:
     told = [{
         "seed": job.seed, "faults": job.name, "phase": r.phase, "detail": r.detail, "flown_s": round(r.flown_s, 2),
         "captures": r.captures, "wanted": r.wanted, "nearest_m": r.nearest_m if isfinite(r.nearest_m) else None,
+        "silences_s": r.silences_s,
         "violations": [{"kind": v.kind, "at_s": round(v.at_s, 2), "text": v.text} for v in r.violations],
     } for job, r in results]  # fmt: skip
     Path(path).write_text(json.dumps(told, indent=1))

@@ -4,20 +4,24 @@
 import dataclasses
 import json
 import math
+from pathlib import Path
 from typing import Callable, Dict, Optional, Tuple
 
 import numpy as np
 
 from fcsv_control.agent.messages import Ack, Instruction, Kind
+from fcsv_control.errors import SessionError
 from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.machine import MissionMachine
-from fcsv_control.mission.memory import FILE, Memory
+from fcsv_control.mission.memory import FILE, Memory, require_fitting
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry import config, transforms
 from fcsv_geometry.home import home_of
 from fcsv_geometry.mission import Mission
-from fcsv_sim.rehearsal.radio import Radio
+from fcsv_sim.rehearsal.board import WALL_S
+from fcsv_sim.rehearsal.radio import CRITICAL_S, Radio
+from fcsv_sim.rehearsal.stop_desk import StopDesk
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 from fcsv_tracking.odometry import EpochBegan
 
@@ -25,15 +29,19 @@ _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
 _CALIBRATES_S = 8.0
 _CALIBRATION_M, _CALIBRATION_RAD = 0.03, math.radians(0.3)  # standard deviations: docs/tracking.md
 _TAG_M = (1.0, 6.0)  # from how near and how far a tag is seen
+_ZERO_S = 70_000.0  # its monotonic clock at the rehearsal's zero: each machine's begins elsewhere
 
 
 class ControlPc:
-    """Steps the mission at 10 Hz. ``alive`` False: it neither hears nor says anything."""
+    """Steps the mission at 10 Hz. ``alive`` False: the mission neither hears nor says anything. ``clock_offset_s``: its
+    time of day against the others'; its monotonic clock is another one than theirs."""
 
     def __init__(self, mission: Mission, fleet: Dict[str, RehearsedVehicle], radios: Dict[str, Radio], seed: int):
         self.machine = MissionMachine(mission, list(fleet))
-        self.alive = True
+        self.alive, self.clock_offset_s = True, 0.0
+        self.stop_desk = StopDesk(fleet, radios, _clock_s)
         self._memory: Optional[Memory] = None  # what lies on its disk
+        self._saved_s = 0.0  # time of day of its last step, by which a memory is kept
         self._runs = 1
         self.battery_share: Dict[str, float] = {}  # overrides what a vehicle says
         self._mission, self._fleet, self._radios = mission, fleet, radios
@@ -60,7 +68,7 @@ class ControlPc:
         for name, vehicle in self._fleet.items():
             due, radio, state = self._due_s[name], self._radios[name], vehicle.link.state
             for ack in vehicle.acks:
-                radio.send(now_s, self._acknowledged(name), ack)
+                radio.send(now_s, self._acknowledged(name), ack, CRITICAL_S)
             vehicle.acks = []
             if now_s >= due[0] and vehicle.odometry is not None:
                 due[0] = now_s + _POSE_EVERY_S
@@ -75,6 +83,7 @@ class ControlPc:
                 due[2] = now_s + _SLOW_EVERY_S
                 share = self.battery_share.get(name, state.battery_share)
                 self._send(now_s, name, self._slow, (share, vehicle.pictures))
+        self.stop_desk.step(now_s)
 
     def _send(self, now_s: float, name: str, take: Callable, told: Tuple) -> None:
         """``take`` it when it arrives, unless something newer of the kind came before; it counts from when it was sent,
@@ -100,6 +109,7 @@ class ControlPc:
         self, name: str, sent_s: float, mode: str, armed: bool, connected: bool, guarded: str, lost: bool
     ) -> None:
         self._states[name] = (mode, armed, connected, guarded, lost)
+        self.stop_desk.state(sent_s, name, mode, armed)
         self.heard[name].state(sent_s, mode, armed, connected)
         self.heard[name].guardian(sent_s, guarded, lost)
 
@@ -111,6 +121,7 @@ class ControlPc:
         return lambda ack: self._take_ack(name, ack)
 
     def _take_ack(self, name: str, ack: Ack) -> None:
+        self.stop_desk.acknowledged(self._fleet[name].now_s, name, ack)
         if self.alive and ack.sender == self.sender:
             self.machine.outbox.acknowledged(name, ack.number, "" if ack.result == 0 else ack.reason or "refused")
 
@@ -128,26 +139,54 @@ class ControlPc:
         self._serve(now_s)
         self.machine.step(self._snapshot(now_s))
         for order in self.machine.outbox.due(now_s):
-            vehicle = self._fleet[order.vehicle]
-            self._radios[order.vehicle].send(
-                now_s, lambda c, v=vehicle, t=now_s: v.obey(c, t), _instruction(order, self.sender, now_s)
-            )
+            obey = self._fleet[order.vehicle].obey
+            self._radios[order.vehicle].send(now_s, obey, _instruction(order, self.sender, now_s), CRITICAL_S)
         for name, vehicle in self._fleet.items():
-            told = (self.sender, self.T_home_odom, self._mission.fence)
-            self._radios[name].send(now_s, lambda m, v=vehicle, t=now_s: v.hear_control(t, *m), told)
+            told = (self.sender, _clock_s(now_s), self.T_home_odom, self._mission.fence)
+            self._radios[name].send(now_s, lambda m, v=vehicle: v.hear_control(*m), told)
+        self._saved_s = self._wall_s(now_s)
 
-    def restart(self) -> None:
+    def stop_all(self, now_s: float) -> None:
+        """Somebody calls /stop_all: the mission hears it, where it lives."""
+        if self.alive:
+            self.machine.stopped("a person")
+        self.stop_desk.call(now_s)
+
+    def proceed(self, step: str) -> str:
+        """The operator confirms a step; why that is refused, empty where it is not."""
+        refusal = self.machine.proceed(step)
+        if step == "resume" and not refusal:
+            self.stop_desk.over()
+        return refusal
+
+    def die(self) -> None:
+        """The whole computer, with the stop-all node."""
+        self.alive = self.stop_desk.alive = False
+
+    def restart(self, now_s: float) -> None:
         """A new process of the mission, in place of one that died: it reads its memory from the disk, and has heard
         nobody. Calibration and home are another node's, and are told again."""
-        self._memory = self.machine.memory() or self._memory  # as the dead one wrote it in its last step
+        kept = self.machine.memory()
+        if kept is not None:  # as the dead one wrote it in its last step
+            self._memory = dataclasses.replace(kept, saved_s=self._saved_s)
         self.machine = MissionMachine(self._mission, list(self._fleet))
         if self._memory is not None:
-            saved = json.loads(json.dumps(dataclasses.asdict(self._memory)))
-            self.machine.restore(config.from_mapping(saved, Memory, FILE))
+            self._restore(self._memory, self._wall_s(now_s))
         self._hear_nobody()
         self._service = None
         self._runs += 1
         self.alive = True
+
+    def _restore(self, memory: Memory, wall_s: float) -> None:
+        saved = config.from_mapping(json.loads(json.dumps(dataclasses.asdict(memory))), Memory, FILE)
+        try:
+            require_fitting(Path(FILE), saved, self._mission, list(self._fleet), wall_s)
+        except SessionError:
+            return  # its node sets the file aside, and begins anew
+        self.machine.restore(saved)
+
+    def _wall_s(self, now_s: float) -> float:
+        return WALL_S + now_s + self.clock_offset_s
 
     def _snapshot(self, now_s: float) -> Snapshot:
         views = {n: self._view(now_s, n) for n in self._fleet}
@@ -205,7 +244,12 @@ class ControlPc:
 def _instruction(order: Order, sender: str, now_s: float) -> Instruction:
     a = order.arguments
     return Instruction(
-        order.vehicle, sender, order.number, Kind[order.kind], now_s, order.ordered_s,
+        order.vehicle, sender, order.number, Kind[order.kind], _clock_s(now_s), _clock_s(order.ordered_s),
         order.expires_s - order.ordered_s, a.get("mode", ""), a.get("flag", False), 0.0, a.get("target"),
         a.get("frame", ""),
     )  # fmt: skip
+
+
+def _clock_s(now_s: float) -> float:
+    """Its monotonic clock."""
+    return now_s + _ZERO_S

@@ -23,6 +23,7 @@ class Fault:
     phase of the mission began, any phase, or when that phase was over early."""
 
     name = ""
+    changes_nothing = False  # whether nobody may be stopped because of it
 
     def __init__(self, random: np.random.Generator):
         self._random = random

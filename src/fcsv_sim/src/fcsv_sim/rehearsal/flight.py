@@ -9,8 +9,9 @@ import numpy as np
 
 from fcsv_geometry.mission import Mission
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot
+from fcsv_sim.rehearsal.calm import Calm
 from fcsv_sim.rehearsal.control import ControlPc
-from fcsv_sim.rehearsal.invariants import OVERRULED, Invariants, Violation
+from fcsv_sim.rehearsal.invariants import LATE_FEED, NEEDLESS, OVERRULED, Invariants, Violation
 from fcsv_sim.rehearsal.radio import Radio, RadioQuality
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle, Start
 from fcsv_sim.rehearsal.witness import Answer, Witness
@@ -41,6 +42,7 @@ class Result:
     wanted: int = 0  # captures of the whole mission
     began: Sequence[str] = ()  # faults that did
     cpu_s: float = field(default=0.0, compare=False)
+    silences_s: Optional[Dict[str, float]] = None  # longest of each feed, where nothing befell anybody
 
     def has(self, kind: str) -> bool:
         """Whether a violation of a kind happened."""
@@ -69,6 +71,7 @@ class Flight:
         self.invariants = Invariants(self)
         self.witness = Witness(self.fleet, lambda now_s, who, text: self.invariants.tell(OVERRULED, who, now_s, text))
         self.recorder: Optional[Callable[[Flight], None]] = None  # told of every look at the truth
+        self._calm: Optional[Calm] = None
         self._passes = 0
         self._up_s = float("inf")
 
@@ -91,6 +94,8 @@ class Flight:
             self.control.listen(now_s)
             self.invariants.check(now_s)
             self.witness.look(now_s, self.phase == "LAND" and self.control.machine.detail.startswith(_FLOWN))
+            if self._calm is not None:
+                self._calm.look(now_s)
             if self.recorder is not None:
                 self.recorder(self)
         if self._passes % _MISSION_EVERY == 0:
@@ -120,7 +125,7 @@ class Flight:
     def _confirm(self, now_s: float) -> None:
         machine = self.control.machine
         step = machine.waits_for
-        if not machine.proceed(step) and step in ("execute", "resume"):
+        if not self.control.proceed(step) and step in ("execute", "resume"):
             self.witness.confirmed(now_s)
 
     @property
@@ -132,6 +137,15 @@ class Flight:
                 return False
         return self.control.machine.over or self.now_s > self._up_s + _DOWN_S
 
+    def expect_calm(self) -> None:
+        """Nothing will befall anybody that asks for an answer: nobody may be stopped, and no feed be late."""
+        needless, late = (
+            lambda who, now_s, text, kind=kind: self.invariants.tell(kind, who, now_s, text)
+            for kind in (NEEDLESS, LATE_FEED)
+        )
+        self._calm = Calm(self.fleet, self.control, needless, late)
+        self.witness.posed = self._calm.posed
+
     def run(self, faults: Sequence[Callable[["Flight"], None]] = (), longest_s: float = LONGEST_S) -> Result:
         """To its end, or for ``longest_s``; ``faults`` are told of every pass."""
         cpu_s = time.process_time()
@@ -141,6 +155,8 @@ class Flight:
             self.step()
         machine = self.control.machine
         self.invariants.end(self.over)
+        if self._calm is not None:
+            self._calm.end(self.now_s)
         ended = [f.name for f in faults if getattr(f, "ended", False)]  # before anybody had to answer
         answers = [a for a in self.witness.answers if a.after_s is not None or a.fault not in ended]
         looked = self.invariants
@@ -148,5 +164,5 @@ class Flight:
             self.seed, machine.phase, machine.detail, self.now_s, len(machine.captures), looked.nearest_m,
             looked.violations, [getattr(f, "name", "") for f in faults], answers, looked.crossing_m, looked.off_m,
             len(self.mission.configurations), [fault for _, fault, _ in self.witness.begun],
-            time.process_time() - cpu_s,
+            time.process_time() - cpu_s, None if self._calm is None else self._calm.longest_s,
         )  # fmt: skip

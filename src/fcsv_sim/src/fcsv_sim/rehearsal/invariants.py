@@ -16,8 +16,11 @@ from fcsv_sim.autopilot import modes
 
 CONTACT, DOWNWASH, BENEATH, TOUCH_DOWN = "contact", "downwash", "beneath", "touch-down"
 FENCE, OVERRULED, NOT_HELD, NO_END = "fence", "overruled", "not held", "no end"
+LATE_STOP, NEEDLESS, LATE_FEED = "late stop", "needless", "late feed"
 #: Kinds of violations, as tables list them.
-KINDS = (CONTACT, DOWNWASH, BENEATH, TOUCH_DOWN, FENCE, OVERRULED, NOT_HELD, NO_END)
+KINDS = (
+    CONTACT, DOWNWASH, BENEATH, TOUCH_DOWN, FENCE, OVERRULED, NOT_HELD, NO_END, LATE_STOP, NEEDLESS, LATE_FEED,
+)  # fmt: skip
 
 _CONTACT_M = 0.6  # between centres of two 250 mm vehicles
 _DOWNWASH = 3.0  # vertical over horizontal semi-axis of the ellipsoid about a vehicle

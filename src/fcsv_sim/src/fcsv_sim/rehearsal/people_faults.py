@@ -3,15 +3,20 @@
 
 import numpy as np
 
+from fcsv_control.agent.messages import STOPPING_MODES
+from fcsv_sim.autopilot import modes
 from fcsv_sim.people.operator import Sight, Sticks
 from fcsv_sim.rehearsal.fault import Fault
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.hands import HandsOn
+from fcsv_sim.rehearsal.invariants import LATE_STOP
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
 _ENDS = ("LAND", "DONE", "ABORTED")
 _TOLD_S = 3.0  # after which a pilot who is told to land does
 _PATIENCE_S = 120.0  # who got no word for so long lands
+_STOPS_S, _STOPS_WITH_LOSS_S = 0.5, 1.5  # after two repetitions that were lost, after seven
+_GOOD = 0.1  # a radio that loses less
 
 
 class PilotTakesOver(Fault):
@@ -63,4 +68,34 @@ class Aborted(Fault):
         flight.control.machine.abort("aborted by the operator: landing")
 
 
-PEOPLE_FAULTS = (PilotTakesOver, PilotDisobeys, Aborted)
+class StopsAll(Fault):
+    """Somebody calls /stop_all; the operator resumes later. Who was in GUIDED, and hears it, must be asked for BRAKE
+    (or land already) in time."""
+
+    name = "stop all"
+
+    def _ready(self, flight: Flight) -> bool:
+        return flight.control.stop_desk.alive
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        flown = [v for v in flight.fleet.values() if v.autopilot.mode == modes.GUIDED and not v.flown_by_hand]
+        self._must = {v.name: len(v.modes_asked) for v in flown}
+        loss = max(radio.quality.loss for radio in flight.radios.values())
+        self._within_s = _STOPS_S if loss < _GOOD else _STOPS_WITH_LOSS_S
+        flight.control.stop_all(flight.now_s)
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        for name in list(self._must):
+            vehicle, radio = flight.fleet[name], flight.radios[name]
+            stopped = [mode for _, mode in vehicle.modes_asked[self._must[name] :] if mode in STOPPING_MODES]
+            deaf = radio.cut or radio.held_until_s > flight.now_s or not (vehicle.agent_runs and vehicle.link_runs)
+            aside = vehicle.guardian.verdict.action == "aside"  # nobody but the pilot stops that
+            if stopped or deaf or aside or vehicle.autopilot.mode != modes.GUIDED:
+                del self._must[name]
+            elif since_s > self._within_s:
+                del self._must[name]
+                text = f"{name} was not asked to stop {since_s:.2f} s after /stop_all"
+                flight.invariants.tell(LATE_STOP, name, flight.now_s, text)
+
+
+PEOPLE_FAULTS = (PilotTakesOver, PilotDisobeys, Aborted, StopsAll)

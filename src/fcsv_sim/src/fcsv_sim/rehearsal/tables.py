@@ -5,6 +5,7 @@ import math
 from statistics import median
 from typing import Dict, List, Sequence, Tuple
 
+from fcsv_sim.rehearsal.calm import DEADLINES_S
 from fcsv_sim.rehearsal.flight import Result
 from fcsv_sim.rehearsal.invariants import KINDS
 from fcsv_sim.rehearsal.witness import Answer
@@ -25,6 +26,21 @@ def table(flown: Sequence[Tuple[str, Result]]) -> List[str]:
         by_fault.setdefault(_PAIRS if len(result.faults) > 1 else name, []).append(result)
     rows = [_row(fault, results) for fault, results in by_fault.items()]
     return ["| " + " | ".join(cells) + " |" for cells in (_HEADS, ["---"] * len(_HEADS), *rows)]
+
+
+def feeds_lines(results: Sequence[Result]) -> List[str]:
+    """Lines of a table of the longest silence of each feed, in flights in which nothing befell anybody; none where
+    there is no such flight."""
+    calm = [r.silences_s for r in results if r.silences_s is not None]
+    if not calm:
+        return []
+    rows = [f"| {feed} | {max(s[feed] for s in calm):.2f} | {most_s:g} |" for feed, most_s in DEADLINES_S.items()]
+    return [
+        "",
+        f"| feed, in {len(calm)} calm flights | longest silence (s) | deadline (s) |",
+        "| --- | --- | --- |",
+        *rows,
+    ]
 
 
 def speed_line(results: Sequence[Result]) -> str:

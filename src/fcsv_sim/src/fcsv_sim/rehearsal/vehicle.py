@@ -88,6 +88,7 @@ class RehearsedVehicle(OnBoard):
 
     def step(self, now_s: float) -> None:
         """One pass of the autopilot (10 ms), which ends at ``now_s``."""
+        self.now_s = now_s
         state = self.body.advance(self._command, _SUBSTEPS)[-1]
         rpy_rad = self._piloted.sense(now_s, state)
         self._passes += 1
@@ -99,10 +100,11 @@ class RehearsedVehicle(OnBoard):
         self._command = self._piloted.decide(now_s, state)
 
     def _track(self, now_s: float) -> None:
+        """A sample of the tracker, which has a clock of its own; its driver stamps it by the computer's time of day."""
         stamp_s = self._wall_s(now_s)
         self.guardian.confidence(self.tracker.confidence)
         T_world_body = self.body.T_world_body
-        self._sampled(now_s, stamp_s, *self.tracker.odometry(stamp_s, T_world_body))
+        self._sampled(now_s, stamp_s, *self.tracker.odometry(now_s, T_world_body))
         if self._passes % _PICTURE_EVERY == 0 and self.odometry is not None and self.odometry.stamp_s == stamp_s:
             self._pictured(now_s, T_world_body)
 

@@ -33,6 +33,7 @@ class Witness:
 
     def __init__(self, fleet: Dict[str, RehearsedVehicle], overruled: Callable[[float, str, str], None]):
         self._fleet, self.overruled = fleet, overruled
+        self.posed: Optional[Callable[[float, str], None]] = None  # told of each pose for an autopilot
         self._heard_s: Dict[str, Tuple[Optional[float], float]] = {}  # the taking over, and when the companion knew
         self._consent_s = float("-inf")
         self._open: List[Tuple[float, RehearsedVehicle, np.ndarray, Answer]] = []
@@ -91,6 +92,8 @@ class Witness:
         elif kind == "SET_POSITION_TARGET_LOCAL_NED":
             words = "a set-point"
         else:
+            if self.posed is not None and kind == "VISION_POSITION_ESTIMATE":
+                self.posed(now_s, vehicle.name)
             return
         if self._knows(now_s, vehicle):
             name = modes.NAMES[vehicle.autopilot.mode]
