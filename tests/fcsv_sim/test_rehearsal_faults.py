@@ -124,6 +124,21 @@ def test_a_dead_agent_sends_nothing_and_its_guardian_holds(mission):
     assert "held" in sent and "SET_POSITION_TARGET_LOCAL_NED" in sent and vehicle.autopilot.mode == modes.GUIDED
 
 
+def test_a_vehicle_with_a_low_battery_that_nobody_commands_comes_down_where_it_took_off(mission):
+    far = replace(mission, configurations=[StereoConfiguration("horizontal", 6.0, record_s=60.0)])
+    flight = flown_to(far, "CONFIGURATIONS", 20.0)
+    fault = begun(flight, "low battery alone", 1)
+    vehicle, began_m = fault.vehicle, flight.invariants._begun[fault.vehicle.name]
+    assert vehicle.name == "uav2" and np.linalg.norm((vehicle.p_world_m - began_m)[:2]) > 4.0
+    fly(flight, 9.5)
+    assert vehicle.guardian.verdict.action == ""
+    fly(flight, 1.0)
+    assert vehicle.guardian.verdict.action == "home"
+    fly(flight, 30.0)
+    assert not vehicle.autopilot.armed and not flight.invariants.violations
+    assert np.linalg.norm((vehicle.p_world_m - began_m)[:2]) < 1.0  # 1 % of the way, and wind as it lands
+
+
 def test_a_link_that_is_started_again_finds_its_autopilot(mission):
     flight = hover(mission)
     fault = begun(flight, "link dies")

@@ -104,6 +104,16 @@ class Battery(Fault):
         flight.control.battery_share[vehicle.name] = vehicle.battery_said
 
 
+class LowBatteryAlone(Fault):
+    """A battery is low, and the control PC died just before: nobody but the guardian brings the vehicle home."""
+
+    name = "low battery alone"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        flight.control.die()
+        vehicle.battery_said = 0.15
+
+
 class AgentDies(Fault):
     """The agent's process is killed; nobody starts it again."""
 
@@ -219,7 +229,7 @@ class ComesDownAlone(ComesDown):
 
 
 BOARD_FAULTS = (
-    RadioCut, RadioLoses, RadioHoldsUp, ClockSteps, ControlClockSteps, Battery, AgentDies, LinkDies, LinkSleeps,
-    MissionDies, MissionRestarts, ComesDown, ComesDownAlone,
+    RadioCut, RadioLoses, RadioHoldsUp, ClockSteps, ControlClockSteps, Battery, LowBatteryAlone, AgentDies,
+    LinkDies, LinkSleeps, MissionDies, MissionRestarts, ComesDown, ComesDownAlone,
     *([AutopilotReboots] if hasattr(Autopilot, "reboot") else []),
 )  # fmt: skip
