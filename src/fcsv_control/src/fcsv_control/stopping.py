@@ -78,8 +78,9 @@ class StopAll:
         self._asked, self._orders = "", {}
 
     def state(self, now_s: float, name: str, mode: str, armed: bool) -> None:
-        """What a vehicle shows."""
-        self._seen[name] = _Seen(mode, armed, now_s)
+        """What a vehicle shows. Without a mode its link hears no autopilot (yet): what it showed before stays."""
+        seen = self._seen[name]
+        self._seen[name] = _Seen(mode, armed, now_s) if mode else _Seen(seen.mode, seen.armed, now_s)
 
     def mission(self, now_s: float, phase: str) -> None:
         """The mission lives; in LAND it lands everybody whom it flies, and knows who stands above whom."""

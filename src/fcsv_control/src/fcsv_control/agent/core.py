@@ -69,9 +69,10 @@ class AgentCore:
     # ---- what is heard ---------------------------------------------------------------------------------------
 
     def state(self, mode: str, armed: bool) -> None:
-        """The flight controller's mode."""
-        self._holder.state(mode, armed)
-        self.rights.hands.state(mode, armed)
+        """The flight controller's mode; "": its link hears no autopilot (yet), which says nothing."""
+        if mode:
+            self._holder.state(mode, armed)
+            self.rights.hands.state(mode, armed)
 
     def pose(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate came; a jump of it is said."""

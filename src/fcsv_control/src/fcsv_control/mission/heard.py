@@ -72,12 +72,14 @@ class VehicleHeard:
         """Height by the autopilot's estimate. The ground is where it was last known not to be armed; of one that flew
         before anything was heard (a mission that began anew), where the estimate began."""
         self._z_m = z_m
-        if self._state_s > _NEVER_S and not self._armed:
+        if self._mode and not self._armed:
             self._ground_z_m = z_m
 
     def state(self, now_s: float, mode: str, armed: bool, connected: bool) -> None:
-        """What its autopilot shows."""
-        self._mode, self._armed, self._connected, self._state_s = mode, armed, connected, now_s
+        """What its autopilot shows. Without a mode its link hears no autopilot (yet): what it showed before stays."""
+        self._connected, self._state_s = connected, now_s
+        if mode:
+            self._mode, self._armed = mode, armed
 
     def guardian(self, now_s: float, words: str, lost: bool) -> None:
         """What its guardian does and why; empty where it leaves the vehicle alone. ``lost``: its tracker failed in

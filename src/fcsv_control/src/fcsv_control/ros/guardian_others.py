@@ -62,6 +62,8 @@ class OtherVehicles:
                 rospy.logerr("%s: calibration or home dropped: %s", self._own, error)
 
     def _on_state(self, message: State, name: str) -> None:
+        if not message.mode:  # its link hears no autopilot (yet): that says nothing of its motors
+            return
         with self._lock:
             self._states[name] = message
             self._renew(name)

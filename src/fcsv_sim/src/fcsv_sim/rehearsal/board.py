@@ -171,7 +171,7 @@ class OnBoard:
                 self._check.barometer(now_s, event.height_m)
             elif isinstance(event, EstimateMoved):
                 self.agent.estimate_moved(now_s, event.step_m)
-            elif isinstance(event, (StateHeard, BatteryHeard)):
+            elif self.link.state.mode and isinstance(event, (StateHeard, BatteryHeard)):
                 self.agent.state(self.link.state.mode, self.link.state.armed)
                 self.guardian.state(now_s, self.link.state.mode, self.link.state.armed)
                 share = self.link.state.battery_share if self.battery_said is None else self.battery_said
@@ -219,7 +219,7 @@ class OnBoard:
         self.agent.pose(now_s, T_odom_body)
         self.guardian.estimate(now_s, T_odom_body)
         self._check.estimate(now_s, T_odom_body, heard.v_odom_mps)
-        if not self.link.state.armed:
+        if self.link.state.mode and not self.link.state.armed:
             self._ground_m = float(T_odom_body[2, 3])
         self.height_m = float(T_odom_body[2, 3]) - self._ground_m
 
