@@ -12,7 +12,7 @@ from support.scenes import CAMERA, given, true_depth
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.joint.checks.evidence import FEATURES, standing_out
-from fcsv_stereo.joint.refine.residuals import detail, residuals
+from fcsv_stereo.joint.refine.residuals import residuals
 from fcsv_stereo.joint.tuning import EVIDENCE
 from fcsv_stereo.joint.views import grey, views
 from fcsv_stereo.model import MapResult
@@ -52,7 +52,7 @@ def test_texture_stands_out_and_a_plain_place_does_not():
     seen = changed(given(PAIRS[0]), with_grey_sky)
     (c,) = seen.configurations
     reference, other = c.references[0], c.others[0]
-    found = detail(views(reference, [other], 1.0, [grey(reference), grey(other)]))
+    found = views(reference, [other], 1.0, [grey(reference), grey(other)])
     w = (1.0 / true_depth(reference.T_home_cam)).astype(np.float32)
     with ThreadPoolExecutor(2) as pool:
         out = standing_out(found, w, residuals(found, w, pool), w.shape, pool)[0]

@@ -10,7 +10,7 @@ import pytest
 from support import scenes
 
 from fcsv_stereo.joint.checks.reliability import relied_on
-from fcsv_stereo.joint.refine.residuals import detail, residuals
+from fcsv_stereo.joint.refine.residuals import residuals
 from fcsv_stereo.joint.surfaces.candidates import MOST, candidates
 from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.data_cost import fronts
@@ -140,7 +140,7 @@ def test_what_is_not_known_follows_its_surroundings(pool):
 def test_where_the_pictures_agree_a_map_is_relied_on(pool):
     _, true, _, found, _ = walls()
     for w, least, most in ((true, 0.7, 1.0), (1.3 * true, 0.0, 0.2)):
-        known, certain, _ = relied_on(found, w, residuals(detail(found), w, pool))
+        known, certain, _ = relied_on(found, w, residuals(found, w, pool))
         assert least <= certain.mean() <= known.mean() <= most and not (certain & ~known).any()
 
 

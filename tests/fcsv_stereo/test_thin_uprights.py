@@ -8,7 +8,7 @@ from support.boards import pose
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.joint.checks.reliability import confirmed
-from fcsv_stereo.joint.refine.residuals import detail, residuals
+from fcsv_stereo.joint.refine.residuals import residuals
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces
 from fcsv_stereo.joint.surfaces.thin_uprights import thin_uprights
 from fcsv_stereo.joint.views import grey, views
@@ -66,7 +66,7 @@ def test_a_post_of_the_grey_of_the_wall_behind_it_stays(pool, width, share):
     w = true[::2, ::2].copy()
     known = np.ones(w.shape, bool)
     known[:45][w[:45] > 0.05] = False
-    shown = confirmed(known, residuals(detail(half), w, pool))
+    shown = confirmed(known, residuals(half, w, pool))
     chosen = choose_surfaces(found, Map(half, w, known, known, shown), reference.image, pool)
     right = np.abs(chosen / true - 1.0) < 0.1
     post = true > 0.05

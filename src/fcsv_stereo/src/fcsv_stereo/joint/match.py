@@ -21,7 +21,7 @@ from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits, 
 from fcsv_stereo.joint.refine.subpixel import Fine, refine
 from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
+from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS, SKY
 from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
 from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
@@ -150,7 +150,7 @@ def _judged(
     """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that tell it. ``off`` (HxW)
     is what the suspected poses make of the depth, as a share of it."""
     full = fine.w.shape
-    small = detail(pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1]))))
+    small = pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1])))
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     here = residuals(small, w, pool)
     out = standing_out(small, w, here, full, pool)
@@ -189,9 +189,8 @@ def _match_roughly(
     everywhere = np.full(found.shape[0], np.inf)
     match = coarse(found, everywhere, np.inf, options.most_levels, pool, MATCH.rough_step_px)
     if pictures.prior:
-        details = detail(found)
-        known = trusted(match, found, residuals(details, match.w, pool))
-        pictures, _ = _with_adjusted_poses(pictures, details, match.w, known, pool)
+        known = trusted(match, found, residuals(found, match.w, pool))
+        pictures, _ = _with_adjusted_poses(pictures, detail(found), match.w, known, pool)
     return pictures, _Rough(match, found)
 
 
@@ -202,13 +201,14 @@ def _match_in_volume(
     found = pictures.views(scale)
     nearest = nearest_inverse_depth(rough.match, rough.found.reference, found.shape[0])
     match = coarse(found, nearest, highest_level(rough.match, rough.found), options.most_levels, pool)
-    w, r = match.w, residuals(detail(found), match.w, pool)
+    w, r = match.w, residuals(found, match.w, pool)
     known = trusted(match, found, r)
     pictures = replace(pictures, greys=same_exposure(pictures.greys, found, w, r, pool))
     if pictures.prior:
         pictures, w = _with_adjusted_poses(pictures, detail(pictures.views(scale)), w, known, pool)
         found = found.with_poses(pictures.reference, pictures.others)
-    infinite = sky(w, r, colours(pictures.reference, found.shape), ~seen_by_any(found, 0.0))
+    before_it = known & (w * r.speed.max(axis=0) > SKY.before_px)
+    infinite = sky(w, r, colours(pictures.reference, found.shape), ~seen_by_any(found, 0.0)) & ~before_it
     w = np.where(infinite, np.float32(0.0), w)
     return pictures, Map(found, w, known, known, confirmed(known, r)), match.levels
 
@@ -220,7 +220,7 @@ def _surfaces_between(
     found = pictures.views(scale)
     w = _finer(pictures, found, coarser, options.stretch, pool)
     # half the size is precise enough to choose among surfaces by
-    fine = refine(detail(found), w, _level_sizes(w, levels), int(scale < MATCH.precise_scale), pool)
+    fine = refine(found, w, _level_sizes(w, levels), int(scale < MATCH.precise_scale), pool)
     return Map(found, fine.w, *relied_on(found, fine.w, fine.residuals))
 
 
@@ -233,13 +233,12 @@ def _at_full_size(
     w, again = _finer(pictures, found, coarser, options.stretch, pool), np.False_
     if not options.stretch:
         w, again = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
-    details = detail(found)
     if pictures.prior:
-        certain = known & relied_on(found, w, residuals(details, w, pool))[1]
-        pictures, w = _with_adjusted_poses(pictures, details, w, certain, pool)
-        details = details.with_poses(pictures.reference, pictures.others)
+        certain = known & relied_on(found, w, residuals(found, w, pool))[1]
+        pictures, w = _with_adjusted_poses(pictures, detail(found), w, certain, pool)
+        found = found.with_poses(pictures.reference, pictures.others)
     step = _level_sizes(w, levels) * np.where(again, np.float32(FAR_REMATCH.finer), 1.0)
-    return pictures, refine(details, w, step, options.iterations, pool)
+    return pictures, refine(found, w, step, options.iterations, pool)
 
 
 def _with_adjusted_poses(

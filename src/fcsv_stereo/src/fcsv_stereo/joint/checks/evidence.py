@@ -34,7 +34,7 @@ def standing_out(
     """NxHxW float32 of ``shape``: by how much each pair matches worse at the best of other depths than at ``w`` (1/m),
     as a ratio; 0 where the pair does not agree or nothing can be said.
 
-    ``small`` are pictures without their mean at a reduced size: other depths are pixels away. ``w`` is at its size, and
+    ``small`` are pictures at a reduced size: other depths are pixels away. ``w`` is at its size, and
     ``here`` are the residuals at it.
     """
     speed = np.maximum(here.speed, 1e-6)

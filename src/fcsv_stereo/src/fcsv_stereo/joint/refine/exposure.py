@@ -6,7 +6,7 @@ from typing import List, Sequence
 
 import numpy as np
 
-from fcsv_stereo.joint.refine.residuals import Residuals, residuals
+from fcsv_stereo.joint.refine.residuals import Residuals, differences
 from fcsv_stereo.joint.tuning import EXPOSURE, RESIDUALS
 from fcsv_stereo.joint.views import Views
 
@@ -16,10 +16,10 @@ def same_exposure(
 ) -> List[np.ndarray]:
     """``greys`` (the reference's first) with each other picture's exposure brought to the reference's.
 
-    By the pixels of ``found`` at which a pair agrees (``r``, without local means) at inverse depth ``w`` (HxW, 1/m).
+    By the pixels of ``found`` at which a pair agrees (``r``) at inverse depth ``w`` (HxW, 1/m).
     """
     out = list(greys)
-    for i, (trust, difference) in enumerate(zip(r.trust, residuals(found, w, pool).difference)):
+    for i, (trust, difference) in enumerate(zip(r.trust, differences(found, w, pool))):
         good = trust > RESIDUALS.least_trust
         if good.sum() < EXPOSURE.least_pixels:
             continue

@@ -18,10 +18,9 @@ _BAND = RESIDUALS.band_rows
 
 @dataclass(frozen=True)
 class Residuals:
-    """Per pair (N,H,W) float32: ``difference`` of the reference and the other (grey levels), its ``slope`` by inverse
-
-    depth (grey levels times metres), ``speed`` (px of movement times metres), ``seen`` (1 or 0) and ``trust`` (0 to 1,
-    low where the pair does not look like the reference: occluded or mismatched).
+    """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local mean (grey levels), its
+    ``slope`` by inverse depth (grey levels times metres), ``speed`` (px of movement times metres), ``seen`` (1 or 0)
+    and ``trust`` (0 to 1, low where the pair does not look like the reference: occluded or mismatched).
     """
 
     difference: np.ndarray
@@ -46,23 +45,45 @@ def without_mean(image: np.ndarray) -> np.ndarray:
 
 
 def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residuals:
-    """Of pictures without their mean (``detail``) at inverse depth ``w`` (HxW float32, 1/m)."""
+    """At inverse depth ``w`` (HxW float32, 1/m).
+
+    The local mean is taken of the differences, each pixel at its own depth, and not of the pictures: before what is far
+    behind it a thin thing has other surroundings in every picture, and their means would count as its own brightness.
+    """
     shape = (len(found), *found.shape)
     out = Residuals(*(np.empty(shape, np.float32) for _ in range(5)))
-    contrast = cv2.blur(np.abs(found.reference), _WINDOW) + RESIDUALS.noise_grey
+    contrast = cv2.blur(np.abs(without_mean(found.reference)), _WINDOW) + RESIDUALS.noise_grey
 
     def run(i: int) -> None:
-        arrays = out.difference[i], out.slope[i], out.speed[i], out.seen[i]
-        for y in range(0, shape[1], _BAND):
-            _residual_band(
-                found.reference, found.others[i], found.sizes[i], found.projections, i, w, y,
-                min(y + _BAND, shape[1]), *arrays,
-            )  # fmt: skip
+        _compare(found, i, w, out.difference[i], out.slope[i], out.speed[i], out.seen[i])
+        out.difference[i] -= _local_mean(out.difference[i], out.seen[i])
         unlike = cv2.blur(np.abs(out.difference[i]), _WINDOW) / contrast
         np.divide(out.seen[i], np.square(1.0 + np.square(unlike / RESIDUALS.unlike)), out=out.trust[i])
 
     list(pool.map(run, range(len(found))))
     return out
+
+
+def differences(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
+    """(N,H,W) float32, grey levels: of the reference and each other picture at inverse depth ``w`` (HxW, 1/m)."""
+    out = np.empty((len(found), *found.shape), np.float32)
+    list(pool.map(lambda i: _compare(found, i, w, out[i], *np.empty((3, *found.shape), np.float32)), range(len(found))))
+    return out
+
+
+def _compare(found: Views, i: int, w: np.ndarray, *arrays: np.ndarray) -> None:
+    """Into ``arrays`` (HxW each): difference, slope, speed and seen of pair ``i``."""
+    for y in range(0, found.shape[0], _BAND):
+        end = min(y + _BAND, found.shape[0])
+        _residual_band(found.reference, found.others[i], found.sizes[i], found.projections, i, w, y, end, *arrays)
+
+
+def _local_mean(difference: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """HxW float32, grey levels: by how much exposures differ there. What differs much more than most tells less of it:
+    it is another surface."""
+    weight = seen / (1.0 + np.square(difference / np.float32(RESIDUALS.exposure_grey)))
+    window = (RESIDUALS.mean_px,) * 2
+    return cv2.blur(weight * difference, window) / np.maximum(cv2.blur(weight, window), np.float32(1e-3))
 
 
 def support_bits(r: Residuals, least_trust: float) -> np.ndarray:

@@ -11,7 +11,13 @@ class Residuals(Tuned):
     """``refine.residuals``, and what counts as agreement with a picture."""
 
     mean_sigma_px: float = tuned(
-        5.0, "px of this scale", "brightness over wider distances does not count: exposures differ"
+        5.0, "px of this scale", "brightness over wider distances is no contrast, nor do poses follow it"
+    )
+    mean_px: int = tuned(
+        17, "px of this scale", "differences over wider distances do not count: exposures differ; as wide as the above"
+    )
+    exposure_grey: float = tuned(
+        10.0, "grey levels", "a difference that halves its part in that mean: another surface", BENCH
     )
     window_px: int = tuned(5, "px of this scale", "what likeness is told by: noise against edges")
     noise_grey: float = tuned(1.5, "grey levels", "contrast below it tells nothing: more of it trusts plain places")
