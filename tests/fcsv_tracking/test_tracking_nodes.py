@@ -42,6 +42,9 @@ class Listener:
             time.sleep(0.05)
         return None
 
+    def get_num_connections(self):
+        return self._subscriber.get_num_connections()
+
     def close(self):
         self._subscriber.unregister()
 
@@ -75,11 +78,11 @@ def talk(ros_master):
         publisher.unregister()
 
 
-def connected(*publishers, seconds=60.0):  # a busy machine starts nodes slowly
+def connected(*ends, seconds=60.0):  # a busy machine starts nodes slowly
     deadline = time.monotonic() + seconds
-    while any(p.get_num_connections() < 1 for p in publishers) and time.monotonic() < deadline:
+    while any(e.get_num_connections() < 1 for e in ends) and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert all(p.get_num_connections() for p in publishers)
+    assert all(e.get_num_connections() for e in ends), [e.get_num_connections() for e in ends]
 
 
 def odometry(name, stamp_s, T_odom_body, frame=None):
@@ -196,8 +199,8 @@ def test_what_was_flown_before_the_calibration_is_heard_of_is_in_the_covariance(
     camera = listen("/uav2/camera_pose", PoseWithCovarianceStamped)
     calibration, home = talk("/calibration", Calibration, latch=True), talk("/home", Home, latch=True)
     track = talk("/uav2/odometry/state", Odometry)
-    start_node("fcsv_tracking", "frames", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder})
-    connected(track, calibration, home)
+    node = start_node("fcsv_tracking", "frames", params={"vehicles": ["uav1", "uav2"], "vehicles_dir": folder})
+    connected(track, calibration, home, camera)
     now_s = time.time()
     for i in range(41):  # 20 m
         T_odom_body = transforms.from_xyz_yaw([0.5 * i, 0.0, 0.0], 0.0)
@@ -212,6 +215,7 @@ def test_what_was_flown_before_the_calibration_is_heard_of_is_in_the_covariance(
         track.publish(odometry("uav2", now_s + 0.1 * (i + 1), T_odom_body))
         if camera.wait(seconds=0.1) is not None:
             break
+    assert camera.messages, node.tail(40)
     covariance = np.reshape(camera.messages[0].pose.covariance, (6, 6))
     assert np.sqrt(covariance[2, 2]) == pytest.approx(0.012 * np.sqrt(20.0), rel=0.1)
 

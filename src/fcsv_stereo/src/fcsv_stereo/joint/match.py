@@ -21,7 +21,7 @@ from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits, 
 from fcsv_stereo.joint.refine.subpixel import Fine, refine
 from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
-from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS, SKY
+from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
 from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
 from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
@@ -207,8 +207,7 @@ def _match_in_volume(
     if pictures.prior:
         pictures, w = _with_adjusted_poses(pictures, detail(pictures.views(scale)), w, known, pool)
         found = found.with_poses(pictures.reference, pictures.others)
-    before_it = known & (w * r.speed.max(axis=0) > SKY.before_px)
-    infinite = sky(w, r, colours(pictures.reference, found.shape), ~seen_by_any(found, 0.0)) & ~before_it
+    infinite = sky(w, r, colours(pictures.reference, found.shape), ~seen_by_any(found, 0.0))
     w = np.where(infinite, np.float32(0.0), w)
     return pictures, Map(found, w, known, known, confirmed(known, r)), match.levels
 

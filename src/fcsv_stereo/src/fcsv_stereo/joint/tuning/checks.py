@@ -66,9 +66,6 @@ class Sky(Tuned):
     """
 
     most_px: float = tuned(1.2, "px of the volume's scale, fastest pair", "infinity, as well as a match can tell")
-    before_px: float = tuned(
-        5.0, "px of the volume's scale, fastest pair", "what is trusted and moves by more is before the sky: wires"
-    )
     growth_px: int = tuned(12, "px of the volume's scale", "by which the match makes what is before the sky too large")
     skyline_grey: float = tuned(12.0, "grey levels", "a step of colour at which it stops")
     likeness_grey: float = tuned(25.0, "grey levels, mean of colours", "by which it may differ from the sky about it")
