@@ -32,6 +32,7 @@ def told(monkeypatch):
     import rospy.impl.registration as registration
 
     monkeypatch.setattr(registration, "add_preshutdown_hook", lambda _hook: None)
+    monkeypatch.setattr(registration, "is_shutdown", lambda: False)  # as another test of this process may have left it
 
     def connects(updates, count):
         handler = Handler()
