@@ -17,16 +17,23 @@ from fcsv_tracking.gimbal.mx12w import Register
 from fcsv_tracking.gimbal.servos import GimbalReading, GimbalServos, ServoError
 
 _ATTEMPTS = 3
+_PAUSE_S = 0.005  # at most, in one look for bytes
 _LENGTH, _DATA = 3, 5  # where an answer has them
 _LINE = (serial.SerialException, OSError, termios.error)  # what a line that is gone raises
 
 
 class _Port(sdk.PortHandler):
-    """The driver's own limit, 34 ms, is too short where other processes use the processor."""
+    """The driver's own limit, 34 ms, is too short where other processes use the processor. It also looks for bytes
+    without a pause, which takes a processor from everybody else, and from what brings the bytes."""
 
     def __init__(self, port: str, answer_s: float):
         super().__init__(port)
         self._answer_s = answer_s
+
+    def setupPort(self, cflag_baud: int) -> bool:
+        done = super().setupPort(cflag_baud)
+        self.ser.timeout = _PAUSE_S
+        return done
 
     def setPacketTimeout(self, packet_length: int) -> None:
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1e3 * self._answer_s)
