@@ -65,7 +65,7 @@ def server(tmp_path):
         process = subprocess.Popen([SSHD, "-D", "-e", "-f", str(tmp_path / "sshd_config")], stderr=log)
     try:
         until(lambda: listens(port), what="the server")
-        yield Server(tmp_path, process, port)
+        yield Server(tmp_path, port)
     finally:
         everybody = [process, *psutil.Process(process.pid).children(recursive=True)]
         for each in everybody:
@@ -74,10 +74,10 @@ def server(tmp_path):
 
 
 class Server:
-    """The server's process, and an ssh that gets in (or not, with another key)."""
+    """An ssh that gets in (or not, with another key), and a place behind it."""
 
-    def __init__(self, folder, process, port):
-        self.process, self._folder, self._port = process, folder, port
+    def __init__(self, folder, port):
+        self._folder, self._port = folder, port
         host = (folder / "host.pub").read_text()
         (folder / "known").write_text(f"[127.0.0.1]:{port} {host}")
 

@@ -11,22 +11,16 @@ from typing import Callable, Optional
 from xml.parsers.expat import ExpatError
 
 from fcsv_control.flight.mavros_watch import MavrosWatch
+from fcsv_geometry.ros.calls import server_at
 
 _ANSWER_S = 0.5
 _CALLER = "/flight_link"
 
 
-class _Impatient(xmlrpc.client.Transport):
-    """xmlrpc's own transport waits for ever."""
-
-    def make_connection(self, host):
-        return http.client.HTTPConnection(self.get_host_info(host)[0], timeout=_ANSWER_S)
-
-
 def ask_pid(uri: str) -> Optional[int]:
     """Process id of the node whose slave API (ROS 1) is at ``uri``; None where no sound answer comes within 0.5 s."""
     try:
-        with xmlrpc.client.ServerProxy(uri, transport=_Impatient()) as node:
+        with server_at(uri, _ANSWER_S) as node:
             code, _, pid = node.getPid(_CALLER)
     except (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError):
         return None

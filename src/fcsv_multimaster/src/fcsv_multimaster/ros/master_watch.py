@@ -10,19 +10,14 @@ import rosgraph
 import rospy
 from rospy.impl import registration
 
+from fcsv_geometry.ros.calls import server_at
+
 _TIMEOUT_S = 2.0
-
-
-class _Transport(xmlrpc.client.Transport):
-    def make_connection(self, host):
-        connection = super().make_connection(host)
-        connection.timeout = _TIMEOUT_S
-        return connection
 
 
 def local_master() -> xmlrpc.client.ServerProxy:
     """Calls to it fail after two seconds without an answer."""
-    return xmlrpc.client.ServerProxy(rosgraph.get_master_uri(), transport=_Transport())
+    return server_at(rosgraph.get_master_uri(), _TIMEOUT_S)
 
 
 def master_knows_us() -> Optional[bool]:

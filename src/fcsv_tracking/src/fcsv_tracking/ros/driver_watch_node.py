@@ -16,6 +16,7 @@ from std_srvs.srv import Empty
 
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.ros import node
+from fcsv_geometry.ros.calls import server_at
 from fcsv_tracking.driver_watch import DeviceRules, DriverWatch, Level, Remedy
 from fcsv_tracking.usb_bus import findings, read_devices
 
@@ -113,16 +114,9 @@ class DriverWatchNode:
                     process.kill()
             else:
                 uri = rosgraph.Master(rospy.get_name()).lookupNode(name)
-                xmlrpc.client.ServerProxy(uri, transport=_Patience()).shutdown(rospy.get_name(), "it is silent")
+                server_at(uri, _CALL_S).shutdown(rospy.get_name(), "it is silent")
         except (rosgraph.MasterException, OSError, xmlrpc.client.Error, psutil.Error) as error:
             rospy.logwarn("%s: could not be ended: %s", name, error)
-
-
-class _Patience(xmlrpc.client.Transport):
-    def make_connection(self, host):
-        connection = super().make_connection(host)
-        connection.timeout = _CALL_S
-        return connection
 
 
 def processes_of(name: str) -> List[psutil.Process]:
