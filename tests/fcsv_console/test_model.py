@@ -404,13 +404,14 @@ def test_overlap_of_flown_poses_at_the_planned_places_is_the_plans(axis, place):
     assert shared == pytest.approx(1.0 - 4.0 * optics.focal_px / z_m / size, abs=1.0 / 36)
 
 
-def test_roll_is_shown_and_a_camera_that_looks_elsewhere_takes_the_overlap():
+def test_lean_is_shown_and_a_camera_that_looks_elsewhere_takes_the_overlap():
     c = flying(console(), 10.0)
     level = c.view(10.1).stereo
-    c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0, 0.0, math.radians(8.0)))
+    c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0, math.radians(4.0), math.radians(8.0)))
     h = c.view(10.1).stereo
-    assert h.go and h.roll_deg == pytest.approx(8.0) and h.turn_deg == pytest.approx(0.0)
-    assert h.overlap < level.overlap - 0.02 and "rolled 8.0°" in cells.stereo_cell(c.view(10.1)).text
+    assert h.go and (h.turn_deg, h.pitch_deg, h.roll_deg) == pytest.approx((0.0, 4.0, 8.0))
+    assert h.overlap < level.overlap - 0.02
+    assert "turned 0.0°, pitched 4.0°, rolled 8.0°" in cells.stereo_cell(c.view(10.1)).text
     c.tell(10.1, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), math.radians(-60.0)))
     h = c.view(10.1).stereo
     assert h.overlap == 0.0 and "only 0% of the picture is seen by both" in h.words

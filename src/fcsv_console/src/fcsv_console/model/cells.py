@@ -223,8 +223,9 @@ def stereo_cell(view: View) -> Cell:
     """Go or no-go, then the figures."""
     s = view.stereo
     figures = [] if math.isnan(s.overlap) else [f"{s.overlap:.0%} seen by both at {s.target_m:.0f} m"]
-    figures += [] if math.isnan(s.error_m) else [f"error there ±{s.error_m:.1f} m", f"baseline {s.baseline_m:.2f} m",
-                                                 f"turned {s.turn_deg:.1f}°", f"rolled {s.roll_deg:.1f}°"]  # fmt: skip
+    if not math.isnan(s.error_m):
+        figures += [f"error there ±{s.error_m:.1f} m", f"baseline {s.baseline_m:.2f} m"]
+        figures += [f"turned {s.turn_deg:.1f}°", f"pitched {s.pitch_deg:.1f}°", f"rolled {s.roll_deg:.1f}°"]
     figures += [] if math.isnan(s.epipolar_px) else [f"epipolar error {s.epipolar_px:.1f} px"]
     figures += [] if math.isnan(s.skew_s) else [f"skew {1e3 * s.skew_s:.0f} ms"]
     tone = QUIET if not s.judged else GOOD if s.go else CARE

@@ -22,9 +22,10 @@ MOST_EPIPOLAR_PX = 10.0  # 1 degree at 602 px: twice the largest turn with which
 
 @dataclass(frozen=True)
 class StereoHealth:
-    """Of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place; ``roll_deg``:
-    of one camera against the other: rectification takes it out, so that it counts by the overlap only; ``judged``:
-    there is enough to say go or no-go; ``before``: nothing is flown yet, pictures and places alone are judged."""
+    """Of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place; ``turn_deg``:
+    of the headings against the plan; ``pitch_deg``, ``roll_deg``: of one camera against the other, as wind leans the
+    vehicles: rectification takes them out, so that they count by the overlap only; ``judged``: there is enough to say
+    go or no-go; ``before``: nothing is flown yet, pictures and places alone are judged."""
 
     pair: Tuple[str, str] = ("", "")
     overlap: float = math.nan
@@ -39,6 +40,7 @@ class StereoHealth:
     reasons: Tuple[str, ...] = ("no configuration is flown",)
     judged: bool = False
     before: bool = False
+    pitch_deg: float = math.nan
     roll_deg: float = math.nan
 
     @property
@@ -63,20 +65,20 @@ def judge(
             reasons.append(f"{name}'s place in home is not known" if place.value is None else
                            f"{name}'s place is {place.words} old")  # fmt: skip
     overlap = overlap_share(row, target_m, optics)
-    turn_deg = roll_deg = apart_m = baseline_m = error_m = math.nan
+    turn_deg = pitch_deg = roll_deg = apart_m = baseline_m = error_m = math.nan
     if not reasons:
         a, b = np.array(reference.value.p_home_m), np.array(moving.value.p_home_m)
         overlap = seen_by_both(reference.value, moving.value, target_m, optics)
         baseline_m = float(np.linalg.norm(b - a))
         apart_m = float(np.linalg.norm(b - a - np.array(row.goal_m)))
-        yaw_deg = _degrees(moving.value.heading_rad - reference.value.heading_rad - row.goal_heading_rad)
-        turn_deg = math.hypot(yaw_deg, _degrees(moving.value.pitch_rad - reference.value.pitch_rad))
+        turn_deg = abs(_degrees(moving.value.heading_rad - reference.value.heading_rad - row.goal_heading_rad))
+        pitch_deg = abs(_degrees(moving.value.pitch_rad - reference.value.pitch_rad))
         roll_deg = abs(_degrees(moving.value.roll_rad - reference.value.roll_rad))
         error_m = float(depth_error(target_m, max(baseline_m, 1e-3), optics.focal_px, optics.disparity_error_px))
     reasons += _wrong(overlap, target_m, skew_s, turn_deg, apart_m)
     reasons += _disagree(epipolar_px)
     return StereoHealth(pair, overlap, skew_s, turn_deg, epipolar_px, apart_m, baseline_m, error_m, target_m,
-                        not reasons, tuple(reasons), True, roll_deg=roll_deg)  # fmt: skip
+                        not reasons, tuple(reasons), True, pitch_deg=pitch_deg, roll_deg=roll_deg)  # fmt: skip
 
 
 def _degrees(angle_rad: float) -> float:
