@@ -12,7 +12,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fcsv_console.model import above_view, actions, air, cells, facts, hearing, looking, mission_file, soundness, stereo
+from fcsv_console.model import (
+    above_view,
+    actions,
+    air,
+    cells,
+    facts,
+    hearing,
+    looking,
+    mission_file,
+    samples,
+    soundness,
+    stereo,
+)
 from fcsv_console.model.console import Console
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
@@ -473,6 +485,15 @@ def test_a_recorder_that_gets_no_pictures_says_for_how_long():
     assert words(20.1) == "RECORDS", "it waits from when it is on"
     c.tell(23.0, facts.Recorder("uav1", True, 13, 0, math.inf))
     assert words(23.1) == "RECORDS, no picture for 3 s"
+
+
+def test_the_scripted_flight_of_the_pictures_in_the_docs_is_in_good_order():
+    c = samples.console("config/missions/outdoor.yaml")
+    samples.flying(c)
+    rows = dict(cells.vehicle_rows(c.view(samples.NOW_S)))
+    assert not [
+        (name, cell.text) for name, found in rows.items() for cell in found if cell.tone in (cells.CARE, cells.BAD)
+    ]
 
 
 def test_above_another_and_where_it_would_come_down():
