@@ -62,6 +62,18 @@ def test_from_take_off_to_landing(flight, seed):
     assert f.machine.problems == []
 
 
+def test_words_and_number_are_always_of_the_same_configuration(flying):
+    listed = [c.title for c in flying.machine.mission.configurations]
+    told = set()
+
+    def note():
+        told.update({(flying.machine.configuration, t) for t in listed if t in flying.machine.detail})
+        return flying.machine.phase == "DONE"
+
+    flying.until(note)
+    assert sorted(told) == list(enumerate(listed))
+
+
 @pytest.mark.parametrize("period_s, lasts_s", [(0.8, 4.4), (3.0, 8.0)])
 def test_slow_cameras_are_waited_for_but_not_for_ever(flight, period_s, lasts_s):
     f = flight(mission())

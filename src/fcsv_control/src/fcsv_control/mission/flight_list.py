@@ -198,6 +198,8 @@ class FlightList:
     def _next(self) -> None:
         self._list.done()
         self._convoy, self._standing, self._task_since_s = None, None, None
+        if not self.finished:
+            self.detail = f"next: {self._in_words(self._list.moment)[1]}"
 
     def _way_home(self) -> Journey:
         m = self._mission
