@@ -673,3 +673,16 @@ def test_a_name_is_never_cut_by_the_height_bar(shown, x):
     box = plan.picture(painter).label(QtCore.QPointF(min(x, plan.width()), 100.0), "uav2  +10.0 m, 12.3 s old")
     painter.end()
     assert box.width() > 60.0 and box.right() < plan.width() - 64.0
+
+
+@pytest.mark.parametrize("size", [(1366, 740), (960, 540)])
+def test_events_and_their_answers_are_read_whole(shown, app, size):
+    window, _, _ = shown("flying")
+    window.resize(*size)
+    for _ in range(4):
+        app.processEvents()
+    events = window.events
+    assert events.item(0, 2).text() == "hand over → confirmed: execute"
+    for row in range(events.rowCount()):
+        assert events.rowHeight(row) >= events.sizeHintForRow(row)
+    assert sum(events.columnWidth(k) for k in range(3)) <= events.viewport().width()

@@ -125,7 +125,7 @@ class ConsoleWindow(QMainWindow):
         self.mission.planned.connect(self.planned)
         self.mission.edited.connect(self.edited)
         self.mission.opened.connect(self.opened)
-        self.events = CellTable("Events", ("time", "who", "what", "answer"), (2, 3))
+        self.events = CellTable("Events", ("time", "who", "what → answer"), (2,), wraps=True)
         self.export = QPushButton("Export\n[F3]")
         self.export.setToolTip("All events as a table (CSV, times in UTC)")
         self.export.clicked.connect(self._export)
@@ -223,8 +223,9 @@ class ConsoleWindow(QMainWindow):
                 QApplication.beep()
             self._sounded = view.events[-1].number
         self.events.show_cells([
-            [cells.Cell(e.clock, cells.QUIET), cells.Cell(e.who), cells.Cell(e.what, _LEVELS[e.level]),
-             cells.Cell(e.answer, _LEVELS[e.level])] for e in reversed(view.events[-_EVENTS:])
+            [cells.Cell(e.clock, cells.QUIET), cells.Cell(e.who),
+             cells.Cell(f"{e.what} → {e.answer}" if e.answer else e.what, _LEVELS[e.level])]
+            for e in reversed(view.events[-_EVENTS:])
         ])  # fmt: skip
         for name, action in view.actions.items():
             self.buttons[name].show_action(action)
