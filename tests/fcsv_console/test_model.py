@@ -72,7 +72,7 @@ def row(c, now_s, name="uav2"):
 
 @pytest.mark.parametrize("name", ["hearing", "events", "air", "mission_file", "actions", "soundness", "above_view",
                                   "rehearsal", "planning", "poses", "goals", "looking", "ground_views",
-                                  "mission_folder", "bags"])  # fmt: skip
+                                  "mission_folder", "bags", "stage"])  # fmt: skip
 def test_examples_in_the_modules_hold(name):
     done = doctest.testmod(importlib.import_module(f"fcsv_console.model.{name}"))
     assert done.attempted and not done.failed
@@ -396,6 +396,14 @@ def test_stereo_health_takes_the_clock_offset_away_and_names_a_lost_place():
     for k in range(3):
         c.tell(11.0 + k, facts.MissionAlive())
     assert "uav1's place is 3.0 s old" in c.view(13.0).stereo.words
+
+
+@pytest.mark.parametrize("detail", ["uav2 on its way to its place in the column", "next: its place in the column"])
+def test_who_goes_back_to_the_column_is_no_bad_pair(detail):
+    c = flying(console(), 10.0)
+    c.tell(10.1, facts.CameraInHome("uav2", (-2.0, -1.0, 0.0), 0.0))
+    assert "NO-GO" in c.view(10.1).stereo.words
+    assert doing(c, 10.1, detail).stereo.words == "stereo: no configuration is flown"
 
 
 def test_too_near_a_target_has_too_little_overlap():

@@ -19,7 +19,7 @@ from fcsv_console.model.pair import PairWatch
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import Rehearsals
 from fcsv_console.model.soundness import unsound
-from fcsv_console.model.stage import StageWatch
+from fcsv_console.model.stage import StageWatch, goes_back
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.sightings import Sightings
@@ -244,7 +244,9 @@ class Console:
         before = running is None and told is not None and told.phase not in (*FLOWN, *OVER, "LAND")
         index = 0 if before else running
         mission = self.file.mission
-        if index is None or mission is None or mission.reference not in self._vehicles or len(self.names) < 2:
+        if goes_back(told) or index is None or mission is None:
+            return stereo.StereoHealth()
+        if mission.reference not in self._vehicles or len(self.names) < 2:
             return stereo.StereoHealth()
         pair = (mission.reference, mission.mover(index, self.names))
         by_name = {v.name: v for v in rows}

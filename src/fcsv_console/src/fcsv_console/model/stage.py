@@ -47,6 +47,15 @@ class StageWatch:
         return Stage()
 
 
+def goes_back(told: Optional[MissionTold]) -> bool:
+    """Whether those who move are on their way to their places in the column: no configuration is flown meanwhile.
+
+    >>> goes_back(MissionTold("CONFIGURATIONS", "uav2 on its way to its place in the column"))
+    True
+    """
+    return told is not None and " in the column" in told.detail
+
+
 def _stage(told: MissionTold) -> str:
     if told.waits_for or told.problems:
         return "waits"
