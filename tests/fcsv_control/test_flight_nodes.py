@@ -14,7 +14,7 @@ from support.mavros_package import path_to_mavros
 from support.waiting import within
 
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS
-from fcsv_control.ros.mavros_process import ask_pid
+from fcsv_control.ros.mavros_process import MavrosProcess
 from fcsv_geometry import transforms
 from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_sim.machines.machines import free_port
@@ -242,12 +242,7 @@ def a_mavros_that_hangs_is_ended_and_starts_again(pc):
 
 def mavros_pid():
     """Process id, None while it does not answer."""
-    import rosgraph
-
-    try:
-        return ask_pid(rosgraph.Master("/tests").lookupNode(f"/{NAME}/mavros"))
-    except rosgraph.MasterException:
-        return None
+    return MavrosProcess(f"/{NAME}/mavros").pid()
 
 
 def landing_overtakes_what_waits(pc):

@@ -9,9 +9,10 @@ import sys
 import pytest
 
 from fcsv_control.flight.mavros_watch import MavrosWatch, MavrosWatchRules
-from fcsv_control.ros.mavros_process import MavrosProcess, ask_pid, is_here, mind
+from fcsv_control.ros.mavros_process import MavrosProcess, is_here, mind
 
 PASS_S = 0.5
+NAME = "/uav1/mavros"
 NODE = """
 import os, sys, xmlrpc.server
 server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
@@ -106,7 +107,8 @@ def test_rules_out_of_range(rules):
 @pytest.fixture
 def node():
     """(process, address) of a node that answers getPid as ROS's nodes do."""
-    with subprocess.Popen([sys.executable, "-c", NODE, "__name:=mavros"], stdout=subprocess.PIPE) as process:
+    command, env = [sys.executable, "-c", NODE, "__name:=mavros"], {**os.environ, "ROS_NAMESPACE": "/uav1/"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=env) as process:
         yield process, f"http://127.0.0.1:{int(process.stdout.readline())}/"
         process.kill()
 
@@ -118,7 +120,7 @@ def pid_of(mavros):
 
 def test_a_stopped_process_does_not_answer_and_is_ended(node):
     process, uri = node
-    mavros = MavrosProcess(lambda: uri)
+    mavros = MavrosProcess(NAME, lambda: uri)
     assert pid_of(mavros) == process.pid and mavros.lives(process.pid)
     os.kill(process.pid, signal.SIGSTOP)
     assert mavros.pid() is None and mavros.lives(process.pid)
@@ -133,7 +135,7 @@ class Minded:
 
     def __init__(self, uri, pid):
         self.now_s, self.said = 100.0, []
-        self.watch, self.process = MavrosWatch(MavrosWatchRules(), self.now_s), MavrosProcess(lambda: uri)
+        self.watch, self.process = MavrosWatch(MavrosWatchRules(), self.now_s), MavrosProcess(NAME, lambda: uri)
         for _ in range(60):  # on a busy machine one question is not enough
             if self.watch.pid != pid:
                 self.turn(self.now_s)
@@ -167,11 +169,12 @@ def test_a_mavros_that_dies_is_left_to_roslaunch(node):
     assert not minded.said and minded.watch.ended == 0
 
 
-def test_a_process_of_another_name_is_not_ended(node):
+@pytest.mark.parametrize("name", ["/uav1/other", "/uav2/mavros", "/mavros"])
+def test_a_process_of_another_name_is_not_ended(node, name):
     process, uri = node
-    other = MavrosProcess(lambda: uri, mark=b"__name:=other")
+    other = MavrosProcess(name, lambda: uri)
     assert not other.lives(process.pid) and other.end(process.pid) == ""
-    assert pid_of(MavrosProcess(lambda: uri)) == process.pid, "it lives"
+    assert pid_of(MavrosProcess(NAME, lambda: uri)) == process.pid, "it lives"
 
 
 def unknown():
@@ -179,7 +182,6 @@ def unknown():
 
 
 def test_what_is_no_node_gives_no_process_id():
-    assert MavrosProcess(unknown).pid() is None
-    assert ask_pid("http://127.0.0.1:9/") is None and ask_pid("nonsense") is None
+    assert MavrosProcess(NAME, unknown).pid() is None
     assert is_here("http://127.0.0.1:1234/") and not is_here("http://192.0.2.1:1234/")
-    assert MavrosProcess(lambda: "http://192.0.2.1:1234/").pid() is None, "a process id of another machine"
+    assert MavrosProcess(NAME, lambda: "http://192.0.2.1:1234/").pid() is None, "a process id of another machine"

@@ -4,9 +4,7 @@
 import math
 import time
 from dataclasses import dataclass, field, replace
-from functools import partial
 
-import rosgraph
 import rospy
 from geometry_msgs.msg import PointStamped
 from std_srvs.srv import Trigger, TriggerResponse
@@ -78,7 +76,7 @@ class MavrosCompanionNode:
         asked = lambda m: self._core.mode_asked(m.mode)  # noqa: E731
         rospy.Subscriber("flight_link/mode_asked", ModeAsked, asked, queue_size=10, tcp_nodelay=True)
         self._feed.begin(self._link)
-        self._process = MavrosProcess(partial(_address, rospy.resolve_name("mavros")))
+        self._process = MavrosProcess(rospy.resolve_name("mavros"))
         self._hang = MavrosWatch(p.mavros_watch, time.monotonic())
         self._timers = node.every(WATCH_S, self._watch), node.every(_ASK_S, self._watch_mavros)
 
@@ -120,14 +118,6 @@ class MavrosCompanionNode:
     def _odometry_reset(self, _request) -> TriggerResponse:
         self._feed.begin_again()
         return TriggerResponse(True, "the next pose is adopted at once; the set-point has to be issued again")
-
-
-def _address(name: str) -> str:
-    """Of a node's slave API. Raises OSError where the master does not know it, or is not heard."""
-    try:
-        return rosgraph.Master(rospy.get_name()).lookupNode(name)
-    except rosgraph.MasterException as error:
-        raise OSError(str(error)) from error
 
 
 def main() -> int:

@@ -1,65 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
 """MAVROS's process on this machine: asked for its id as `rosnode ping` asks, and ended where it hangs."""
 
-import http.client
-import os
-import signal
 import socket
 import time
-import xmlrpc.client
 from typing import Callable, Optional
-from xml.parsers.expat import ExpatError
+
+import psutil
 
 from fcsv_control.flight.mavros_watch import MavrosWatch
-from fcsv_geometry.ros.calls import server_at
+from fcsv_geometry.ros.processes import address_of, ask_pid, is_node
 
-_ANSWER_S = 0.5
+_ANSWER_S = 0.5  # of the master, and of MAVROS
 _CALLER = "/flight_link"
 
 
-def ask_pid(uri: str) -> Optional[int]:
-    """Process id of the node whose slave API (ROS 1) is at ``uri``; None where no sound answer comes within 0.5 s."""
-    try:
-        with server_at(uri, _ANSWER_S) as node:
-            code, _, pid = node.getPid(_CALLER)
-    except (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError):
-        return None
-    return pid if code == 1 and isinstance(pid, int) and pid > 1 else None
-
-
 class MavrosProcess:
-    """``look_up`` gives the node's address, or raises OSError where it is not known; ``mark``: a piece of its command
-    line, so that no other process is ended that got its number."""
+    """Of the node ``name`` (resolved); ``look_up`` gives its address, or raises OSError where it is not known."""
 
-    def __init__(self, look_up: Callable[[], str], mark: bytes = b"__name:=mavros"):
-        self._look_up, self._mark = look_up, mark
+    def __init__(self, name: str, look_up: Optional[Callable[[], str]] = None):
+        self._name = name
+        self._look_up = look_up or (lambda: address_of(_CALLER, name, _ANSWER_S))
 
     def pid(self) -> Optional[int]:
-        """Of the node, where it answers within 0.5 s and is on this machine."""
+        """Of the node, where master and node answer within 0.5 s each and it is on this machine."""
         try:
             uri = self._look_up()
         except OSError:
             return None
-        return ask_pid(uri) if is_here(uri) else None
+        return ask_pid(_CALLER, uri, _ANSWER_S) if is_here(uri) else None
 
     def lives(self, pid: int) -> bool:
         """Whether the process is there, and is the node still: numbers are given again."""
-        try:
-            with open(f"/proc/{pid}/cmdline", "rb") as file:
-                return self._mark in file.read().split(b"\0")
-        except OSError:
-            return False
+        return self._process(pid) is not None
 
     def end(self, pid: int) -> str:
         """Why it could not be ended; empty where it was, or is gone."""
+        process = self._process(pid)
         try:
-            if self.lives(pid):
-                os.kill(pid, signal.SIGKILL)
-        except ProcessLookupError:
+            if process is not None:
+                process.kill()
+        except psutil.NoSuchProcess:
             return ""
-        except OSError as error:
-            return error.strerror or str(error)
+        except psutil.Error as error:
+            return str(error)
         return ""
+
+    def _process(self, pid: int) -> Optional[psutil.Process]:
+        try:
+            process = psutil.Process(pid)
+        except psutil.Error:
+            return None
+        return process if is_node(process, self._name) else None
 
 
 def mind(

@@ -1,22 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Watches the drivers of camera and tracking camera, restarts what is silent, and tells."""
 
-import os
 import threading
 import time
-import xmlrpc.client
 from dataclasses import dataclass, field
-from typing import Dict, List
+from typing import Dict
 
 import psutil
-import rosgraph
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_srvs.srv import Empty
 
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.ros import node
-from fcsv_geometry.ros.calls import server_at
+from fcsv_geometry.ros.processes import ask_to_end, processes_of
 from fcsv_tracking.driver_watch import DeviceRules, DriverWatch, Level, Remedy
 from fcsv_tracking.usb_bus import findings, read_devices
 
@@ -113,26 +110,9 @@ class DriverWatchNode:
                 for process in processes_of(name):
                     process.kill()
             else:
-                uri = rosgraph.Master(rospy.get_name()).lookupNode(name)
-                server_at(uri, _CALL_S).shutdown(rospy.get_name(), "it is silent")
-        except (rosgraph.MasterException, OSError, xmlrpc.client.Error, psutil.Error) as error:
+                ask_to_end(rospy.get_name(), name, "it is silent", _CALL_S)
+        except (OSError, psutil.Error) as error:
             rospy.logwarn("%s: could not be ended: %s", name, error)
-
-
-def processes_of(name: str) -> List[psutil.Process]:
-    """Of a node of this master, found by how roslaunch started it: one that hangs answers no call."""
-    namespace, _, base = name.rpartition("/")
-    out = []
-    for process in psutil.process_iter():
-        try:
-            if f"__name:={base}" in process.cmdline():
-                env = process.environ()
-                same = env.get("ROS_NAMESPACE", "/").strip("/") == namespace.strip("/")
-                if same and env.get("ROS_MASTER_URI") == os.environ.get("ROS_MASTER_URI"):
-                    out.append(process)
-        except psutil.Error:
-            continue
-    return out
 
 
 def main() -> int:
