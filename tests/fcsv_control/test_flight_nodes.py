@@ -118,7 +118,8 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
     both = {"vehicle": NAME, "vehicles_dir": str(tmp_path)}
     simulated = {**both, "sim_dir": str(tmp_path / "sim"), "seed": 3}
     (tmp_path / "sim").mkdir()
-    start_node("fcsv_sim", "vehicle", ns=NAME, params={**simulated, "mavlink_port": port, "rc_port": 0})
+    start_node("fcsv_sim", "vehicle", ns=NAME,
+               params={**simulated, "mavlink_port": port, "rc_port": 0, "ready_s": 2.0})  # fmt: skip
     tracker = start_node("fcsv_sim", "t265", ns=NAME, params=simulated)
     start_node("fcsv_tracking", "odometry", ns=NAME, params=both)
     line, link = {"fcu_url": f"udpin:127.0.0.1:{port}", "autopilot_profile": str(PROFILE_FILE)}, None

@@ -25,7 +25,7 @@ def test_odometry_reaches_the_autopilot_with_everything_else_frozen(flight_link,
         machine.launch("fcsv_bringup", "uav.launch", uav="uav1", sim=True, sim_dir=tmp_path / "sim",
                        record_dir=tmp_path / "session", listen=f"127.0.0.1:{free_port()}/{free_port()}",
                        flight_link=flight_link, fcu_url=f"udpin:127.0.0.1:{port}", sim_mavlink_port=port,
-                       sim_rc_port=free_port())  # fmt: skip
+                       sim_rc_port=free_port(), sim_ready_s=2.0)  # fmt: skip
         out = tmp_path / "heard.jsonl"
         script = tmp_path / "ear.py"
         script.write_text(f"""

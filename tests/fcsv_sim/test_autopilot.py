@@ -249,7 +249,7 @@ def test_the_transmitter_is_reported(flight):
 
 def test_it_is_ready_after_the_time_that_was_set(tmp_path):
     """17 to 26 s in a real one."""
-    assert VehicleParameters("uav1", 1, str(tmp_path)).ready_s == 2.0  # flown tests do not wait; see there
+    assert 17.0 <= VehicleParameters("uav1", 1, str(tmp_path)).ready_s <= 26.0
     assert Autopilot(0.4, 1).estimator.started(0.0) is False
     pilot = Autopilot(0.4, 1)
     began_s = next(k for k in range(60) if pilot.estimator.predict(k, 1.0, np.zeros(3), 0.0, 0.0, 0.0) or

@@ -17,7 +17,7 @@ FLIGHT_LIMIT_S = 700.0  # of slow motion, where the machine is busy
 
 def start_demo(out: Path, *args: str) -> subprocess.Popen:
     out.mkdir(parents=True, exist_ok=True)
-    command = ["rosrun", "fcsv_sim", "demo", "--out", str(out), "--rviz", "0", *args]
+    command = ["rosrun", "fcsv_sim", "demo", "--out", str(out), "--rviz", "0", "--ready-s", "2", *args]
     log = open(out / "stdout.txt", "wb")
     env = {k: v for k, v in os.environ.items() if k != "DISPLAY"}  # it opens no window on somebody's screen
     return subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True, env=env)

@@ -67,7 +67,7 @@ class Story:
 
     def __init__(self, out: Path):
         (out / "mission.yaml").write_text(MISSION)
-        self._plan = FleetPlan(out, out / "mission.yaml", seed=1, world="plain")
+        self._plan = FleetPlan(out, out / "mission.yaml", seed=1, world="plain", ready_s=2.0)
         self._fleet, self._log = FaultedFleet(self._plan), open(out / "story.log", "w", buffering=1)
         self._said: List[str] = []
         self._truth = {v: TruthReader(self._plan.sim_folder, v) for v in self._plan.vehicles}

@@ -39,7 +39,7 @@ def radio_flight(bench_link, tmp_path_factory, root):
     from fcsv_sim.demo.fleet import FleetPlan
 
     _, radio = bench_link
-    plan = FleetPlan(tmp_path_factory.mktemp("radio"), root / "config" / "missions" / "short.yaml", seed=1)
+    plan = FleetPlan(tmp_path_factory.mktemp("radio"), root / "config" / "missions" / "short.yaml", seed=1, ready_s=2.0)
     holding = Holding(plan.sim_folder, plan.vehicles)
     with slow_motion() as page:
         lines = flight.fly(plan, radio.Conditions(loss=0.05, delay_s=0.01), CUT_S, "CONFIGURATIONS 2/4",

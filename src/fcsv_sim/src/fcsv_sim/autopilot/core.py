@@ -11,8 +11,8 @@ import numpy as np
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.barometer import Barometer
 from fcsv_sim.autopilot.controller import Controller
-from fcsv_sim.autopilot.estimator import READY_S, Estimator
-from fcsv_sim.autopilot.ground import LandDetector, PreArmTalk, StickArming
+from fcsv_sim.autopilot.estimator import Estimator
+from fcsv_sim.autopilot.ground import READY_S, LandDetector, PreArmTalk, StickArming
 from fcsv_sim.autopilot.laws import FlightLaws
 from fcsv_sim.autopilot.origin import Origin
 from fcsv_sim.people import rc

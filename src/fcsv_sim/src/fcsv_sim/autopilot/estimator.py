@@ -15,8 +15,8 @@ import numba
 import numpy as np
 
 from fcsv_geometry.rotations import wrap
+from fcsv_sim.autopilot.ground import READY_S
 
-READY_S = 20.0  # the filter begins and arming is possible this long after power-on (17 to 26 s were measured)
 HEALTHY_S = 0.3  # a feed older than this prevents arming
 LOST_S = 8.0  # flags stay good this long without a feed
 _GATE_M = 1.5

@@ -3,6 +3,7 @@
 
 from typing import Optional, Sequence
 
+READY_S = 20.0  # the filter begins and arming is possible this long after power-on (17 to 26 s were measured)
 _GESTURE_S = 2.0
 _LANDED_S = 1.0
 _COMPLAINS_S = 30.0  # the first time after half of it

@@ -17,6 +17,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import load_mission
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_geometry.writing import in_words, require_folder
+from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.bringup import mission_file, vehicles_folder
 from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.fleet import FleetPlan
@@ -172,6 +173,8 @@ def _plan(system: System, args) -> FleetPlan:
     require_flyable(flown, vehicles, {n: v.radius_m for n, v in load_vehicles(vehicles_folder(), vehicles).items()})
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
+    if not 0.0 < args.ready_s <= 120.0:
+        raise MachineError(f"--ready-s {args.ready_s:g}: must be over 0, and 120 at most")
     if args.operator == "you" and args.system != "tags":
         raise MachineError(f"--operator you: in system {args.system} the buttons are pressed by its simulated pilots")
     monitor = args.live == "monitor"
@@ -188,7 +191,7 @@ def _plan(system: System, args) -> FleetPlan:
     return FleetPlan(
         out, mission, args.seed, args.world, vehicles, rviz=rviz, near=args.near == "1",
         live=live and not monitor, monitor=monitor, movers=tuple(through_town), flight_link=args.flight_link,
-        buttons=args.operator != "you",
+        buttons=args.operator != "you", ready_s=args.ready_s,
     )  # fmt: skip
 
 
@@ -242,6 +245,10 @@ def _parse(argv):
     parser.add_argument(
         "--operator", choices=("simulated", "you"), default="simulated",
         help="system tags: who presses buttons; you: in the operator's window (docs/console.md); pilots are simulated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--ready-s", type=float, default=READY_S,
+        help="system tags: until a simulated autopilot may be armed, as a real one (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument("--fly-only", action="store_true", help="leave the session, make no map")
     return parser.parse_args(argv)

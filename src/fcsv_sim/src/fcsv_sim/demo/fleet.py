@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
+from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
 from fcsv_sim.world.movers import Mover
@@ -45,6 +46,7 @@ class FleetPlan:
     movers: Tuple[Mover, ...] = ()  # what moves through the town
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
+    ready_s: float = READY_S  # until a simulated autopilot may be armed
     buttons: bool = True  # a simulated operator presses them; else somebody does in the window
 
     @property
@@ -176,6 +178,7 @@ class SimulatedFleet(Machines):
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
             "sim_mavlink_port": self._mavlink_ports[vehicle],
             "sim_rc_port": self._rc_ports[vehicle],
+            "sim_ready_s": self.plan.ready_s,
             "sim_start": ",".join(map(str, self.plan.start_xyz_yaw(index))),
         }
 

@@ -10,7 +10,7 @@ import numpy as np
 from fcsv_geometry.mission import Mission, StereoConfiguration
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
-from fcsv_sim.autopilot.estimator import READY_S
+from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.rehearsal import processes
 from fcsv_sim.rehearsal.fault import Fault
 from fcsv_sim.rehearsal.flight import Flight

@@ -8,12 +8,14 @@ from typing import Tuple
 import rospy
 
 from fcsv_geometry.ros import node
+from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.vehicles.vehicle import SimulatedVehicle, VehicleParameters
 
 
 @dataclass(frozen=True)
 class VehicleNodeParameters:
-    """Parameters of the node; start: x, y, z (m) and yaw (rad) in the world."""
+    """Parameters of the node; start: x, y, z (m) and yaw (rad) in the world. ``ready_s``: until its autopilot may be
+    armed."""
 
     vehicle: str
     vehicles_dir: str
@@ -24,6 +26,7 @@ class VehicleNodeParameters:
     start_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     wind_mps: float = 1.0
     signing_key: str = ""
+    ready_s: float = READY_S
 
 
 class VehicleNode:
@@ -42,6 +45,7 @@ class VehicleNode:
             p.seed,
             p.start_xyz_yaw,
             p.wind_mps,
+            p.ready_s,
             signing_key=p.signing_key,
         )
         self._vehicle = SimulatedVehicle(parameters, time.time())

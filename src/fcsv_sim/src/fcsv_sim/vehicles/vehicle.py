@@ -10,6 +10,7 @@ import numpy as np
 from fcsv_control.flight.signing import read_key
 from fcsv_geometry import rotations, transforms
 from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.autopilot.udp import UdpLine
 from fcsv_sim.people.rc import RcReceiver
@@ -32,7 +33,7 @@ class VehicleParameters:
     seed: int = 1
     start_xyz_yaw: Tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     wind_mps: float = 1.0
-    ready_s: float = 2.0  # until the autopilot may be armed; 20 s in a real one, which every flown test would wait for
+    ready_s: float = READY_S  # until the autopilot may be armed
     airframe: Airframe = field(default_factory=Airframe)
     signing_key: str = ""  # file of the key with which its autopilot signs
 
