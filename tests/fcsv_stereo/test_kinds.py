@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from support.scenes import CAMERA, given, true_depth
 
-from fcsv_stereo.errors import StereoError
+from fcsv_stereo.errors import MatchingError, StereoError
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.joint.checks.evidence import FEATURES, standing_out
-from fcsv_stereo.joint.refine.residuals import residuals
+from fcsv_stereo.joint.checks.kinds import kinds, sure_limit
+from fcsv_stereo.joint.refine.residuals import Residuals, residuals
 from fcsv_stereo.joint.tuning import EVIDENCE
 from fcsv_stereo.joint.views import grey, views
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.model.kinds import WORDS, Kind, masks, supported
 
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")  # numpy's: a user can do nothing about them
 PAIRS = ((0, -1.0, 0), "horizontal"), ((0, -2.0, 0), "horizontal")
 SKY_ROWS = 60
 
@@ -41,6 +43,27 @@ def with_grey_sky(image):
     noise = np.random.default_rng(int(image.sum()) % 1000).normal(0.0, 1.2, (SKY_ROWS, image.shape[1], 1))
     out[:SKY_ROWS] = np.clip(205 + noise, 0, 255)
     return out
+
+
+@pytest.mark.parametrize("doubts, least, most", [
+    (np.full(9, 0.01), 0.06, 0.06), (np.linspace(0.0, 0.06, 6001), 0.0249, 0.0251), (np.full(9, 0.04), 0.0, 0.04),
+    (np.empty(0), 0.06, 0.06),
+], ids=["sure", "even", "none", "empty"])  # fmt: skip
+def test_of_what_agrees_few_are_expected_wrong(doubts, least, most):
+    """Even doubts up to a limit have half of it as their mean: twice 1.25 %."""
+    assert (EVIDENCE.sure_doubt, EVIDENCE.sure_share) == (0.06, 0.0125)
+    assert least <= sure_limit(doubts) <= most
+
+
+def test_one_limit_holds_for_a_whole_map():
+    """What is in doubt by 5 % agrees where little is, and does not where half of the picture is."""
+    shape, nothing = (20, 50), np.zeros((20, 50), bool)
+    r = Residuals(*[None] * 3, seen=np.ones((2, *shape)), trust=np.ones((2, *shape)))
+    for columns, code in ((2, 2), (25, 1)):
+        doubt = np.full(shape, 0.01)
+        doubt[:, :columns] = 0.05
+        found = kinds(doubt, np.full((2, *shape), 3.0), r, np.full(shape, 9.0), nothing, nothing)
+        assert (found[:, :columns] == code).all() and (found[:, columns:] == 2).all()
 
 
 def test_the_weights_are_of_these_features():
@@ -103,6 +126,17 @@ def test_the_same_picture_everywhere_is_no_map_of_it(complete):
 def test_plain_pictures_of_one_grey_are_refused():
     with pytest.raises(StereoError):
         Joint().map(changed(given(*PAIRS), lambda image: np.full_like(image, 128)))
+
+
+def test_pictures_of_another_place_are_refused_by_name_unless_poses_are_vouched_for():
+    seen = given(*PAIRS)
+    foreign = [replace(c, others=[replace(p, image=cv2.rotate(p.image, cv2.ROTATE_180)) for p in c.others])
+               for c in seen.configurations]  # fmt: skip
+    names = [c.others[0].name for c in foreign]
+    with pytest.raises(MatchingError, match=f"none of {', '.join(names)} could be compared .* --no-refine"):
+        Joint().map(replace(seen, configurations=foreign))
+    vouched = Joint().map(replace(seen, configurations=foreign), JointOptions(refine_poses=False))
+    assert not supported(vouched.kind).mean() > 0.1, "and what no pair's texture supports is left out all the same"
 
 
 def test_a_method_that_does_not_tell_kinds_has_one_pair_where_there_is_a_depth():

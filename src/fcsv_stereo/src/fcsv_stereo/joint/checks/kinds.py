@@ -20,12 +20,29 @@ def kinds(
     the reference's contrast (HxW, grey levels), and where (HxW bool) the sky is by its movement, and the picture is
     ``bright``: what is bright, plain and reaches the picture's top is sky too."""
     agrees, told = r.trust >= RESIDUALS.least_trust, doubt < EVIDENCE.most_doubt
-    pairs = np.where(doubt < EVIDENCE.sure_doubt, np.clip(agrees.sum(axis=0), 1, MOST_PAIRS), 1)
+    pairs = np.clip(agrees.sum(axis=0), 1, MOST_PAIRS)
+    pairs = np.where(doubt < sure_limit(doubt[pairs > 1]), pairs, 1)
     plain = contrast < EVIDENCE.plain_grey
     ambiguous = plain | (agrees.any(axis=0) & ~(np.where(agrees, out, 0.0).max(axis=0) > EVIDENCE.stands_out))
     heaven = ~told & (infinite | joined_to_top(plain & bright & ~told))
     conditions = [heaven, told, ~(r.seen > 0).any(axis=0), ambiguous]
     return np.select(conditions, [Kind.SKY, pairs, Kind.OUTSIDE, Kind.BLANK], Kind.HIDDEN).astype(np.uint8)
+
+
+def sure_limit(doubts: np.ndarray) -> float:
+    """The doubt below which two pairs and more are said to agree, of a map's ``doubts`` (N,) where they do: at most
+    ``EVIDENCE.sure_doubt``, and so low that no more than ``EVIDENCE.sure_share`` of what is below it is expected wrong.
+
+    A doubt is a probability, so the mean of those below a limit is the share that is wrong there (the false discovery
+    rate of Efron et al. 2001). Where most of a picture is plain, one limit for all maps calls too much agreed.
+
+    >>> [round(sure_limit(np.array(doubts)), 3) for doubts in ([0.001, 0.001, 0.03], [0.001, 0.03, 0.03])]
+    [0.06, 0.03]
+    """
+    counts, edges = np.histogram(doubts, EVIDENCE.sure_steps, (0.0, EVIDENCE.sure_doubt))
+    wrong = np.cumsum(counts * 0.5 * (edges[:-1] + edges[1:]))
+    few = wrong <= EVIDENCE.sure_share * np.cumsum(counts)
+    return float(edges[1:][few].max(initial=0.0))
 
 
 def infinite(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray, shape) -> np.ndarray:
