@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_stereo.joint.checks.sky import sky
+from fcsv_stereo.joint.checks.sky import in_the_skyline, sky
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.views import Views, seen_by_any
 
@@ -75,6 +75,21 @@ def test_without_any_sky_there_is_none():
     blind[:, -30:] = True
     assert not found(np.full(SHAPE, NEAR), colour, blind).any()
     assert not found(w, colour, np.ones(SHAPE, bool)).any()
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_gaps_of_a_far_skyline_are_sky(channels):
+    """Sky between treetops, which has their depth: by its colour, where nothing near could have it."""
+    _, colour = land(clouds=5.0)
+    told, gaps = ~above(), np.zeros(SHAPE, bool)
+    gaps[SKYLINE : SKYLINE + 4, 20:100:7] = True
+    colour[gaps] = colour[:SKYLINE].mean(axis=(0, 1))
+    colour[80, 60] = colour[0, 0]  # far from the sky: something bright
+    image = np.uint8(colour) if channels == 3 else np.uint8(colour.mean(axis=2))
+    for moves_px, expected in ((8.0, gaps), (30.0, np.zeros_like(gaps))):
+        moves = np.full(SHAPE, moves_px, np.float32)
+        assert (in_the_skyline(above(), told, moves, image) == expected).all()
+        assert not in_the_skyline(np.zeros(SHAPE, bool), told, moves, image).any()
 
 
 def test_seen_by_any_pair():

@@ -13,7 +13,7 @@ from fcsv_stereo.joint.checks.evidence import chance_of_wrong, doubt, features, 
 from fcsv_stereo.joint.checks.kinds import infinite, kinds
 from fcsv_stereo.joint.checks.reliability import confirmed, relied_on, trusted
 from fcsv_stereo.joint.checks.sigma import geometry_sigma, matching_sigma
-from fcsv_stereo.joint.checks.sky import sky
+from fcsv_stereo.joint.checks.sky import in_the_skyline, sky
 from fcsv_stereo.joint.pictures import Pictures, usable
 from fcsv_stereo.joint.refine.exposure import same_exposure
 from fcsv_stereo.joint.refine.pose_alignment import adjust
@@ -26,7 +26,7 @@ from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
 from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
 from fcsv_stereo.model import Picture
-from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.model.kinds import Kind, supported
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,10 @@ def _judged(
     colour = colours(pictures.reference, small.shape)
     heaven = infinite(w, here, colour, ~seen_by_any(small, 0.0), full)
     bright = pictures.greys[0] > np.median(pictures.greys[0])
-    return kinds(doubts, out, fine.residuals, contrast, heaven, bright), kept
+    kind = kinds(doubts, out, fine.residuals, contrast, heaven, bright)
+    moves_px = fine.w * fine.residuals.speed.max(axis=0)
+    kind[in_the_skyline(kind == Kind.SKY, supported(kind), moves_px, pictures.reference.image)] = Kind.SKY
+    return kind, kept
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,9 @@
 from dataclasses import dataclass
 from typing import Tuple
 
-from fcsv_stereo.joint.tuning.recorded import CAR, FOUR_DENIED, FOURTEEN, SIX, TILTED, Tuned, tuned
+from fcsv_stereo.joint.tuning.recorded import CAR, FOUR_DENIED, FOURTEEN, LIT, SIX, TILTED, Tuned, tuned
+
+SKYLINE_SAME = "11 px, and 35 px about it: within 0.15 points of the sky"
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,9 @@ class Sky(Tuned):
     bins: int = tuned(16, "of each colour", "precision of colours' shares against noise", TILTED)
     bin_sigma: float = tuned(1.0, "bins", "by which the shares are smoothed", TILTED)
     mostly: float = tuned(0.5, "share of a colour's pixels", "a colour that is sky more often is", TILTED)
+    beside_px: int = tuned(8, "px of the full picture", "from the sky: gaps of a skyline", LIT, SKYLINE_SAME)
+    beside_about_px: int = tuned(25, "px of the full picture", "whose colours tell such gaps", LIT, SKYLINE_SAME)
+    far_px: float = tuned(12.0, "px of the full picture, fastest pair", "nearer skylines have none: fog", LIT)
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,7 @@
 from dataclasses import dataclass
 from typing import Tuple
 
-from fcsv_stereo.joint.tuning.recorded import Tuned, tuned
-
-SURE = "seeds 21 and 22 of each world (H), and these of seed 22 in other light"
+from fcsv_stereo.joint.tuning.recorded import LIT, Tuned, tuned
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Evidence(Tuned):
     nothing: float = tuned(0.3, "times worse", "added to how far a match stands out, so that none has a logarithm")
     most_scales: float = tuned(4.0, "standard deviations", "beyond which the square of a feature grows no more")
     sure_doubt: float = tuned(0.06, "probability of an error above a tenth", "up to it pairs are said to agree")
-    sure_share: float = tuned(0.0125, "share, by the doubts", "of what is said to agree may be wrong", SURE)
+    sure_share: float = tuned(0.0125, "share, by the doubts", "of what is said to agree may be wrong", LIT)
     sure_steps: int = tuned(600, "steps up to sure_doubt", "in which that share is summed: time alone")
     most_doubt: float = tuned(0.15, "probability of an error above a tenth", "from it on nothing is answered")
     constant: float = tuned(-2.260, "logit", "of the mean pixel")
