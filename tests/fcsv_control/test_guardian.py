@@ -283,6 +283,49 @@ def test_who_was_above_and_is_silent_may_come_down():
     assert np.linalg.norm(air.p[:2] - [0.2, 0.1]) > 2.5
 
 
+def test_who_was_sent_to_a_place_above_is_looked_for_there_once_it_is_silent():
+    """It was heard last at one height, out of the way, and its radio was cut there."""
+    air = Aloft()
+    air.others["uav2"] = {"p_home_m": air.p + [-3.0, 0.0, 0.2], "mode": "GUIDED", "going_to_m": air.p + [0.0, 0.0, 5.0]}
+    air.run(5.0)
+    assert not air.held, "while it is heard it is where it says"
+    air.silent.add("uav2")
+    air.run(1.4)
+    assert not air.held
+    air.run(3.5)
+    assert np.linalg.norm(air.p[:2]) > 2.5 and np.linalg.norm(air.p[:2] - [-3.0, 0.0]) > 2.5
+
+
+def test_who_lands_looks_for_a_silent_one_where_it_was_sent():
+    air = Aloft()
+    air.others["uav2"] = {"p_home_m": air.p + [6.0, 0.0, 0.0], "mode": "GUIDED", "going_to_m": air.p - [0.0, 0.0, 4.0]}
+    air.silent |= {"uav2", "control"}
+    air.guardian.other("uav2", Other(heard_s=air.now_s, **air.others["uav2"]))
+    air.run(40.0)
+    assert air.modes and air.modes[0] == "LAND" and np.linalg.norm(air.p[:2]) > 2.5
+
+
+def test_it_tells_where_it_flies():
+    air = Aloft()
+    there = transforms.from_xyz_yaw([1.0, 2.0, 9.0], 0.3)
+    assert air.guardian.verdict.going_to_m is None
+    air.guardian.moved(air.now_s, there)
+    air.run(0.2)
+    assert air.guardian.verdict.going_to_m == (1.0, 2.0, 9.0)
+    air.others = {"uav2": {"p_home_m": air.p + [0.2, 0.1, 4.0], "mode": "LAND"}}
+    air.run(0.2)
+    assert air.guardian.verdict.going_to_m == tuple(air.held[-1][1]), "where the guardian leads it"
+    air.others.clear()
+    air.guardian.moved(air.now_s, there)
+    air.guardian.epoch(7)
+    air.run(9.0)
+    assert air.guardian.verdict.going_to_m is None, "the odometry began anew: that place is elsewhere"
+    air.guardian.moved(air.now_s, there)
+    air.mode = "LOITER"
+    air.run(0.2)
+    assert air.guardian.verdict.going_to_m is None
+
+
 def test_two_in_one_column_go_to_different_sides():
     """Each aboard its own vehicle, in odometry frames that are turned against each other."""
     places = {}

@@ -17,18 +17,16 @@ from fcsv_sim.rehearsal import takeover
 from fcsv_sim.rehearsal.command import Job, main, on_all_cores, prepare, rehearse
 from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of
 from fcsv_sim.rehearsal.flight import Flight
-from fcsv_sim.rehearsal.invariants import BENEATH, CONTACT, DOWNWASH, NOT_HELD
+from fcsv_sim.rehearsal.invariants import CONTACT, DOWNWASH, NOT_HELD
 from fcsv_sim.rehearsal.radio import Radio, RadioQuality
 from fcsv_sim.rehearsal.tables import table
 
 #: What breaks today, by fault or by pair (docs/safety.md, "Looked at one by one"). Whoever mends one takes it out.
 #: A drift of 0.1 m/s is not told from a movement, and a map of it is wrong. Beside the noise of an unsure tracker it
-#: ends in a contact before the barometer sees it. Who flies on to a place above another after its radio was cut is not
-#: where it was heard last: nobody goes out of its way as it comes down.
+#: ends in a contact before the barometer sees it.
 KNOWN = {
     "tracker drifts slowly": {NOT_HELD},
     "tracker drifts slowly+tracker unsure": {CONTACT, DOWNWASH},
-    "radio cut+comes down alone": {DOWNWASH, BENEATH},
 }
 FLIGHTS, LONGEST_S = 60, 180.0
 

@@ -155,7 +155,7 @@ class TelloMission(ByHand):
                 a.get("frame", ""),
             )  # fmt: skip
             if told.kind in (Kind.GOTO, Kind.HOLD):
-                board.guardian.moved(now_s)
+                board.guardian.moved(now_s, told.target)
             board.agent.take(now_s, told)
 
     def _note(self, line: str) -> None:

@@ -4,7 +4,7 @@
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Deque, Dict, Optional, Tuple
+from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -47,6 +47,7 @@ class Other:
     sigma_m: float = 0.0  # of its place in home, as calibration left it
     lost: bool = False
     taken: bool = False
+    going_to_m: Optional[np.ndarray] = None  # where it was sent, in home
 
     @property
     def astray(self) -> bool:
@@ -56,6 +57,17 @@ class Other:
     def guarded(self, told) -> "Other":
         """With what its guardian tells of it: ``told`` has ``uncontrolled``, ``lost`` and ``taken``."""
         return replace(self, uncontrolled=told.uncontrolled, lost=told.lost, taken=told.taken)
+
+    def sent(self, T_home_odom: np.ndarray, to_odom_m: Optional[Sequence[float]]) -> "Other":
+        """With where it flies, (3,) in its odometry frame; None: not known."""
+        there = None if to_odom_m is None else transforms.apply(T_home_odom, np.array(to_odom_m))
+        return replace(self, going_to_m=there)
+
+    def places_m(self, now_s: float, silent_s: float) -> List[np.ndarray]:
+        """Where to look for it: one that has been silent for longer than ``silent_s`` may have flown on to where it was
+        sent."""
+        flew_on = self.going_to_m is not None and now_s - self.heard_s > silent_s and not self.astray
+        return [self.p_home_m, self.going_to_m] if flew_on else [self.p_home_m]
 
 
 @dataclass
@@ -72,6 +84,7 @@ class Air:
     epoch: Optional[int] = None  # of the odometry
     take_off_epoch: Optional[int] = None  # in another one ``take_off`` is elsewhere
     lost: bool = False  # its tracker failed in this flight: where it is, is not known since
+    sent_to: Optional[np.ndarray] = None  # T_odom_body, where the mission sent it
     confidence: float = math.nan
     link: LinkReport = field(default_factory=LinkReport)
     link_s: float = -_INF
@@ -86,6 +99,17 @@ class Air:
     feeds: Deque[float] = field(default_factory=deque)  # times within the last second
     way: Deque[Tuple[float, np.ndarray]] = field(default_factory=deque)  # estimates of the last moments: time, position
     _in_home: Tuple = (None, None, None)  # T_home_odom and estimate, and the place in home by them
+
+    def began_anew(self, epoch: int) -> None:
+        """Of the odometry, where it is another one: where it was sent is elsewhere now."""
+        self.sent_to = self.sent_to if epoch == self.epoch else None
+        self.epoch = epoch
+
+    def going_to_m(self, place: Optional[np.ndarray]) -> Optional[Tuple[float, float, float]]:
+        """Where it flies, in the odometry frame: to ``place`` (T_odom_body) where the guardian holds it, else to where
+        the mission sent it. None where nobody on board steers it."""
+        there = self.sent_to if place is None else place
+        return None if there is None or self.mode != "GUIDED" else tuple(there[:3, 3].tolist())
 
     def fed(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """A pose came from the odometry."""

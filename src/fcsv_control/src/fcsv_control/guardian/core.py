@@ -79,7 +79,7 @@ class Guardian:
 
     def epoch(self, number: int) -> None:
         """Of the odometry's frame: in flight, a new one says that the take-off place is not where it was."""
-        self.air.epoch = number
+        self.air.began_anew(number)
 
     def link(self, now_s: float, report: LinkReport) -> None:
         """The flight link lives."""
@@ -109,9 +109,10 @@ class Guardian:
         else:
             self._hands.asked(now_s, mode)
 
-    def moved(self, now_s: float) -> None:
-        """A command moves the vehicle."""
+    def moved(self, now_s: float, T_odom_body: Optional[np.ndarray] = None) -> None:
+        """A command moves the vehicle: to ``T_odom_body``, or holds it where it is."""
         self._hands.commanded(now_s)
+        self.air.sent_to = T_odom_body
 
     def home(self, T_home_odom: Optional[np.ndarray], sigma_m: float = 0.0) -> None:
         """Where this vehicle's odometry frame stands in home, None: not known (any more); and how well its place in
@@ -150,9 +151,9 @@ class Guardian:
         blind = air.flying and any(f.wish is Wish.LAND for f in found)
         air.lost = (not self._watches.found_again(now_s, air) and air.lost) or blind
         reasons = tuple(f.text for f in found if f.wish > Wish.SAY)
-        action = self._action(now_s) if acting else ""
-        taken = air.armed and not self._hands.ours
-        self._verdict = Verdict(action, self._place is not None, blind, reasons, forbids, air.lost, taken)
+        action, taken = self._action(now_s) if acting else "", air.armed and not self._hands.ours
+        held, to_m = self._place is not None, air.going_to_m(self._place)
+        self._verdict = Verdict(action, held, blind, reasons, forbids, air.lost, taken, to_m)
 
     @property
     def verdict(self) -> Verdict:
@@ -220,10 +221,10 @@ class Guardian:
 
     def _way_aside(self, now_s: float, away_from: str) -> bool:
         """Whether it is still on its way."""
-        if self._aside_s is not None and now_s - self._aside_s >= self._rules.aside_s:
-            return False
-        self._move_aside(now_s, away_from)
-        return True
+        on_its_way = self._aside_s is None or now_s - self._aside_s < self._rules.aside_s
+        if on_its_way:
+            self._move_aside(now_s, away_from)
+        return on_its_way
 
     def _move_aside(self, now_s: float, away_from: str) -> None:
         """Only with both places known, as every finding about another vehicle has them."""
@@ -231,15 +232,14 @@ class Guardian:
         if air.mode != "GUIDED":  # where /stop_all stopped it, or on its way down: so it cannot move
             self._ask(now_s, "GUIDED")
         self._held_s = now_s
-        if self._aside_s is not None and self._place is not None:
-            left_m = float(np.linalg.norm((air.estimate - self._place)[:2, 3]))
-            if left_m > _THERE_M:
-                return
-        other = air.others[away_from]
-        upper = here[2] > other.p_home_m[2]
+        under_way = self._aside_s is not None and self._place is not None
+        if under_way and float(np.linalg.norm((air.estimate - self._place)[:2, 3])) > _THERE_M:
+            return
+        other, places = air.others[away_from], self._watches.places_m(now_s, air)
+        there = min(places[away_from], key=lambda p: float(np.linalg.norm((p - here)[:2])))
+        upper = here[2] > there[2]
         side = np.array([0.0, 1.0 if upper else -1.0])  # of two in one column the upper goes left, the lower right
-        others = [o.p_home_m for o in air.others.values()]
-        p_home = separation.aside(here, others, self._watches.clear_m(other), other.p_home_m, side)
+        p_home = separation.aside(here, sum(places.values(), []), self._watches.clear_m(other), there, side)
         self._place = transforms.level(air.estimate)
         self._place[:3, 3] = transforms.apply(transforms.invert(air.T_home_odom), p_home)
         self._aside_s = self._aside_s or now_s

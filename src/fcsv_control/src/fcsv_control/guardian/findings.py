@@ -118,11 +118,15 @@ class Watches:
         here = air.p_home_m
         if here is None:
             return None
-        for name, other in air.others.items():
-            offset = here - other.p_home_m
-            if offset[2] > _BELOW_M and math.hypot(offset[0], offset[1]) < self.clear_m(other):
+        for name, places in self.places_m(now_s, air).items():
+            clear_m = self.clear_m(air.others[name])
+            if any(up > _BELOW_M and math.hypot(x, y) < clear_m for x, y, up in (here - p for p in places)):
                 return name
         return None
+
+    def places_m(self, now_s: float, air: Air) -> Dict[str, List[np.ndarray]]:
+        """Where to look for each other vehicle."""
+        return {name: o.places_m(now_s, self._rules.silent_above_s) for name, o in air.others.items()}
 
     def clear_m(self, other: Other) -> float:
         """How far away horizontally another vehicle must be: one without a position drifts."""
@@ -251,7 +255,7 @@ class Watches:
         here = air.p_home_m
         for name, other in air.others.items() if here is not None and air.flying else ():
             offset_m = other.p_home_m - here
-            if self._comes_down(now_s, other, offset_m):
+            if any(self._comes_down(now_s, other, p - here) for p in other.places_m(now_s, self._rules.silent_above_s)):
                 lands = other.uncontrolled and air.mode == "LAND" and self._high(air)
                 yield Finding(ABOVE, Wish.ESCAPE if lands else Wish.ASIDE, f"{name} comes down", name)
             elif self._lasts(now_s, f"near {name}", self._unruly(now_s, other, offset_m), self._rules.unruly_s):

@@ -2,7 +2,7 @@
 """What a guardian wants done, and what it tells."""
 
 from dataclasses import dataclass
-from typing import Sequence, Tuple, Union
+from typing import Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class HoldAt:
 class Verdict:
     """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused; ``uncontrolled``: the
     vehicle comes down without a position; ``lost``: so it did, and nobody knows where it is since; ``taken``: it is not
-    in the companion's hands."""
+    in the companion's hands; ``going_to_m``: where it flies, in its odometry frame."""
 
     action: str = ""
     holds: bool = False
@@ -43,6 +43,7 @@ class Verdict:
     forbids: Tuple[str, ...] = ()
     lost: bool = False
     taken: bool = False
+    going_to_m: Optional[Tuple[float, float, float]] = None
 
     @property
     def in_words(self) -> str:

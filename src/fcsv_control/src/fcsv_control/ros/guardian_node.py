@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Dict, List
 
 import rospy
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
@@ -150,7 +150,15 @@ class GuardianNode:
         """A way-point that the agent took: the mission flies the vehicle, as its operator has confirmed."""
         order = self._orders.get(m.number)
         if order is not None and m.result == CommandAck.DONE and order.sender == m.sender and order.kind in _MOVES:
-            self._hear(self._core.moved)
+            self._moved(order)
+
+    def _moved(self, order: Command) -> None:
+        try:
+            there = conversions.pose_to_transform(order.target.pose) if order.kind == Command.GOTO else None
+        except FcsvError as error:
+            self._health.drop("way-point", str(error))
+            there = None
+        self._hear(self._core.moved, there)
 
     # ---- what is done --------------------------------------------------------------------------------------
 
@@ -219,7 +227,8 @@ class GuardianNode:
         self._states.publish(
             GuardianState(
                 header=header, vehicle=self._name, action=v.action, holds=v.holds, uncontrolled=v.uncontrolled,
-                lost=v.lost, taken=v.taken, reasons=list(v.reasons), forbids=list(v.forbids),
+                lost=v.lost, taken=v.taken, sent=v.going_to_m is not None, going_to=Point(*(v.going_to_m or ())),
+                reasons=list(v.reasons), forbids=list(v.forbids),
             )
         )  # fmt: skip
 

@@ -51,7 +51,8 @@ class OtherVehicles:
                     p_home = transforms.apply(places[name].T_a_b, p_odom)
                     heard_s = self._arrivals.since_s(_odometry_of(name), other.heard_s)
                     sigma_m = places[name].sigma_m(p_odom)
-                    found[name] = replace(other, p_home_m=p_home, sigma_m=sigma_m, heard_s=heard_s)
+                    other = replace(other, p_home_m=p_home, sigma_m=sigma_m, heard_s=heard_s)
+                    found[name] = other.sent(places[name].T_a_b, _going_to_m(self._guardians.get(name)))
             return places.get(self._own), found
 
     def _compose(self, message, take) -> None:
@@ -95,6 +96,12 @@ class OtherVehicles:
             armed, mode = (True, "") if state is None else (state.armed, state.mode)
             told = self._guardians.get(name, GuardianState())
             self._heard[name] = (p_odom, replace(other, armed=armed, mode=mode).guarded(told))
+
+
+def _going_to_m(told: Optional[GuardianState]) -> Optional[Tuple[float, float, float]]:
+    if told is None or not told.sent:
+        return None
+    return told.going_to.x, told.going_to.y, told.going_to.z
 
 
 def _odometry_of(name: str) -> str:

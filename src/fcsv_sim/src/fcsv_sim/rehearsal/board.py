@@ -44,6 +44,7 @@ class Told:
     uncontrolled: bool
     lost: bool
     taken: bool
+    going_to_m: Optional[Tuple[float, float, float]]
 
 
 class OnBoard:
@@ -88,7 +89,7 @@ class OnBoard:
         now_s = self.now_s
         self.told(now_s, "ordered", instruction)
         if instruction.kind in (Kind.GOTO, Kind.HOLD):
-            self.guardian.moved(now_s)
+            self.guardian.moved(now_s, instruction.target)
         self.agent.take(now_s, instruction)
 
     def hear_control(self, sender: str, sent_s: float, T_home_odom: Dict[str, np.ndarray], fence: Fence) -> None:
@@ -106,7 +107,8 @@ class OnBoard:
             return None
         state, v = self.link.state, self.guardian.verdict
         speed = math.hypot(*self.odometry.linear_mps)
-        return Told(self.name, self.T_odom_body, speed, state.armed, state.mode, v.uncontrolled, v.lost, v.taken)
+        who = (self.name, self.T_odom_body, speed, state.armed, state.mode)
+        return Told(*who, v.uncontrolled, v.lost, v.taken, v.going_to_m)
 
     def hear_other(self, now_s: float, told: Told) -> None:
         """Another vehicle told of itself."""
@@ -114,7 +116,7 @@ class OnBoard:
         if T_home_odom is not None:
             p = (T_home_odom @ told.T_odom_body)[:3, 3]
             other = Other(p, now_s, told.speed_mps, told.armed, told.mode).guarded(told)
-            self.guardian.other(told.name, other)
+            self.guardian.other(told.name, other.sent(T_home_odom, told.going_to_m))
 
     # ---- odometry, link, agent, guardian -----------------------------------------------------------------------
 
@@ -273,15 +275,8 @@ class OnBoard:
             self.agent.finished(ask, "the flight link died")
         self._requests = [] if died else self._requests
 
-    @property
-    def scene_says(self) -> str:
-        """What its pictures say against its tracker."""
-        return self._check.scene_says
-
-    @property
-    def watchdog(self) -> FeedWatchdog:
-        """The link's, on the feed."""
-        return self._watchdog
+    scene_says = property(lambda self: self._check.scene_says, doc="What its pictures say against its tracker.")
+    watchdog = property(lambda self: self._watchdog, doc="The link's, on the feed.")
 
     def _wall_s(self, now_s: float) -> float:
         return WALL_S + now_s + self.clock_offset_s
