@@ -54,7 +54,7 @@ DRIFT_HEAD = (
 )
 
 ONE_WAY_HEAD = (
-    f"| points that moved one way, bound {RULES.one_way_share:g} | calm vehicles doubted | most without a drift | "
+    f"| along one way over across it, bound {RULES.one_way_ratio:g} | calm vehicles doubted | most without a drift | "
     f"seen | within {SOON_S:g} s | after (s) |",
     "| --- | --- | --- | --- | --- | --- |",
 )
@@ -80,19 +80,19 @@ class Seen:
     (rad), points, and how far off (rad), the first as on board, the others as VARIANTS."""
 
     looks: np.ndarray
-    one_way: np.ndarray  # (N, 4) time, seconds between the pictures, share of points (one_way), height over the ground
+    one_way: np.ndarray  # (N, 4) time, seconds between the pictures, ratio of one_way, height over the ground
     cpu_s: float = 0.0
 
-    def one_way_s(self, share: float, from_s: float = -np.inf) -> Optional[float]:
-        """When first so many points had moved one way, as SceneCheck counts them."""
-        check = SceneCheck(dataclasses.replace(RULES, one_way_share=share))
+    def one_way_s(self, ratio: float, from_s: float = -np.inf) -> Optional[float]:
+        """When first points had moved so much one way, as SceneCheck counts looks."""
+        check = SceneCheck(dataclasses.replace(RULES, one_way_ratio=ratio))
         return next((row[0] for row in self.one_way.tolist() if check.one_way(*row) and row[0] >= from_s), None)
 
     @property
     def most_one_way(self) -> float:
-        """The least share at which nothing would be said."""
-        shares = sorted({1e-6, *self.one_way[self.one_way[:, 2] > 0.0, 2].tolist()})
-        return next((s for s in shares if self.one_way_s(s) is None), 1.0)
+        """The least ratio at which nothing would be said."""
+        ratios = sorted({1e-6, *self.one_way[self.one_way[:, 2] > 0.0, 2].tolist()})
+        return next((r for r in ratios if self.one_way_s(r) is None), float("inf"))
 
     @property
     def enough(self) -> np.ndarray:
@@ -243,8 +243,8 @@ def drift_row(name: str, seen: Sequence[Seen], began_s: Sequence[float], bound_r
 def one_way_row(name: str, calm: Sequence[Seen], drifts: Sequence[Seen], began_s: Sequence[float]) -> str:
     """What the rule of points that moved one way says."""
     worst = max((s.most_one_way for s in calm), default=float("nan"))
-    doubted = sum(s.one_way_s(RULES.one_way_share) is not None for s in calm)
-    told = [s.one_way_s(RULES.one_way_share, b) for s, b in zip(drifts, began_s)]
+    doubted = sum(s.one_way_s(RULES.one_way_ratio) is not None for s in calm)
+    told = [s.one_way_s(RULES.one_way_ratio, b) for s, b in zip(drifts, began_s)]
     after_s = sorted(t - b for t, b in zip(told, began_s) if t is not None)
     times = f"{np.median(after_s):.1f}, worst {after_s[-1]:.1f}" if after_s else "–"
     soon = sum(a < SOON_S for a in after_s)

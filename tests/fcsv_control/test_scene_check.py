@@ -65,23 +65,23 @@ def test_it_is_only_said_where_nobody_asked_for_more():
     assert "drifts" in check.scene_says and not check.doubt
 
 
-def one_way_doubts(shares, span_s=1.0, above_m=6.0, every_s=LOOK_S):
+def one_way_doubts(ratios, span_s=1.0, above_m=6.0, every_s=LOOK_S):
     check = SceneCheck()
-    return [bool(check.one_way(k * every_s, span_s, share, above_m)) for k, share in enumerate(shares)]
+    return [bool(check.one_way(k * every_s, span_s, ratio, above_m)) for k, ratio in enumerate(ratios)]
 
 
 def test_points_that_went_one_way_are_a_doubt_after_two_looks():
-    assert one_way_doubts([0.3, 0.3]) == [False, True]
-    assert not any(one_way_doubts([0.3, 0.1, 0.3, 0.1]))
+    assert one_way_doubts([5.0, 5.0]) == [False, True]
+    assert not any(one_way_doubts([5.0, 2.0, 5.0, 2.0]))
 
 
 @pytest.mark.parametrize("what", [{"span_s": 0.5}, {"above_m": 2.0}, {"every_s": 2.5}])
 def test_but_not_near_the_ground_nor_soon_nor_rarely(what):
-    assert not any(one_way_doubts([0.3] * 6, **what))
+    assert not any(one_way_doubts([5.0] * 6, **what))
 
 
-def test_a_share_or_a_height_that_is_no_number_is_no_doubt():
-    assert not any(one_way_doubts([float("nan")] * 6)) and not any(one_way_doubts([0.3] * 6, above_m=float("nan")))
+def test_a_ratio_or_a_height_that_is_no_number_is_no_doubt():
+    assert not any(one_way_doubts([float("nan")] * 6)) and not any(one_way_doubts([5.0] * 6, above_m=float("nan")))
 
 
 def test_points_that_went_one_way_land_a_flying_vehicle():
@@ -92,7 +92,7 @@ def test_points_that_went_one_way_land_a_flying_vehicle():
         check.judge(10.0, 10.0, np.eye(4))
         for k, height_m in enumerate((0.0, 6.0, 6.0)):  # the barometer says how high it is
             check.barometer(10.0 + LOOK_S * k, height_m)
-            check.scene(10.0 + LOOK_S * k, 1.0, 0.0, 0.0, 40, 0.3)
+            check.scene(10.0 + LOOK_S * k, 1.0, 0.0, 0.0, 40, 5.0)
         said.append((check.scene_says, check.doubt))
     assert "fly" in said[0][0] and said == [(said[0][0], said[0][0]), (said[0][0], "")]
 

@@ -1,22 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Points of a scene that all moved as if the camera flew one way that its tracker does not tell of.
+"""Points of a scene that moved as if the camera flew one way that its tracker does not tell of.
 
-A drift that is followed moves the near points of a picture, all of them by one translation; the far ones hardly. People
-and leaves move too, but not all one way; clouds do, but they are above the horizon. Vibration, a rolling shutter and
-late stamps turn the whole picture: the turn that explains most points best is taken back first.
+A drift that is followed moves the points of a picture along one way, near ones further than far ones. People and leaves
+move too, but not all one way; clouds do, but they are above the horizon. Vibration, a rolling shutter and late stamps
+turn the whole picture: the turn that explains most points best is taken back first. What is left then of a tracker that
+tells the truth are the errors of following points, which are as large across any way as along it.
 """
 
 import numpy as np
 
 from fcsv_tracking.epipolar import from_lines
 
-_OFF_RAD, _OFF_RAD_PER_M, _OFF_PER_TURN = 0.006, 0.003, 0.05  # so far a point must be off; of the way and turn between
+_NOISE_RAD, _NOISE_PER_TURN = 0.0024, 0.025  # of a followed point, half a pixel of 320 in either picture; in an axis
+_MOST_RAD = 0.008  # what is further off counts as if it were so far: people, leaves
 _TURN_RAD, _TURN_PER_TURN = 0.004, 0.05  # of a whole picture, standard deviation
 _MOST_TURN = 3.0  # of these: a way over level ground looks like a larger one
-_ALONG, _AGAINST = 0.8, 0.3  # cosine between a point's motion and a way's: along it; not along it
-_NEAR_FOCUS = 0.15  # nearer than this to where a way leads, points hardly move
 _HORIZON = 0.02  # sine of the elevation up to which points count
-_LEAST_POINTS, _MORE_POINTS = 10, 10  # the second: added to those seen, because a few say little
+_LEAST_POINTS = 10
+_LITTLE = 2.0  # variances in all: then no way has more, and none is looked for
 _ROUNDS, _SHARP_RAD, _PRIOR_WEIGHT = 5, 0.001, 0.05
 
 
@@ -32,42 +33,40 @@ def _ways() -> np.ndarray:
 _WAYS = _ways()
 
 
-def one_way_share(
+def one_way_ratio(
     xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray, R_odom_now: np.ndarray, turn_rad: float
 ) -> float:
-    """Share of the points below the horizon that are off their epipolar lines along one way, less those that are off
-    another way; ten more than are seen are the whole. 0.0 where too few are seen.
+    """How many times as large (mean squares) what points below the horizon are off their epipolar lines is along a way
+    of the camera as across it, or as the errors of following them; of the way for which this is most. About 1 to 2
+    where the poses are right; 0.0 where too few points are seen.
 
     Points (N, 2) are x/z, y/z in the optical frame of the camera then and now; ``R_odom_now`` (3, 3) turns from the
     camera now into the level odometry frame; ``turn_rad`` is the camera's turn between both.
     """
     rays = xy_now @ R_odom_now[2, :2] + R_odom_now[2, 2]
     below = rays < _HORIZON * np.sqrt(1.0 + np.einsum("ij,ij->i", xy_now, xy_now))
-    count = int(np.count_nonzero(below))
-    if count < _LEAST_POINTS:
+    if int(np.count_nonzero(below)) < _LEAST_POINTS:
         return 0.0
     xy_then, xy_now = xy_then[below], xy_now[below]
-    x, y, z = T_now_then[:3, 3].tolist()
-    bound_rad = _OFF_RAD + _OFF_RAD_PER_M * (x * x + y * y + z * z) ** 0.5 + _OFF_PER_TURN * turn_rad
     off = from_lines(xy_then, xy_now, T_now_then)
-    if np.count_nonzero(np.einsum("ij,ij->i", off, off) > bound_rad**2) < 2:
-        return 0.0
     turn = _turn_of_all(xy_then, xy_now, T_now_then, off, _TURN_RAD + _TURN_PER_TURN * turn_rad)
     off = from_lines(xy_then, xy_now - _turns(xy_now) @ turn, T_now_then)
-    off_rad = np.hypot(off[:, 0], off[:, 1])
-    far = off_rad > bound_rad
-    return max(0.0, _most_along(xy_now[far], off[far] / off_rad[far, None], R_odom_now) / (count + _MORE_POINTS))
+    off2 = np.einsum("ij,ij->i", off, off)
+    off *= np.minimum(1.0, _MOST_RAD / np.sqrt(np.maximum(off2, 1e-12)))[:, None]
+    noise2 = (_NOISE_RAD + _NOISE_PER_TURN * turn_rad) ** 2
+    in_all = float(np.einsum("ij,ij->", off, off)) / len(off) / noise2
+    return in_all if in_all < _LITTLE else _most_along(xy_now, off, R_odom_now, noise2)
 
 
-def _most_along(xy: np.ndarray, heading: np.ndarray, R_odom_now: np.ndarray) -> int:
-    """Of points (N, 2) that are off, with their unit ``heading`` (N, 2) in the picture: how many go along the best
-    way, less those that do not."""
+def _most_along(xy: np.ndarray, off: np.ndarray, R_odom_now: np.ndarray, noise2: float) -> float:
+    """Of points (N, 2) and what they are off (N, 2): the mean square along the best way over that across it, or over
+    ``noise2`` where that is more."""
     ways = _WAYS @ R_odom_now  # in the camera
     e = xy[None] * ways[:, None, 2:] - ways[:, None, :2]  # where a camera that goes this way sees them move
-    e2 = np.einsum("kij,kij->ki", e, e)
-    along = np.einsum("kij,ij->ki", e, heading) / np.sqrt(np.maximum(e2, 1e-12))
-    score = ((along > _ALONG) & (e2 > _NEAR_FOCUS**2)).sum(axis=1) - (along < _AGAINST).sum(axis=1)
-    return int(score.max(initial=0))
+    e /= np.maximum(np.sqrt(np.einsum("kij,kij->ki", e, e)), 1e-6)[..., None]
+    along = np.einsum("kij,ij->ki", e, off)
+    across = e[..., 0] * off[:, 1] - e[..., 1] * off[:, 0]
+    return float(((along**2).mean(axis=1) / np.maximum((across**2).mean(axis=1), noise2)).max())
 
 
 def _turns(xy: np.ndarray) -> np.ndarray:

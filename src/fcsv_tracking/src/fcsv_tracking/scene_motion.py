@@ -17,7 +17,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_tracking.epipolar import from_lines
 from fcsv_tracking.errors import TrackingError
-from fcsv_tracking.one_way import one_way_share
+from fcsv_tracking.one_way import one_way_ratio
 
 SHARE_THAT_MAY_MOVE = 0.7  # of the points by themselves: people, leaves, another vehicle
 _WIDTH_PX = 320  # of the pictures in which points are followed
@@ -59,7 +59,7 @@ def look(
     turn_rad = _turn_rad(T_now_then)
     off_rad = np.sort(off_lines(xy_then, xy_now, T_now_then))
     most_rad = float(off_rad[int((1.0 - SHARE_THAT_MAY_MOVE) * len(off_rad))])
-    one_way = one_way_share(xy_then, xy_now, T_now_then, R_odom_now, turn_rad)
+    one_way = one_way_ratio(xy_then, xy_now, T_now_then, R_odom_now, turn_rad)
     return SceneLook(span_s, most_rad, turn_rad, len(xy_then), one_way)
 
 

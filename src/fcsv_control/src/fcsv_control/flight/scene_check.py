@@ -20,11 +20,11 @@ class SceneCheckRules:
     least_s: float = 0.6  # between the two pictures
     looks: int = 3  # in a row
     longest_s: float = 2.0  # between two of those
-    lands: bool = False  # whether it is a doubt, upon which the vehicle lands; else it is only said
-    one_way_share: float = 0.19  # of the points (fcsv_tracking.one_way), moved as if the vehicle flew one way,
+    lands: bool = False  # whether this is a doubt, upon which the vehicle lands; else it is only said
+    one_way_ratio: float = 3.8  # along one way over across it (fcsv_tracking.one_way): it flew, and does not know,
     one_way_looks: int = 2  # in a row,
     one_way_above_m: float = 2.5  # over the take-off: nearer to the ground small errors move the points far
-    one_way_lands: bool = False  # likewise
+    one_way_lands: bool = True  # likewise
 
     def __post_init__(self):
         require_positive(self)
@@ -67,11 +67,11 @@ class SceneCheck:
         off = off_rad > r.off_rad + r.off_share * turn_rad
         return "the camera's pictures move, the tracker does not: it drifts" if self._off.enough(now_s, off) else ""
 
-    def one_way(self, now_s: float, span_s: float, share: float, above_m: float) -> str:
-        """The share of the points that moved as if the vehicle flew one way, this high over the take-off (m); why the
-        tracker is not believed, or nothing."""
+    def one_way(self, now_s: float, span_s: float, ratio: float, above_m: float) -> str:
+        """How much more points moved along one way than across it (SceneMotion.msg), this high over the take-off (m);
+        why the tracker is not believed, or nothing."""
         r = self._rules
         if span_s < r.least_s or not above_m > r.one_way_above_m:
             return ""
-        off = self._one_way.enough(now_s, share > r.one_way_share)
+        off = self._one_way.enough(now_s, ratio > r.one_way_ratio)
         return "the camera sees the vehicle fly, the tracker does not: it drifts" if off else ""
