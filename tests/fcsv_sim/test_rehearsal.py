@@ -17,17 +17,9 @@ from fcsv_sim.rehearsal import takeover
 from fcsv_sim.rehearsal.command import Job, main, on_all_cores, prepare, rehearse
 from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of
 from fcsv_sim.rehearsal.flight import Flight
-from fcsv_sim.rehearsal.invariants import CONTACT, DOWNWASH, NOT_HELD
 from fcsv_sim.rehearsal.radio import Radio, RadioQuality
 from fcsv_sim.rehearsal.tables import table
 
-#: What breaks today, by fault or by pair (docs/safety.md, "Looked at one by one"). Whoever mends one takes it out.
-#: A drift of 0.1 m/s is not told from a movement, and a map of it is wrong. Beside the noise of an unsure tracker it
-#: ends in a contact before the barometer sees it.
-KNOWN = {
-    "tracker drifts slowly": {NOT_HELD},
-    "tracker drifts slowly+tracker unsure": {CONTACT, DOWNWASH},
-}
 FLIGHTS, LONGEST_S = 60, 180.0
 
 
@@ -92,9 +84,7 @@ def test_sixty_flights_with_every_fault():
         flown = list(pool.map(_fly, range(FLIGHTS)))
     assert {name for r in flown for name in r.began} == set(FAULTS)
     for result in flown:
-        known = set().union(*(KNOWN.get(f, set()) for f in (*result.faults, "+".join(result.faults))))
-        broken = [v for v in result.violations if v.kind not in known]
-        assert not broken, f"{'+'.join(result.faults)}, seed {result.seed}: {broken}"
+        assert not result.violations, f"{'+'.join(result.faults)}, seed {result.seed}: {result.violations}"
 
 
 def _fly(seed: int):

@@ -9,9 +9,11 @@ from typing import Callable, Optional
 import numpy as np
 
 from fcsv_control.mission.snapshot import VehicleView
+from fcsv_geometry import transforms
 from fcsv_geometry.home import camera_in_home
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
+_SIGHT_OLD_S = 0.5  # where it was seen longer ago it may not be any more
 _GUARDIAN_OLD_S = 3.0  # it speaks five times a second
 _BATTERY_OLD_S = 10.0  # before the last state: it is told once a second
 _NEVER_S = -math.inf
@@ -48,9 +50,13 @@ class VehicleHeard:
     """``now_s`` is monotonic time of this machine. ``since_s`` gives from when the newest message of a topic counts
     that came at some time: Arrivals.since_s, where a relay is between."""
 
-    def __init__(self, T_body_cam: np.ndarray, since_s: Callable[[str, float], float] = _as_it_came):
+    def __init__(
+        self, T_body_cam: np.ndarray, since_s: Callable[[str, float], float] = _as_it_came,
+        T_body_tag: Optional[np.ndarray] = None,
+    ):  # fmt: skip
         self._since_s = since_s
-        self._T_body_cam = T_body_cam
+        self._T_body_cam, self._T_body_tag = T_body_cam, T_body_tag
+        self._p_odom_front_tag: Optional[np.ndarray] = None
         self.epochs = FrameEpochs()
         self._T_odom_body: Optional[np.ndarray] = None
         self._speed_mps = math.inf
@@ -95,8 +101,9 @@ class VehicleHeard:
         self._pictures_before += 0 if pictures >= self._pictures else self._pictures
         self._problem, self._pictures, self._recorder_s = problem, pictures, now_s
 
-    def front_tag(self, now_s: float) -> None:
-        """It has seen the tag of the vehicle in front."""
+    def front_tag(self, now_s: float, p_odom_tag: Optional[np.ndarray] = None) -> None:
+        """It has seen the tag of the vehicle in front: at (3,) in its own odometry frame, where that is known."""
+        self._p_odom_front_tag = p_odom_tag
         if now_s - self._tag_s > _TAG_GAP_S:
             self._tag_since_s = now_s
         self._tag_s = now_s
@@ -110,6 +117,9 @@ class VehicleHeard:
         """The vehicle now; its place in home where ``T_home_odom`` is known."""
         known = self._T_odom_body is not None and T_home_odom is not None
         seen = now_s - self._tag_s < _TAG_GAP_S
+        tagged = known and self._T_body_tag is not None and not self._lost
+        p_tag = (T_home_odom @ self._T_odom_body @ self._T_body_tag)[:3, 3] if tagged else None
+        p_front = self._p_odom_front_tag if known and now_s - self._tag_s < _SIGHT_OLD_S else None
         state_s, battery_s = self._since_s(STATE, self._state_s), self._since_s(BATTERY, self._battery_s)
         return VehicleView(
             pose_age_s=now_s - self._since_s(ODOMETRY, self._odometry_s),
@@ -128,4 +138,6 @@ class VehicleHeard:
             guarded=self._guardian_words(now_s),
             frame_problem=self.epochs.problem,
             lost=self._lost,
+            p_home_tag=p_tag,
+            p_home_front_tag=None if p_front is None or self._lost else transforms.apply(T_home_odom, p_front),
         )

@@ -51,6 +51,8 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
             raise MissionError(f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody")
         if phase == "CONFIGURATIONS" and view.state_age_s <= STATE_STALE_S and not view.armed:
             raise MissionError(f"{name}: motors are off: landing everybody")
+        if phase in _FLOWN_BY_US and view.sighted_off:
+            raise MissionError(f"{name}: {view.sighted_off}: landing everybody")
 
 
 def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tuple[Pause, str]]:
@@ -76,6 +78,8 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         yield Pause.BATTERY, "battery is not known; no GUIDED before its flight controller tells it"
     if phase in _CALIBRATED and view.frame_problem:
         yield Pause.LOST, view.frame_problem
+    if phase in _CALIBRATED and view.sighted_off:
+        yield Pause.LOST, f"{view.sighted_off}; land by hand, or calibrate anew"
     if phase in _FLOWN_BY_US and view.T_home_cam is None:
         yield Pause.LOST, "its place in home is not known; calibrate and set home again"
 

@@ -20,7 +20,7 @@ from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.relay_ages import hear_ages, publisher_of
 from fcsv_geometry.vehicle import VehicleGeometry
-from fcsv_msgs.msg import Epoch, Epochs, GuardianState, RecorderStatus, TagDetections
+from fcsv_msgs.msg import Epoch, Epochs, GuardianState, RecorderStatus, TagDetection, TagDetections
 from mavros_msgs.msg import State
 
 
@@ -46,7 +46,8 @@ class VehicleInputs:
 
     def __init__(self, vehicle: VehicleGeometry, front_tag_id: Optional[int], health: Health, arrivals: Arrivals):
         self._name, self._arrivals = vehicle.name, arrivals
-        self._heard = VehicleHeard(vehicle.T_body_cam, lambda t, s: arrivals.since_s(f"/{vehicle.name}/{t}", s))
+        since_s = lambda t, s: arrivals.since_s(f"/{vehicle.name}/{t}", s)  # noqa: E731
+        self._heard = VehicleHeard(vehicle.T_body_cam, since_s, vehicle.T_body_tag)
         self._front_tag_id = front_tag_id
         self._health = health
         self._lock = threading.Lock()
@@ -119,9 +120,19 @@ class VehicleInputs:
             self._heard.recorder(time.monotonic(), m.problem, m.pictures)
 
     def _on_tags(self, message: TagDetections) -> None:
-        if self._front_tag_id in [d.id for d in message.detections]:
-            with self._lock:
-                self._heard.front_tag(time.monotonic())
+        for detection in message.detections:
+            if detection.id == self._front_tag_id:
+                p_odom_tag = self._in_odom(message, detection)
+                with self._lock:
+                    self._heard.front_tag(time.monotonic(), p_odom_tag)
+
+    def _in_odom(self, message: TagDetections, detection: TagDetection) -> Optional[np.ndarray]:
+        try:
+            T_odom_cam = conversions.pose_to_transform(message.camera_in_odom)
+            return (T_odom_cam @ conversions.pose_to_transform(detection.tag_in_camera))[:3, 3]
+        except FcsvError as error:
+            self._health.drop("tag in front", f"{self._name}: {error}")
+            return None
 
 
 def inputs_of(column: Sequence[VehicleGeometry], health: Health) -> Dict[str, VehicleInputs]:

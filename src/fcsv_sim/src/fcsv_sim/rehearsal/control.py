@@ -15,6 +15,7 @@ from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory, require_fitting
 from fcsv_control.mission.outbox import Order
+from fcsv_control.mission.sightings import Sightings
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry import config, transforms
 from fcsv_geometry.home import home_of
@@ -29,6 +30,7 @@ _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
 _CALIBRATES_S = 8.0
 _CALIBRATION_M, _CALIBRATION_RAD = 0.03, math.radians(0.3)  # standard deviations: docs/tracking.md
 _TAG_M = (1.0, 6.0)  # from how near and how far a tag is seen
+_TAG_ERROR = 0.02  # of its place: share of the distance
 _ZERO_S = 70_000.0  # its monotonic clock at the rehearsal's zero: each machine's begins elsewhere
 
 
@@ -45,8 +47,9 @@ class ControlPc:
         self._runs = 1
         self.battery_share: Dict[str, float] = {}  # overrides what a vehicle says
         self._mission, self._fleet, self._radios = mission, fleet, radios
-        self._random = np.random.default_rng([seed, 22])
+        self._random, self._random_sight = (np.random.default_rng([seed, k]) for k in (22, 24))
         self._cameras = {n: v.geometry.T_body_cam for n, v in fleet.items()}
+        self._sightings = Sightings()
         self._hear_nobody()
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
         self._T_ref_odom: Dict[str, np.ndarray] = {}  # T_odom1_odomN by the calibration
@@ -57,7 +60,9 @@ class ControlPc:
 
     def _hear_nobody(self) -> None:
         """Of what was told before, nothing counts."""
-        self.heard = {n: VehicleHeard(T_body_cam) for n, T_body_cam in self._cameras.items()}
+        self.heard = {
+            n: VehicleHeard(v.geometry.T_body_cam, T_body_tag=v.geometry.T_body_tag) for n, v in self._fleet.items()
+        }
         self._newest_s: Dict[Tuple[str, Callable], float] = {}  # when what was taken last was sent, by vehicle and kind
         self._states: Dict[str, Tuple] = {}  # that arrived
 
@@ -189,24 +194,36 @@ class ControlPc:
         return WALL_S + now_s + self.clock_offset_s
 
     def _snapshot(self, now_s: float) -> Snapshot:
-        views = {n: self._view(now_s, n) for n in self._fleet}
+        views = self._sightings.judge(now_s, {n: self._view(now_s, n) for n in self._fleet}, self.T_home_odom)
         return Snapshot(now_s, views, dict(self.T_home_odom), self._cameras)
 
     def _view(self, now_s: float, name: str) -> VehicleView:
         heard = self.heard[name]
         heard.epochs.calibration = self._epochs.get(name)
-        if self._sees_front(name):
-            heard.front_tag(now_s)
+        step = self._front_seen(name)
+        if step is not None:
+            heard.front_tag(now_s, self._sighted(name, step))
         return heard.view(now_s, self.T_home_odom.get(name))
 
-    def _sees_front(self, name: str) -> bool:
-        """Whether a vehicle sees the tag in front, by where they truly are."""
+    def _front_seen(self, name: str) -> Optional[np.ndarray]:
+        """(3,) to the vehicle in front, in the world, where its tag is seen; by where they truly are."""
         names = list(self._fleet)
         front = names.index(name) - 1
         if front < 0:
-            return False
+            return None
         step = self._fleet[names[front]].p_world_m - self._fleet[name].p_world_m
-        return _TAG_M[0] < step[0] < _TAG_M[1] and abs(step[1]) < 0.5 * step[0] and abs(step[2]) < 0.4 * step[0]
+        sees = _TAG_M[0] < step[0] < _TAG_M[1] and abs(step[1]) < 0.5 * step[0] and abs(step[2]) < 0.4 * step[0]
+        return step if sees else None
+
+    def _sighted(self, name: str, step: np.ndarray) -> Optional[np.ndarray]:
+        """Where it sees that tag, in its odometry frame: by its radio, and with the errors of a tag's place."""
+        names, vehicle, radio = list(self._fleet), self._fleet[name], self._radios[name]
+        if vehicle.odometry is None or radio.cut or self._random_sight.random() < radio.quality.loss:
+            return None
+        front = self._fleet[names[names.index(name) - 1]]
+        p_world = (front.body.T_world_body @ front.geometry.T_body_tag)[:3, 3]
+        p_world = p_world + self._random_sight.normal(0.0, _TAG_ERROR, 3) * np.linalg.norm(step)
+        return transforms.apply(vehicle.T_odom_body @ transforms.invert(vehicle.body.T_world_body), p_world)
 
     # ---- calibration and home ----------------------------------------------------------------------------------
 
