@@ -114,6 +114,43 @@ def test_a_mode_that_was_asked_for_before_a_pilot_chose_another_is_withdrawn(lin
     assert line.modes(line.run(0.3)) and not land.over, "what stops a vehicle is asked for all the same"
 
 
+def test_a_mode_that_shows_already_is_ours_once_it_is_acknowledged(line):
+    """Flown on ArduCopter after a reboot in GUIDED: asked for again, it stayed somebody else's."""
+    line.beat(GUIDED)
+    line.core.set_mode(line.now_s, "GUIDED")
+    [asked] = line.modes(line.run(STEP_S))
+    assert not line.core.mode_is_ours
+    line.acknowledge(asked)
+    line.run(STEP_S)
+    assert line.core.mode_is_ours
+
+
+def a_pilot_flies_and_chooses(line, mode):
+    line.beat(STABILIZE, armed=True)
+    line.run(60.0)
+    line.beat(mode, armed=True)
+    line.run(STEP_S)
+
+
+def test_a_stop_that_a_pilot_chose_before_stays_his(line):
+    """Where the feed dies the watchdog lands in a BRAKE that is ours, and only speaks in a pilot's."""
+    line.beat(BRAKE, armed=True)
+    line.core.set_mode(line.now_s, "BRAKE")
+    line.run(0.3)
+    assert not line.core.mode_is_ours
+    a_pilot_flies_and_chooses(line, BRAKE)
+    assert not line.core.mode_is_ours
+
+
+def test_a_mode_that_was_refused_and_that_a_pilot_chooses_later_is_his(line):
+    line.core.set_mode(line.now_s, "BRAKE")
+    [asked] = line.modes(line.run(STEP_S))
+    line.acknowledge(asked, 4)
+    line.run(1.0)
+    a_pilot_flies_and_chooses(line, BRAKE)
+    assert not line.core.mode_is_ours
+
+
 def test_a_link_that_stood_still_takes_no_mode_but_those_that_stop(line):
     """SIGSTOP: the caller's GUIDED waited with it, and a pilot may have switched meanwhile."""
     line.run(1.0)

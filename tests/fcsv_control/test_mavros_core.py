@@ -78,6 +78,21 @@ def test_a_mode_that_a_pilot_chooses_is_not_ours_whatever_was_asked_before(besid
     assert not beside.core.mode_is_ours
 
 
+@pytest.mark.parametrize("refused", [False, True])
+def test_a_brake_that_showed_before_or_was_refused_is_a_pilots_later(beside, refused):
+    if refused:
+        beside.core.mode_asked("BRAKE")
+        beside.hear("statustext", 4, b"Mode change to BRAKE failed: requires position")
+    else:
+        beside.beat(BRAKE)
+        beside.core.mode_asked("BRAKE")
+        assert not beside.core.mode_is_ours
+        beside.beat(LOITER)
+    beside.run(2.0)
+    beside.beat(BRAKE)
+    assert not beside.core.mode_is_ours
+
+
 def test_the_reason_comes_with_the_refusal_whichever_is_heard_first(beside):
     beside.hear("statustext", 4, b"Arm: VisOdom: not healthy")
     beside.acknowledge(M.MAV_CMD_COMPONENT_ARM_DISARM, 4)
