@@ -22,9 +22,10 @@ from fcsv_control.flight.fed import Fed
 from fcsv_control.flight.link_parameters import LinkParameters
 from fcsv_control.flight.listener import STREAMS_HZ, EstimateMoved, Event, Listener, PoseHeard
 from fcsv_control.flight.profile import NOTHING, Profile, Rule
-from fcsv_control.flight.requests import COMPANION, Outcome, Request, Requests
+from fcsv_control.flight.requests import COMPANION, Request, Requests
 from fcsv_control.flight.state import MODES, FlightState
 from fcsv_control.flight.take_off import TakeOff
+from fcsv_control.flight.whose_mode import WhoseMode
 
 _M = mavutil.mavlink
 __all__ = ["LinkCore", "LinkParameters"]
@@ -56,8 +57,7 @@ class LinkCore:
         self._fed = Fed()
         self._begun_anew = False
         self._stepped_s, self._woke_s = float("inf"), float("-inf")  # until the first step nothing stood still
-        self._asked_mode, self._mode, self._mode_is_ours = "", "", False  # asked for, and not shown yet
-        self._mode_request: Optional[Request] = None
+        self._whose = WhoseMode()
         self._events: List[Event] = []
         self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
         self._heard = Listener(parameters.target_system, self._requests, profile)
@@ -85,7 +85,7 @@ class LinkCore:
     def mode_is_ours(self) -> bool:
         """Whether the mode that shows is the last one that was commanded here, and no other has shown since. A stop
         that somebody else had chosen before stays his."""
-        return self._mode_is_ours
+        return self._whose.is_ours
 
     def origin_set(self, now_s: float) -> bool:
         """Whether the autopilot goes on reporting an origin since its filter began, and it is not at altitude 0."""
@@ -108,12 +108,8 @@ class LinkCore:
     def take(self, now_s: float, message) -> None:
         """One message from the line."""
         self._heard.take(now_s, message)
-        mode = self.state.mode
-        if mode != self._mode:
-            if self._mode and mode != self._asked_mode:  # what was asked before he took it counts no more
-                self._requests.withdraw(_M.MAV_CMD_DO_SET_MODE, f"{mode} showed, which was not asked here")
-            self._mode, self._mode_is_ours = mode, mode == self._asked_mode
-            self._asked_mode = "" if self._mode_is_ours else self._asked_mode
+        if self._whose.shows(self.state.mode):  # what was asked before he took it counts no more
+            self._requests.withdraw(_M.MAV_CMD_DO_SET_MODE, f"{self.state.mode} showed, which was not asked here")
         for event in self._heard.events():
             self._events.append(event)
             if isinstance(event, PoseHeard):
@@ -137,7 +133,7 @@ class LinkCore:
         self._take_off = [t for t in self._take_off if not t.over]
         for request, confirmation in self._requests.step(now_s, self.state):
             self._long(request.number, request.values, confirmation, request.component)
-        self._mode_answered()
+        self._whose.step()
 
     def outgoing(self) -> List[object]:
         """Messages to send now, each given once."""
@@ -193,23 +189,13 @@ class LinkCore:
             self._require_awake(now_s, f"mode {name}")
         if name == "GUIDED":
             self._require_parameters()
-        self._asked_mode = name
         ask = (now_s, _M.MAV_CMD_DO_SET_MODE, (1, MODES[name]), f"mode {name}", lambda s: s.mode == name)
         if name in STOPPING:
-            self._mode_request = self._requests.insist(*ask, STOP_REPEAT_S, _STOP_PATIENCE_S)
+            request = self._requests.insist(*ask, STOP_REPEAT_S, _STOP_PATIENCE_S)
         else:
-            self._mode_request = self._requests.ask(*ask)
-        return self._mode_request
-
-    def _mode_answered(self) -> None:
-        """A mode is waited for while it is asked for: one that was refused may be a pilot's later. One that showed
-        before is ours once it is acknowledged; a stop is not even sent then."""
-        request = self._mode_request
-        if request is None or not request.over:
-            return
-        if request.outcome is Outcome.DONE and self._mode == self._asked_mode and not request.insists:
-            self._mode_is_ours = True
-        self._mode_request, self._asked_mode = None, ""
+            request = self._requests.ask(*ask)
+        self._whose.ask(name, request)
+        return request
 
     def arm(self, now_s: float, value: bool) -> Request:
         """Arm or disarm and see it in the heartbeat."""

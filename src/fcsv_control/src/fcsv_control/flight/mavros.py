@@ -67,12 +67,12 @@ class MavrosCore(LinkCore):
     def mode_asked(self, mode: str) -> None:
         """Agent or guardian ask MAVROS for this mode: it is the companion's once it shows. One that shows already
         stays whose it was."""
-        self._asked_mode = "" if mode == self._mode else mode
+        self._whose.ask_through_others(mode)
 
     def _said(self, now_s: float, text: TextHeard) -> None:
         if text.severity <= WARNING and text.text.startswith(_MODE_REFUSED):
             self._events.append(Refused(text.text))
-            self._asked_mode = ""  # where it shows later, a pilot chose it
+            self._whose.refused()
         else:
             self._reasons.add(now_s, text.severity, text.text)
 
