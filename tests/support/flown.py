@@ -234,7 +234,8 @@ class AddressLoop(Loop):
         self._say(_command(self.system, M.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0))
 
     def _say(self, message):
-        self._line.send(message)
+        """On the other line, as a ground station has its own: a UDP line says nothing in the name of another system."""
+        self._truth.send(message)
 
     def _run(self, seconds):
         end_s = time.monotonic() + seconds
