@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the near field is where it is, and meets the map of distant configurations; the table is in docs/near.md.
 
-.venv/bin/python tools/bench_near.py [--worlds village street] [--seeds 1 2 3] [--out FOLDER]
+.venv/bin/python tools/bench_near.py [--worlds village street] [--seeds 1 2 3] [--look-round] [--out FOLDER]
 
 Two vehicles hover 2 m and then 4 m apart, 2 m high, at the lane (the avenue) of a simulated world, and take the
 pictures of which the map is made. Then they fly 24 m along it and turn to what stands on both sides. Both carry a
@@ -12,8 +12,10 @@ until nothing stands within 1 m of it.
 there: of the true surfaces that some frame showed within 8 m of its vehicle, the share with a point of the near field
 within 5 cm and 2 % of that distance. By area, of all surfaces more than 0.3 m above the ground that are within 8 m of a
 place of a vehicle: saw: those that some frame's camera saw (within 8 m, in its field of view, nothing before them);
-in sight: those that a camera at one of these places would see if it looked their way; all that stands: backs, tops and
-insides of hedges, too. wrong: share of its points that are farther than that from every true surface.
+in sight: those that a camera at one of these places would see if it looked their way; in sight, joined: the same with
+the points of the joined map, which has those of both baselines, too; all that stands: backs, tops and insides of
+hedges, too. wrong: share of its points that are farther than that from every true surface.
+--look-round: at the begin and after each leg both turn once around, in 18 s, instead of by 30 degrees to both sides.
 --out: pictures of the map and of the near field, a report.
 """
 
@@ -54,6 +56,9 @@ _LEGS = (
     (0.0, 0.5),
     (6.0, 0.0),
 )  # m ahead, rad to the left
+_ROUND = (0.0, 2.0 * np.pi)
+_TURN_S = 4.0  # for a rad
+_ROUND_TURN_S = 18.0 / (2.0 * np.pi)
 _APART_M, _RECORDED_S = (2.0, 4.0), (2.0, 12.0)  # baselines, and when their pictures are taken
 _WITHIN_M, _SHARE, _FIXED_M = 8.0, 0.02, 0.05
 _CLEAR_M = 1.0
@@ -109,6 +114,7 @@ class Row:
     standing_there: float
     saw: "Part"
     in_sight: "Part"
+    in_sight_joined: "Part"
     all_standing: "Part"
     wrong: float
     median_m: float
@@ -158,7 +164,7 @@ class Flown:
         return frame, picture, shot.depth, shot.T_world_cam
 
 
-def way(town: Town, aside_m: float) -> Iterator[Tuple[float, np.ndarray, float]]:
+def way(town: Town, aside_m: float, look_round: bool = False) -> Iterator[Tuple[float, np.ndarray, float]]:
     """Stamp, position (x, y, yaw) of the middle between both vehicles in the world, and how far they are apart.
 
     ``aside_m``: how far to the left of the lane's middle.
@@ -167,10 +173,12 @@ def way(town: Town, aside_m: float) -> Iterator[Tuple[float, np.ndarray, float]]
     lane_t = (float(plan.avenues_t[1]) if len(plan.avenues_t) else 0.0) + aside_m
     wider_m = _APART_M[1] - _APART_M[0]
     hover = [(0.0, 0.0, 4.0, 0.0), (0.0, 0.0, 6.0, wider_m), (0.0, 0.0, 4.0, 0.0), (0.0, 0.0, 6.0, -wider_m)]
-    apart_m = _APART_M[0]
+    apart_m, legs = _APART_M[0], _LEGS
+    if look_round:
+        legs = (_ROUND, *(leg for metres, _ in _LEGS if metres for leg in ((metres, 0.0), _ROUND)))
     for metres, radians, seconds, wider_m in [
         *hover,
-        *((m, r, max(m / _SPEED_MPS, 4.0 * abs(r)), 0.0) for m, r in _LEGS),
+        *((m, r, max(m / _SPEED_MPS, (_ROUND_TURN_S if look_round else _TURN_S) * abs(r)), 0.0) for m, r in legs),
     ]:
         steps = int(seconds * _TRACKER_HZ)
         for _ in range(steps):
@@ -201,7 +209,7 @@ def bodies(at: np.ndarray, apart_m: float, random) -> Dict[str, np.ndarray]:
     return found
 
 
-def flight(world: str, seed: int) -> Row:
+def flight(world: str, seed: int, look_round: bool = False) -> Row:
     """One row of the table."""
     town = Town.generate(seed, world)
     renderer, random = Renderer(town), np.random.default_rng([seed, 31])
@@ -210,7 +218,7 @@ def flight(world: str, seed: int) -> Row:
     frames: List[DepthFrame] = []
     true_points, ranges, places, eyes = [], [], [], []
     pictures: Dict[str, List[Picture]] = {"uav1": [], "uav2": []}
-    for n, (t, at, apart_m) in enumerate(way(town, aside_m)):
+    for n, (t, at, apart_m) in enumerate(way(town, aside_m, look_round)):
         if T_world_home is None:
             T_world_home = transforms.from_xyz_yaw([at[0], at[1], _HEIGHT_M], at[2])
         T_world = bodies(at, apart_m, random)
@@ -339,7 +347,10 @@ def judged(
     tree = cKDTree(points.points_home_m)
     from_m = tree.query(everything.points_home_m)[0]
 
-    def within_of(range_m: np.ndarray) -> Part:
+    of_both = np.concatenate([points.points_home_m, joined.cloud.points_home_m])
+    from_joined_m = cKDTree(of_both).query(everything.points_home_m)[0]
+
+    def within_of(range_m: np.ndarray, from_m: np.ndarray = from_m) -> Part:
         known = np.isfinite(range_m)
         return Part.of(from_m[known] <= _FIXED_M + _SHARE * range_m[known])
 
@@ -350,14 +361,16 @@ def judged(
     allowed = _FIXED_M + _SHARE * _WITHIN_M
     return Row(
         world, seed, sum(counted.values()), seconds, len(points), len(true), float(there.mean()), int(standing.sum()),
-        standing_there, *map(within_of, (everything.shown_m, everything.in_sight_m, everything.distance_m)),
+        standing_there, *map(within_of, (everything.shown_m, everything.in_sight_m)),
+        within_of(everything.in_sight_m, from_joined_m), within_of(everything.distance_m),
         float((off > allowed).mean()), float(np.median(off)), float(np.median(points.sigma_m)),
         float((off <= points.sigma_m).mean()), joined,
     )  # fmt: skip
 
 
 _HEAD = (
-    "world, seed", "frames", "time", "points", "there", "there, what stands", "saw", "in sight", "all that stands",
+    "world, seed", "frames", "time", "points", "there", "there, what stands", "saw", "in sight", "in sight, joined",
+    "all that stands",
     "wrong", "off, median", "sigma, median",
     "within sigma", "seam", "seam at", "seam, step", "seam, size",
 )  # fmt: skip
@@ -372,7 +385,8 @@ def cells(r: Row) -> List[str]:
         seam = [f"{n.shared:,} px", f"{n.from_m:.1f} to {n.to_m:.1f} m", f"{n.step:+.1%}", f"{n.apart:.1%}"]
     return [
         f"{r.world} {r.seed}", str(r.frames), f"{r.seconds:.0f} s", f"{r.points:,}", f"{r.there:.1%}", standing,
-        r.saw.words, r.in_sight.words, r.all_standing.words, f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm",
+        r.saw.words, r.in_sight.words, f"{r.in_sight_joined.there:.1%}",
+        r.all_standing.words, f"{r.wrong:.1%}", f"{1e3 * r.median_m:.0f} mm",
         f"{1e3 * r.sigma_m:.0f} mm", f"{r.within_1_sigma:.0%}", *seam,
     ]  # fmt: skip
 
@@ -381,12 +395,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", nargs="+", default=["village", "street"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
+    parser.add_argument("--look-round", action="store_true", help="turn once around at five places of the way")
     parser.add_argument("--out", type=Path, help="folder for a cloud and a report of each flight")
     args = parser.parse_args()
     print(f"| {' | '.join(_HEAD)} |\n|{'---|' * len(_HEAD)}", flush=True)
     for world in args.worlds:
         for seed in args.seeds:
-            row = flight(world, seed)
+            row = flight(world, seed, args.look_round)
             print(f"| {' | '.join(cells(row))} |", flush=True)
             if args.out:
                 folder = args.out / f"{world}_{seed}"
