@@ -170,7 +170,7 @@ def test_bounds_come_from_measurements_and_not_from_issues():
 
 JOINT_FROM_THE_GROUND = [
     {"tuning"}, {"bands"}, {"projecting"}, {"views"}, {"pictures"}, {"volume"}, {"surfaces"}, {"refine"}, {"checks"},
-    {"match", "pairs"}, {"method"},
+    {"bars"}, {"match", "pairs"}, {"method"},
 ]  # fmt: skip
 
 

@@ -27,7 +27,7 @@ from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow
 _OPTIONS_OF = {
     "thesis": ("matcher", "rectify", "disparity", "across_axes", *(f"trim_{k}" for k in (*AXES, "all"))),
     "joint": (
-        "complete", "no_refine", "prior_rotation_deg", "prior_position_m", "prior_position_percent",
+        "bars", "complete", "no_refine", "prior_rotation_deg", "prior_position_m", "prior_position_percent",
         "prior_scale_percent", "refine_focal", "keep_camera", "refine_time_offset",
     ),
 }  # fmt: skip
@@ -86,7 +86,8 @@ def _joint(args, threshold: ErrorThreshold) -> JointOptions:
         refine_focal=args.refine_focal, correct_camera=not args.keep_camera, refine_time_offset=args.refine_time_offset
     )
     prior = _prior(args)
-    return JointOptions(not args.no_refine, refinement, threshold=threshold, complete=args.complete, prior=prior)
+    kept = {"complete": args.complete, "bars": args.bars}
+    return JointOptions(not args.no_refine, refinement, threshold=threshold, prior=prior, **kept)
 
 
 def _prior(args) -> Optional[PosePrior]:
@@ -184,6 +185,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--complete", action="store_true",
         help="joint: also depths that no pair's texture supports (hidden, plain, outside); kind.npy marks them",
+    )  # fmt: skip
+    parser.add_argument(
+        "--bars", action="store_true",
+        help="joint: also match straight thin things (conductors, rails) by their edges, where the map has no depth",
     )  # fmt: skip
     parser.add_argument("--no-refine", action="store_true", help="joint: take the poses as they come")
     for name, words in (

@@ -2,6 +2,7 @@
 """``make demo SYSTEM=tilting``: the tilting stereo camera before thin things. Nothing flies, no ROS is needed."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Callable, Optional, Sequence
 
@@ -23,7 +24,8 @@ from fcsv_tracking.tilting.rig import TiltAngles, TiltingRig, load_rig
 from fcsv_tracking.tilting.rig_file import write_rig
 
 _FOLDERS = ("pairs", "map")
-_FILES = ("curves.png", "pictures.png", "table.md")
+_FILES = ("curves.png", "pictures.png", "pictures_far.png", "table.md")
+_SHOWN_M = (0.4, 4.0)
 _RIG = "rig.yaml"
 _LEAST_MIB = 100
 _SIZE_M = 0.1  # of the thing whose nearest distance is told
@@ -51,13 +53,13 @@ def run(
     found = list(outcomes(simulated, drawing, things, distances_m, seed, out / "pairs", say=say))
     (out / "table.md").write_text("\n".join(table(found)) + "\n")
     write_curves(found, out / "curves.png")
-    shown_m = min(distances_m, key=lambda d: abs(d - 0.4))
-    write_pictures(found, shown_m, out / "pictures.png")
+    near_m, far_m = (min(distances_m, key=lambda d: abs(d - shown_m)) for shown_m in _SHOWN_M)
+    write_pictures(found, near_m, out / "pictures.png")
+    write_pictures(found, far_m, out / "pictures_far.png")
     half_right = [o for o in found if o.tilt and not o.refused and o.right >= 0.5]
     _report(out, min(half_right, key=lambda o: o.distance_m, default=None), say)
-    for name, what in zip(
-        _FILES, ("coverage and error over distance", f"pictures and depth at {shown_m:g} m", "table")
-    ):
+    words = (f"pictures and depth at {shown_m:g} m" for shown_m in (near_m, far_m))
+    for name, what in zip(_FILES, ("coverage and error over distance", *words, "table")):
         print(f"{what}: {out / name}")
     return 0
 
@@ -92,7 +94,7 @@ def _report(out: Path, chosen: Optional[Outcome], say: Callable[[str], None]) ->
     say(f"mapping {pair.name} with its report")
     method = pipeline.METHODS[pipeline.DEFAULT_METHOD]
     try:
-        pipeline.run(pair, out / "map", method.name, method.options(), None, lambda *_: None)
+        pipeline.run(pair, out / "map", method.name, replace(method.options(), bars=True), None, lambda *_: None)
     except StereoError as error:
         raise SimulationError(f"{pair}: no map ({error})") from error
     print(f"report: {out / 'map' / 'report.html'}")

@@ -16,8 +16,8 @@ from PIL import Image
 
 from fcsv_sim.tilting.trial import Outcome
 
-HEAD = ("thing", "distance", "inward", "shown", "covered", "within 10 %", "within 2.12", "median error", "2.12, 1 px",
-        "poses", "by the drawing")  # fmt: skip
+HEAD = ("thing", "distance", "inward", "shown", "covered", "within 10 %", "without bars", "within 2.12", "median error",
+        "2.12, 1 px", "poses", "by the drawing")  # fmt: skip
 _COLOURS = {False: "#8a8f98", True: "#c2410c"}
 _NAMES = {False: "parallel", True: "tilted"}
 _NONE = "#20242b"
@@ -31,7 +31,7 @@ def table(outcomes: Sequence[Outcome]) -> List[str]:
             continue
         inward = f"{np.degrees(np.mean(o.angles)):.1f}°" if o.tilt else "parallel"
         ends = [f"{1e3 * v:.1f} mm" if np.isfinite(v) else "–" for v in (o.error_m, o.bound_m)]
-        shares = [f"{v:.0%}" for v in (o.shown, o.covered, o.right, o.bounded)]
+        shares = [f"{v:.0%}" for v in (o.shown, o.covered, o.right, o.unbarred, o.bounded)]
         poses = "as read" if o.refused else "refined"
         drawn = f"{o.drawn:.0%}" if np.isfinite(o.drawn) else "–"
         lines.append(f"| {' | '.join([o.thing, f'{o.distance_m:g} m', inward, *shares, *ends, poses, drawn])} |")
@@ -49,6 +49,8 @@ def write_curves(outcomes: Sequence[Outcome], file: Path) -> None:
             z = [o.distance_m for o in rows]
             style = {"color": _COLOURS[tilt], "marker": "o", "ms": 4, "label": _NAMES[tilt]}
             column[0].plot(z, [100.0 * o.right for o in rows], **style)
+            column[0].plot(z, [100.0 * o.unbarred for o in rows], color=_COLOURS[tilt], ls="--", lw=0.8,
+                           label=f"{_NAMES[tilt]}, without bars")  # fmt: skip
             column[1].plot(z, [1e3 * o.error_m for o in rows], **style)
             column[1].plot(z, [1e3 * o.bound_m for o in rows], color=_COLOURS[tilt], ls=":",
                            label=f"2.12 for 1 px, {_NAMES[tilt]}")  # fmt: skip

@@ -13,6 +13,7 @@ from fcsv_sim.tilting.rig import SimulatedRig
 from fcsv_sim.tilting.shots import posed_by, take
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import StereoError
+from fcsv_stereo.joint.bars import with_bars
 from fcsv_stereo.planning.toed_in import depth_error
 from fcsv_tracking.tilting.aim import PARALLEL, AimRules, crossing
 from fcsv_tracking.tilting.rig import TiltAngles, TiltingRig
@@ -30,6 +31,7 @@ class Outcome:
     with a depth, ``right`` within 10 %, ``bounded`` within equation 2.12 for one pixel. ``error_m`` is the median of
     those with a depth, ``bound_m`` the median bound of them (NaN where there are none). ``refused``: why poses were not
     refined. ``drawn``: ``right`` with poses by the rig's drawing instead of its calibration; NaN where not tried.
+    Straight thin things are matched as wholes besides (``map --bars``); ``unbarred`` is ``right`` without that.
     """
 
     thing: str
@@ -45,6 +47,7 @@ class Outcome:
     bound_m: float
     refused: str
     drawn: float
+    unbarred: float
     view: View
     depth: np.ndarray
 
@@ -82,7 +85,7 @@ def _one(
 ) -> Outcome:
     """Tilted where there is a drawing to compare with."""
     left, _ = take(place, rig, thing, distance_m, folder)
-    depth, refused = map_depth(folder, left.depth.shape)
+    plain, depth, refused = map_depth(folder, left.depth.shape)
     camera, T_rig_left = rig.true.left.camera, rig.T_rig_cams()[0]
     T_world_cam = place.T_world_rig(thing, distance_m) @ T_rig_left
     radius_m = max(_LEAST_RADIUS_M, _RADIUS_SHARE * distance_m)
@@ -97,20 +100,22 @@ def _one(
     nan = float("nan")
     drawn = nan
     if drawing is not None:
-        by_drawing, _ = map_depth(posed_by(drawing, rig.read(), folder, Path(f"{folder}_drawn")), left.depth.shape)
+        _, by_drawing, _ = map_depth(posed_by(drawing, rig.read(), folder, Path(f"{folder}_drawn")), left.depth.shape)
         known = part & np.isfinite(by_drawing)
         off = np.abs(by_drawing[known] / left.depth[known] - 1.0)
         drawn = float((off <= _RIGHT_SHARE).sum()) / pixels
+    with np.errstate(invalid="ignore"):
+        unbarred = part & (np.abs(plain / left.depth - 1.0) <= _RIGHT_SHARE)
     return Outcome(
         thing, distance_m, drawing is not None, rig.read(), pixels, shown / pixels, error.size / pixels,
         float(right.sum()) / pixels, float((error <= bound).sum()) / pixels,
         float(np.median(error)) if error.size else nan, float(np.median(bound)) if error.size else nan, refused, drawn,
-        left, depth,
+        float(unbarred.sum()) / pixels, left, depth,
     )  # fmt: skip
 
 
-def map_depth(folder: Path, shape: Tuple[int, int]) -> Tuple[np.ndarray, str]:
-    """Depth (H,W float32, m, NaN) as the command ``map`` makes it, and what it says against it.
+def map_depth(folder: Path, shape: Tuple[int, int]) -> Tuple[np.ndarray, np.ndarray, str]:
+    """Depth (H,W float32, m, NaN) as the commands ``map`` and ``map --bars`` make it, and what is said against it.
 
     Where refinement is refused, since pictures from so far apart share no features, the rig's own poses count, as with
     ``map --no-refine``.
@@ -119,17 +124,19 @@ def map_depth(folder: Path, shape: Tuple[int, int]) -> Tuple[np.ndarray, str]:
     refused = ""
     for options in (method.options(), method.trusting_poses(method.options())):
         try:
-            return method.map(given, options).depth, refused
+            found = method.map(given, options)
+            return found.depth, with_bars(found, [p.pictures for p in found.pairs]).depth, refused
         except StereoError as error:
             refused = str(error)
-    return np.full(shape, np.nan, np.float32), refused
+    nothing = np.full(shape, np.nan, np.float32)
+    return nothing, nothing, refused
 
 
 def in_words(o: Outcome) -> str:
     """One line for a person."""
     turned = f"{np.degrees(np.mean(o.angles)):4.1f} deg" if o.tilt else "parallel"
     ends = f"error {1e3 * o.error_m:.1f} mm, 2.12 {1e3 * o.bound_m:.1f} mm" if np.isfinite(o.error_m) else ""
-    shares = f"shown {o.shown:4.0%}, covered {o.covered:4.0%}, right {o.right:4.0%}"
+    shares = f"shown {o.shown:4.0%}, covered {o.covered:4.0%}, right {o.right:4.0%} (without bars {o.unbarred:4.0%})"
     kept = ", poses as read" if o.refused else ""
     kept += f", by the drawing right {o.drawn:4.0%}" if np.isfinite(o.drawn) else ""
     return f"{o.thing:6} {o.distance_m:4g} m  {turned}  {shares}  {ends}{kept}"

@@ -8,6 +8,7 @@ Its parts from the ground up; each imports only from those before it (``tests/ho
 - ``surfaces``: at a finer size, which of the surfaces about it a pixel belongs to.
 - ``refine``: what the pictures say of a map; inverse depth between levels, exposures, poses.
 - ``checks``: what may be relied on, its sigma, the sky; and what a finished map must pass.
+- ``bars``: straight thin things, matched as wholes.
 - ``match`` (the story from top to bottom), ``pairs`` and ``method`` (a map with its report).
 """
 

@@ -11,6 +11,7 @@ from fcsv_stereo import instants
 from fcsv_stereo.depth import points_from_depth
 from fcsv_stereo.equations import ErrorThreshold, farthest
 from fcsv_stereo.errors import InputError, MatchingError
+from fcsv_stereo.joint.bars import with_bars
 from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
 from fcsv_stereo.joint.checks.enough_evidence import require_evidence, why_no_depth
 from fcsv_stereo.joint.checks.kinds import supported_only
@@ -41,7 +42,8 @@ from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions,
 class JointOptions:
     """Choices of the method. An input that says how good its poses are overrules the refinement's prior;
     ``threshold`` is for equation 3.1's farthest depth in the report alone. ``complete`` keeps depths that no pair's
-    texture supports; ``kind`` tells them. ``prior`` is how good the poses of photographs are, where the user says so.
+    texture supports; ``kind`` tells them. ``bars``: straight thin things are matched as wholes besides
+    (docs/tilting.md). ``prior`` is how good the poses of photographs are, where the user says so.
 
     Poses are refined in whole pictures; depth is that of the reference picture at ``scale`` of its size.
     """
@@ -52,6 +54,7 @@ class JointOptions:
     threshold: ErrorThreshold = field(default_factory=lambda: ErrorThreshold(0.1, True))
     scale: float = 1.0
     complete: bool = False
+    bars: bool = False
     prior: Optional[PosePrior] = None
 
     def __post_init__(self):
@@ -74,7 +77,8 @@ class Joint(Method):
         result = doubt_contradicted(given, leave_out_moved(given, map_joint(given, options, progress)))
         if options.refine_poses:  # else who asks vouches for the poses
             require_evidence(result)
-        return result if options.complete else supported_only(result)
+        result = result if options.complete else supported_only(result)
+        return with_bars(result, [p.pictures for p in result.pairs]) if options.bars else result
 
     @property
     def quick(self) -> JointOptions:

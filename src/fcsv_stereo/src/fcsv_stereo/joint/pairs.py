@@ -43,6 +43,11 @@ class JointPair:
         kept.match_rate, kept.candidates = self.match_rate, self.candidates
         return kept
 
+    @property
+    def pictures(self) -> Tuple[Picture, Picture]:
+        """The reference picture and the other one, posed as the map used them."""
+        return self._pictures
+
     @cached_property
     def _rectified(self) -> RectifiedPair:
         return (home if self._level else bouguet)(*self._pictures, self.configuration.axis)

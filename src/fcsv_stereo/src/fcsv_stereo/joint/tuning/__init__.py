@@ -8,6 +8,7 @@ volume, 0.77 between, 1 at last, at 640x480), *coarser* the scale before. *Faste
 most with inverse depth. A *volume unit* is a tenth of a bit of the census code's 32.
 """
 
+from fcsv_stereo.joint.tuning.bars import BARS, Bars
 from fcsv_stereo.joint.tuning.checks import AXIS_CONFLICT, ENOUGH_EVIDENCE, MOVED, RELIABILITY, SIGMA, SKY, VISIBILITY
 from fcsv_stereo.joint.tuning.evidence import EVIDENCE
 from fcsv_stereo.joint.tuning.matching import MATCH, PAIRS, VIEWS
@@ -19,12 +20,12 @@ from fcsv_stereo.joint.tuning.volume import CENSUS, FAR_REMATCH, SGM, VOLUME, WI
 STAGES = (
     VIEWS, MATCH, PAIRS, CENSUS, VOLUME, SGM, WINNER, FAR_REMATCH, CANDIDATES, COLOUR, DATA_COST, THIN_UPRIGHTS, SELECT,
     RESIDUALS, EXPOSURE, PLANE_FIT, SUBPIXEL, POSE_ALIGNMENT, RELIABILITY, SIGMA, SKY, MOVED, AXIS_CONFLICT,
-    ENOUGH_EVIDENCE, VISIBILITY, EVIDENCE,
+    ENOUGH_EVIDENCE, VISIBILITY, EVIDENCE, BARS,
 )  # fmt: skip
 
 __all__ = [
-    "AXIS_CONFLICT", "CANDIDATES", "CENSUS", "COLOUR", "DATA_COST", "ENOUGH_EVIDENCE", "EVIDENCE", "EXPOSURE",
-    "FAR_REMATCH",
+    "AXIS_CONFLICT", "BARS", "Bars", "CANDIDATES", "CENSUS", "COLOUR", "DATA_COST", "ENOUGH_EVIDENCE", "EVIDENCE",
+    "EXPOSURE", "FAR_REMATCH",
     "MATCH", "MOVED", "PAIRS", "PLANE_FIT", "POSE_ALIGNMENT", "REFERENCE_FOCAL_PX", "RELIABILITY", "RESIDUALS",
     "SELECT", "SGM", "SIGMA", "SKY", "STAGES", "SUBPIXEL", "THIN_UPRIGHTS", "Tuned", "VIEWS", "VISIBILITY", "VOLUME",
     "WINNER", "beyond_reference", "table",

@@ -19,6 +19,7 @@ LIT = "seeds 21 and 22 of each world (H), those of seed 22 also overcast, in fog
 BENCH = "the bench's eight scenes: seeds 1 and 2 of each world (H, and with V)"
 CAR = "not recorded; measured on the town with a car that drives along the baselines (docs/decisions/0008)"
 TILTED = "not recorded; measured on the study's tilted pairs"
+RIG = "the tilting rig's demo, seed 1 (docs/tilting.md)"
 NOT_RECORDED, NOT_VARIED = "not recorded", "not varied"
 
 
