@@ -2,6 +2,7 @@
 """What a section of the study writes: Markdown, tables, and pictures of modest size."""
 
 import io
+import os
 from pathlib import Path
 from typing import List, Optional, Sequence
 
@@ -45,7 +46,7 @@ class Page:
         plt.close(figure)
         file = self.pictures / f"{name}.png"
         Image.open(data).convert("RGB").quantize(128).save(file, optimize=True)
-        relative = file.resolve().relative_to(self.path.resolve().parent)
+        relative = Path(os.path.relpath(file.resolve(), self.path.resolve().parent))
         self.lines += [f"![{words}]({relative.as_posix()})", ""]
 
     def write(self) -> None:
