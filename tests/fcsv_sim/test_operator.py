@@ -333,6 +333,16 @@ def test_who_is_above_another_flies_aside_before_he_lands():
     assert upper.mode == "LAND" and np.linalg.norm((upper.p - lower.p)[:2]) > 2.5
 
 
+def test_nobody_lets_go_in_stabilize():
+    """A stick in the middle is more thrust than it takes: where LOITER is refused, it would climb for ever."""
+    pilot = Pilot(0, Field(), 1)
+    pilot._switch = "LOITER"
+    by_hand, flown = (Sight(np.eye(4), np.zeros(3), True, mode) for mode in ("STABILIZE", "GUIDED"))
+    modes = [pilot.sticks(100.0 + 0.1 * k, "CONFIGURATIONS", by_hand).mode for k in range(30)]
+    assert modes[:10] == ["LOITER"] * 10 and modes[-1] == "ALT_HOLD"
+    assert pilot.sticks(104.0, "CONFIGURATIONS", flown).throttle == 0.0
+
+
 def test_what_runs_off_in_land_is_brought_down_in_alt_hold():
     """Its position is lost: LAND follows it and does not end."""
     pilot = Pilot(0, Field(), 1)

@@ -26,6 +26,7 @@ _LOW_BATTERY, _LOW_S = 0.2, 10.0  # and with a low battery after this
 _NO_MISSION_S = 60.0  # and where no mission begins
 _BESIDE_S, _BESIDE_M = 15.0, 0.6  # so long and so well he flies aside of who is beneath, before he lands
 _FLICK_S = 0.3
+_REFUSED_S = 1.0  # a mode that does not show by then was refused
 _NO_LANDING_S = 60.0  # who is in LAND for so long and still flies runs after a lost position: down in ALT_HOLD
 _RUNS_OFF_M = 30.0  # from where he wants it, in LOITER: likewise
 _LOW_M = 0.5
@@ -91,6 +92,7 @@ class Pilot:
         self._landing_s: Optional[float] = None  # since when he lands by hand
         self._beside: Optional[np.ndarray] = None  # where, if not here
         self._in_land_s: Optional[float] = None  # since when it has been in LAND
+        self._by_thrust_s: Optional[float] = None  # since when in STABILIZE with his hands off
 
     def sticks(self, now_s: float, phase: str, sight: Sight) -> Sticks:
         """Sticks for the mission's phase, which is empty while the control PC is dead; what is seen is acted upon 0.3 s
@@ -167,7 +169,7 @@ class Pilot:
         if self._landing_s is not None or (sight.armed and self._must_land(now_s, phase, sight)):
             return self.land_by_hand(now_s, sight)
         if phase == "WAIT_VEHICLES" and sight.armed:
-            return Sticks(mode=self._switch)  # a mission that was started again in flight: hands off
+            return self._hands_off(now_s, sight)  # a mission that was started again in flight: hands off
         if (phase == "WAIT_VEHICLES" and not self._airborne) or (phase in ("DONE", "ABORTED") and not sight.armed):
             return Sticks(throttle=-1.0, mode="ALT_HOLD")
         if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):
@@ -179,7 +181,13 @@ class Pilot:
             patience_s = _LAND_BY_HAND_S if sight.mode == "GUIDED" else _TOLD_S
             if now_s - self._phase_since_s > patience_s:
                 return self.land_by_hand(now_s, sight)
-        return Sticks(mode=self._switch)  # hands off: the mission flies, or the autopilot lands
+        return self._hands_off(now_s, sight)  # the mission flies, or the autopilot lands
+
+    def _hands_off(self, now_s: float, sight: Sight) -> Sticks:
+        """Not in STABILIZE, where a stick in the middle climbs for ever: where his switch is refused, ALT_HOLD."""
+        by_thrust = sight.armed and sight.mode == "STABILIZE"
+        self._by_thrust_s = (self._by_thrust_s or now_s) if by_thrust else None
+        return Sticks(mode="ALT_HOLD" if by_thrust and now_s - self._by_thrust_s > _REFUSED_S else self._switch)
 
     def _take_off(self, now_s: float, sight: Sight) -> Sticks:
         if not sight.armed:
