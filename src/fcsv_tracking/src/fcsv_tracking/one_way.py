@@ -9,7 +9,7 @@ tells the truth are the errors of following points, which are as large across an
 
 import numpy as np
 
-from fcsv_tracking.epipolar import from_lines
+from fcsv_tracking.epipolar import Lines
 
 _NOISE_RAD, _NOISE_PER_TURN = 0.0024, 0.025  # of a followed point, half a pixel of 320 in either picture; in an axis
 _MOST_RAD = 0.008  # what is further off counts as if it were so far: people, leaves
@@ -48,9 +48,7 @@ def one_way_ratio(
     if int(np.count_nonzero(below)) < _LEAST_POINTS:
         return 0.0
     xy_then, xy_now = xy_then[below], xy_now[below]
-    off = from_lines(xy_then, xy_now, T_now_then)
-    turn = _turn_of_all(xy_then, xy_now, T_now_then, off, _TURN_RAD + _TURN_PER_TURN * turn_rad)
-    off = from_lines(xy_then, xy_now - _turns(xy_now) @ turn, T_now_then)
+    off = _without_turn(Lines(xy_then, T_now_then), xy_now, _TURN_RAD + _TURN_PER_TURN * turn_rad)
     off2 = np.einsum("ij,ij->i", off, off)
     off *= np.minimum(1.0, _MOST_RAD / np.sqrt(np.maximum(off2, 1e-12)))[:, None]
     noise2 = (_NOISE_RAD + _NOISE_PER_TURN * turn_rad) ** 2
@@ -78,15 +76,17 @@ def _turns(xy: np.ndarray) -> np.ndarray:
     return out
 
 
-def _turn_of_all(xy_then, xy_now, T_now_then, off, sigma_rad: float) -> np.ndarray:
-    """(3,) the small turn that leaves the least sum of distances to the lines (reweighted squares), where large ones
-    are unlikely."""
-    A, turn = _turns(xy_now), np.zeros(3)
+def _without_turn(lines: Lines, xy_now: np.ndarray, sigma_rad: float) -> np.ndarray:
+    """(N, 2) what points (N, 2) are off their lines once the small turn is taken back that leaves the least sum of
+    distances (reweighted squares), where large ones are unlikely."""
+    A, turn, off = _turns(xy_now), np.zeros(3), lines.off(xy_now)
+    flat = A.reshape(-1, 3)
     prior = _PRIOR_WEIGHT * len(xy_now) * _SHARP_RAD / sigma_rad**2
     for _ in range(_ROUNDS):
-        weighted = A / np.maximum(np.hypot(off[:, 0], off[:, 1]), _SHARP_RAD)[:, None, None]
-        normal = np.tensordot(weighted, A, axes=([0, 1], [0, 1])) + prior * np.eye(3)
-        turn = turn + np.linalg.solve(normal, np.tensordot(weighted, off, axes=([0, 1], [0, 1])) - prior * turn)
+        weight = 1.0 / np.maximum(np.sqrt(np.einsum("ij,ij->i", off, off)), _SHARP_RAD)
+        weighted = flat * np.repeat(weight, 2)[:, None]
+        normal = weighted.T @ flat + prior * np.eye(3)
+        turn = turn + np.linalg.solve(normal, off.ravel() @ weighted - prior * turn)
         turn *= min(1.0, _MOST_TURN * sigma_rad / max(float(np.linalg.norm(turn)), 1e-12))
-        off = from_lines(xy_then, xy_now - A @ turn, T_now_then)
-    return turn
+        off = lines.off(xy_now - A @ turn)
+    return off
