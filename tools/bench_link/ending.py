@@ -11,6 +11,8 @@ from typing import Iterator, List
 
 import psutil
 
+from fcsv_sim.machines.interruption import leave_it, raise_again
+
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 _END_S = 30.0
 _NAME = re.compile(r"fcsv-.+-(\d+)")
@@ -24,6 +26,7 @@ def clean_end() -> Iterator[None]:
     the signal came while it was made; and, before the beginning, what a run that was killed left.
     """
     sweep()
+    raise_again(SystemExit)
     for number in SIGNALS:
         signal.signal(number, _end)
     try:
@@ -31,6 +34,7 @@ def clean_end() -> Iterator[None]:
     finally:
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
+        leave_it()
         _end_all(psutil.Process().children(recursive=True))
         sweep()
 

@@ -3,6 +3,8 @@
 
 import signal
 
+from fcsv_sim.machines.interruption import leave_it, raise_again
+
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -12,18 +14,24 @@ class Interrupted(BaseException):
 
 def listen() -> None:
     """From now on either raises Interrupted in the main thread."""
-    for number in _SIGNALS:
-        signal.signal(number, _interrupt)
+    raise_again(Interrupted)
+    _listen()
 
 
 def uninterrupted(action) -> None:
     """Run to the end: an impatient Ctrl-C must not leave half a fleet behind."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+    leave_it()
     try:
         action()
     finally:
-        listen()
+        _listen()
+
+
+def _listen() -> None:
+    for number in _SIGNALS:
+        signal.signal(number, _interrupt)
 
 
 def _interrupt(_number, _frame) -> None:

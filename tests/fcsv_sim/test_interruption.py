@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C counts whenever it comes, also in the middle of a fork."""
+
+import subprocess
+import sys
+
+DEMO = """
+from fcsv_sim.demo.interrupt import Interrupted as Ended, listen, uninterrupted
+listen()
+"""
+PROGRAM = """
+import os, signal, subprocess, time
+{begin}
+def ctrl_c():
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.02)
+os.register_at_fork(after_in_parent=ctrl_c)
+try:
+    subprocess.run(["true"], preexec_fn=lambda: None)
+    time.sleep(10.0)
+    print("lost")
+except Ended:
+    print("ended")
+    {then}
+"""
+
+
+def printed(begin, then="pass"):
+    program = PROGRAM.format(begin=begin, then=then)
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0).stdout.split()
+
+
+def test_ctrl_c_while_the_demo_starts_a_process_is_not_lost():
+    assert printed(DEMO) == ["ended"]
+
+
+def test_a_second_one_does_not_stop_what_must_come_to_its_end():
+    action = "uninterrupted(lambda: (ctrl_c(), subprocess.run(['true'], preexec_fn=lambda: None), print('tidied')))"
+    assert printed(DEMO, action) == ["ended", "tidied"]
+
+
+def test_other_errors_in_such_places_are_told_as_before():
+    begin = "from fcsv_sim.machines.interruption import raise_again\nraise_again(KeyError)"
+    program = f"{begin}\nclass A:\n    def __del__(self): raise ValueError('told')\na = A()\ndel a\nprint('on')"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0)
+    assert "ValueError: told" in done.stderr and done.stdout == "on\n"
+
+
+def test_a_bench_that_is_ended_while_it_starts_a_process_ends(root):
+    begin = f"import sys\nsys.path.insert(0, {str(root / 'tools/bench_link')!r})\nimport ending\nEnded = SystemExit\n"
+    within = "ending.sweep = list\nblock = ending.clean_end()\nblock.__enter__()"
+    assert printed(begin + within) == ["ended"]
