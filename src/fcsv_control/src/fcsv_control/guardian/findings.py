@@ -252,10 +252,10 @@ class Watches:
         for name, share in self.separations(now_s, air):
             if share < 1.0 and air.flying:
                 yield Finding("separation", Wish.ASIDE, f"too near to {name}", name)
-        here = air.p_home_m
+        here, places = air.p_home_m, self.places_m(now_s, air)
         for name, other in air.others.items() if here is not None and air.flying else ():
             offset_m = other.p_home_m - here
-            if any(self._comes_down(now_s, other, p - here) for p in other.places_m(now_s, self._rules.silent_above_s)):
+            if any(self._comes_down(now_s, other, p - here) for p in places[name]):
                 lands = other.uncontrolled and air.mode == "LAND" and self._high(air)
                 yield Finding(ABOVE, Wish.ESCAPE if lands else Wish.ASIDE, f"{name} comes down", name)
             elif self._lasts(now_s, f"near {name}", self._unruly(now_s, other, offset_m), self._rules.unruly_s):

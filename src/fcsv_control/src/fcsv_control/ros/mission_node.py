@@ -15,9 +15,9 @@ from std_srvs.srv import Trigger, TriggerResponse
 from fcsv_control.mission import check_gate
 from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Order
-from fcsv_control.mission.sightings import Sightings
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
+from fcsv_control.mission.tag_in_front import TagInFront
 from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.ros.mission_desk import MissionDesk
 from fcsv_control.ros.mission_inputs import RecorderInput, inputs_of
@@ -104,7 +104,7 @@ class MissionNode:
         rospy.Service("/mission/abort", Trigger, self._on_abort)
         self._desk = MissionDesk(self._machine, self._lock)
         self._inputs = inputs_of([self._vehicles[n] for n in names], self._health)
-        self._sightings = Sightings()
+        self._tag_in_front = TagInFront()
         self._recorder = RecorderInput(self._parameters.recorder) if self._parameters.recorder else None
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
@@ -244,7 +244,7 @@ class MissionNode:
         views = {n: i.view(now_s, T_home_odom.get(n)) for n, i in self._inputs.items()}
         cameras = {n: v.T_body_cam for n, v in self._vehicles.items()}
         recorder = None if self._recorder is None else self._recorder.view(now_s)
-        return Snapshot(now_s, self._sightings.judge(now_s, views, T_home_odom), T_home_odom, cameras, recorder)
+        return Snapshot(now_s, self._tag_in_front.judge(now_s, views, T_home_odom), T_home_odom, cameras, recorder)
 
     def _command(self, order: Order, now_s: float) -> Command:
         a = order.arguments

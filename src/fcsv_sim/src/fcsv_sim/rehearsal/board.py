@@ -60,11 +60,11 @@ class OnBoard:
         self._odometry = BodyOdometry(geometry.T_body_t265)
         self.epoch = self._odometry.epoch
         self._feed = VisionFeed(FeedParameters())
-        self._watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
+        self.watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
         self.link = LinkCore(LinkParameters(target_system=geometry.system_id))
         self.agent = AgentCore(self.name, rules)
         self.guardian = Guardian(self.name, guardian)
-        self._check = FeedCheck()
+        self.check = FeedCheck()
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self.T_home_odom: Dict[str, np.ndarray] = {}  # as the control PC told it last
         self._tell_epoch()
@@ -136,21 +136,21 @@ class OnBoard:
             T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
             self.guardian.feed(now_s, T_odom_body)
             in_the_air = self.link.state.in_the_air
-            if self._check.waits(now_s, in_the_air):
-                self._watchdog.feed(now_s)
+            if self.check.waits(now_s, in_the_air):
+                self.watchdog.feed(now_s)
                 return
             if in_the_air is None:
-                self._check.begin_again()
+                self.check.begin_again()
             elif not (self.link.state.armed and in_the_air):
-                self._check.on_ground()
+                self.check.on_ground()
             else:
-                believed = self._check.judge(now_s, stamp_s, T_odom_body)
+                believed = self.check.judge(now_s, stamp_s, T_odom_body)
                 if not believed:
                     return
-                if self._check.came_back:
+                if self.check.came_back:
                     self.link.note_reset()
             self.link.send_pose(stamp_s, T_odom_body)
-            self._watchdog.feed(now_s)
+            self.watchdog.feed(now_s)
 
     def _tell_epoch(self) -> None:
         self.agent.epoch(self.epoch.number, self.epoch.reason)
@@ -159,7 +159,7 @@ class OnBoard:
     def _scene_looked(self, now_s: float, seen: SceneLook) -> None:
         """Its pictures were held against its tracker."""
         if self.link_runs:
-            self._check.scene(now_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points, seen.one_way)
+            self.check.scene(now_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points, seen.one_way)
 
     def _on_board(self, now_s: float) -> None:
         """The line between autopilot and link, the link's events, the watchdog, the agent."""
@@ -170,7 +170,7 @@ class OnBoard:
             if isinstance(event, PoseHeard):
                 self._estimate(now_s, event)
             elif isinstance(event, BarometerHeard):
-                self._check.barometer(now_s, event.height_m)
+                self.check.barometer(now_s, event.height_m)
             elif isinstance(event, EstimateMoved):
                 self.agent.estimate_moved(now_s, event.step_m)
             elif self.link.state.mode and isinstance(event, (StateHeard, BatteryHeard)):
@@ -179,7 +179,7 @@ class OnBoard:
                 share = self.link.state.battery_share if self.battery_said is None else self.battery_said
                 self.guardian.battery(now_s, share)
         state = self.link.state
-        if self._watchdog.check(now_s, state.armed, state.mode) is Alarm.LAND:
+        if self.watchdog.check(now_s, state.armed, state.mode) is Alarm.LAND:
             self._set_mode(now_s, "LAND")
         if self._passes % _GUARDIAN_EVERY == 0:
             self._guard(now_s)
@@ -202,7 +202,7 @@ class OnBoard:
             s = self.link.state
             failsafe = s.system_status in AUTOPILOT_FAILSAFE
             report = LinkReport(
-                self._check.doubt, s.ekf_variance, s.throttle, failsafe, self.link.origin_set(now_s),
+                self.check.doubt, s.ekf_variance, s.throttle, failsafe, self.link.origin_set(now_s),
                 in_the_air=s.in_the_air,
             )  # fmt: skip
             self.guardian.link(now_s, report)
@@ -220,7 +220,7 @@ class OnBoard:
         T_odom_body = heard.T_odom_body
         self.agent.pose(now_s, T_odom_body)
         self.guardian.estimate(now_s, T_odom_body)
-        self._check.estimate(now_s, T_odom_body, heard.v_odom_mps)
+        self.check.estimate(now_s, T_odom_body, heard.v_odom_mps)
         if self.link.state.mode and not self.link.state.armed:
             self._ground_m = float(T_odom_body[2, 3])
         self.height_m = float(T_odom_body[2, 3]) - self._ground_m
@@ -269,14 +269,11 @@ class OnBoard:
     def swap_link(self, link, watchdog, died: bool = False, knows: bool = True) -> None:
         """Another link process in place of the one that runs. What was asked of one that ``died`` fails; a new one
         ``knows`` nothing of what it was fed before."""
-        self.link, self._watchdog, self._feed = link, watchdog, VisionFeed(FeedParameters())
-        self._check = self._check if knows else FeedCheck()
+        self.link, self.watchdog, self._feed = link, watchdog, VisionFeed(FeedParameters())
+        self.check = self.check if knows else FeedCheck()
         for ask, _ in self._requests if died else []:
             self.agent.finished(ask, "the flight link died")
         self._requests = [] if died else self._requests
-
-    scene_says = property(lambda self: self._check.scene_says, doc="What its pictures say against its tracker.")
-    watchdog = property(lambda self: self._watchdog, doc="The link's, on the feed.")
 
     def _wall_s(self, now_s: float) -> float:
         return WALL_S + now_s + self.clock_offset_s

@@ -15,8 +15,8 @@ from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory, require_fitting
 from fcsv_control.mission.outbox import Order
-from fcsv_control.mission.sightings import Sightings
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
+from fcsv_control.mission.tag_in_front import TagInFront
 from fcsv_geometry import config, transforms
 from fcsv_geometry.home import home_of
 from fcsv_geometry.mission import Mission
@@ -49,7 +49,7 @@ class ControlPc:
         self._mission, self._fleet, self._radios = mission, fleet, radios
         self._random, self._random_sight = (np.random.default_rng([seed, k]) for k in (22, 24))
         self._cameras = {n: v.geometry.T_body_cam for n, v in fleet.items()}
-        self._sightings = Sightings()
+        self._tag_in_front = TagInFront()
         self._hear_nobody()
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
         self._T_ref_odom: Dict[str, np.ndarray] = {}  # T_odom1_odomN by the calibration
@@ -194,7 +194,7 @@ class ControlPc:
         return WALL_S + now_s + self.clock_offset_s
 
     def _snapshot(self, now_s: float) -> Snapshot:
-        views = self._sightings.judge(now_s, {n: self._view(now_s, n) for n in self._fleet}, self.T_home_odom)
+        views = self._tag_in_front.judge(now_s, {n: self._view(now_s, n) for n in self._fleet}, self.T_home_odom)
         return Snapshot(now_s, views, dict(self.T_home_odom), self._cameras)
 
     def _view(self, now_s: float, name: str) -> VehicleView:

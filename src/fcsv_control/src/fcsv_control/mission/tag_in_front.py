@@ -15,7 +15,7 @@ from fcsv_geometry.config import require_positive
 
 
 @dataclass(frozen=True)
-class SightingRules:
+class TagInFrontRules:
     """Bounds. A calibration and what trackers drift after it are 0.1 m (docs/safety.md), a tag's place 2 % of its
     distance; a picture is up to half a second older than the pose."""
 
@@ -28,12 +28,12 @@ class SightingRules:
         require_positive(self)
 
 
-class Sightings:
+class TagInFront:
     """``judge`` gives the views on, with what is wrong in ``sighted_off``: from then on until they are calibrated anew,
     because the tag goes out of view as the vehicle drifts."""
 
-    def __init__(self, rules: Optional[SightingRules] = None):
-        self._rules = rules or SightingRules()
+    def __init__(self, rules: Optional[TagInFrontRules] = None):
+        self._rules = rules or TagInFrontRules()
         self._off_since_s: Dict[str, Tuple[float, float]] = {}  # by the rear one: first and last
         self._off: Dict[str, Tuple[str, np.ndarray]] = {}  # what was said, and T_home_odom then
 

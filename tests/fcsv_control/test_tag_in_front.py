@@ -7,8 +7,8 @@ import pytest
 from fcsv_control.mission import watch
 from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.patience import Pause
-from fcsv_control.mission.sightings import SightingRules, Sightings
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
+from fcsv_control.mission.tag_in_front import TagInFront, TagInFrontRules
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission, StereoConfiguration
@@ -27,7 +27,7 @@ class Column:
 
     def __init__(self):
         self.now_s, self.speed_mps, self.sees, self.drift_m = 50.0, {"uav1": 0.1, "uav2": 0.1}, True, {}
-        self.home, self.sightings = dict(T_HOME_ODOM), Sightings()
+        self.home, self.tag_in_front = dict(T_HOME_ODOM), TagInFront()
         self.heard = {n: VehicleHeard(np.eye(4), T_body_tag=T_BODY_TAG) for n in T_HOME_ODOM}
 
     def _told(self, name):
@@ -46,7 +46,7 @@ class Column:
                 T_uav2_uav1 = transforms.invert(T_HOME_BODY["uav2"]) @ T_HOME_BODY["uav1"]
                 self.heard["uav2"].front_tag(self.now_s, (self._told("uav2") @ T_uav2_uav1 @ T_BODY_TAG)[:3, 3])
             views = {n: h.view(self.now_s, self.home.get(n)) for n, h in self.heard.items()}
-            self.views = self.sightings.judge(self.now_s, views, self.home)
+            self.views = self.tag_in_front.judge(self.now_s, views, self.home)
         assert not self.views["uav1"].sighted_off, "nobody is in front of the first"
         return self.views["uav2"].sighted_off
 
@@ -98,7 +98,7 @@ def test_what_says_nothing(what):
 
 def test_a_bound_that_is_none_is_refused():
     with pytest.raises(ValueError, match="off_m"):
-        SightingRules(off_m=0.0)
+        TagInFrontRules(off_m=0.0)
 
 
 def test_a_mission_that_flies_lands_everybody_and_one_that_is_set_up_waits():
