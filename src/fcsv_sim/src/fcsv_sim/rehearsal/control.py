@@ -49,7 +49,6 @@ class ControlPc:
         self._mission, self._fleet, self._radios = mission, fleet, radios
         self._random, self._random_sight = (np.random.default_rng([seed, k]) for k in (22, 24))
         self._cameras = {n: v.geometry.T_body_cam for n, v in fleet.items()}
-        self._tag_in_front = TagInFront()
         self._hear_nobody()
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
         self._T_ref_odom: Dict[str, np.ndarray] = {}  # T_odom1_odomN by the calibration
@@ -63,6 +62,7 @@ class ControlPc:
         self.heard = {
             n: VehicleHeard(v.geometry.T_body_cam, T_body_tag=v.geometry.T_body_tag) for n, v in self._fleet.items()
         }
+        self._tag_in_front = TagInFront()
         self._newest_s: Dict[Tuple[str, Callable], float] = {}  # when what was taken last was sent, by vehicle and kind
         self._states: Dict[str, Tuple] = {}  # that arrived
 
