@@ -9,7 +9,6 @@ degrees, known to 5 mm and 0.1 degrees. Told is the share of the middle line's p
 """
 
 import argparse
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from fcsv_sim.bringup import bringup
 from fcsv_sim.tilting.calibrated import calibrate_simulated
 from fcsv_sim.tilting.place import Place
 from fcsv_sim.tilting.rig import SimulatedRig, as_made
+from fcsv_sim.tilting.trial import radius_of, right_pixels
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.model import Axis, Configuration, ConfigurationInput, MapInput, Picture, PosePrior
@@ -26,7 +26,6 @@ from fcsv_tracking.tilting.rig import SIDES, load_rig
 
 _MOVED = transforms.from_xyz_rpy([0.0, 0.13, 0.10], np.radians([12.0, 0.0, 0.0]))
 _KNOWN_M, _KNOWN_RAD = 0.005, float(np.radians(0.1))
-_RADIUS_M, _RADIUS_SHARE, _RIGHT = 0.15, 0.15, 0.1
 
 
 def main() -> None:
@@ -38,15 +37,12 @@ def main() -> None:
     for distance_m in (1.0, 2.0, 4.0):
         pictures, view, T_world_left = taken(place, rig, distance_m)
         camera = rig.true.left.camera
-        radius_m = max(_RADIUS_M, _RADIUS_SHARE * distance_m)
-        part = view.thing & place.near("lines", view.depth, T_world_left, camera, radius_m)
+        part = view.thing & place.near("lines", view.depth, T_world_left, camera, radius_of(distance_m))
         shares = []
         for others in (pictures[1:2], pictures[1:]):
             for bars in (False, True):
-                depth = mapped(pictures[0], others, bars)
-                with np.errstate(invalid="ignore"):
-                    right = part & (np.abs(depth / view.depth - 1.0) < _RIGHT)
-                shares.append(f"{right.sum() / part.sum():.0%}")
+                right = right_pixels(mapped(pictures[0], others, bars), view.depth, part)
+                shares.append(f"{right / part.sum():.0%}")
         pair, pair_bars, moved, moved_bars = shares
         print(f"{distance_m:g} m: one pair {pair}, with bars {pair_bars}; rig moved {moved}, with bars {moved_bars}")
 
@@ -71,8 +67,7 @@ def mapped(reference: Picture, others, bars: bool) -> np.ndarray:
     given = [ConfigurationInput(Configuration(Axis.HORIZONTAL, 0.3, 0.0, o.name), [reference], [o]) for o in others]
     prior = PosePrior(_KNOWN_RAD, _KNOWN_M, 0.001)
     try:
-        options = replace(JointOptions(), bars=bars)
-        return Joint().map(MapInput("photographs", given, prior=prior), options).depth
+        return Joint().map(MapInput("photographs", given, prior=prior), JointOptions(bars=bars)).depth
     except StereoError as error:
         print(error)
         return np.full(reference.image.shape[:2], np.nan)

@@ -14,11 +14,11 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import colmap, output, pipeline
 from fcsv_stereo.equations import ErrorThreshold, depth_error
 from fcsv_stereo.errors import InputError, MatchingError, OutputError
-from fcsv_stereo.model import Cloud, MapInput, Reference
+from fcsv_stereo.model import Cloud, MapInput, Reference, concatenate
 from fcsv_stereo.products import FILES, PRODUCTS, names, parse_products, pictures, write_products
 from fcsv_stereo.products.clouds import write_laz, write_pcd
 from fcsv_stereo.products.from_above import rasterize, write_from_above
-from fcsv_stereo.products.points import concatenate, merge_duplicates
+from fcsv_stereo.products.points import merge_duplicates
 from fcsv_stereo.rectify import bouguet
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """From disparity to depth, and from one view to another."""
 
-from typing import Tuple
+from typing import Tuple, Union
 
 import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.model import Cloud, Picture, Reference, as_rgb
 from fcsv_stereo.rectify import RectifiedPair
 
 
@@ -34,6 +35,17 @@ def points_from_depth(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
     """Points (H,W,3) in the camera's frame; NaN where there is no depth."""
     v, u = np.indices(depth.shape, dtype=np.float32)
     return np.stack([(u - K[0, 2]) / K[0, 0] * depth, (v - K[1, 2]) / K[1, 1] * depth, depth], axis=-1)
+
+
+def cloud_of(view: Union[Picture, Reference], depth: np.ndarray, sigma: np.ndarray, source: np.ndarray) -> Cloud:
+    """The points of a view at which there is a depth; ``depth``, ``sigma`` (m, NaN where none) and ``source`` (which
+    pair) are HxW."""
+    known = np.isfinite(depth)
+    points_cam = points_from_depth(depth, view.camera.K)[known]
+    points_home = points_cam @ view.T_home_cam[:3, :3].T + view.T_home_cam[:3, 3]
+    return Cloud(
+        points_home.astype(np.float32), as_rgb(view.image)[known], sigma[known], source[known].astype(np.uint8)
+    )
 
 
 def pixels_of(

@@ -88,30 +88,36 @@ def _one(
     plain, depth, refused = map_depth(folder, left.depth.shape)
     camera, T_rig_left = rig.true.left.camera, rig.T_rig_cams()[0]
     T_world_cam = place.T_world_rig(thing, distance_m) @ T_rig_left
-    radius_m = max(_LEAST_RADIUS_M, _RADIUS_SHARE * distance_m)
+    radius_m = radius_of(distance_m)
     shown, pixels = place.shown(thing, T_world_cam, camera, radius_m)
     part = left.thing & place.near(thing, left.depth, T_world_cam, camera, radius_m)
     answered = part & np.isfinite(depth)
     error = np.abs(depth[answered] - left.depth[answered])
     xy = camera.rays()[answered][:, :2]
     bound = depth_error(left.depth[answered], xy, rig.true.T_left_right(rig.angles), rig.true.right.camera)
-    right = error <= _RIGHT_SHARE * left.depth[answered]
     pixels = max(pixels, 1)
     nan = float("nan")
     drawn = nan
     if drawing is not None:
         _, by_drawing, _ = map_depth(posed_by(drawing, rig.read(), folder, Path(f"{folder}_drawn")), left.depth.shape)
-        known = part & np.isfinite(by_drawing)
-        off = np.abs(by_drawing[known] / left.depth[known] - 1.0)
-        drawn = float((off <= _RIGHT_SHARE).sum()) / pixels
-    with np.errstate(invalid="ignore"):
-        unbarred = part & (np.abs(plain / left.depth - 1.0) <= _RIGHT_SHARE)
+        drawn = right_pixels(by_drawing, left.depth, part) / pixels
     return Outcome(
         thing, distance_m, drawing is not None, rig.read(), pixels, shown / pixels, error.size / pixels,
-        float(right.sum()) / pixels, float((error <= bound).sum()) / pixels,
+        right_pixels(depth, left.depth, part) / pixels, float((error <= bound).sum()) / pixels,
         float(np.median(error)) if error.size else nan, float(np.median(bound)) if error.size else nan, refused, drawn,
-        float(unbarred.sum()) / pixels, left, depth,
+        right_pixels(plain, left.depth, part) / pixels, left, depth,
     )  # fmt: skip
+
+
+def right_pixels(depth: np.ndarray, truth: np.ndarray, part: np.ndarray) -> int:
+    """How many pixels of a ``part`` (HxW bool) have a ``depth`` within 10 % of the truth (HxW, m, NaN where none)."""
+    with np.errstate(invalid="ignore"):
+        return int((part & (np.abs(depth - truth) <= _RIGHT_SHARE * truth)).sum())
+
+
+def radius_of(distance_m: float) -> float:
+    """Within this of its middle (m) a thing's part counts."""
+    return max(_LEAST_RADIUS_M, _RADIUS_SHARE * distance_m)
 
 
 def map_depth(folder: Path, shape: Tuple[int, int]) -> Tuple[np.ndarray, np.ndarray, str]:

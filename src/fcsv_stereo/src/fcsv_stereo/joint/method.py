@@ -8,7 +8,7 @@ from typing import Dict, List, Optional, Tuple
 import numpy as np
 
 from fcsv_stereo import instants
-from fcsv_stereo.depth import points_from_depth
+from fcsv_stereo.depth import cloud_of
 from fcsv_stereo.equations import ErrorThreshold, farthest
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.joint.bars import with_bars
@@ -20,7 +20,6 @@ from fcsv_stereo.joint.match import JointDepth, MatchOptions, Suspicion, match_j
 from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
 from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.model import (
-    Cloud,
     Configuration,
     ConfigurationInput,
     ImageEntry,
@@ -145,7 +144,7 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
 
     started = time.perf_counter()
     progress("map", 2, 3)
-    cloud = _cloud(reference, found)
+    cloud = cloud_of(reference, found.depth, found.sigma, found.strongest)
     if not len(cloud):
         why = why_no_depth(reference, pictures)
         raise MatchingError(f"no pixel of {reference.name} has a depth that can be relied on: {why}")
@@ -214,15 +213,6 @@ def _unfit_to_match(refined: List[RefinedPicture]) -> Dict[int, str]:
         if not r.refined and off_px > PAIRS.most_pose_off_px(r.picture.camera.fx):
             reasons[i] = f"its pose is only known to {off_px:.1f} px ({r.reason})"
     return reasons
-
-
-def _cloud(reference: Picture, found: JointDepth) -> Cloud:
-    known = np.isfinite(found.depth)
-    points_cam = points_from_depth(found.depth, reference.camera.K)[known]
-    points_home = points_cam @ reference.T_home_cam[:3, :3].T + reference.T_home_cam[:3, 3]
-    image = reference.image if reference.image.ndim == 3 else np.repeat(reference.image[..., None], 3, axis=2)
-    strongest = found.strongest[known].astype(np.uint8)
-    return Cloud(points_home.astype(np.float32), image[known], found.sigma[known], strongest)
 
 
 def _pairs(

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.joint.tuning import VIEWS
-from fcsv_stereo.model import Picture
+from fcsv_stereo.model import Picture, as_grey, as_rgb
 
 
 @dataclass(frozen=True)
@@ -68,15 +68,12 @@ class Views:
 
 def grey(picture: Picture) -> np.ndarray:
     """HxW float32, 0 to 255."""
-    if picture.image.ndim == 2:
-        return picture.image.astype(np.float32)
-    return cv2.cvtColor(picture.image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    return as_grey(picture.image).astype(np.float32)
 
 
 def colours(picture: Picture, shape: Tuple[int, int]) -> np.ndarray:
     """HxWx3 float32 at a reduced size, 0 to 255."""
-    image = picture.image if picture.image.ndim == 3 else np.repeat(picture.image[..., None], 3, axis=2)
-    return cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+    return cv2.resize(as_rgb(picture.image), shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
 
 
 def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Sequence[np.ndarray]) -> Views:

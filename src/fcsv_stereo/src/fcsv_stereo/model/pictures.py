@@ -12,6 +12,16 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
 
 
+def as_rgb(image: np.ndarray) -> np.ndarray:
+    """HxWx3 of a picture (HxWx3, or HxW: grey)."""
+    return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+
+
+def as_grey(image: np.ndarray) -> np.ndarray:
+    """HxW uint8 of a picture (HxWx3 uint8 RGB, or HxW: grey)."""
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
+
+
 @dataclass(frozen=True)
 class Picture:
     """An undistorted picture (HxWx3 uint8 RGB), its pinhole camera and the prior of its pose.

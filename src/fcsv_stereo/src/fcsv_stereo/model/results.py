@@ -53,6 +53,14 @@ class Cloud:
     def __len__(self) -> int:
         return len(self.points_home_m)
 
+    def __getitem__(self, which) -> "Cloud":
+        return Cloud(*(getattr(self, n)[which] for n in Cloud.__dataclass_fields__))
+
+
+def concatenate(clouds: Sequence[Cloud]) -> Cloud:
+    """Clouds of one home (maps of several configurations, or of one again and again) after each other."""
+    return Cloud(*(np.concatenate([getattr(c, n) for c in clouds]) for n in Cloud.__dataclass_fields__))
+
 
 @dataclass(frozen=True)
 class CloudCut:

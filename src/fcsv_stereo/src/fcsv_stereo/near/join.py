@@ -7,7 +7,7 @@ from typing import Dict, Optional, Sequence
 import numpy as np
 
 from fcsv_stereo.depth import pixels_of
-from fcsv_stereo.model import Cloud, MapResult, Picture
+from fcsv_stereo.model import Cloud, MapResult, Picture, as_rgb, concatenate
 from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.near.surface import NearPoints, NearSurface
 
@@ -67,7 +67,7 @@ def join(
     if len(points):
         twice = _twice(points, result, stands, surface.voxel_m)
         points = NearPoints(points.points_home_m[~twice], points.sigma_m[~twice])
-    cloud = _joined(result.cloud, kept, points, coloured(points, surface, pictures))
+    cloud = concatenate([result.cloud[kept], _cloud(points, coloured(points, surface, pictures))])
     found = NearJoin(
         dict(frames), len(points), int(stands.sum()), int((stands & ~np.isfinite(far)).sum()), int(both.sum()),
         **_seam(near[both], near_sigma[both], far[both], far_sigma[both]),
@@ -120,17 +120,11 @@ def coloured(points: NearPoints, surface: NearSurface, pictures: Sequence[Pictur
         rows, columns, z, inside = pixels_of(picture.camera, picture.T_home_cam, points.points_home_m)
         with np.errstate(invalid="ignore"):
             shown = missing & inside & (z <= depth[rows, columns] + 2.0 * surface.voxel_m)
-        image = picture.image if picture.image.ndim == 3 else np.repeat(picture.image[..., None], 3, axis=2)
-        colors[shown] = image[rows[shown], columns[shown]]
+        colors[shown] = as_rgb(picture.image)[rows[shown], columns[shown]]
         missing &= ~shown
     return colors
 
 
-def _joined(cloud: Cloud, kept: np.ndarray, points: NearPoints, colors: np.ndarray) -> Cloud:
+def _cloud(points: NearPoints, colors: np.ndarray) -> Cloud:
     index = np.full(len(points), NEAR_BASELINE, np.uint8)
-    return Cloud(
-        np.concatenate([cloud.points_home_m[kept], points.points_home_m]).astype(np.float32),
-        np.concatenate([cloud.colors[kept], colors]),
-        np.concatenate([cloud.sigma_m[kept], points.sigma_m]).astype(np.float32),
-        np.concatenate([cloud.baseline_index[kept], index]),
-    )
+    return Cloud(points.points_home_m.astype(np.float32), colors, points.sigma_m.astype(np.float32), index)

@@ -1,19 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points that several configurations saw, made one."""
 
-from typing import Sequence
-
 import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.model import Cloud, Reference
 
 _AGREE = 2.0  # depths that differ by less than so many standard deviations of their difference are of one point
-
-
-def concatenate(clouds: Sequence[Cloud]) -> Cloud:
-    """Clouds of one home (maps of several configurations, or of one again and again) after each other."""
-    return Cloud(*(np.concatenate([getattr(c, n) for c in clouds]) for n in Cloud.__dataclass_fields__))
 
 
 def merge_duplicates(cloud: Cloud, reference: Reference, cell_px: float = 1.0) -> Cloud:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.model import Picture
+from fcsv_stereo.model import Picture, as_grey
 
 _SIFT_PIXELS = 150e3  # SIFT finds neighbours; accuracy comes from tracking in the whole picture
 _TRACKING_PIXELS = 2e6  # more is more blur, not more detail
@@ -71,8 +71,7 @@ class KnownFeatures:
 
 def prepare(picture: Picture, features: int) -> View:
     """SIFT features of a picture, at most so many, spread over it."""
-    gray = cv2.cvtColor(picture.image, cv2.COLOR_RGB2GRAY) if picture.image.ndim == 3 else picture.image
-    gray = _reduced(gray, _TRACKING_PIXELS)
+    gray = _reduced(as_grey(picture.image), _TRACKING_PIXELS)
     camera = _resized(picture.camera, gray.shape)
     small = _reduced(gray, _SIFT_PIXELS)
     if min(small.shape) < _MIN_SIDE_PX:

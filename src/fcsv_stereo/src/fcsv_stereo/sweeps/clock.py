@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_stereo.model import Picture
+from fcsv_stereo.model import Picture, as_grey
 
 _MOST_S = 0.04  # larger ones are of clocks that were never synchronised
 _COARSE_S, _FINE_S = 0.001, 0.0001
@@ -160,7 +160,7 @@ def _turn(a: Picture, b: Picture) -> Optional[Turn]:
 
 def _tracked(a: Picture, b: Picture, R0: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
     """Rays (N, 3) with z = 1 of corners in ``a``, and where (N, 2) on the plane z = 1 they are in ``b``."""
-    first, second = (cv2.cvtColor(p.image, cv2.COLOR_RGB2GRAY) if p.image.ndim == 3 else p.image for p in (a, b))
+    first, second = as_grey(a.image), as_grey(b.image)
     corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, 8)
     if corners is None:
         return np.empty((0, 3)), np.empty((0, 2))

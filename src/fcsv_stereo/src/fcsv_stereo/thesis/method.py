@@ -8,12 +8,11 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_stereo.depth import depth_from_disparity, points_from_depth, resample
+from fcsv_stereo.depth import cloud_of, depth_from_disparity, points_from_depth, resample
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.model import (
     AXES,
-    Cloud,
     ConfigurationInput,
     ImageEntry,
     InputKind,
@@ -116,7 +115,7 @@ def map_thesis(given: MapInput, options: ThesisOptions, progress: Progress) -> M
     depth, sigma, source = fuse_layers(layers, ranges_m, options.across_axes)
     if reference.blank is not None:
         depth[reference.blank], sigma[reference.blank] = np.nan, np.nan
-    cloud = _cloud(reference, depth, sigma, source)
+    cloud = cloud_of(reference, depth, sigma, source)
     timing_s["fuse"] = time.perf_counter() - started
     if len(cloud) < _LEAST_SHARE * depth.size:
         raise MatchingError(
@@ -176,15 +175,6 @@ def _layer(m: _Matched, depth: np.ndarray) -> Layer:
     what = m.given.configuration
     i = m.pair.axis_index
     return Layer(what.axis, round(what.baseline_m, 3), abs(m.pair.baseline_m), m.pair.K_reference[i, i], depth)
-
-
-def _cloud(reference: Picture, depth: np.ndarray, sigma: np.ndarray, source: np.ndarray) -> Cloud:
-    known = np.isfinite(depth)
-    points_cam = points_from_depth(depth, reference.camera.K)[known]
-    points_home = points_cam @ reference.T_home_cam[:3, :3].T + reference.T_home_cam[:3, 3]
-    return Cloud(
-        points_home.astype(np.float32), reference.image[known], sigma[known], source[known].astype(np.uint8)
-    )  # fmt: skip
 
 
 def _pair_result(m: _Matched, depth: np.ndarray, range_m: Tuple[float, float]) -> PairResult:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from fcsv_stereo.joint.tuning import Bars
+from fcsv_stereo.model import as_grey, as_rgb
 
 _SAMPLES = 24  # along an edge
 
@@ -28,31 +29,51 @@ class Edges:
     @property
     def lengths(self) -> np.ndarray:
         """(N,) px."""
-        return np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)
+        return _lengths(self.ends)
+
+    @property
+    def ways(self) -> np.ndarray:
+        """(N,2) unit vectors from the first end to the last."""
+        return _ways(self.ends)
 
     @property
     def lines(self) -> np.ndarray:
         """(N,3): the product with a pixel (x, y, 1) is by how many px it lies beside the edge, towards ``along``."""
-        way = (self.ends[:, 1] - self.ends[:, 0]) / self.lengths[:, None]
-        normal = np.stack([way[:, 1], -way[:, 0]], axis=1)
+        normal = _normals(self.ways)
         return np.concatenate([normal, -(normal * self.ends[:, 0]).sum(axis=1, keepdims=True)], axis=1)
+
+    def parallel(self, most_deg: float) -> np.ndarray:
+        """(N,N) bool: which are turned by less than that against each other."""
+        ways = self.ways
+        return ways @ ways.T > np.cos(np.radians(most_deg))
 
 
 def find_edges(image: np.ndarray, along: np.ndarray, rules: Bars) -> Edges:
     """The long straight edges of a picture (HxWx3 or HxW uint8) that cross ``along`` ((2,), the way of matches)."""
     along = np.asarray(along, float) / np.linalg.norm(along)
     across = np.array([-along[1], along[0]])
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
-    pieces = _pieces(grey, rules)
+    pieces = _pieces(as_grey(image), rules)
     way = pieces[:, 1] - pieces[:, 0]
     size = np.linalg.norm(way, axis=1)
     crosses = np.abs(way @ across) > np.sin(np.radians(rules.least_crossing_deg)) * size
     pieces, way = pieces[crosses & (size > rules.least_piece_px)], way[crosses & (size > rules.least_piece_px)]
     pieces = np.where((way @ across > 0.0)[:, None, None], pieces, pieces[:, ::-1])
     ends = _joined(pieces, rules)
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    length = _lengths(ends)
     ends = ends[np.argsort(-length)][: min(rules.most_edges, int((length > rules.least_length_px).sum()))]
     return Edges(ends, _beside(image, ends, rules.side_px))
+
+
+def _lengths(ends: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def _ways(ends: np.ndarray) -> np.ndarray:
+    return (ends[:, 1] - ends[:, 0]) / np.maximum(_lengths(ends), 1e-9)[:, None]
+
+
+def _normals(ways: np.ndarray) -> np.ndarray:
+    return np.stack([ways[:, 1], -ways[:, 0]], axis=1)
 
 
 def _pieces(grey: np.ndarray, rules: Bars) -> np.ndarray:
@@ -67,10 +88,8 @@ def _pieces(grey: np.ndarray, rules: Bars) -> np.ndarray:
 
 def _joined(pieces: np.ndarray, rules: Bars) -> np.ndarray:
     """Pieces of one straight edge as one (N,2,2), the longest first; each grows at both ends as long as one fits."""
-    size = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1)
-    order = np.argsort(-size)
-    pieces, size = pieces[order], size[order]
-    ways = (pieces[:, 1] - pieces[:, 0]) / np.maximum(size, 1e-9)[:, None]
+    pieces = pieces[np.argsort(-_lengths(pieces))]
+    size, ways = _lengths(pieces), _ways(pieces)
     free, joined = np.ones(len(pieces), bool), []
     for k in range(len(pieces)):
         if not free[k]:
@@ -108,12 +127,10 @@ def _beside(image: np.ndarray, ends: np.ndarray, px: float) -> np.ndarray:
     """(N,2,3) medians of the colours on both sides."""
     if not len(ends):
         return np.zeros((0, 2, 3))
-    rgb = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+    rgb = as_rgb(image)
     t = np.linspace(0.03, 0.97, _SAMPLES)
     at = ends[:, :1] * (1.0 - t)[None, :, None] + ends[:, 1:] * t[None, :, None]
-    way = ends[:, 1] - ends[:, 0]
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    normal = np.stack([way[:, 1], -way[:, 0]], axis=1)[:, None]
+    normal = _normals(_ways(ends))[:, None]
     both = []
     for side in (-px, px):
         x, y = np.moveaxis((at + side * normal).astype(np.float32), -1, 0)

@@ -7,18 +7,16 @@ from typing import List, Sequence, Tuple
 import cv2
 import numpy as np
 
-from fcsv_stereo.depth import pixels_of, points_from_depth
+from fcsv_stereo.depth import cloud_of, pixels_of
 from fcsv_stereo.joint.bars.edges import find_edges
 from fcsv_stereo.joint.bars.match import match_edges
 from fcsv_stereo.joint.bars.pairing import Bar, bars_of
 from fcsv_stereo.joint.tuning import BARS, Bars
 from fcsv_stereo.joint.views import camera_matrix, grey, projection
-from fcsv_stereo.model import Cloud, MapResult, Picture
+from fcsv_stereo.model import MapResult, Picture, concatenate
 
 
-def with_bars(
-    result: MapResult, pairs: Sequence[Tuple[Picture, Picture]], rules: Bars = BARS
-) -> MapResult:  # fmt: skip
+def with_bars(result: MapResult, pairs: Sequence[Tuple[Picture, Picture]], rules: Bars = BARS) -> MapResult:
     """The map with the bars at which it has no depth.
 
     ``pairs``: of each of the map's pairs the reference picture and the other one, posed as the map used them. Where the
@@ -44,8 +42,8 @@ def with_bars(
 
 def bars_of_pair(reference: Picture, other: Picture, rules: Bars) -> List[Bar]:
     """The bars of the reference picture that the other one shows."""
-    sizes = [camera_matrix(p.camera, p.image.shape[:2]) for p in (reference, other)]
-    moves = projection(reference, other, *sizes)
+    matrices = [camera_matrix(p.camera, p.image.shape[:2]) for p in (reference, other)]
+    moves = projection(reference, other, *matrices)
     height, width = reference.image.shape[:2]
     at, b = moves[:9].reshape(3, 3) @ [(width - 1) / 2, (height - 1) / 2, 1.0], moves[9:]
     along = b[:2] * at[2] - at[:2] * b[2]  # how the middle moves as it comes nearer
@@ -72,20 +70,12 @@ def _differs(bar: Bar, reference: Picture, other: Picture, moves: np.ndarray) ->
 
 def _joined(result: MapResult, stands: np.ndarray, inverse: np.ndarray, sigma: np.ndarray, of: np.ndarray) -> MapResult:
     """The bars' depth where they stand (HxW bool), in the pictures and in the cloud."""
-    w = np.where(stands, inverse, 1.0)
+    w = np.where(stands, inverse, np.float32(np.nan))
     depth, depth_sigma = (1.0 / w).astype(np.float32), (sigma / np.square(w)).astype(np.float32)
     view, cloud = result.reference, result.cloud
     rows, columns, _, inside = pixels_of(view.camera, view.T_home_cam, cloud.points_home_m)
-    kept = ~(inside & stands[rows, columns])
-    points_cam = points_from_depth(depth, view.camera.K)[stands]
-    points = points_cam @ view.T_home_cam[:3, :3].T + view.T_home_cam[:3, 3]
-    image = view.image if view.image.ndim == 3 else np.repeat(view.image[..., None], 3, axis=2)
-    cloud = Cloud(
-        np.concatenate([cloud.points_home_m[kept], points]).astype(np.float32),
-        np.concatenate([cloud.colors[kept], image[stands]]),
-        np.concatenate([cloud.sigma_m[kept], depth_sigma[stands]]).astype(np.float32),
-        np.concatenate([cloud.baseline_index[kept], of[stands]]).astype(np.uint8),
-    )
+    kept = cloud[~(inside & stands[rows, columns])]
+    cloud = concatenate([kept, cloud_of(view, depth, depth_sigma, of)])
     return replace(
         result, depth=np.where(stands, depth, result.depth), sigma=np.where(stands, depth_sigma, result.sigma),
         kind=np.where(stands, np.uint8(1), result.kind), cloud=cloud,

@@ -76,8 +76,7 @@ def _shared(
     seen = (_homogeneous(one.ends) @ A.T)[:, None] + inverse[..., None] * b
     with np.errstate(divide="ignore", invalid="ignore"):
         seen = seen[..., :2] / np.where(seen[..., 2:] > 1e-6, seen[..., 2:], np.nan)
-        ways = (other.ends[:, 1] - other.ends[:, 0]) / other.lengths[:, None]
-        run = np.einsum("nmti,mi->nmt", seen - other.ends[None, :, :1], ways)
+        run = np.einsum("nmti,mi->nmt", seen - other.ends[None, :, :1], other.ways)
         size = run[..., 1] - run[..., 0]
         shared = np.stack([-run[..., 0] / size, (other.lengths[None] - run[..., 0]) / size], axis=-1)
     shared = np.where((size > 1.0)[..., None] & np.isfinite(shared), np.clip(shared, 0.0, 1.0), 0.0)
@@ -104,8 +103,7 @@ def _with_company(
     found, middle, way = value.copy(), one.ends.mean(axis=1), one.ends[:, 1] - one.ends[:, 0]
     run = np.einsum("nki,ni->nk", middle[None] - one.ends[:, None, 0], way) / np.square(one.lengths)[:, None]
     beside = np.abs(one.lines[:, :2] @ middle.T + one.lines[:, 2:])  # of the middle of each (column) to each line (row)
-    parallel = one.lines[:, :2] @ one.lines[:, :2].T > np.cos(np.radians(rules.turned_deg))
-    company = parallel & (beside < rules.most_width_px) & (run > -0.1) & (run < 1.1)
+    company = one.parallel(rules.turned_deg) & (beside < rules.most_width_px) & (run > -0.1) & (run < 1.1)
     np.fill_diagonal(company, False)
     for k, i in zip(*np.nonzero(company)):  # k beside the middle of i
         w = inverse[k, :, 0] + (inverse[k, :, 1] - inverse[k, :, 0]) * run[k, i]
@@ -126,7 +124,7 @@ def _outside(one: Edges, A: np.ndarray, b: np.ndarray, inverse: np.ndarray, size
 def _alone(one: Edges, inverse, value, chosen, outside: np.ndarray, rules: Bars) -> np.ndarray:
     """(K,) bool: no other depth explains the edges parallel to each as well, by matches or by the picture's end."""
     log_w, best = np.log(np.maximum(inverse.mean(axis=2), 1e-6)), value.max(axis=1)
-    parallel = one.lines[:, :2] @ one.lines[:, :2].T > np.cos(np.radians(rules.turned_deg))
+    parallel = one.parallel(rules.turned_deg)
     explained = np.zeros(value.shape)
     for p, m in zip(*np.nonzero(value > rules.worth * best[:, None])):
         each = np.where(np.abs(log_w - log_w[p, m]) < rules.same_depth, value, 0.0).max(axis=1)

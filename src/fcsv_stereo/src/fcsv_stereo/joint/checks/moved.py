@@ -16,7 +16,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_stereo.joint.checks.visibility import seen_from, visible
 from fcsv_stereo.joint.tuning import MOVED
-from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference
+from fcsv_stereo.model import ConfigurationInput, MapInput, MapResult, Picture, Reference, as_grey
 from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.refinement.features import corners
 
@@ -148,7 +148,7 @@ def _aligned(reference: Reference, later: Picture, still: _Still) -> Optional[np
     points = rays * z[:, None]
     rotation, position = cv2.Rodrigues(T[:3, :3])[0], T[:3, 3].copy()
     start = cv2.projectPoints(points, rotation, position, later.camera.K, None)[0].astype(np.float32)
-    a, b = (cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) if i.ndim == 3 else i for i in (reference.image, later.image))
+    a, b = as_grey(reference.image), as_grey(later.image)
     found, status, _ = cv2.calcOpticalFlowPyrLK(
         a, b, uv.astype(np.float32).reshape(-1, 1, 2), start, winSize=(MOVED.track_px,) * 2,
         maxLevel=MOVED.track_levels, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
