@@ -22,6 +22,7 @@ from fcsv_control.flight.watchdog import WatchdogParameters
 from fcsv_control.ros.command_services import Commands, CommandServices
 from fcsv_control.ros.link_health import LinkHealthReport
 from fcsv_control.ros.pose_feed import WATCH_S, PoseFeed
+from fcsv_control.ros.posed import pose_in
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
@@ -100,7 +101,7 @@ class FlightLinkNode:
     # ---- towards the autopilot -----------------------------------------------------------------------------
 
     def _on_set_point(self, message: PoseStamped) -> None:
-        T_odom_body = self._feed.converted(message, "set-point")
+        T_odom_body = pose_in(self._odom, message, "set-point", self._health)
         if T_odom_body is not None:
             self._link.send_set_point(T_odom_body)
 

@@ -14,9 +14,8 @@ from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
 from fcsv_control.flight.link import FlightLink
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.ros.posed import pose_in
 from fcsv_geometry import frames
-from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import SceneMotion
 from mavros_msgs.msg import StatusText
@@ -68,24 +67,13 @@ class PoseFeed:
         self._link.note_reset()
         self._check.begin_again()
 
-    def converted(self, message: PoseStamped, what: str) -> Optional[np.ndarray]:
-        """T_odom_body, or None where it is dropped: in another frame, or no pose."""
-        if message.header.frame_id != self._odom:
-            self._health.drop(f"{what} in a wrong frame", f"'{message.header.frame_id}' is not '{self._odom}'")
-            return None
-        try:
-            return conversions.pose_to_transform(message.pose)
-        except FcsvError as error:
-            self._health.drop(f"{what} that is no pose", str(error))
-            return None
-
     def _on_vision(self, message: PoseStamped) -> None:
         verdict, why = self._feed.judge(time.monotonic(), message.header.stamp.to_sec())
         if verdict is FeedVerdict.DROP:
             self._health.drop("late pose", why)
         if verdict is not FeedVerdict.SEND:
             return
-        T_odom_body = self.converted(message, "pose feed")
+        T_odom_body = pose_in(self._odom, message, "pose feed", self._health)
         if T_odom_body is not None:
             now_s, stamp_s = time.monotonic(), self._feed.stamp_s
             if self._check.waits(now_s, self._link.state.in_the_air):

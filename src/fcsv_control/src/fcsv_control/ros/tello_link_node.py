@@ -13,6 +13,7 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Joy
 
 from fcsv_control.ros.command_services import Commands, CommandServices
+from fcsv_control.ros.posed import pose_in
 from fcsv_control.ros.tello_messages import TelloMessages
 from fcsv_control.ros.tello_video import TelloVideo, VideoParameters
 from fcsv_control.tello.core import TelloCore
@@ -23,8 +24,7 @@ from fcsv_control.tello.pid import PidConfig, Sticks
 from fcsv_control.tello.rules import TelloRules
 from fcsv_control.tello.telemetry import OwnOdometry, flight_report
 from fcsv_geometry import config, frames
-from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 
 _STEP_S = 0.04
@@ -123,7 +123,7 @@ class TelloLinkNode:
     # ---- from ROS ------------------------------------------------------------------------------------------------
 
     def _on_pose(self, message: PoseStamped) -> None:
-        T_odom_body = self._converted(message, "pose feed")
+        T_odom_body = pose_in(self._odom, message, "pose feed", self._health)
         if T_odom_body is not None:
             now_s = time.monotonic()
             stamp_s = now_s - (rospy.get_time() - message.header.stamp.to_sec())
@@ -132,7 +132,7 @@ class TelloLinkNode:
             self._health.tick("pose feed")
 
     def _on_set_point(self, message: PoseStamped) -> None:
-        T_odom_body = self._converted(message, "set-point")
+        T_odom_body = pose_in(self._odom, message, "set-point", self._health)
         if T_odom_body is not None:
             with self._lock:
                 self._core.set_point(T_odom_body)
@@ -148,16 +148,6 @@ class TelloLinkNode:
             self._pilot_s = time.monotonic()
             self._core.pilot(self._pilot_s, sticks)
         self._out.rc(sticks)
-
-    def _converted(self, message: PoseStamped, what: str) -> Optional[np.ndarray]:
-        if message.header.frame_id != self._odom:
-            self._health.drop(f"{what} in a wrong frame", f"'{message.header.frame_id}' is not '{self._odom}'")
-            return None
-        try:
-            return conversions.pose_to_transform(message.pose)
-        except FcsvError as error:
-            self._health.drop(f"{what} that is no pose", str(error))
-            return None
 
     # ---- time ----------------------------------------------------------------------------------------------------
 
