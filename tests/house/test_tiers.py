@@ -33,7 +33,9 @@ class Item:
 @pytest.mark.parametrize("item, tier", [
     (Item(), "plain"),
     (Item(marks=["slow"]), "plain"),
-    (Item(marks=["slow_motion"]), "alone"),
+    (Item(marks=["slow_motion"]), "slowed"),
+    (Item(fixtures=["ros_master"], marks=["slow_motion"]), "slowed"),
+    (Item("tests/system/test_a.py::test_a", marks=["slow_motion"]), "alone"),
     (Item(fixtures=["ros_master"]), "nodes"),
     (Item(fixtures=["tmp_path", "start_node"]), "nodes"),
     (Item(fixtures=["bench_link"]), "alone"),
@@ -76,10 +78,10 @@ def run_tests(args, timeout_s=200):
 
 
 def test_quotes_in_args_hold_words_together_and_the_last_line_counts_all_tiers():
-    """Two tiers are empty: no error, since these arguments ask for so little."""
+    """Three tiers are empty: no error, since these arguments ask for so little."""
     status, said = run_tests("-n0 -q -m 'not slow and not system' -k 'never_plain' tests/house/test_tiers.py")
     assert status == 0, said
-    assert said.splitlines()[-1].startswith("8 tests: 8 passed, 0 failed, 0 skipped, in "), said
+    assert said.splitlines()[-1].startswith("10 tests: 10 passed, 0 failed, 0 skipped, in "), said
 
 
 def test_a_file_that_does_not_exist_is_an_error():
@@ -138,7 +140,7 @@ def test_files_of_plain_tests_are_not_imported_for_another_tier_unless_they_are_
         )
         return tiers.pass_over(at, config)
 
-    assert passed_over("alone", ".") and passed_over("nodes", str(tmp_path))
+    assert passed_over("alone", ".") and passed_over("slowed", ".") and passed_over("nodes", str(tmp_path))
     assert not passed_over("plain", ".") and not passed_over(None, ".")
     assert not passed_over("nodes", "test_a.py::test_a") and not passed_over("nodes", str(path))
     assert not passed_over("nodes", ".", at=tmp_path), "a folder"

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a test run is divided: plain tests side by side on all cores, then tests of nodes, two at a time, then what must
-have the machine for itself. Marks and fixtures say which a test is. How to run them: docs/testing.md.
+"""How a test run is divided: plain tests side by side on all cores, then tests of nodes, two at a time, then those of
+them whose time passes slowly on a busy machine, likewise, then what must have the machine for itself. Marks and
+fixtures say which a test is. How to run them: docs/testing.md.
 """
 
 import json
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-PLAIN, NODES, ALONE = TIERS = "plain", "nodes", "alone"
+PLAIN, NODES, SLOWED, ALONE = TIERS = "plain", "nodes", "slowed", "alone"
 # fixtures that start a master, nodes or network namespaces: each test that uses one is marked ros
 STARTS_ROS = {"ros_master", "start_node", "bench_link", "tello_air"}
 # of these the ones whose tests have the machine for themselves: an emulated radio's rates mean nothing on a busy one
@@ -26,14 +27,16 @@ OUTCOMES = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")
 
 def options(parser):
     group = parser.getgroup("fcsv")
-    group.addoption("--tier", choices=TIERS, help="only tests without ROS, of nodes, or that must run alone")
+    group.addoption("--tier", choices=TIERS, help="only tests without ROS, of nodes, in slow motion, or alone")
     group.addoption("--counts", type=Path, metavar="FILE", help="write how many tests passed, failed, ... as JSON")
     group.addoption("--times", action="store_true", help="end with a table of the time that each test file took")
 
 
 def tier_of(item) -> str:
-    if any(item.get_closest_marker(name) for name in ("alone", "system", "slow_motion")):
+    if any(item.get_closest_marker(name) for name in ("alone", "system")):
         return ALONE
+    if item.get_closest_marker("slow_motion"):
+        return SLOWED
     return NODES if item.get_closest_marker("ros") else PLAIN
 
 
@@ -55,7 +58,7 @@ def only_plain(path: Path) -> bool:
 
 def pass_over(path: Path, config) -> bool:
     """Whether a file need not be imported: imports of all files take longer than many a tier's tests."""
-    if config.getoption("--tier") not in (NODES, ALONE) or not path.is_file() or path.name == "conftest.py":
+    if config.getoption("--tier") in (None, PLAIN) or not path.is_file() or path.name == "conftest.py":
         return False
     named = {Path(config.invocation_params.dir, arg.split("::")[0]).resolve() for arg in config.args}
     return path.resolve() not in named and only_plain(path)
