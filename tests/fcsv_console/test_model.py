@@ -184,6 +184,13 @@ def test_rates_are_of_the_last_seconds():
     assert h.at(5.0).rate_hz < 15.0 and h.at(9.0).rate_hz == 0.0
 
 
+def test_messages_that_were_held_up_and_come_at_once_are_no_high_rate():
+    h = hearing.Heard()
+    for k in range(3):
+        h.tell(10.0 + 0.007 * k, k)
+    assert h.at(10.02).rate_hz == pytest.approx(4.0)
+
+
 # ---- actions -----------------------------------------------------------------------------------------------------
 
 

@@ -13,6 +13,7 @@ _SLOW_STALE_S = 2.5  # of what comes once a second
 _MISSED = 2.4  # of the time between two messages: one that is lost or late is no alarm
 _INTERVALS = 5
 _WINDOW_S = 3.0
+_BURST_S = 0.5  # what came within less does not tell a rate yet: messages may have been held up on their way
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,8 @@ class Heard(Generic[T]):
             self._times.popleft()
         times = self._times
         span_s = now_s - times[0] if times else 0.0
-        rate_hz = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
-        rate_hz = min(rate_hz, len(times) / span_s) if span_s > 0.5 else rate_hz
+        rate_hz = (len(times) - 1) / max(times[-1] - times[0], _BURST_S) if times else 0.0
+        rate_hz = min(rate_hz, len(times) / max(span_s, _BURST_S))
         age_s = max(0.0, now_s - since_s(self._at_s))
         return Aged(self.value, age_s, rate_hz, age_s > self._patience_s)
 
