@@ -11,6 +11,7 @@ from fcsv_control.mission.flight_list import tasks
 from fcsv_control.mission.machine import PHASES, MissionMachine
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
+from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.flight_limits import PauseLimits
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
@@ -72,6 +73,22 @@ def test_words_and_number_are_always_of_the_same_configuration(flying):
 
     flying.until(note)
     assert sorted(told) == list(enumerate(listed))
+
+
+def test_each_configuration_has_its_stages_and_the_way_back_is_none_of_it(flying):
+    """Of a list flown one by one; a gust may send it back to holding."""
+    seen = []
+
+    def note():
+        m = flying.machine
+        if m.phase == "CONFIGURATIONS" and seen[-1:] != [(m.configuration, m.stage)]:
+            seen.append((m.configuration, m.stage))
+        return m.phase == "DONE"
+
+    flying.until(note)
+    count = len(flying.machine.mission.configurations)
+    assert seen == [*((i, stage) for i in range(count) for stage in (MOVES, HOLDS, RECORDS)), (count - 1, GOES_BACK)]
+    assert flying.machine.stage == ""
 
 
 @pytest.mark.parametrize("period_s, lasts_s", [(0.8, 4.4), (3.0, 8.0)])

@@ -19,10 +19,11 @@ from fcsv_console.model.pair import PairWatch
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import Rehearsals
 from fcsv_console.model.soundness import unsound
-from fcsv_console.model.stage import StageWatch, goes_back
+from fcsv_console.model.stage import StageWatch
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.sightings import Sightings
+from fcsv_control.mission.stages import GOES_BACK
 from fcsv_geometry.mission import Mission
 from fcsv_geometry.separation import SeparationRules
 
@@ -244,7 +245,7 @@ class Console:
         before = running is None and told is not None and told.phase not in (*FLOWN, *OVER, "LAND")
         index = 0 if before else running
         mission = self.file.mission
-        if goes_back(told) or index is None or mission is None:
+        if index is None or mission is None or (told is not None and told.stage == GOES_BACK):
             return stereo.StereoHealth()
         if mission.reference not in self._vehicles or len(self.names) < 2:
             return stereo.StereoHealth()

@@ -12,6 +12,7 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.after import Places
 from fcsv_console.model.console import Console
 from fcsv_control.flight_check.lines import Line, State
+from fcsv_control.mission.stages import RECORDS
 
 NOW_S = 100.0
 _NAMES = ("uav1", "uav2")
@@ -127,7 +128,7 @@ def flying(c: Console) -> None:
     c.tell(NOW_S - 0.3, f.Check(_lines()))
     c.tell(NOW_S - 200.0, f.Calibrated((("uav1", 1), ("uav2", 1)), 30.0))
     c.tell(NOW_S - 150.0, f.HomeSet("uav1"))
-    c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", f"recording {row.title}", "", 2, len(c.file.rows)))
+    c.tell(NOW_S - 0.1, f.MissionTold("CONFIGURATIONS", f"recording {row.title}", "", 2, len(c.file.rows), (), RECORDS))
     c.tell(NOW_S - 4.0, f.MapTold("partial", "2 configurations", 0.71))
     _rehearsed(c)
     _mapped(c)

@@ -6,6 +6,9 @@ from typing import Optional, Tuple
 
 from fcsv_console.model.facts import MissionTold
 from fcsv_console.model.mission_file import ConfigurationRow
+from fcsv_control.mission import stages
+
+_WAITS = "waits"
 
 
 @dataclass(frozen=True)
@@ -38,25 +41,14 @@ class StageWatch:
             return Stage()
         hold_s, record_s = row.settle_s, row.record_s
         elapsed_s, whole_s = max(0.0, now_s - self._since_s), hold_s + record_s
-        if self._said[1] == "holds" and whole_s > 0.0:
+        if self._said[1] == stages.HOLDS and whole_s > 0.0:
             done_s = min(elapsed_s, hold_s)
             return Stage(done_s / whole_s, f"held {done_s:.0f} of {hold_s:g} s")
-        if self._said[1] == "records" and whole_s > 0.0:
+        if self._said[1] == stages.RECORDS and whole_s > 0.0:
             done_s = min(elapsed_s, record_s)
             return Stage((hold_s + done_s) / whole_s, f"{done_s:.0f} of {record_s:g} s")
         return Stage()
 
 
-def goes_back(told: Optional[MissionTold]) -> bool:
-    """Whether those who move are on their way to their places in the column: no configuration is flown meanwhile.
-
-    >>> goes_back(MissionTold("CONFIGURATIONS", "uav2 on its way to its place in the column"))
-    True
-    """
-    return told is not None and " in the column" in told.detail
-
-
 def _stage(told: MissionTold) -> str:
-    if told.waits_for or told.problems:
-        return "waits"
-    return "records" if told.detail.startswith("recording ") else "holds" if " settles " in told.detail else ""
+    return _WAITS if told.waits_for or told.problems else told.stage

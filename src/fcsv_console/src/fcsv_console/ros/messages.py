@@ -147,7 +147,8 @@ RECORDED: Dict[str, Tuple[Any, Convert]] = {"camera/color/image_raw": (Image, _r
 
 
 def _mission(_name: str, m: MissionState) -> f.Fact:
-    return f.MissionTold(m.phase_name, m.detail, m.waits_for, m.configuration, m.configurations, tuple(m.problems))
+    where = (m.configuration, m.configurations)
+    return f.MissionTold(m.phase_name, m.detail, m.waits_for, *where, tuple(m.problems), m.stage)
 
 
 def _stop(_name: str, m: StopReport) -> f.Fact:

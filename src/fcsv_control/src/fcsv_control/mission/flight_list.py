@@ -14,6 +14,7 @@ from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.places import level_camera
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.stages import GOES_BACK, MOVES
 from fcsv_control.mission.standing import CaptureWindow, Progress, Standing
 from fcsv_control.mission.sweeping import Sweeping
 from fcsv_control.mission.task_list import Task, TaskList, tasks
@@ -74,6 +75,15 @@ class FlightList:
     @property
     def finished(self) -> bool:
         return not self._list.left
+
+    @property
+    def stage(self) -> str:
+        """What is done now, as stages.py names it."""
+        if self.finished:
+            return ""
+        if self._standing is not None:
+            return self._standing.stage
+        return GOES_BACK if self._list.moment[0].index is None else MOVES
 
     @property
     def index(self) -> int:

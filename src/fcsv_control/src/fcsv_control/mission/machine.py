@@ -75,16 +75,6 @@ class MissionMachine(Operated):
     def over(self) -> bool:
         return self.phase in ("DONE", "ABORTED")
 
-    @property
-    def configuration(self) -> int:
-        """Index of the running configuration."""
-        return 0 if self._flight_list is None else self._flight_list.index
-
-    @property
-    def progress(self) -> float:
-        """0..1 of the configurations that are recorded or left out."""
-        return 0.0 if self._flight_list is None else self._flight_list.share
-
     # ---- what services say ------------------------------------------------------------------------------------
 
     def answer(self, what: str, success: bool, message: str) -> None:

@@ -38,6 +38,21 @@ class Operated:
     _indices: Optional[List[int]]
 
     @property
+    def configuration(self) -> int:
+        """Index of the running configuration."""
+        return 0 if self._flight_list is None else self._flight_list.index
+
+    @property
+    def progress(self) -> float:
+        """0..1 of the configurations that are recorded or left out."""
+        return 0.0 if self._flight_list is None else self._flight_list.share
+
+    @property
+    def stage(self) -> str:
+        """What is done for it now, as stages.py names it; "" where no list is flown."""
+        return self._flight_list.stage if self._flight_list is not None and self.phase == "CONFIGURATIONS" else ""
+
+    @property
     def so_far(self) -> List[CaptureWindow]:
         """Windows of sweeps under way, for who maps meanwhile: pictures until then are taken."""
         return [] if self._flight_list is None else self._flight_list.so_far

@@ -12,6 +12,7 @@ from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.places import heading_error_rad
 from fcsv_control.mission.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.stages import HOLDS, RECORDS
 from fcsv_geometry.mission import Mission
 
 _LONGEST = 4.0  # times the wanted recording, where pictures come in slowly
@@ -60,6 +61,11 @@ class Standing:
         self._worst_m = 0.0
         self.detail = ""
         self.why = ""  # it was given up
+
+    @property
+    def stage(self) -> str:
+        """As stages.py names it."""
+        return HOLDS if self._start_s is None else RECORDS
 
     def stop(self, snapshot: Snapshot) -> None:
         """Pictures off, where they are on."""

@@ -11,6 +11,7 @@ from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
 from fcsv_control.mission.routes import distance_to_segments
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.stages import MOVES, RECORDS
 from fcsv_control.mission.standing import CaptureWindow, Progress
 from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, sweep_place
 from fcsv_geometry.errors import MissionError
@@ -47,6 +48,11 @@ class Sweeping:
         self.detail = ""
         self.why = ""  # it was given up
         self.so_far: List[CaptureWindow] = []  # the windows as long as they are already; replaced every two seconds
+
+    @property
+    def stage(self) -> str:
+        """As stages.py names it."""
+        return MOVES if self._start_s is None else RECORDS
 
     def stop(self, snapshot: Snapshot) -> None:
         """Pictures off, where they are on."""

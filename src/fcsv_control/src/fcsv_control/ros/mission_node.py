@@ -264,7 +264,7 @@ class MissionNode:
         self._health.problem("mission", "; ".join(m.problems))
         self._state.publish(MissionState(
             header=conversions.header(rospy.get_time(), ""), phase=PHASES.index(m.phase), phase_name=m.phase,
-            detail=m.detail, waits_for=m.waits_for, configuration=m.configuration,
+            detail=m.detail, waits_for=m.waits_for, stage=m.stage, configuration=m.configuration,
             configurations=len(self._mission.configurations), problems=m.problems,
         ))  # fmt: skip
         if self._restored is not None and not self._judged:

@@ -42,6 +42,7 @@ class MissionTold:
     configuration: int = 0
     configurations: int = 0
     problems: Tuple[str, ...] = ()
+    stage: str = ""
 
 
 @dataclass(frozen=True)

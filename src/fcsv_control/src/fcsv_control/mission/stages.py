@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is done for the running configuration, as `stage` of fcsv_msgs/MissionState says it."""
+
+MOVES = "moves"  # to its place
+HOLDS = "holds"  # until it is calm there, and recorders are on
+RECORDS = "records"
+GOES_BACK = "goes back"  # to the column: no configuration is flown
