@@ -30,7 +30,7 @@ from fcsv_console.model.console import Console
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
 from fcsv_control.flight_check.lines import Line, State
-from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS
+from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS, TURNS
 from fcsv_geometry.separation import SeparationRules
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 
@@ -411,6 +411,7 @@ def test_who_goes_back_to_the_column_is_no_bad_pair():
     c.tell(10.1, facts.CameraInHome("uav2", (-2.0, -1.0, 0.0), 0.0))
     assert "NO-GO" in c.view(10.1).stereo.words
     assert doing(c, 10.1, GOES_BACK).stereo.words == "stereo: no configuration is flown"
+    assert doing(c, 10.1, TURNS).stereo.words == "stereo: no configuration is flown", "who looks round looks elsewhere"
 
 
 def test_too_near_a_target_has_too_little_overlap():

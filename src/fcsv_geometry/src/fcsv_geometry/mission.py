@@ -11,6 +11,7 @@ from fcsv_geometry import config
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.fence import Fence
 from fcsv_geometry.flight_limits import FlightBounds, PauseLimits
+from fcsv_geometry.look_round import LookRound
 from fcsv_geometry.separation import SeparationRules
 from fcsv_geometry.sweep import AXES, MOST_BASELINE_M, Sweep
 
@@ -129,6 +130,7 @@ class Mission:
     limits: PauseLimits = field(default_factory=PauseLimits)
     fence: Fence = field(default_factory=Fence)
     flight: FlightBounds = field(default_factory=FlightBounds)
+    look_round: Optional[LookRound] = None  # None: nobody turns
 
     def __post_init__(self):
         if not self.configurations:

@@ -23,7 +23,7 @@ from fcsv_console.model.stage import StageWatch
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.sightings import Sightings
-from fcsv_control.mission.stages import GOES_BACK
+from fcsv_control.mission.stages import GOES_BACK, TURNS
 from fcsv_geometry.mission import Mission
 from fcsv_geometry.separation import SeparationRules
 
@@ -214,7 +214,7 @@ class Console:
     def _rows(self, now_s: float, stop_asked: str, running: Optional[int]) -> Tuple[VehicleRow, ...]:
         calibrated = self._calibrated.at(now_s)
         epochs = dict(calibrated.value.epochs) if calibrated.value else {}
-        needed_s = files.seconds_left(self.file, running or 0)
+        needed_s = files.seconds_left(self.file, running or 0, len(self._vehicles))
         mission = self.file.mission
 
         def lasts(share: float) -> float:
@@ -245,7 +245,7 @@ class Console:
         before = running is None and told is not None and told.phase not in (*FLOWN, *OVER, "LAND")
         index = 0 if before else running
         mission = self.file.mission
-        if index is None or mission is None or (told is not None and told.stage == GOES_BACK):
+        if index is None or mission is None or (told is not None and told.stage in (GOES_BACK, TURNS)):
             return stereo.StereoHealth()
         if mission.reference not in self._vehicles or len(self.names) < 2:
             return stereo.StereoHealth()

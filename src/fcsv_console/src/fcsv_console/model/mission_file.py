@@ -10,6 +10,7 @@ from typing import Optional, Tuple
 import numpy as np
 import yaml
 
+from fcsv_control.mission.looking_round import turns_s
 from fcsv_control.mission.places import heading_rad
 from fcsv_geometry import config
 from fcsv_geometry.camera_places import camera_place
@@ -184,12 +185,14 @@ def overlap_share(row: ConfigurationRow, z_m: float, optics: Optics) -> float:
     return 1.0 - float(non_overlap(z_m, row.baseline_m, optics.fov_rad(row.axis), float(np.radians(row.tilt_deg))))
 
 
-def seconds_left(mission_file: MissionFile, first: int) -> float:
-    """Flight time (s) from configuration ``first`` on, by the mission's speeds, with settling and recording."""
+def seconds_left(mission_file: MissionFile, first: int, vehicles: int = 2) -> float:
+    """Flight time (s) of so many vehicles from configuration ``first`` on, by the mission's speeds, with settling,
+    recording and looking round."""
     mission = mission_file.mission
     if mission is None:
         return float("nan")
-    here, total_s = np.zeros(3), 0.0
+    total_s = turns_s(mission, range(first, len(mission_file.rows)), 0 if first else vehicles)
+    here = np.zeros(3)
     for row in mission_file.rows[first:]:
         way = np.array(row.goal_m) - here
         total_s += mission.flight.leg_s(float(np.hypot(way[0], way[1])), float(way[2]))

@@ -2,23 +2,25 @@
 """The list of configurations, one after the other or at once: go there, settle, record, go on; at the end back to the
 column."""
 
-from typing import Collection, Dict, List, Optional, Sequence, Tuple, Union
+from typing import Collection, Dict, List, Optional, Sequence, Union
 
 import numpy as np
 
 from fcsv_control.mission.convoy import Convoy
+from fcsv_control.mission.destinations import Destinations
 from fcsv_control.mission.holding import Holding
 from fcsv_control.mission.journey import Journey
+from fcsv_control.mission.looking_round import LookingRound
 from fcsv_control.mission.memory import RememberedList
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.places import level_camera
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_control.mission.stages import GOES_BACK, MOVES
+from fcsv_control.mission.stages import GOES_BACK, MOVES, TURNS
 from fcsv_control.mission.standing import CaptureWindow, Progress, Standing
 from fcsv_control.mission.sweeping import Sweeping
 from fcsv_control.mission.task_list import Task, TaskList, tasks
-from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, camera_place
+from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 
@@ -35,9 +37,10 @@ class FlightList:
         self._mission = mission
         self._vehicles = list(parked)
         self._outbox = outbox
-        self._parked = parked
+        self._parked, self._goals = parked, Destinations(mission, parked)
         self._list = task_list
         self._attempts: Dict[int, int] = {}
+        self._round = LookingRound(mission, outbox)
         self._home = self._way_home()
         self._reference_is_home = self._makes_room = False
         self._convoy: Optional[Convoy] = None
@@ -61,6 +64,7 @@ class FlightList:
         parked = {n: np.array(memory.parked[n]).reshape(4, 4) for n in vehicles}
         again = cls(mission, outbox, parked, TaskList(mission, vehicles, memory.left, memory.flown, memory.away))
         again.notes, again.going_back, again._taken_over = list(memory.notes), memory.going_back, True
+        again._round = LookingRound(mission, outbox, memory.turned)
         return again
 
     @property
@@ -69,7 +73,7 @@ class FlightList:
         parked = {n: T.ravel().tolist() for n, T in self._parked.items()}
         return RememberedList(
             list(self._list.left), list(self._list.flown), parked, list(self.notes), self.going_back,
-            list(self._list.away),
+            list(self._list.away), list(self._round.turned),
         )  # fmt: skip
 
     @property
@@ -81,8 +85,8 @@ class FlightList:
         """What is done now, as stages.py names it."""
         if self.finished:
             return ""
-        if self._standing is not None:
-            return self._standing.stage
+        if self._standing is not None or self._round.running:
+            return TURNS if self._standing is None else self._standing.stage
         return GOES_BACK if self._list.moment[0].index is None else MOVES
 
     @property
@@ -124,6 +128,9 @@ class FlightList:
 
     def change(self, snapshot: Snapshot, operation: str) -> str:
         """The operator's "skip", "repeat", "next" or "previous"; "" when done, else why not."""
+        if operation == "skip" and self._convoy is None and self._round.leave_out():  # of a turn in the column
+            self._begin(snapshot)
+            return ""
         titles = " and ".join(self._mission.configurations[i].title for i in self._list.coming)
         change = {"skip": self._list.skip, "repeat": self._list.again, "next": self._list.put_off,
                   "previous": self._list.before}[operation]  # fmt: skip
@@ -163,12 +170,14 @@ class FlightList:
         self._watch_time(snapshot, moment)
         if not self.going_back and not self._bring_reference_home(snapshot, moment):
             return []
+        if not self._look_round(snapshot):
+            return []
         if self._standing is not None:
             return self._stand(snapshot, moment)
-        if self._travel(snapshot, moment):
+        if self._round.running or self._travel(snapshot, moment):
             if moment[0].index is None:
                 self._next()
-            else:
+            elif self._look_round(snapshot, moment):
                 self._standing = self._stand_at(moment)
         return []
 
@@ -185,8 +194,9 @@ class FlightList:
         if moment[0].index is not None:
             record_s = self._mission.configurations[moment[0].index].record_s
             most_s += _LONGEST * self._mission.settle.attempts * record_s
+            most_s += self._round.most_s(len(self._vehicles) + len(moment))
         if snapshot.now_s - self._task_since_s > most_s:
-            who, where = self._in_words(moment)
+            who, where = self._goals.in_words(moment)
             verb = "are" if len(moment) > 1 else "is"
             raise MissionError(f"{who} {verb} not done with {where} after {most_s:g} s: landing")
 
@@ -202,6 +212,7 @@ class FlightList:
         if self._standing is not None:
             self._standing.stop(snapshot)
         self._convoy, self._standing = None, None
+        self._round.begin_again()
         self._home = self._way_home()
         self._reference_is_home = self._makes_room = False
 
@@ -209,7 +220,7 @@ class FlightList:
         self._list.done()
         self._convoy, self._standing, self._task_since_s = None, None, None
         if not self.finished:
-            self.detail = f"next: {self._in_words(self._list.moment)[1]}"
+            self.detail = f"next: {self._goals.in_words(self._list.moment)[1]}"
 
     def _way_home(self) -> Journey:
         m = self._mission
@@ -235,26 +246,26 @@ class FlightList:
         return self._reference_is_home
 
     def _travel(self, snapshot: Snapshot, moment: Sequence[Task]) -> bool:
-        places = {t.vehicle: self._place(t)[0] for t in moment}
+        places = self._goals.places(moment)
         if self._convoy is None:
             self._convoy = Convoy(self._outbox, self._mission, places)
         there = self._convoy.step(snapshot, self._others(places))
         said = f" ({self._convoy.said})" if self._convoy.said else ""
-        self.detail = "{} on their way to {}{}".format(*self._in_words(moment), said)
+        self.detail = "{} on their way to {}{}".format(*self._goals.in_words(moment), said)
         self.detail = self.detail if len(moment) > 1 else self.detail.replace(" on their way", " on its way", 1)
         return there
 
-    def _place(self, task: Task) -> Tuple[np.ndarray, str]:
-        if task.index is None:
-            return self._parked[task.vehicle], "its place in the column"
-        configuration = self._mission.configurations[task.index]
-        return camera_place(configuration), configuration.title
-
-    def _in_words(self, moment: Sequence[Task]) -> Tuple[str, str]:
-        """(who, where to)."""
-        places = [self._place(t)[1] for t in moment]
-        where = "their places in the column" if len(moment) > 1 and moment[0].index is None else " and ".join(places)
-        return " and ".join(t.vehicle for t in moment), where
+    def _look_round(self, snapshot: Snapshot, moment: Optional[Sequence[Task]] = None) -> bool:
+        """Whether nobody has to turn (any more): in the column, which nobody has left yet, or at these places."""
+        if moment is None:
+            spread = self.going_back or self._list.flown or self._list.away or self._convoy is not None
+            done = bool(spread) or self._round.in_column(snapshot, self._parked, self._vehicles)
+        else:
+            where = self._goals.in_words(moment)[1]
+            done = self._round.at_places(snapshot, self._goals.places(moment), where)
+        self.detail = self.detail if done else self._round.detail
+        self.notes += self._round.take_notes()
+        return done
 
     def _stand_at(self, moment: Sequence[Task]) -> Union[Standing, Sweeping]:
         """The next attempt at the running configurations."""
@@ -263,7 +274,7 @@ class FlightList:
         last = self._attempts[index] >= self._mission.settle.attempts
         if self._mission.configurations[index].sweep is not None:
             return Sweeping(self._mission, movers, self._outbox, last)
-        places = {t.vehicle: self._place(t)[0] for t in moment}
+        places = self._goals.places(moment)
         places[self._mission.reference] = T_HOME_CAM_AT_HOME
         return Standing(self._mission, movers, places, self._outbox, last)
 
@@ -276,7 +287,7 @@ class FlightList:
         elif progress is Progress.AGAIN:
             self._standing = self._stand_at(moment)
         elif progress is Progress.GIVEN_UP:
-            self.notes.append(f"{self._in_words(moment)[1]} left out, {self._standing.why}")
+            self.notes.append(f"{self._goals.in_words(moment)[1]} left out, {self._standing.why}")
             self._next()
         elif progress is Progress.DONE:
             self._next()

@@ -18,6 +18,11 @@ _ARRIVED_M = 0.5
 def go_to(outbox: Outbox, snapshot: Snapshot, name: str, T_home_cam: np.ndarray) -> Order:
     """Order a vehicle's camera to T_home_cam; the set-point is in the vehicle's own odometry frame."""
     T_odom_body = body_set_point(T_home_cam, snapshot.T_home_odom[name], snapshot.T_body_cam[name])
+    return go_to_body(outbox, snapshot, name, T_odom_body)
+
+
+def go_to_body(outbox: Outbox, snapshot: Snapshot, name: str, T_odom_body: np.ndarray) -> Order:
+    """Order a vehicle's body to T_odom_body, level, in its own odometry frame."""
     return outbox.order(snapshot.now_s, name, "GOTO", target=T_odom_body, frame=frames.odom(name))
 
 

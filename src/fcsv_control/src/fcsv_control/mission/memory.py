@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
 from fcsv_control.errors import SessionError
+from fcsv_control.mission.looking_round import Turned
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.mission.task_list import Task
 from fcsv_geometry import config
@@ -31,11 +32,14 @@ class RememberedList:
     notes: List[str] = field(default_factory=list)
     going_back: str = ""
     away: List[str] = field(default_factory=list)  # out of the column
+    turned: List[Turned] = field(default_factory=list)  # who has looked round where
 
     def __post_init__(self):
         bad = [n for n, T in self.parked.items() if len(T) != _POSE_NUMBERS]
         if bad:
             raise ValueError(f"parked.{bad[0]}: must have {_POSE_NUMBERS} numbers")
+        if any(len(t.p_home_m) != 3 for t in self.turned):
+            raise ValueError("turned: a place has 3 numbers")
 
 
 @dataclass(frozen=True)

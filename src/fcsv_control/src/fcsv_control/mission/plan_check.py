@@ -8,6 +8,7 @@ from typing import Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, 
 import numpy as np
 
 from fcsv_control.mission import traffic
+from fcsv_control.mission.looking_round import turns_s
 from fcsv_control.mission.routes import Keep, route
 from fcsv_control.mission.task_list import Task, TaskList, tasks
 from fcsv_control.mission.timed_way import TimedWay, timed_way
@@ -57,7 +58,8 @@ def check_plan(
     """
     vehicles = list(situation.places)
     found = list(_too_little_room(mission, dict.fromkeys(vehicles, RADIUS_M), radius_m or {}))
-    places, flight_s = dict(situation.places), 0.0
+    chosen = range(len(mission.configurations)) if indices is None else indices
+    places, flight_s = dict(situation.places), turns_s(mission, chosen, len(vehicles))
     left = TaskList(mission, vehicles, tasks(mission, vehicles, indices))
     while left.left:
         moment = left.moment
