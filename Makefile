@@ -8,11 +8,12 @@ RVIZ ?=
 LIVE ?=
 MOVERS ?=
 NEAR ?=
+START ?=
 SPEED ?= auto
 OUT ?= out/demo
 OVERWRITE ?=
 OPERATOR ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR SPEED OUT OVERWRITE OPERATOR
+export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR START SPEED OUT OVERWRITE OPERATOR
 
 .PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
 setup build:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import List, Optional
+from typing import List, Optional, Tuple
 
 from fcsv_control.mission.plan_check import require_flyable
 from fcsv_geometry.errors import FcsvError
@@ -34,6 +34,7 @@ from fcsv_sim.world.movers import movers
 from fcsv_sim.world.town import WORLDS, Town
 from fcsv_stereo.truth import load_truth
 
+_FURTHEST_START_M = 500.0  # from the middle of a world
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down
 _LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
 _FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor")
@@ -189,10 +190,24 @@ def _plan(system: System, args) -> FleetPlan:
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
     return FleetPlan(
-        out, mission, args.seed, args.world, vehicles, rviz=rviz, near=args.near == "1",
+        out, mission, args.seed, args.world, vehicles, start_xy_m=_start(args), rviz=rviz, near=args.near == "1",
         live=live and not monitor, monitor=monitor, movers=tuple(through_town), flight_link=args.flight_link,
         buttons=args.operator != "you", ready_s=args.ready_s,
     )  # fmt: skip
+
+
+def _start(args) -> Tuple[float, float]:
+    """Where the column is to stand. Raises MachineError."""
+    words = args.start.split(",") if args.start else ["0", "0"]
+    try:
+        x, y = (float(w) for w in words)
+    except ValueError:
+        raise MachineError(f"--start {args.start}: give X,Y in m, such as 14,-10") from None
+    if args.start and args.system != "tags":
+        raise MachineError(f"--start: system {args.system} flies before its tracker")
+    if not max(abs(x), abs(y)) <= _FURTHEST_START_M:
+        raise MachineError(f"--start {args.start}: the worlds end within {_FURTHEST_START_M:g} m")
+    return x, y
 
 
 def _require_free(out: Path, overwrite: bool) -> None:
@@ -232,6 +247,10 @@ def _parse(argv):
         "--movers", default="",
         help="system tags: 1 lets a car and a walker move through the town, 0 does not; default: where a mission in "
         "the street has several configurations at once (docs/at_once.md)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--start", default="", metavar="X,Y",
+        help="system tags: where the column takes off in the world, m; default: 0,0, where nothing stands around it",
     )  # fmt: skip
     parser.add_argument("--near", default="", help="system tags: 1 records depth cameras, for the near field (near.md)")
     parser.add_argument(

@@ -44,6 +44,7 @@ class FleetPlan:
     live: bool = False
     monitor: bool = False  # instead of the map in flight: depth of the newest instant
     movers: Tuple[Mover, ...] = ()  # what moves through the town
+    start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the first vehicle, in the world
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     ready_s: float = READY_S  # until a simulated autopilot may be armed
@@ -68,7 +69,8 @@ class FleetPlan:
 
     def start_xyz_yaw(self, index: int) -> List[float]:
         """On the ground, in a column, facing the town (world frame, m and rad)."""
-        return [-index * self.column_spacing_m, 0.0, 0.0, 0.0]
+        x, y = self.start_xy_m
+        return [x - index * self.column_spacing_m, y, 0.0, 0.0]
 
 
 class Machines:
@@ -192,4 +194,5 @@ class SimulatedFleet(Machines):
             "monitor": self.plan.monitor,
             "rviz_config": "monitor" if self.plan.monitor else "map",
             "sim_buttons": self.plan.buttons,
+            "sim_start_xy": ", ".join(map(str, self.plan.start_xy_m)),
         }

@@ -32,6 +32,7 @@ class OperatorParameters:
     vehicles_dir: str = ""  # not looked at: people see the vehicles
     seed: int = 1
     rate_hz: float = 50.0
+    start_xy_m: Tuple[float, float] = (0.0, 0.0)  # of the column's first vehicle, in the world
     buttons: bool = True  # it presses and accepts; else somebody does in the window
     # lines of the flight check that this operator accepts where they are amber, and says so: what a small or busy
     # computer lacks, a simulated vehicle flies without
@@ -50,7 +51,7 @@ class OperatorNode:
     def __init__(self):
         p = self._parameters = node.parameters(OperatorParameters)
         mission = load_mission(p.mission)
-        field = Field(home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m)
+        field = Field.at(p.start_xy_m, home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m)
         self._pilots = [Pilot(i, field, p.seed) for i in range(len(p.vehicles))]
         self._presser = ButtonPresser()
         self._radios = [RcSender(port) for port in p.rc_ports]
