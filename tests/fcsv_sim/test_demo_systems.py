@@ -142,6 +142,23 @@ def test_a_mission_that_the_mission_node_would_refuse_is_refused_before_anything
     assert said.count("\n") == 1 and "min_separation_m: 0.3 m is under" in said and not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("more, words", [
+    (["--start", "14"], "--start 14: give X,Y in m"),
+    (["--start", "here,there"], "--start here,there: give X,Y in m"),
+    (["--start", "nan,0"], "--start nan,0: the worlds end within 500 m"),
+    (["--start", "14,-10", "--system", "mocap"], "--start: system mocap flies before its tracker"),
+])  # fmt: skip
+def test_a_start_that_is_nowhere_is_one_line_and_starts_nothing(more, words, tmp_path, capsys):
+    assert demo.main([*more, "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and words in said and not (tmp_path / "out").exists()
+
+
+def test_the_column_stands_behind_the_start(tmp_path):
+    plan = FleetPlan(tmp_path, tmp_path / "m.yaml", start_xy_m=(14.0, -10.0))
+    assert [plan.start_xyz_yaw(k) for k in (0, 1)] == [[14.0, -10.0, 0.0, 0.0], [10.5, -10.0, 0.0, 0.0]]
+
+
 def test_the_map_of_the_thesis_is_made_where_its_baselines_were_flown(root):
     own = load_mission(root / "config" / "missions" / "mocap.yaml")
     assert [m.folder for m in SYSTEMS["mocap"].maps(own)] == ["map", "map_thesis"]

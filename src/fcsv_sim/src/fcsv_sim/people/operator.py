@@ -73,17 +73,6 @@ class Field:
     sway_m: float = 0.8
     sway_period_s: float = 8.0
 
-    @classmethod
-    def at(cls, xy_m: Sequence[float], **more) -> "Field":
-        """With the column at (x, y), and the starting point as far before it as ever.
-
-        >>> Field.at((14.0, -10.0)).start_xy_m
-        (15.0, -10.0)
-        """
-        x, y = xy_m
-        start = tuple(float(a + b) for a, b in zip((x, y), cls.start_xy_m))
-        return cls(column_xy_m=(x, y), start_xy_m=start, **more)
-
 
 class Pilot:
     """One pilot: from what is to be done and seen to sticks. Takes time (s) as an argument; it must rise."""

@@ -51,7 +51,10 @@ class OperatorNode:
     def __init__(self):
         p = self._parameters = node.parameters(OperatorParameters)
         mission = load_mission(p.mission)
-        field = Field.at(p.start_xy_m, home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m)
+        x, y = p.start_xy_m
+        start_xy_m = (x + Field.start_xy_m[0], y + Field.start_xy_m[1])
+        field = Field((x, y), start_xy_m=start_xy_m, home_height_m=mission.home_height_m,
+                      spacing_m=mission.column_spacing_m)  # fmt: skip
         self._pilots = [Pilot(i, field, p.seed) for i in range(len(p.vehicles))]
         self._presser = ButtonPresser()
         self._radios = [RcSender(port) for port in p.rc_ports]
