@@ -16,9 +16,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Iterator, List
 
+import matplotlib
 import numpy as np
 import open3d as o3d
 from bench_near import Part, all_standing
+from matplotlib import pyplot as plt
 from scipy.spatial import cKDTree
 
 from fcsv_geometry import transforms
@@ -26,6 +28,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.near.join import NEAR_BASELINE
 from fcsv_stereo.truth import load_truth
 
+matplotlib.use("Agg")
 _WRONG_M = 0.21  # 5 cm and 2 % of 8 m
 _FIXED_M, _SHARE = 0.05, 0.02
 _UP_M = 1.0  # above where it stood: in the air
@@ -36,7 +39,9 @@ def main() -> int:
     """Exit status 1 where the map has no near field."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("demo", type=Path, help="folder of a demo that was flown with NEAR=1")
-    demo = parser.parse_args().demo
+    parser.add_argument("--picture", type=Path, help="where to draw the near field from above (.png)")
+    args = parser.parse_args()
+    demo = args.demo
     reference = json.loads((demo / "map" / "report.json").read_text())["reference"]
     truth, (vehicle, stamp) = load_truth(demo / "session" / "truth"), reference["image"].split("/")
     T_world_home = truth.T_world_cam(vehicle, float(stamp)) @ transforms.invert(np.array(reference["T_home_cam"]))
@@ -54,7 +59,10 @@ def main() -> int:
     print(f"{near.sum()} points; distance to the nearest true surface: median {median_cm:.1f} cm")
     print(f"90 % within {most_cm:.1f} cm, within {_WRONG_M} m {(off_m < _WRONG_M).mean():.1%}")
     camera = PinholeCamera(**{k: reference[k] for k in ("width", "height", "fx", "fy", "cx", "cy")})
-    standing(mesh, on_the_way(demo / "run" / "sim"), camera, points, near)
+    eyes = on_the_way(demo / "run" / "sim")
+    standing(mesh, eyes, camera, points, near)
+    if args.picture:
+        from_above(points[near], off_m, np.array([T[:3, 3] for T in eyes]), args.picture)
     return 0
 
 
@@ -79,6 +87,24 @@ def share(from_m: np.ndarray, range_m: np.ndarray) -> Part:
     """Of points at ``range_m`` (N,; infinite: not counted) the part with another one near enough, ``from_m`` (N,)."""
     counted = np.isfinite(range_m)
     return Part.of(from_m[counted] <= _FIXED_M + _SHARE * range_m[counted])
+
+
+def from_above(points: np.ndarray, off_m: np.ndarray, places: np.ndarray, path: Path) -> None:
+    """Points (N,3; world), by height and by how far they are from the truth, ``off_m`` (N,); ``places`` (M,3)."""
+    highest = np.argsort(points[:, 2])  # upon the lower ones
+    figure, axes = plt.subplots(1, 2, figsize=(13, 6.2), sharex=True, sharey=True, constrained_layout=True)
+    shown = (
+        (points[:, 2], "height above the ground (m)", 4.0),
+        (100.0 * off_m, "from the nearest true surface (cm)", 30.0),
+    )
+    for ax, (values, words, most) in zip(axes, shown):
+        dots = ax.scatter(*points[highest, :2].T, c=values[highest], s=0.3, vmin=0.0, vmax=most, cmap="viridis", lw=0)
+        ax.plot(*places[:, :2].T, "r.", ms=3, label="cameras in the air")
+        figure.colorbar(dots, ax=ax, label=words)
+        ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes[0].legend(loc="lower right")
+    figure.savefig(path, dpi=80)
+    print(f"wrote {path}")
 
 
 def on_the_way(sim_folder: Path) -> List[np.ndarray]:
