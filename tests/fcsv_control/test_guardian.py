@@ -666,6 +666,48 @@ def test_where_one_is_that_lost_its_position_is_where_it_was_last():
     assert air.modes == ["LAND"] and np.hypot(*(air.p[:2] - [0.5, 0.0])) > 6.0
 
 
+def lost_for(air, flown_s):
+    """uav2 lies on the ground, as high as it was known last, after so long without a position."""
+    air.others = {"uav2": {"p_home_m": np.array([0.0, 10.0, 8.0]), "lost": True, "lost_s": flown_s, "armed": False}}
+    return air
+
+
+@pytest.mark.parametrize("flown_s, reach_m", [(2.0, 6.0), (20.0, 18.0)])
+def test_who_lands_keeps_out_of_all_where_a_lost_one_may_lie(flown_s, reach_m):
+    """The longer it flew without a position, the further away it may be: it is never believed to lie in one place."""
+    air = lost_for(Aloft(), flown_s)
+    assert not air.run(5.0).held, "on the ground it endangers nobody who flies"
+    air.battery = 0.05
+    air.run(20.0)
+    assert air.modes == ["LAND"] and np.hypot(*(air.p[:2] - [0.0, 10.0])) > reach_m
+    assert bool(air.held) is (reach_m > 10.0)
+
+
+def test_it_goes_out_of_the_way_within_the_fence_where_it_can():
+    air = lost_for(
+        Aloft(GuardianRules(fence=Fence(0.3, 45.0, 100.0, [(-30, -12), (30, -12), (30, 30), (-30, 30)]))), 20
+    )
+    air.battery = 0.05
+    air.run(20.0)
+    assert np.hypot(*(air.p[:2] - [0.0, 10.0])) > 18.0 and air.p[1] > -12.0
+
+
+def test_it_counts_how_long_it_flew_without_a_position():
+    air = Aloft()
+    air.silent.add("feed")
+    air.run(5.0)
+    assert air.guardian.verdict.lost_s == pytest.approx(4.3, abs=0.1)  # 0.7 s until it is sure
+    air.armed, air.p[2] = False, 0.0
+    air.run(30.0)
+    assert air.guardian.verdict.lost_s == pytest.approx(4.3, abs=0.2)
+
+
+def test_one_that_is_lost_and_falls_silent_flies_on():
+    heard = Other(np.zeros(3), 100.0, lost=True, lost_s=10.0)
+    assert heard.reach_m(100.0) < heard.reach_m(120.0)
+    assert Other(np.zeros(3), 100.0, lost=True, lost_s=10.0, armed=False).reach_m(120.0) == heard.reach_m(100.0)
+
+
 def test_it_says_that_it_lost_its_position_until_its_next_take_off():
     air = Aloft()
     air.silent.add("feed")

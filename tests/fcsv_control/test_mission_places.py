@@ -6,12 +6,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from fcsv_control.mission import places, routes
+from fcsv_control.mission import clearing, places, routes
+from fcsv_control.mission.hands import Hands
+from fcsv_control.mission.landing import Landing
+from fcsv_control.mission.outbox import Outbox
+from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry import transforms
-from fcsv_geometry.camera_places import camera_place
+from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, camera_place
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.home import home_of, odoms_in_home
-from fcsv_geometry.mission import StereoConfiguration
+from fcsv_geometry.mission import Mission, StereoConfiguration
 from fcsv_geometry.separation import SeparationRules, distance_m
 from fcsv_geometry.vehicle import Mount
 from fcsv_tracking.calibration import Link
@@ -150,3 +154,29 @@ def test_ways_keep_clear_of_downwash():
             assert distance_m(a + share * (b - a), 3.0) > 0.94
     with pytest.raises(MissionError, match="downwash of the upper one: 2.8 m straight above"):
         routes.route([0, -4, 0], [0, 0, 2], [np.zeros(3)], keep)
+
+
+def seen_at(*p_home_m, **fields):
+    return VehicleView(T_home_cam=transforms.transform(T_HOME_CAM_AT_HOME[:3, :3], np.array(p_home_m)), **fields)
+
+
+@pytest.mark.parametrize("known_height_m", [-3.0, 0.0, 2.0])
+def test_nobody_lands_where_a_lost_one_may_lie(known_height_m):
+    """It lies on the ground, whatever height it was known at last; the longer it flew on, the further away."""
+    lost = {"lost": True, "lost_reach_m": 18.0}
+    air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True), "uav2": seen_at(0.0, 0.0, known_height_m, **lost)}
+    moment = Snapshot(0.0, air)
+    assert clearing.below(moment, "uav1", 2.0) == "uav2"
+    place = clearing.aside(moment, "uav1", "uav2", 2.0)[:3, 3]
+    assert np.hypot(*place[:2]) > 18.0
+    moment.vehicles["uav1"] = seen_at(*place, armed=True)
+    assert clearing.below(moment, "uav1", 2.0) is None
+
+
+def test_who_lands_by_hand_is_told_that_one_lies_somewhere():
+    air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True, mode="LOITER")}
+    air["uav2"] = seen_at(0.0, 0.0, 0.0, lost=True, lost_reach_m=18.2, state_age_s=0.1)
+    landing = Landing(Mission("m", "uav1", [StereoConfiguration("horizontal", 4.0)]), list(air), Outbox(), Hands())
+    assert not landing.step(Snapshot(0.0, air))
+    assert "uav2: lies within 18 m of where it was known last; who lands by hand looks for it" in landing.problems
+    assert "uav1 is above uav2: fly it aside, then land it (LOITER)" in landing.problems

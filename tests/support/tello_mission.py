@@ -132,7 +132,7 @@ class TelloMission(ByHand):
                 heard.position(float(T[2, 3]))
             heard.state(now_s, state.mode, state.armed, state.connected)
             v = board.guardian.verdict
-            heard.guardian(now_s, v.in_words, v.lost)
+            heard.guardian(now_s, v.in_words, v.lost, v.lost_s)
             heard.battery(now_s, state.battery_share)
             board.pictures += board.recording and self._steps % (5 * _MISSION_STEPS) == 0
             heard.recorder(now_s, "", board.pictures)

@@ -6,20 +6,24 @@ whether two vehicles are far enough apart. Positions are (3,), m, in any one lev
 """
 
 from dataclasses import dataclass
-from typing import Optional, Sequence, Union
+from typing import Callable, Optional, Sequence, Union
 
 import numpy as np
 
 from fcsv_geometry.config import require_positive
 
-LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that came down without a position: it drifts
+LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that comes down without a position: it drifts
+_LOST_M, _LOST_MPS = 2.0, 0.8  # what it is off as it is lost, and how fast it drifts: docs/safety.md
 _SIGMAS = 3.0
 _TRACKERS_SIGMA_M = 0.05  # of two places against each other by what both trackers drifted since calibration
 _USUAL_AGE_S = 0.25  # of a pose that comes ten times a second over a radio: ways are planned with room for it
 _MOST_AGE_S = 1.0  # of a pose in the separation: then it is its silence that counts
 _MOST_SPEED_MPS = 2.0
 _ANGLES = [0.0, *(sign * k * np.pi / 8.0 for k in range(1, 9) for sign in (1.0, -1.0))]  # the nearest first
+_BEYOND_M = 3.0  # the edge of a large circle
 _AWAY_M = 0.3  # nearer than this horizontally, "away" has no direction
+
+Clear = Union[float, Sequence[float]]  # m, of all others or of each
 
 
 @dataclass(frozen=True)
@@ -74,13 +78,23 @@ def share(offset_m: np.ndarray, rules: SeparationRules, doubt: float = 0.0) -> U
     return distance_m(offset_m, rules.vertical_factor) / (rules.horizontal_m + doubt)
 
 
+def lost_reach_m(flown_s: float) -> float:
+    """How far (m) horizontally from where it was last known one may lie that flew for so long (s) without a position.
+
+    >>> lost_reach_m(1.0), lost_reach_m(20.0)
+    (6.0, 18.0)
+    """
+    return max(LOST_CLEAR_M, _LOST_M + _LOST_MPS * flown_s)
+
+
 def aside(
-    here_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float, away_from_m: Optional[np.ndarray] = None,
-    side: Optional[np.ndarray] = None,
+    here_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: Clear, away_from_m: Optional[np.ndarray] = None,
+    side: Optional[np.ndarray] = None, within: Callable[[np.ndarray], bool] = lambda p: True,
 ) -> np.ndarray:  # fmt: skip
     """A place (3,) at the same height whose column of air is ``clear_m`` from all others, by a way that passes
     nobody: away from one of them, else as near as can be to ``side`` ((2,), a direction; to the right by
-    default); where none is clear, the one with most room.
+    default); where none is clear, the one with most room. ``clear_m`` may be given for each of the others; places
+    ``within`` the fence are preferred.
 
     >>> aside(np.array([0.0, 0.0, 8.0]), [np.array([1.0, 0.0, 3.0])], 2.0, np.array([1.0, 0.0, 3.0])).tolist()
     [-4.0, 0.0, 8.0]
@@ -90,9 +104,19 @@ def aside(
         away = here_m[:2] - away_from_m[:2]
         length_m = float(np.linalg.norm(away))
         first = away / length_m if length_m > _AWAY_M else first
-    places = [here_m + 2.0 * clear_m * np.array([*_turned(first, angle), 0.0]) for angle in _ANGLES]
+    way_m = _way_m(here_m, others_m, clear_m)
+    places = [here_m + way_m * np.array([*_turned(first, angle), 0.0]) for angle in _ANGLES]
+    places = [p for p in places if within(p)] or places
     room = [room_m(here_m, p, others_m, clear_m) for p in places]
     return next((p for p, m in zip(places, room) if m >= 0.0), places[int(np.argmax(room))])
+
+
+def _way_m(here_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: Clear) -> float:
+    """How far to go: twice what must be clear, and no further than it takes out of a large circle."""
+    needed_m = np.broadcast_to(clear_m, len(others_m))
+    out_m = [c - float(np.linalg.norm((o - here_m)[:2])) for c, o in zip(needed_m, others_m)]
+    most_m = float(np.max(clear_m))
+    return min(2.0 * most_m, max(2.0 * LOST_CLEAR_M, max(out_m, default=0.0) + _BEYOND_M))
 
 
 def _turned(direction: np.ndarray, angle_rad: float) -> np.ndarray:
@@ -112,12 +136,12 @@ def passes_m(here_m: np.ndarray, place_m: np.ndarray, other_m: np.ndarray) -> fl
     return float(np.linalg.norm(off - share * ab))
 
 
-def room_m(here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: float) -> float:
+def room_m(here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: Clear) -> float:
     """By how much (m) a way and its end keep clear, horizontally; negative: they do not. Who is near already must not
     come nearer."""
     least_m = np.inf
-    for other in others_m:
-        needed_m = min(0.8 * clear_m, float(np.linalg.norm(other[:2] - here_m[:2])) - 1e-6)
+    for other, room in zip(others_m, np.broadcast_to(clear_m, len(others_m))):
+        needed_m = min(0.8 * room, float(np.linalg.norm(other[:2] - here_m[:2])) - 1e-6)
         end_m = float(np.linalg.norm(other[:2] - place_m[:2]))
-        least_m = min(least_m, passes_m(here_m, place_m, other) - needed_m, end_m - clear_m)
+        least_m = min(least_m, passes_m(here_m, place_m, other) - needed_m, end_m - room)
     return least_m

@@ -9,7 +9,7 @@ from typing import Deque, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.flight.estimate import apart_m
-from fcsv_geometry import transforms
+from fcsv_geometry import separation, transforms
 from fcsv_geometry.fence import Fence
 
 _INF = float("inf")
@@ -46,6 +46,7 @@ class Other:
     uncontrolled: bool = False
     sigma_m: float = 0.0  # of its place in home, as calibration left it
     lost: bool = False
+    lost_s: float = 0.0  # so long it flew without a position, as it tells
     taken: bool = False
     going_to_m: Optional[np.ndarray] = None  # where it was sent, in home
 
@@ -55,8 +56,17 @@ class Other:
         return self.uncontrolled or self.lost
 
     def guarded(self, told) -> "Other":
-        """With what its guardian tells of it: ``told`` has ``uncontrolled``, ``lost`` and ``taken``."""
-        return replace(self, uncontrolled=told.uncontrolled, lost=told.lost, taken=told.taken)
+        """With what its guardian tells of it: ``told`` has ``uncontrolled``, ``lost``, ``lost_s`` and ``taken``."""
+        return replace(self, uncontrolled=told.uncontrolled, lost=told.lost, lost_s=told.lost_s, taken=told.taken)
+
+    def reach_m(self, now_s: float) -> float:
+        """How far from where it was last known it may lie, of one that is lost."""
+        return separation.lost_reach_m(self.lost_s + (now_s - self.heard_s if self.armed else 0.0))
+
+    @property
+    def lies(self) -> bool:
+        """Whether it is on the ground, not known where: its height counts for nothing."""
+        return self.lost and not self.armed
 
     def sent(self, T_home_odom: np.ndarray, to_odom_m: Optional[Sequence[float]]) -> "Other":
         """With where it flies, (3,) in its odometry frame; None: not known."""
@@ -84,6 +94,8 @@ class Air:
     epoch: Optional[int] = None  # of the odometry
     take_off_epoch: Optional[int] = None  # in another one ``take_off`` is elsewhere
     lost: bool = False  # its tracker failed in this flight: where it is, is not known since
+    lost_since_s: Optional[float] = None
+    lost_s: float = 0.0  # so long it has flown without a position
     sent_to: Optional[np.ndarray] = None  # T_odom_body, where the mission sent it
     confidence: float = math.nan
     link: LinkReport = field(default_factory=LinkReport)
@@ -124,6 +136,14 @@ class Air:
         self.way.append((now_s, T_odom_body[:3, 3]))
         while self.way[0][0] < now_s - _WAY_S:
             self.way.popleft()
+
+    def count_lost(self, now_s: float) -> None:
+        """For how long it has flown without a position; what lies on the ground drifts no further."""
+        if not self.lost:
+            self.lost_since_s, self.lost_s = None, 0.0
+        elif self.armed:
+            self.lost_since_s = now_s if self.lost_since_s is None else self.lost_since_s
+            self.lost_s = now_s - self.lost_since_s
 
     def slept(self, seconds: float) -> None:
         """This process itself did not run for so long."""

@@ -11,12 +11,13 @@ from typing import Dict, List, Optional, Set, Tuple
 
 import numpy as np
 
+from fcsv_control.guardian import room
 from fcsv_control.guardian.air import Air, LinkReport, Other
 from fcsv_control.guardian.findings import ABOVE, Finding, Watches, Wish
 from fcsv_control.guardian.hands import COMPANIONS_MODES, Hands
 from fcsv_control.guardian.messages import AskMode, HoldAt, Output, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import separation, transforms
+from fcsv_geometry import transforms
 from fcsv_geometry.fence import Fence
 from fcsv_geometry.flow import RateGate
 
@@ -150,10 +151,11 @@ class Guardian:
             self._say(now_s, f.what, f.text, acting and f.wish > Wish.SAY)
         blind = air.flying and any(f.wish is Wish.LAND for f in found)
         air.lost = (not self._watches.found_again(now_s, air) and air.lost) or blind
+        air.count_lost(now_s)
         reasons = tuple(f.text for f in found if f.wish > Wish.SAY)
         action, taken = self._action(now_s) if acting else "", air.armed and not self._hands.ours
         held, to_m = self._place is not None, air.going_to_m(self._place)
-        self._verdict = Verdict(action, held, blind, reasons, forbids, air.lost, taken, to_m)
+        self._verdict = Verdict(action, held, blind, reasons, forbids, air.lost, taken, to_m, air.lost_s)
 
     @property
     def verdict(self) -> Verdict:
@@ -228,18 +230,14 @@ class Guardian:
 
     def _move_aside(self, now_s: float, away_from: str) -> None:
         """Only with both places known, as every finding about another vehicle has them."""
-        here, air = self.air.p_home_m, self.air
+        air = self.air
         if air.mode != "GUIDED":  # where /stop_all stopped it, or on its way down: so it cannot move
             self._ask(now_s, "GUIDED")
         self._held_s = now_s
         under_way = self._aside_s is not None and self._place is not None
         if under_way and float(np.linalg.norm((air.estimate - self._place)[:2, 3])) > _THERE_M:
             return
-        other, places = air.others[away_from], self._watches.places_m(now_s, air)
-        there = min(places[away_from], key=lambda p: float(np.linalg.norm((p - here)[:2])))
-        upper = here[2] > there[2]
-        side = np.array([0.0, 1.0 if upper else -1.0])  # of two in one column the upper goes left, the lower right
-        p_home = separation.aside(here, sum(places.values(), []), self._watches.clear_m(other), there, side)
+        p_home = room.aside(now_s, air, self._rules, away_from, self._landing)
         self._place = transforms.level(air.estimate)
         self._place[:3, 3] = transforms.apply(transforms.invert(air.T_home_odom), p_home)
         self._aside_s = self._aside_s or now_s

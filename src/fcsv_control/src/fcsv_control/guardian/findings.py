@@ -8,7 +8,7 @@ from typing import Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_control.guardian import way_home
+from fcsv_control.guardian import room, way_home
 from fcsv_control.guardian.air import Air, Other
 from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry import separation
@@ -118,19 +118,13 @@ class Watches:
         here = air.p_home_m
         if here is None:
             return None
-        for name, places in self.places_m(now_s, air).items():
-            clear_m = self.clear_m(air.others[name])
-            if any(up > _BELOW_M and math.hypot(x, y) < clear_m for x, y, up in (here - p for p in places)):
+        for name, places in room.places_m(now_s, air, self._rules).items():
+            other = air.others[name]
+            clear_m = room.landing_clear_m(now_s, self._rules, other)
+            below = (here - p for p in places)
+            if any((other.lies or up > _BELOW_M) and math.hypot(x, y) < clear_m for x, y, up in below):
                 return name
         return None
-
-    def places_m(self, now_s: float, air: Air) -> Dict[str, List[np.ndarray]]:
-        """Where to look for each other vehicle."""
-        return {name: o.places_m(now_s, self._rules.silent_above_s) for name, o in air.others.items()}
-
-    def clear_m(self, other: Other) -> float:
-        """How far away horizontally another vehicle must be: one without a position drifts."""
-        return self._rules.uncontrolled_clear_m if other.astray else self._rules.clear_m
 
     # ---- the position ----------------------------------------------------------------------------------------
 
@@ -193,7 +187,7 @@ class Watches:
         """Its battery is low, and nobody is there who would bring it down."""
         below = self.beneath(now_s, air)
         against = self._stopped or (f"{below} is beneath" if below else "")
-        against = against or way_home.against(now_s, air, self._rules, self.clear_m, self._homeward)
+        against = against or way_home.against(now_s, air, self._rules, self._homeward)
         if against:
             self._stopped = against if self._homeward else ""  # for good: two would go on by turns
             wish = Wish.HOLD if self._homeward else Wish.SAY
@@ -252,7 +246,7 @@ class Watches:
         for name, share in self.separations(now_s, air):
             if share < 1.0 and air.flying:
                 yield Finding("separation", Wish.ASIDE, f"too near to {name}", name)
-        here, places = air.p_home_m, self.places_m(now_s, air)
+        here, places = air.p_home_m, room.places_m(now_s, air, self._rules)
         for name, other in air.others.items() if here is not None and air.flying else ():
             offset_m = other.p_home_m - here
             if any(self._comes_down(now_s, other, p - here) for p in places[name]):
@@ -276,7 +270,7 @@ class Watches:
         """Whether another vehicle is below or above that a pilot has, who may climb or descend, or that is lost."""
         if now_s - other.heard_s > _OLD_S or not (other.astray or (other.taken and other.armed)):
             return False
-        return abs(offset_m[2]) > _BELOW_M and math.hypot(offset_m[0], offset_m[1]) < self.clear_m(other)
+        return abs(offset_m[2]) > _BELOW_M and math.hypot(offset_m[0], offset_m[1]) < room.clear_m(self._rules, other)
 
     def _comes_down(self, now_s: float, other: Other, offset_m: np.ndarray) -> bool:
         """Whether another vehicle may come down on this one."""

@@ -33,8 +33,8 @@ class HoldAt:
 @dataclass(frozen=True)
 class Verdict:
     """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused; ``uncontrolled``: the
-    vehicle comes down without a position; ``lost``: so it did, and nobody knows where it is since; ``taken``: it is not
-    in the companion's hands; ``going_to_m``: where it flies, in its odometry frame."""
+    vehicle comes down without a position; ``lost``: so it did, and nobody knows where it is since; ``lost_s``: so long
+    it flew on; ``taken``: it is not in the companion's hands; ``going_to_m``: where it flies, in its odometry frame."""
 
     action: str = ""
     holds: bool = False
@@ -44,6 +44,7 @@ class Verdict:
     lost: bool = False
     taken: bool = False
     going_to_m: Optional[Tuple[float, float, float]] = None
+    lost_s: float = 0.0
 
     @property
     def in_words(self) -> str:

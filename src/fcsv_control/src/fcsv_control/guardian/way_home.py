@@ -3,10 +3,10 @@
 and come down there."""
 
 import math
-from typing import Callable
 
 import numpy as np
 
+from fcsv_control.guardian import room
 from fcsv_control.guardian.air import Air, Other
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import separation, transforms
@@ -23,8 +23,8 @@ def left_m(air: Air) -> float:
     return math.hypot(*(air.estimate[:2, 3] - air.take_off[:2, 3]))
 
 
-def against(now_s: float, air: Air, rules: GuardianRules, clear_m: Callable[[Other], float], under_way: bool) -> str:
-    """What speaks against it, "" where nothing does. ``clear_m`` tells how far away horizontally one must be."""
+def against(now_s: float, air: Air, rules: GuardianRules, under_way: bool) -> str:
+    """What speaks against it, "" where nothing does."""
     if air.take_off is None or air.estimate is None or air.take_off_epoch != air.epoch:
         return "its take-off place is not known"
     if air.p_home_m is None:
@@ -40,7 +40,7 @@ def against(now_s: float, air: Air, rules: GuardianRules, clear_m: Callable[[Oth
         if now_s - other.heard_s > rules.silent_above_s:
             return f"{name} is not heard"
         doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), now_s - other.heard_s, other.speed_mps)
-        needed_m = clear_m(other) + doubt_m + (0.0 if under_way else _MORE_M)
+        needed_m = room.landing_clear_m(now_s, rules, other) + doubt_m + (0.0 if under_way else _MORE_M)
         if not _clear(air, rules, other, needed_m, p_home_there):
             return f"{name} is too near to the way, or to the take-off place"
     return ""
@@ -54,16 +54,9 @@ def _believed(now_s: float, air: Air, rules: GuardianRules) -> bool:
 
 
 def _within_fences(air: Air, rules: GuardianRules, p_home_there: np.ndarray) -> bool:
-    height_m = float(air.estimate[2, 3] - air.take_off[2, 3])
     parts = 1 + math.ceil(left_m(air))
-    for share in (k / parts for k in range(parts + 1)):
-        p = air.p_home_m + share * (p_home_there - air.p_home_m)
-        if rules.fence.outside_m(p, height_m) > 0.0:
-            return False
-        fence = air.mission_fence
-        if fence is not None and fence.outside_m(p, height_m) > rules.mission_fence_slack_m:
-            return False
-    return True
+    way = p_home_there - air.p_home_m
+    return all(room.within_fences(air, rules, air.p_home_m + k / parts * way) for k in range(parts + 1))
 
 
 def _clear(air: Air, rules: GuardianRules, other: Other, clear_m: float, p_home_there: np.ndarray) -> bool:

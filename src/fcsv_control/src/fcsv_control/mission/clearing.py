@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Who stands above whom, and where to go out of the way."""
 
-from typing import List, Optional
+from typing import Callable, List, Optional
 
 import numpy as np
 
@@ -16,11 +16,20 @@ def clearance_m(separation_m: float) -> float:
 
 
 def below(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
-    """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally; flying or not.
+    """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally; flying or not. One
+    that is lost may lie anywhere within its reach.
 
     None where places are not known yet: before home is set they stand in a column.
     """
-    return next((n for n in _known(snapshot, name) if _stands_above(snapshot, name, n, clear_m)), None)
+    known = _known(snapshot, name)
+    return next((n for n in known if _stands_above(snapshot, name, n, clear_m) or _may_lie(snapshot, name, n)), None)
+
+
+def _may_lie(snapshot: Snapshot, upper: str, lost: str) -> bool:
+    """Whether one that came down without a position may lie beneath another. At which height it was last known does not
+    count."""
+    view, offset_m = snapshot.vehicles[lost], snapshot.p_home_cam(upper) - snapshot.p_home_cam(lost)
+    return view.lost and not view.armed and bool(np.linalg.norm(offset_m[:2]) < view.lost_reach_m)
 
 
 def coming_down_on(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
@@ -29,12 +38,16 @@ def coming_down_on(snapshot: Snapshot, name: str, clear_m: float) -> Optional[st
     return next((n for n in landing if _stands_above(snapshot, n, name, clear_m)), None)
 
 
-def aside(snapshot: Snapshot, name: str, away_from: str, clear_m: float) -> np.ndarray:
-    """T_home_cam at the same height, clear of everybody: away from a vehicle, else right, left, back, front."""
-    here = snapshot.p_home_cam(name)
-    others = [snapshot.p_home_cam(n) for n in _known(snapshot, name)]
+def aside(
+    snapshot: Snapshot, name: str, away_from: str, clear_m: float, within: Callable[[np.ndarray], bool] = lambda p: True
+) -> np.ndarray:
+    """T_home_cam at the same height, clear of everybody: away from a vehicle, else right, left, back, front; ``within``
+    the fence, where that can be."""
+    here, others = snapshot.p_home_cam(name), _known(snapshot, name)
     clear_m = _clear_of(snapshot, away_from, clear_m)
-    best = separation.aside(here, others, clear_m, snapshot.p_home_cam(away_from))
+    clears_m = [max(clear_m, snapshot.vehicles[n].lost_reach_m) for n in others]
+    places = [snapshot.p_home_cam(n) for n in others]
+    best = separation.aside(here, places, clears_m, snapshot.p_home_cam(away_from), within=within)
     return transforms.transform(level_camera(snapshot.vehicles[name].T_home_cam)[:3, :3], best)
 
 

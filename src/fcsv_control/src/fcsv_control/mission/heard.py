@@ -9,7 +9,7 @@ from typing import Callable, Optional
 import numpy as np
 
 from fcsv_control.mission.snapshot import VehicleView
-from fcsv_geometry import transforms
+from fcsv_geometry import separation, transforms
 from fcsv_geometry.home import camera_in_home
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
@@ -65,7 +65,7 @@ class VehicleHeard:
         self._z_m = self._ground_z_m = 0.0
         self._mode, self._armed, self._connected = "", False, False
         self._battery_share, self._battery_s = math.nan, _NEVER_S
-        self._guarded, self._guarded_s, self._lost = "", _NEVER_S, False
+        self._guarded, self._guarded_s, self._lost, self._lost_s = "", _NEVER_S, False, 0.0
         self._problem, self._pictures, self._pictures_before = "", 0, 0
 
     def odometry(self, now_s: float, T_odom_body: np.ndarray, speed_mps: float) -> None:
@@ -87,10 +87,10 @@ class VehicleHeard:
         if mode:
             self._mode, self._armed = mode, armed
 
-    def guardian(self, now_s: float, words: str, lost: bool) -> None:
+    def guardian(self, now_s: float, words: str, lost: bool, lost_s: float = 0.0) -> None:
         """What its guardian does and why; empty where it leaves the vehicle alone. ``lost``: its tracker failed in
-        flight, and where it is has not been known since."""
-        self._guarded, self._guarded_s, self._lost = words, now_s, lost
+        flight, and where it is has not been known since; ``lost_s``: so long it flew on."""
+        self._guarded, self._guarded_s, self._lost, self._lost_s = words, now_s, lost, lost_s
 
     def battery(self, now_s: float, share: float) -> None:
         """0..1, NaN where unknown."""
@@ -112,6 +112,11 @@ class VehicleHeard:
         """Where one was heard it must go on being heard."""
         silent = self._guarded_s != _NEVER_S and now_s - self._since_s(GUARDIAN, self._guarded_s) > _GUARDIAN_OLD_S
         return "it is silent" if silent else self._guarded
+
+    def _lost_reach_m(self, now_s: float) -> float:
+        """How far from where it was last known it may lie; 0 of one that is not lost. In silence it flies on."""
+        silent_s = now_s - self._since_s(GUARDIAN, self._guarded_s) if self._armed else 0.0
+        return separation.lost_reach_m(self._lost_s + silent_s) if self._lost else 0.0
 
     def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
         """The vehicle now; its place in home where ``T_home_odom`` is known."""
@@ -138,6 +143,7 @@ class VehicleHeard:
             guarded=self._guardian_words(now_s),
             frame_problem=self.epochs.problem,
             lost=self._lost,
+            lost_reach_m=self._lost_reach_m(now_s),
             p_home_tag=p_tag,
             p_home_front_tag=None if p_front is None or self._lost else transforms.apply(T_home_odom, p_front),
         )

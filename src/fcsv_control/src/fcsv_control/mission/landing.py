@@ -3,11 +3,14 @@
 
 from typing import Dict, List, Optional, Sequence, Set
 
+import numpy as np
+
 from fcsv_control.mission import clearing
 from fcsv_control.mission.hands import Hands
 from fcsv_control.mission.journey import go_to
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_geometry.mission import Mission
 
 _REPEAT_S = 3.0
 _ASIDE_REPEAT_S = 1.0
@@ -17,13 +20,14 @@ _FRESH_S = 3.5  # what an older state says may have changed
 
 class Landing:
     """A vehicle that stands above another moves aside first, and so does one that another comes down upon; the others
-    land at once. Who is flown by hand is not commanded: its pilot is told to land it."""
+    land at once. Who is flown by hand is not commanded: its pilot is told to land it. Ways aside keep within the
+    mission's fence, where that can be."""
 
-    def __init__(self, vehicles: Sequence[str], outbox: Outbox, separation_m: float, hands: Hands):
+    def __init__(self, mission: Mission, vehicles: Sequence[str], outbox: Outbox, hands: Hands):
         self._vehicles = list(vehicles)
         self._outbox = outbox
-        self._hands = hands
-        self._clear_m = clearing.clearance_m(separation_m)
+        self._hands, self._mission = hands, mission
+        self._clear_m = clearing.clearance_m(mission.min_separation_m)
         self._next_s: Dict[str, float] = dict.fromkeys(vehicles, float("-inf"))
         self._tries: Dict[str, int] = dict.fromkeys(vehicles, 0)
         self._recorders_off: Dict[str, Optional[Order]] = dict.fromkeys(vehicles)
@@ -38,10 +42,17 @@ class Landing:
         flying = [n for n in self._vehicles if snapshot.vehicles[n].armed]
         unheard = [n for n in self._vehicles if n not in self._down and n not in flying]
         self.problems += [f"{n}: not heard; see whether it flies, and land it by hand" for n in unheard]
+        for name, view in snapshot.vehicles.items() if flying else ():
+            if view.lost and not view.armed:
+                text = f"{name}: lies within {view.lost_reach_m:.0f} m of where it was known last"
+                self.problems.append(f"{text}; who lands by hand looks for it")
         for name in flying:
             self._switch_off(snapshot, name)
             self._see_to(snapshot, name)
         return not flying and not unheard
+
+    def _within(self, p_home_m: np.ndarray) -> bool:
+        return not self._mission.fence.outside(p_home_m, self._mission.home_height_m)
 
     def _hear(self, snapshot: Snapshot, name: str) -> None:
         view = snapshot.vehicles[name]
@@ -80,7 +91,8 @@ class Landing:
             self._hands.asked(name, "GUIDED", mode)
             self._next_s[name] = snapshot.now_s + _ASIDE_REPEAT_S
         elif in_the_way is not None and mode == "GUIDED":
-            go_to(self._outbox, snapshot, name, clearing.aside(snapshot, name, in_the_way, self._clear_m))
+            place = clearing.aside(snapshot, name, in_the_way, self._clear_m, self._within)
+            go_to(self._outbox, snapshot, name, place)
             self._next_s[name] = snapshot.now_s + _ASIDE_REPEAT_S
         else:
             self._outbox.order(snapshot.now_s, name, "LAND")

@@ -57,7 +57,7 @@ class MissionMachine(Operated):
         self._plan = PlanGate(mission, vehicles, radius_m)
         self._flight_list: Optional[FlightList] = None
         self._hands = Hands()
-        self._landing = Landing(vehicles, self.outbox, mission.min_separation_m, self._hands)
+        self._landing = Landing(mission, vehicles, self.outbox, self._hands)
         self._dropouts = Dropouts(mission.reference, vehicles)
         self._patience = Patience(mission.limits)
         self._pauses: Set[Pause] = set()

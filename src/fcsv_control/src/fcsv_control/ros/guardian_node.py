@@ -227,8 +227,8 @@ class GuardianNode:
         self._states.publish(
             GuardianState(
                 header=header, vehicle=self._name, action=v.action, holds=v.holds, uncontrolled=v.uncontrolled,
-                lost=v.lost, taken=v.taken, sent=v.going_to_m is not None, going_to=Point(*(v.going_to_m or ())),
-                reasons=list(v.reasons), forbids=list(v.forbids),
+                lost=v.lost, lost_s=v.lost_s, taken=v.taken, sent=v.going_to_m is not None,
+                going_to=Point(*(v.going_to_m or ())), reasons=list(v.reasons), forbids=list(v.forbids),
             )
         )  # fmt: skip
 

@@ -109,7 +109,7 @@ class VehicleInputs:
 
     def _on_guardian(self, m: GuardianState) -> None:
         with self._lock:
-            self._heard.guardian(time.monotonic(), in_words(m.action, m.reasons), m.lost)
+            self._heard.guardian(time.monotonic(), in_words(m.action, m.reasons), m.lost, m.lost_s)
 
     def _on_battery(self, message: BatteryState) -> None:
         with self._lock:

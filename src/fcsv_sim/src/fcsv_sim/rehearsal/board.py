@@ -43,6 +43,7 @@ class Told:
     mode: str
     uncontrolled: bool
     lost: bool
+    lost_s: float
     taken: bool
     going_to_m: Optional[Tuple[float, float, float]]
 
@@ -108,7 +109,7 @@ class OnBoard:
         state, v = self.link.state, self.guardian.verdict
         speed = math.hypot(*self.odometry.linear_mps)
         who = (self.name, self.T_odom_body, speed, state.armed, state.mode)
-        return Told(*who, v.uncontrolled, v.lost, v.taken, v.going_to_m)
+        return Told(*who, v.uncontrolled, v.lost, v.lost_s, v.taken, v.going_to_m)
 
     def hear_other(self, now_s: float, told: Told) -> None:
         """Another vehicle told of itself."""

@@ -83,7 +83,7 @@ class ControlPc:
             told = (state.mode, state.armed, vehicle.link.connected(now_s), verdict.in_words, verdict.lost)
             if now_s >= due[1] or self._states.get(name) != told:
                 due[1] = now_s + _STATE_EVERY_S
-                self._send(now_s, name, self._state, told)
+                self._send(now_s, name, self._state, (*told, verdict.lost_s))
             if now_s >= due[2]:
                 due[2] = now_s + _SLOW_EVERY_S
                 share = self.battery_share.get(name, state.battery_share)
@@ -111,12 +111,12 @@ class ControlPc:
         heard.epochs.now, heard.epochs.reason = epoch.number, epoch.reason
 
     def _state(
-        self, name: str, sent_s: float, mode: str, armed: bool, connected: bool, guarded: str, lost: bool
+        self, name: str, sent_s: float, mode: str, armed: bool, connected: bool, guarded: str, lost: bool, lost_s: float
     ) -> None:
         self._states[name] = (mode, armed, connected, guarded, lost)
         self.stop_desk.state(sent_s, name, mode, armed)
         self.heard[name].state(sent_s, mode, armed, connected)
-        self.heard[name].guardian(sent_s, guarded, lost)
+        self.heard[name].guardian(sent_s, guarded, lost, lost_s)
 
     def _slow(self, name: str, sent_s: float, battery_share: float, pictures: int) -> None:
         self.heard[name].battery(sent_s, battery_share)
