@@ -96,6 +96,7 @@ class Flight:
         self.pictures: Dict[str, List[float]] = {n: [] for n in names}
         self.picture_period_s = STEP_S
         self.recorder = None  # the control PC's own
+        self.clock_set = 0
         self.lossy = 0.0  # share of commands that get lost
         self._random = random
 
@@ -115,7 +116,7 @@ class Flight:
                 pictures=len(self.pictures[name]),
             )  # fmt: skip
         known = {n: v.T_home_odom for n, v in self.fleet.items()} if self.home_known else {}
-        return Snapshot(self.now_s, views, known, dict.fromkeys(self.fleet, T_BODY_CAM), self.recorder)
+        return Snapshot(self.now_s, views, known, dict.fromkeys(self.fleet, T_BODY_CAM), self.recorder, self.clock_set)
 
     def step(self) -> None:
         """A tenth of a second."""

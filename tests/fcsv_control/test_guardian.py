@@ -672,7 +672,7 @@ def lost_for(air, flown_s):
     return air
 
 
-@pytest.mark.parametrize("flown_s, reach_m", [(2.0, 6.0), (20.0, 18.0)])
+@pytest.mark.parametrize("flown_s, reach_m", [(2.0, 6.0), (13.0, 17.6)])
 def test_who_lands_keeps_out_of_all_where_a_lost_one_may_lie(flown_s, reach_m):
     """The longer it flew without a position, the further away it may be: it is never believed to lie in one place."""
     air = lost_for(Aloft(), flown_s)
@@ -689,7 +689,7 @@ def test_it_goes_out_of_the_way_within_the_fence_where_it_can():
     )
     air.battery = 0.05
     air.run(20.0)
-    assert np.hypot(*(air.p[:2] - [0.0, 10.0])) > 18.0 and air.p[1] > -12.0
+    assert np.hypot(*(air.p[:2] - [0.0, 10.0])) > 17.6 and air.p[1] > -12.0
 
 
 def test_it_counts_how_long_it_flew_without_a_position():

@@ -467,6 +467,29 @@ def test_a_gust_while_recording_is_recorded_again(flying):
     assert len(on) == 4, "three configurations, one of them twice"
 
 
+@pytest.mark.parametrize("attempts", [1, 3])
+def test_what_is_recorded_as_the_time_of_day_is_set_is_recorded_again(flight, attempts):
+    """Pictures are compared with windows by the time of day. At the last attempt, too: such a window tells nothing."""
+    f = flight(mission(("horizontal", 4.0), settle=SettleBounds(attempts=attempts)))
+    f.up_to_configurations()
+    until_recording(f)
+    f.wait(0.5)
+    f.clock_set += 1
+    set_s = f.now_s
+    f.phase("DONE", 60.0)
+    (window,) = f.machine.captures
+    assert window.start_s > set_s
+    on = [o for o in kinds(f, "uav2", "RECORD").values() if o.arguments["flag"]]
+    assert len(on) == 2
+
+
+def test_a_time_of_day_that_is_set_before_a_recording_disturbs_none(flying):
+    flying.clock_set += 1
+    flying.phase("DONE", 120.0)
+    on = [o for o in kinds(flying, "uav2", "RECORD").values() if o.arguments["flag"]]
+    assert len(on) == len(flying.machine.captures) == 3
+
+
 def test_gusts_at_every_attempt_leave_the_last_with_its_error(flying):
     """A recording that moves is worse than a still one and better than none; its error is told."""
     gusts = 0

@@ -175,8 +175,8 @@ def test_nobody_lands_where_a_lost_one_may_lie(known_height_m):
 
 def test_who_lands_by_hand_is_told_that_one_lies_somewhere():
     air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True, mode="LOITER")}
-    air["uav2"] = seen_at(0.0, 0.0, 0.0, lost=True, lost_reach_m=18.2, state_age_s=0.1)
-    landing = Landing(Mission("m", "uav1", [StereoConfiguration("horizontal", 4.0)]), list(air), Outbox(), Hands())
+    air["uav2"] = seen_at(0.0, 0.0, -8.0, lost=True, lost_reach_m=18.2, state_age_s=0.1)
+    landing = Landing(Mission("m", [StereoConfiguration("horizontal", 4.0)]), list(air), Outbox(), Hands())
     assert not landing.step(Snapshot(0.0, air))
     assert "uav2: lies within 18 m of where it was known last; who lands by hand looks for it" in landing.problems
     assert "uav1 is above uav2: fly it aside, then land it (LOITER)" in landing.problems

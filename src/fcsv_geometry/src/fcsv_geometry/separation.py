@@ -13,7 +13,7 @@ import numpy as np
 from fcsv_geometry.config import require_positive
 
 LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that comes down without a position: it drifts
-_LOST_M, _LOST_MPS = 2.0, 0.8  # what it is off as it is lost, and how fast it drifts: docs/safety.md
+_LOST_M, _LOST_MPS = 2.0, 1.2  # what it is off as it is lost, and how fast it drifts: docs/safety.md
 _SIGMAS = 3.0
 _TRACKERS_SIGMA_M = 0.05  # of two places against each other by what both trackers drifted since calibration
 _USUAL_AGE_S = 0.25  # of a pose that comes ten times a second over a radio: ways are planned with room for it
@@ -82,7 +82,7 @@ def lost_reach_m(flown_s: float) -> float:
     """How far (m) horizontally from where it was last known one may lie that flew for so long (s) without a position.
 
     >>> lost_reach_m(1.0), lost_reach_m(20.0)
-    (6.0, 18.0)
+    (6.0, 26.0)
     """
     return max(LOST_CLEAR_M, _LOST_M + _LOST_MPS * flown_s)
 

@@ -45,13 +45,15 @@ class RecorderView:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """All vehicles, and T_home_odom and T_body_cam of each where known; ``recorder`` None: none is asked for."""
+    """All vehicles, and T_home_odom and T_body_cam of each where known; ``recorder`` None: none is asked for.
+    ``clock_set``: how often this machine's time of day was set."""
 
     now_s: float
     vehicles: Dict[str, VehicleView]
     T_home_odom: Dict[str, np.ndarray] = field(default_factory=dict)
     T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
     recorder: Optional[RecorderView] = None
+    clock_set: int = 0
 
     def p_home_cam(self, name: str) -> np.ndarray:
         """Position (m) of a vehicle's camera in home; only where it is known."""

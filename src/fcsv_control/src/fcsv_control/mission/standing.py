@@ -58,6 +58,7 @@ class Standing:
         self._start_s: Optional[float] = None
         self._stop_s: Optional[float] = None
         self._lacking = False  # pictures, when the wanted time was over
+        self._clock_set = 0  # as it began
         self._worst_m = 0.0
         self.detail = ""
         self.why = ""  # it was given up
@@ -115,7 +116,7 @@ class Standing:
         """The window opens when every recorder is known to be on."""
         recorders = self._recorders
         if recorders.started(snapshot):
-            self._start_s = snapshot.now_s + FIRST_PICTURE_S
+            self._start_s, self._clock_set = snapshot.now_s + FIRST_PICTURE_S, snapshot.clock_set
         elif recorders.refused:
             self.detail = f"recorders do not start for {self._title}: {recorders.refused}"
             if recorders.given_up:
@@ -127,7 +128,8 @@ class Standing:
             self._worst_m = max(self._worst_m, self._error_m(snapshot))
             self.detail = f"recording {self._title}"
             self._stop_s = self._ended_s(snapshot)
-        if self._worst_m > self._bounds.hold_m and not self._last:  # a gust: this recording does not count
+        gust = self._worst_m > self._bounds.hold_m and not self._last
+        if gust or snapshot.clock_set != self._clock_set:  # no time of day tells such a window
             self.stop(snapshot)
             return Progress.AGAIN, []
         if self._stop_s is None or snapshot.now_s < self._stop_s + LAST_PICTURE_S:

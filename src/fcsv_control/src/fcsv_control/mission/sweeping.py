@@ -44,6 +44,7 @@ class Sweeping:
         self._moved_s: Optional[float] = None  # when the set-points moved last
         self._start_s: Optional[float] = None
         self._stop_s: Optional[float] = None
+        self._clock_set = 0  # as it began
         self._worst_m = 0.0
         self.detail = ""
         self.why = ""  # it was given up
@@ -63,6 +64,9 @@ class Sweeping:
         where a vehicle does not follow."""
         if self._start_s is None:
             return self._await_recorders(snapshot), []
+        if snapshot.clock_set != self._clock_set:  # no time of day tells its window
+            self.stop(snapshot)
+            return Progress.AGAIN, []
         if self._stop_s is None:
             self._glide(snapshot)
             return Progress.UNDER_WAY, []
@@ -75,6 +79,7 @@ class Sweeping:
             recorders.start(snapshot)
         elif recorders.started(snapshot):
             self._start_s, self._now_s, self._moved_s = snapshot.now_s + FIRST_PICTURE_S, snapshot.now_s, snapshot.now_s
+            self._clock_set = snapshot.clock_set
         elif recorders.refused:
             self.detail = f"recorders do not start for {self._title}: {recorders.refused}"
             if recorders.given_up:

@@ -18,6 +18,7 @@ from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.mission.tag_in_front import TagInFront
+from fcsv_control.mission.time_of_day import TimeOfDay
 from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.ros.mission_desk import MissionDesk
 from fcsv_control.ros.mission_inputs import RecorderInput, inputs_of
@@ -104,7 +105,7 @@ class MissionNode:
         rospy.Service("/mission/abort", Trigger, self._on_abort)
         self._desk = MissionDesk(self._machine, self._lock)
         self._inputs = inputs_of([self._vehicles[n] for n in names], self._health)
-        self._tag_in_front = TagInFront()
+        self._tag_in_front, self._time_of_day = TagInFront(), TimeOfDay()
         self._recorder = RecorderInput(self._parameters.recorder) if self._parameters.recorder else None
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
@@ -244,7 +245,9 @@ class MissionNode:
         views = {n: i.view(now_s, T_home_odom.get(n)) for n, i in self._inputs.items()}
         cameras = {n: v.T_body_cam for n, v in self._vehicles.items()}
         recorder = None if self._recorder is None else self._recorder.view(now_s)
-        return Snapshot(now_s, self._tag_in_front.judge(now_s, views, T_home_odom), T_home_odom, cameras, recorder)
+        self._time_of_day.see(time.monotonic(), rospy.get_time(), time.monotonic())
+        views = self._tag_in_front.judge(now_s, views, T_home_odom)
+        return Snapshot(now_s, views, T_home_odom, cameras, recorder, self._time_of_day.times_set)
 
     def _command(self, order: Order, now_s: float) -> Command:
         a = order.arguments
@@ -269,22 +272,19 @@ class MissionNode:
         ))  # fmt: skip
         if self._restored is not None and not self._judged:
             return  # after a restart recordings are told again, once who records them is connected
-        wall_s = rospy.get_time()
+        day = self._time_of_day
         for window in [*(w for w in m.so_far if w not in self._so_far), *m.captures[self._published_captures :]]:
-            offset_s = rospy.get_time() - time.monotonic()  # both now: ``now_s`` is as old as this step took
-            self._captures.publish(capture_message(self._mission, window, wall_s, offset_s))
+            self._captures.publish(capture_message(self._mission, window, day.offset_s))
         self._so_far, self._published_captures = list(m.so_far), len(m.captures)
 
 
-def capture_message(mission: Mission, window: CaptureWindow, wall_s: float, wall_offset_s: float = 0.0) -> Capture:
-    """What /mission/capture says of a recording window: in the time of day, by which pictures are stamped.
-
-    ``wall_s``: the time of day; ``wall_offset_s``: it minus the clock of the window, now that the window has ended.
-    """
+def capture_message(mission: Mission, window: CaptureWindow, wall_offset_s: float = 0.0) -> Capture:
+    """What /mission/capture says of a recording window: in the time of day, by which pictures are stamped, minus the
+    clock of the window ``wall_offset_s``."""
     c = mission.configurations[window.index]
     axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
     return Capture(
-        header=conversions.header(wall_s, ""),
+        header=conversions.header(rospy.get_time(), ""),
         index=window.index,
         configuration=Configuration(c.title, axis, c.baseline_m, c.tilt_rad, c.record_s),
         reference=mission.reference,

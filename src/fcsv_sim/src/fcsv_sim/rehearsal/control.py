@@ -17,6 +17,7 @@ from fcsv_control.mission.memory import FILE, Memory, require_fitting
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.tag_in_front import TagInFront
+from fcsv_control.mission.time_of_day import TimeOfDay
 from fcsv_geometry import config, transforms
 from fcsv_geometry.home import home_of
 from fcsv_geometry.mission import Mission
@@ -62,7 +63,7 @@ class ControlPc:
         self.heard = {
             n: VehicleHeard(v.geometry.T_body_cam, T_body_tag=v.geometry.T_body_tag) for n, v in self._fleet.items()
         }
-        self._tag_in_front = TagInFront()
+        self._tag_in_front, self._time_of_day = TagInFront(), TimeOfDay()
         self._newest_s: Dict[Tuple[str, Callable], float] = {}  # when what was taken last was sent, by vehicle and kind
         self._states: Dict[str, Tuple] = {}  # that arrived
 
@@ -195,7 +196,8 @@ class ControlPc:
 
     def _snapshot(self, now_s: float) -> Snapshot:
         views = self._tag_in_front.judge(now_s, {n: self._view(now_s, n) for n in self._fleet}, self.T_home_odom)
-        return Snapshot(now_s, views, dict(self.T_home_odom), self._cameras)
+        self._time_of_day.see(now_s, self._wall_s(now_s), now_s)
+        return Snapshot(now_s, views, dict(self.T_home_odom), self._cameras, clock_set=self._time_of_day.times_set)
 
     def _view(self, now_s: float, name: str) -> VehicleView:
         heard = self.heard[name]
