@@ -31,9 +31,9 @@ _ON_GROUND_M, _AT_REST_S = 0.3, 5.0
 _DEAD_S, _ASKED_AGAIN_S = 4.0, 1.0
 
 
-def fly(out: Path, limit_s: float = 700.0) -> Dict[str, List[dict]]:
+def fly(out: Path, limit_s: float = 700.0, program: str = __file__) -> Dict[str, List[dict]]:
     """By "story" and by vehicle what was heard, each with its time ``t`` (s, of one clock). Raises on a bad end."""
-    command = [sys.executable, __file__, "fly", str(out)]
+    command = [sys.executable, program, "fly", str(out)]
     with slow_motion():
         done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s)
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-3000:]
@@ -65,10 +65,12 @@ class FaultedFleet(SimulatedFleet):
 class Story:
     """What is done to the flight, in its order."""
 
+    mission, fleet = MISSION, FaultedFleet
+
     def __init__(self, out: Path):
-        (out / "mission.yaml").write_text(MISSION)
+        (out / "mission.yaml").write_text(self.mission)
         self._plan = FleetPlan(out, out / "mission.yaml", seed=1, world="plain", ready_s=2.0)
-        self._fleet, self._log = FaultedFleet(self._plan), open(out / "story.log", "w", buffering=1)
+        self._fleet, self._log = self.fleet(self._plan), open(out / "story.log", "w", buffering=1)
         self._said: List[str] = []
         self._truth = {v: TruthReader(self._plan.sim_folder, v) for v in self._plan.vehicles}
 
@@ -89,7 +91,9 @@ class Story:
     def _go_on(self) -> None:
         from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs this fleet's master in the environment
 
-        watch = MissionWatch(self._fleet.control, self._plan.vehicles, self._say)
+        self._play(MissionWatch(self._fleet.control, self._plan.vehicles, self._say))
+
+    def _play(self, watch) -> None:
         self._hear("CONFIGURATIONS 1/2: uav2 on its way", 240.0)
         self._agent_stops()
         self._hear("CONFIGURATIONS 1/2: recording horizontal", 60.0)
@@ -139,6 +143,11 @@ class Story:
     def _radio_is_gone(self) -> None:
         self._note("radio cut")
         self._signal("uav2", "relay", signal.SIGSTOP)
+        self._until_at_rest(120.0)
+        self._note("on the ground")
+        self._signal("uav2", "relay", signal.SIGCONT)
+
+    def _until_at_rest(self, limit_s: float) -> None:
         since_s = time.monotonic()
 
         def at_rest() -> bool:
@@ -147,9 +156,7 @@ class Story:
                 since_s = time.monotonic()
             return time.monotonic() - since_s > _AT_REST_S
 
-        self._until(at_rest, 120.0, "not everybody came down")
-        self._note("on the ground")
-        self._signal("uav2", "relay", signal.SIGCONT)
+        self._until(at_rest, limit_s, "not everybody came down")
 
     # ---- what it stands on -----------------------------------------------------------------------------------
 
