@@ -721,6 +721,20 @@ def test_it_says_that_it_lost_its_position_until_its_next_take_off():
     assert not air.run(0.5).guardian.verdict.lost
 
 
+def test_who_is_calibrated_anew_after_it_was_lost_is_found():
+    """The tracker was silent while people flew it; what it told later began anew, and was calibrated."""
+    air = Aloft()
+    air.guardian.epoch(1)
+    air.guardian.calibrated(1)
+    air.silent.add("feed")
+    assert air.run(1.0).guardian.verdict.lost
+    air.guardian.epoch(2)
+    air.silent.clear()
+    assert air.run(2.0).guardian.verdict.lost, "the calibration is of the frame that is gone"
+    air.guardian.calibrated(2)
+    assert not air.run(1.0).guardian.verdict.lost and air.guardian.verdict.lost_s == 0.0
+
+
 @pytest.mark.parametrize("finds_again", [False, True])
 def test_a_tracker_on_the_ground_finds_again_who_was_lost(finds_again):
     """One on board adds up ways: what it tells after it was silent is another frame."""

@@ -95,6 +95,8 @@ class Air:
     take_off_epoch: Optional[int] = None  # in another one ``take_off`` is elsewhere
     lost: bool = False  # its tracker failed in this flight: where it is, is not known since
     lost_since_s: Optional[float] = None
+    lost_epoch: Optional[int] = None  # of the odometry, as it was lost
+    calibrated: Optional[int] = None  # the epoch of the last calibration
     lost_s: float = 0.0  # so long it has flown without a position
     sent_to: Optional[np.ndarray] = None  # T_odom_body, where the mission sent it
     confidence: float = math.nan
@@ -137,12 +139,17 @@ class Air:
         while self.way[0][0] < now_s - _WAY_S:
             self.way.popleft()
 
-    def count_lost(self, now_s: float) -> None:
-        """For how long it has flown without a position; what lies on the ground drifts no further."""
+    def lose(self, now_s: float, blind: bool, found: bool) -> None:
+        """It is lost from when it is ``blind`` until its next take-off, or until it is ``found``; and where its
+        odometry, that began anew since, was calibrated again: people flew it, and its place is known by that. What lies
+        on the ground drifts no further."""
+        anew = self.calibrated == self.epoch and self.epoch != self.lost_epoch
+        self.lost = blind or (self.lost and not found and not anew)
         if not self.lost:
             self.lost_since_s, self.lost_s = None, 0.0
         elif self.armed:
-            self.lost_since_s = now_s if self.lost_since_s is None else self.lost_since_s
+            if self.lost_since_s is None:
+                self.lost_since_s, self.lost_epoch = now_s, self.epoch
             self.lost_s = now_s - self.lost_since_s
 
     def slept(self, seconds: float) -> None:

@@ -82,6 +82,10 @@ class Guardian:
         """Of the odometry's frame: in flight, a new one says that the take-off place is not where it was."""
         self.air.began_anew(number)
 
+    def calibrated(self, epoch: int) -> None:
+        """A calibration was made with this epoch of the odometry."""
+        self.air.calibrated = epoch
+
     def link(self, now_s: float, report: LinkReport) -> None:
         """The flight link lives."""
         self._link_heard = True
@@ -116,8 +120,7 @@ class Guardian:
         self.air.sent_to = T_odom_body
 
     def home(self, T_home_odom: Optional[np.ndarray], sigma_m: float = 0.0) -> None:
-        """Where this vehicle's odometry frame stands in home, None: not known (any more); and how well its place in
-        home is known by that."""
+        """Where this vehicle's odometry frame stands in home, None: not known; how well its place is known by that."""
         self.air.T_home_odom, self.air.sigma_m = T_home_odom, sigma_m
 
     def mission_fence(self, fence: Fence) -> None:
@@ -150,8 +153,7 @@ class Guardian:
         for f in found:
             self._say(now_s, f.what, f.text, acting and f.wish > Wish.SAY)
         blind = air.flying and any(f.wish is Wish.LAND for f in found)
-        air.lost = (not self._watches.found_again(now_s, air) and air.lost) or blind
-        air.count_lost(now_s)
+        air.lose(now_s, blind, self._watches.found_again(now_s, air))
         reasons = tuple(f.text for f in found if f.wish > Wish.SAY)
         action, taken = self._action(now_s) if acting else "", air.armed and not self._hands.ours
         held, to_m = self._place is not None, air.going_to_m(self._place)

@@ -29,7 +29,7 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, Epoch, GuardianState, Heartbeat, LinkHealth, ModeAsked
+from fcsv_msgs.msg import Command, CommandAck, Epoch, Epochs, GuardianState, Heartbeat, LinkHealth, ModeAsked
 from fcsv_msgs.msg import Fence as FenceMessage
 from mavros_msgs.msg import State, StatusText
 from mavros_msgs.srv import SetMode
@@ -80,6 +80,7 @@ class GuardianNode:
         hear("mavros/local_position/pose", PoseStamped, lambda m: self._pose(self._core.estimate, m))
         hear("odometry/state", Odometry, self._on_odometry)
         hear("odometry/epoch", Epoch, self._on_epoch)
+        hear("/calibration_epochs", Epochs, self._on_calibrated)
         hear("mavros/state", State, self._on_state)
         hear("mavros/battery", BatteryState, self._on_battery)
         hear("flight_link/health", LinkHealth, self._on_link)
@@ -110,6 +111,11 @@ class GuardianNode:
     def _on_epoch(self, message: Epoch) -> None:
         with self._lock:
             self._core.epoch(message.epoch)
+
+    def _on_calibrated(self, message: Epochs) -> None:
+        with self._lock:
+            for epoch in (e for name, e in zip(message.vehicles, message.epochs) if name == self._name):
+                self._core.calibrated(epoch)
 
     def _on_state(self, message: State) -> None:
         if message.mode:

@@ -244,6 +244,7 @@ class ControlPc:
         T_world_odom = {n: v.body.T_world_body @ transforms.invert(v.T_odom_body) for n, v in self._fleet.items()}
         self._epochs = {n: v.epoch.number for n, v in self._fleet.items()}
         for name, vehicle in self._fleet.items():
+            vehicle.guardian.calibrated(self._epochs[name])
             if vehicle.agent_runs:
                 vehicle.agent.rights.frame.calibrated(self._epochs[name])
         error = np.eye(4)
