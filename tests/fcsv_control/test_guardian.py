@@ -205,6 +205,21 @@ def test_who_must_land_moves_aside_of_who_is_beneath(height_m):
     assert air.p[2] == pytest.approx(8.0), "at its own height"
 
 
+@pytest.mark.parametrize("speed_mps, aside", [(0.0, False), (2.0, True)])
+def test_who_flies_towards_anothers_column_counts_as_above_it(speed_mps, aside):
+    """It would come to a stand 2.1 m further on; rehearsed abort, seed 510996."""
+    air = Aloft()
+    air.others = {"uav2": below()}
+    air.battery = 0.05
+    air.p = np.array([3.2 + 2.0 * speed_mps, 0.3, 8.0])
+    while not (air.held or air.asked):
+        air.p = air.p - [speed_mps * STEP_S, 0.0, 0.0]
+        air.run(STEP_S)
+    assert 3.0 < air.p[0] < 3.3 and bool(air.held) == aside
+    air.run(10.0)
+    assert air.modes == ["LAND"] and np.hypot(*(air.p - below()["p_home_m"])[:2]) > 2.0
+
+
 def test_who_was_stopped_above_another_moves_aside_too_before_it_lands():
     """After /stop_all both are in BRAKE; without a control PC both land, but not the upper one straight down."""
     air = Aloft()

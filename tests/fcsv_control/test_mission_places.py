@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Set-points against numeric truth, and ways that keep clear."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -171,6 +173,17 @@ def test_nobody_lands_where_a_lost_one_may_lie(known_height_m):
     assert np.hypot(*place[:2]) > 18.0
     moment.vehicles["uav1"] = seen_at(*place, armed=True)
     assert clearing.below(moment, "uav1", 2.0) is None
+
+
+@pytest.mark.parametrize("towards_mps, is_above", [(0.0, False), (1.9, True), (-1.9, False)])
+def test_who_flies_towards_anothers_column_counts_as_above_it(towards_mps, is_above):
+    """4 m beside it; it is told to land, and comes to a stand 2 m further on."""
+    above = seen_at(0.0, -4.0, 4.0, armed=True, mode="GUIDED", v_home_mps=np.array([0.0, towards_mps, 0.0]))
+    moment = Snapshot(0.0, {"uav1": seen_at(0.0, 0.0, 0.0, armed=True, mode="GUIDED"), "uav2": above})
+    assert clearing.below(moment, "uav2", 2.2) == ("uav1" if is_above else None)
+    landing = replace(above, mode="LAND")
+    moment.vehicles["uav2"] = landing
+    assert clearing.coming_down_on(moment, "uav1", 2.2) == ("uav2" if is_above else None)
 
 
 def test_who_lands_by_hand_is_told_that_one_lies_somewhere():

@@ -227,7 +227,7 @@ def test_ages_are_counted_from_when_a_message_came():
 
     heard = VehicleHeard(np.eye(4))
     assert heard.view(5.0, None).pose_age_s == float("inf")
-    heard.odometry(10.0, np.eye(4), 0.1)
+    heard.odometry(10.0, np.eye(4), (0.1, 0.0, 0.0))
     heard.state(10.5, "GUIDED", True, True)
     heard.recorder(11.0, "", 3)
     view = heard.view(40.0, np.eye(4))

@@ -40,7 +40,7 @@ class Column:
         for _ in range(int(round(seconds / STEP_S))):
             self.now_s += STEP_S
             for name, heard in self.heard.items():
-                heard.odometry(self.now_s, self._told(name), self.speed_mps[name])
+                heard.odometry(self.now_s, self._told(name), (self.speed_mps[name], 0.0, 0.0))
                 heard.state(self.now_s, "GUIDED", True, True)
             if self.sees:
                 T_uav2_uav1 = transforms.invert(T_HOME_BODY["uav2"]) @ T_HOME_BODY["uav1"]

@@ -389,7 +389,7 @@ def test_the_missions_view_is_as_old_as_the_relay_measured():
     topics = [f"/uav2/{t}" for t in (heard.ODOMETRY, heard.STATE, heard.BATTERY, heard.RECORDER)]
     for topic in topics:
         known.came(topic, "/relay")
-    vehicle.odometry(50.0, np.eye(4), 0.1)
+    vehicle.odometry(50.0, np.eye(4), (0.1, 0.0, 0.0))
     vehicle.state(50.0, "GUIDED", True, True)
     vehicle.battery(41.0, 0.9)
     vehicle.recorder(50.0, "", 1)

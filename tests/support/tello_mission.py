@@ -121,7 +121,7 @@ class TelloMission(ByHand):
         board, heard = self.boards[name], self._heard[name]
         board.T_odom_body, board.v_mps = T_odom_body, v_mps
         board.guardian.feed(self.now_s, T_odom_body)
-        heard.odometry(self.now_s, T_odom_body, float(np.linalg.norm(v_mps)))
+        heard.odometry(self.now_s, T_odom_body, T_odom_body[:3, :3].T @ v_mps)
 
     def _mission_step(self) -> None:
         now_s, m = self.now_s, self.machine

@@ -21,6 +21,7 @@ _MOST_AGE_S = 1.0  # of a pose in the separation: then it is its silence that co
 _MOST_SPEED_MPS = 2.0
 _ANGLES = [0.0, *(sign * k * np.pi / 8.0 for k in range(1, 9) for sign in (1.0, -1.0))]  # the nearest first
 _BEYOND_M = 3.0  # the edge of a large circle
+_TOLD_S, _SLOWS_MPS2 = 0.4, 1.5  # until a vehicle hears that it is to stop, and does; WPNAV_ACCEL
 _AWAY_M = 0.3  # nearer than this horizontally, "away" has no direction
 
 Clear = Union[float, Sequence[float]]  # m, of all others or of each
@@ -85,6 +86,16 @@ def lost_reach_m(flown_s: float) -> float:
     (6.0, 26.0)
     """
     return max(LOST_CLEAR_M, _LOST_M + _LOST_MPS * flown_s)
+
+
+def stop_m(here_m: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
+    """(3,) where a vehicle comes to a stand, horizontally, that is told now to stop or to land.
+
+    >>> stop_m(np.array([0.0, -4.0, 8.0]), np.array([0.0, 1.5, 1.0])).tolist()
+    [0.0, -2.65, 8.0]
+    """
+    speed_mps = float(np.hypot(*velocity_mps[:2]))
+    return here_m + np.array([*velocity_mps[:2], 0.0]) * (_TOLD_S + speed_mps / (2.0 * _SLOWS_MPS2))
 
 
 def aside(

@@ -208,6 +208,12 @@ class Air:
             self._in_home = (T_home_odom, T_odom_body, p_home_m)
         return p_home_m
 
+    @property
+    def p_home_stop_m(self) -> Optional[np.ndarray]:
+        """(3,) where it comes to a stand if it is to land now; None while home is not known."""
+        here = self.p_home_m
+        return None if here is None else separation.stop_m(here, self.T_home_odom[:3, :3] @ self.velocity_mps())
+
     def tilt_rad(self) -> float:
         """Of the body's up axis against the vertical."""
         return 0.0 if self.estimate is None else math.acos(max(-1.0, min(1.0, float(self.estimate[2, 2]))))

@@ -114,15 +114,15 @@ class Watches:
                 yield name, float(separation.share(here - other.p_home_m, self._rules.separation, doubt_m))
 
     def beneath(self, now_s: float, air: Air) -> Optional[str]:
-        """A vehicle that this one would come down upon, flying or not."""
-        here = air.p_home_m
+        """A vehicle that this one would come down upon, flying or not, from where it is or on its way to a stand."""
+        here, stop = air.p_home_m, air.p_home_stop_m
         if here is None:
             return None
         for name, places in room.places_m(now_s, air, self._rules).items():
             other = air.others[name]
             clear_m = room.landing_clear_m(now_s, self._rules, other)
-            below = (here - p for p in places)
-            if any((other.lies or up > _BELOW_M) and math.hypot(x, y) < clear_m for x, y, up in below):
+            below = (p for p in places if other.lies or here[2] - p[2] > _BELOW_M)
+            if any(separation.passes_m(here, stop, p) < clear_m for p in below):
                 return name
         return None
 

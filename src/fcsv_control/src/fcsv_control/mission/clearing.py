@@ -16,8 +16,8 @@ def clearance_m(separation_m: float) -> float:
 
 
 def below(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
-    """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally; flying or not. One
-    that is lost may lie anywhere within its reach.
+    """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally to where it stands
+    or its way to a stand; flying or not. One that is lost may lie anywhere within its reach.
 
     None where places are not known yet: before home is set they stand in a column.
     """
@@ -54,7 +54,9 @@ def aside(
 def _stands_above(snapshot: Snapshot, upper: str, lower: str, clear_m: float) -> bool:
     offset_m = snapshot.p_home_cam(upper) - snapshot.p_home_cam(lower)
     clear_m = max(_clear_of(snapshot, n, clear_m) for n in (upper, lower))
-    return bool(offset_m[2] > 0 and np.linalg.norm(offset_m[:2]) < clear_m)
+    way = (snapshot.p_home_cam(upper), snapshot.p_home_stop(upper))
+    lows = (snapshot.p_home_cam(lower), snapshot.p_home_stop(lower))
+    return bool(offset_m[2] > 0 and min(separation.passes_m(*way, low) for low in lows) < clear_m)
 
 
 def _clear_of(snapshot: Snapshot, name: str, clear_m: float) -> float:

@@ -4,7 +4,7 @@ monotonic clocks: no stamp of a sender enters an age."""
 
 import math
 from dataclasses import dataclass
-from typing import Callable, Optional
+from typing import Callable, Optional, Sequence
 
 import numpy as np
 
@@ -59,7 +59,7 @@ class VehicleHeard:
         self._p_odom_front_tag: Optional[np.ndarray] = None
         self.epochs = FrameEpochs()
         self._T_odom_body: Optional[np.ndarray] = None
-        self._speed_mps = math.inf
+        self._v_odom_mps: Optional[np.ndarray] = None
         self._odometry_s = self._state_s = self._recorder_s = _NEVER_S
         self._tag_s = self._tag_since_s = _NEVER_S
         self._z_m = self._ground_z_m = 0.0
@@ -68,11 +68,12 @@ class VehicleHeard:
         self._guarded, self._guarded_s, self._lost, self._lost_s = "", _NEVER_S, False, 0.0
         self._problem, self._pictures, self._pictures_before = "", 0, 0
 
-    def odometry(self, now_s: float, T_odom_body: np.ndarray, speed_mps: float) -> None:
-        """Its place in its own odometry frame; where that is lost, the last one that was believed stays."""
+    def odometry(self, now_s: float, T_odom_body: np.ndarray, v_body_mps: Sequence[float]) -> None:
+        """Its place in its own odometry frame, and velocity (3,) in the body's; where the place is lost, the last one
+        that was believed stays."""
         if not self._lost:
             self._T_odom_body = T_odom_body
-        self._speed_mps, self._odometry_s = speed_mps, now_s
+        self._v_odom_mps, self._odometry_s = T_odom_body[:3, :3] @ np.asarray(v_body_mps, float), now_s
 
     def position(self, z_m: float) -> None:
         """Height by the autopilot's estimate. The ground is where it was last known not to be armed; of one that flew
@@ -128,7 +129,8 @@ class VehicleHeard:
         state_s, battery_s = self._since_s(STATE, self._state_s), self._since_s(BATTERY, self._battery_s)
         return VehicleView(
             pose_age_s=now_s - self._since_s(ODOMETRY, self._odometry_s),
-            speed_mps=self._speed_mps,
+            speed_mps=math.inf if self._v_odom_mps is None else float(np.linalg.norm(self._v_odom_mps)),
+            v_home_mps=T_home_odom[:3, :3] @ self._v_odom_mps if known and not self._lost else np.zeros(3),
             height_m=self._z_m - self._ground_z_m,
             state_age_s=now_s - state_s,
             connected=self._connected,

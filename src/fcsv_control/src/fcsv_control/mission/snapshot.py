@@ -6,6 +6,8 @@ from typing import Dict, Optional
 
 import numpy as np
 
+from fcsv_geometry import separation
+
 _INF = float("inf")
 
 
@@ -15,6 +17,7 @@ class VehicleView:
 
     pose_age_s: float = _INF
     speed_mps: float = _INF
+    v_home_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,), once calibration and home are known
     height_m: float = 0.0  # by the autopilot's estimate, above where it stood disarmed
     state_age_s: float = _INF
     connected: bool = False
@@ -58,3 +61,7 @@ class Snapshot:
     def p_home_cam(self, name: str) -> np.ndarray:
         """Position (m) of a vehicle's camera in home; only where it is known."""
         return self.vehicles[name].T_home_cam[:3, 3]
+
+    def p_home_stop(self, name: str) -> np.ndarray:
+        """Where it comes to a stand that is told now to stop or to land; only where its place is known."""
+        return separation.stop_m(self.p_home_cam(name), self.vehicles[name].v_home_mps)

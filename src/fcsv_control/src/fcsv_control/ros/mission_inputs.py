@@ -89,7 +89,7 @@ class VehicleInputs:
             return
         v = message.twist.twist.linear
         with self._lock:
-            self._heard.odometry(time.monotonic(), T_odom_body, float(np.linalg.norm((v.x, v.y, v.z))))
+            self._heard.odometry(time.monotonic(), T_odom_body, (v.x, v.y, v.z))
 
     def _on_epoch(self, m: Epoch) -> None:
         with self._lock:

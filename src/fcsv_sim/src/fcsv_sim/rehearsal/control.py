@@ -25,7 +25,7 @@ from fcsv_sim.rehearsal.board import WALL_S
 from fcsv_sim.rehearsal.radio import CRITICAL_S, Radio
 from fcsv_sim.rehearsal.stop_desk import StopDesk
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
-from fcsv_tracking.odometry import EpochBegan
+from fcsv_tracking.odometry import EpochBegan, Vector
 
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
 _CALIBRATES_S = 8.0
@@ -78,8 +78,8 @@ class ControlPc:
             vehicle.acks = []
             if now_s >= due[0] and vehicle.odometry is not None:
                 due[0] = now_s + _POSE_EVERY_S
-                speed_mps = math.hypot(*vehicle.odometry.linear_mps)
-                self._send(now_s, name, self._pose, (vehicle.T_odom_body, speed_mps, vehicle.height_m, vehicle.epoch))
+                told = (vehicle.T_odom_body, vehicle.odometry.linear_mps, vehicle.height_m, vehicle.epoch)
+                self._send(now_s, name, self._pose, told)
             verdict = vehicle.guardian.verdict
             told = (state.mode, state.armed, vehicle.link.connected(now_s), verdict.in_words, verdict.lost)
             if now_s >= due[1] or self._states.get(name) != told:
@@ -104,10 +104,10 @@ class ControlPc:
         self._radios[name].send(now_s, arrived, told)
 
     def _pose(
-        self, name: str, sent_s: float, T_odom_body: np.ndarray, speed_mps: float, height_m: float, epoch: EpochBegan
+        self, name: str, sent_s: float, T_odom_body: np.ndarray, v_body_mps: Vector, height_m: float, epoch: EpochBegan
     ) -> None:
         heard = self.heard[name]
-        heard.odometry(sent_s, T_odom_body, speed_mps)
+        heard.odometry(sent_s, T_odom_body, v_body_mps)
         heard.position(height_m)
         heard.epochs.now, heard.epochs.reason = epoch.number, epoch.reason
 
