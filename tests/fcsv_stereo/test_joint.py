@@ -278,7 +278,9 @@ def test_motorcycle(shared_data, tmp_path):
 
 def test_a_pair_that_is_known_well_stays(shared_data, tmp_path):
     """Rectified, and said so: the map's own step turned it by 0.020 degrees (0.31 px), while stating 0.01; measured
-    2026-11-26: 0.011 degrees, 70 and 92 % of the errors within 1 and 2 sigma (before: 37 and 87 %)."""
+    2026-11-26: 0.010 degrees, a median error of 0.26 %, 77 and 93 % of the errors within 1 and 2 sigma (before: 37 and
+    87 %). With its pose exact 81 % are within 1 sigma, so that a share has no upper bound here: one pair is one draw of
+    its pose."""
     disparity, truth, f, baseline_m, doffs = motorcycle(shared_data, tmp_path)
     prior = PosePrior(np.radians(0.01), 0.0002, 0.0)
     result = map_joint(colmap.read_photographs(tmp_path), JointOptions(prior=prior), quiet)
@@ -286,8 +288,10 @@ def test_a_pair_that_is_known_well_stays(shared_data, tmp_path):
     turned = transforms.rotation_angle(result.reference.T_home_cam[:3, :3], other.T_home_cam[:3, :3])
     assert not other.refined and np.degrees(turned) < 0.015
     true = np.where(truth, f * baseline_m / (np.where(truth, disparity, 1.0) + doffs), np.nan)
-    off = (np.abs(result.depth - true) / result.sigma)[truth & np.isfinite(result.depth)]
-    assert 0.6 < (off < 1).mean() < 0.76 and (off < 2).mean() > 0.9  # what a map must hold
+    known = truth & np.isfinite(result.depth)
+    off = (np.abs(result.depth - true) / result.sigma)[known]
+    assert (off < 1).mean() > 0.6 and (off < 2).mean() > 0.9  # what a map must hold
+    assert np.median(np.abs(result.depth / true - 1.0)[known]) < 0.003
 
 
 @pytest.mark.slow
