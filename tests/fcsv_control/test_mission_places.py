@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from fcsv_control.mission import clearing, places, routes
 from fcsv_control.mission.hands import Hands
+from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.landing import Landing
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
@@ -165,7 +166,7 @@ def seen_at(*p_home_m, **fields):
 @pytest.mark.parametrize("known_height_m", [-3.0, 0.0, 2.0])
 def test_nobody_lands_where_a_lost_one_may_lie(known_height_m):
     """It lies on the ground, whatever height it was known at last; the longer it flew on, the further away."""
-    lost = {"lost": True, "lost_reach_m": 18.0}
+    lost = {"lost": True, "astray_m": 18.0}
     air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True), "uav2": seen_at(0.0, 0.0, known_height_m, **lost)}
     moment = Snapshot(0.0, air)
     assert clearing.below(moment, "uav1", 2.0) == "uav2"
@@ -188,8 +189,21 @@ def test_who_flies_towards_anothers_column_counts_as_above_it(towards_mps, is_ab
 
 def test_who_lands_by_hand_is_told_that_one_lies_somewhere():
     air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True, mode="LOITER")}
-    air["uav2"] = seen_at(0.0, 0.0, -8.0, lost=True, lost_reach_m=18.2, state_age_s=0.1)
+    air["uav2"] = seen_at(0.0, 0.0, -8.0, lost=True, astray_m=18.2, state_age_s=0.1)
     landing = Landing(Mission("m", [StereoConfiguration("horizontal", 4.0)]), list(air), Outbox(), Hands())
     assert not landing.step(Snapshot(0.0, air))
     assert "uav2: lies within 18 m of where it was known last; who lands by hand looks for it" in landing.problems
     assert "uav1 is above uav2: fly it aside, then land it (LOITER)" in landing.problems
+
+
+def test_nobody_lands_where_a_silent_one_may_have_gone():
+    """Its radio is gone: its guardian moves it 5 m aside of who was above, and lands it. Rehearsed, seed 520121."""
+    heard = VehicleHeard(np.eye(4))
+    heard.state(0.0, "GUIDED", True, True)
+    heard.odometry(0.0, np.eye(4), (0.0, 0.0, 0.0))
+    other = seen_at(0.0, -5.5, 2.0, armed=True, mode="GUIDED")
+    for now_s, found in ((1.0, None), (3.0, "uav1")):
+        moment = Snapshot(now_s, {"uav1": heard.view(now_s, np.eye(4)), "uav2": other})
+        assert clearing.below(moment, "uav2", 2.0) == found
+    place = clearing.aside(moment, "uav2", "uav1", 2.0)[:3, 3]
+    assert np.linalg.norm(place[:2]) > 7.5

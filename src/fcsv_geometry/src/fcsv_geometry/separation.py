@@ -14,6 +14,7 @@ from fcsv_geometry.config import require_positive
 
 LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that comes down without a position: it drifts
 _LOST_M, _LOST_MPS = 2.0, 1.2  # what it is off as it is lost, and how fast it drifts: docs/safety.md
+SILENT_REACH_M = 7.5  # one that hears nobody moves 5 m aside of who was above, and lands: 2.5 m must be clear of it
 _SIGMAS = 3.0
 _TRACKERS_SIGMA_M = 0.05  # of two places against each other by what both trackers drifted since calibration
 _USUAL_AGE_S = 0.25  # of a pose that comes ten times a second over a radio: ways are planned with room for it

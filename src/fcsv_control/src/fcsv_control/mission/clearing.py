@@ -17,7 +17,7 @@ def clearance_m(separation_m: float) -> float:
 
 def below(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
     """A vehicle that ``name`` would come down upon: lower, and nearer than ``clear_m`` horizontally to where it stands
-    or its way to a stand; flying or not. One that is lost may lie anywhere within its reach.
+    or its way to a stand; flying or not. One that is lost, or silent, may lie anywhere within its reach.
 
     None where places are not known yet: before home is set they stand in a column.
     """
@@ -26,10 +26,10 @@ def below(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
 
 
 def _may_lie(snapshot: Snapshot, upper: str, lost: str) -> bool:
-    """Whether one that came down without a position may lie beneath another. At which height it was last known does not
-    count."""
+    """Whether one that came down without a position, or unheard, may lie beneath another. At which height it was last
+    known does not count."""
     view, offset_m = snapshot.vehicles[lost], snapshot.p_home_cam(upper) - snapshot.p_home_cam(lost)
-    return view.lost and not view.armed and bool(np.linalg.norm(offset_m[:2]) < view.lost_reach_m)
+    return not (view.lost and view.armed) and bool(np.linalg.norm(offset_m[:2]) < view.astray_m)
 
 
 def coming_down_on(snapshot: Snapshot, name: str, clear_m: float) -> Optional[str]:
@@ -45,7 +45,7 @@ def aside(
     the fence, where that can be."""
     here, others = snapshot.p_home_cam(name), _known(snapshot, name)
     clear_m = _clear_of(snapshot, away_from, clear_m)
-    clears_m = [max(clear_m, snapshot.vehicles[n].lost_reach_m) for n in others]
+    clears_m = [max(clear_m, snapshot.vehicles[n].astray_m) for n in others]
     places = [snapshot.p_home_cam(n) for n in others]
     best = separation.aside(here, places, clears_m, snapshot.p_home_cam(away_from), within=within)
     return transforms.transform(level_camera(snapshot.vehicles[name].T_home_cam)[:3, :3], best)

@@ -15,6 +15,7 @@ from fcsv_geometry.home import camera_in_home
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _SIGHT_OLD_S = 0.5  # where it was seen longer ago it may not be any more
 _GUARDIAN_OLD_S = 3.0  # it speaks five times a second
+_SILENT_S = 2.0  # without poses of one in the air
 _BATTERY_OLD_S = 10.0  # before the last state: it is told once a second
 _NEVER_S = -math.inf
 ODOMETRY, STATE, BATTERY = "odometry/state", "mavros/state", "mavros/battery"  # topics whose age counts
@@ -114,10 +115,14 @@ class VehicleHeard:
         silent = self._guarded_s != _NEVER_S and now_s - self._since_s(GUARDIAN, self._guarded_s) > _GUARDIAN_OLD_S
         return "it is silent" if silent else self._guarded
 
-    def _lost_reach_m(self, now_s: float) -> float:
-        """How far from where it was last known it may lie; 0 of one that is not lost. In silence it flies on."""
-        silent_s = now_s - self._since_s(GUARDIAN, self._guarded_s) if self._armed else 0.0
-        return separation.lost_reach_m(self._lost_s + silent_s) if self._lost else 0.0
+    def _astray_m(self, now_s: float) -> float:
+        """How far from where it was last known it may be: of one that is lost, which in silence flies on, and of one
+        that is silent, whom its guardian moves aside of others; 0 of all others."""
+        if self._lost:
+            silent_s = now_s - self._since_s(GUARDIAN, self._guarded_s) if self._armed else 0.0
+            return separation.lost_reach_m(self._lost_s + silent_s)
+        silent_s = now_s - self._since_s(ODOMETRY, self._odometry_s)
+        return separation.SILENT_REACH_M if self._armed and silent_s > _SILENT_S else 0.0
 
     def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
         """The vehicle now; its place in home where ``T_home_odom`` is known."""
@@ -145,7 +150,7 @@ class VehicleHeard:
             guarded=self._guardian_words(now_s),
             frame_problem=self.epochs.problem,
             lost=self._lost,
-            lost_reach_m=self._lost_reach_m(now_s),
+            astray_m=self._astray_m(now_s),
             p_home_tag=p_tag,
             p_home_front_tag=None if p_front is None or self._lost else transforms.apply(T_home_odom, p_front),
         )

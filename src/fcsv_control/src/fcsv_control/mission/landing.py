@@ -44,7 +44,7 @@ class Landing:
         self.problems += [f"{n}: not heard; see whether it flies, and land it by hand" for n in unheard]
         for name, view in snapshot.vehicles.items() if flying else ():
             if view.lost and not view.armed:
-                text = f"{name}: lies within {view.lost_reach_m:.0f} m of where it was known last"
+                text = f"{name}: lies within {view.astray_m:.0f} m of where it was known last"
                 self.problems.append(f"{text}; who lands by hand looks for it")
         for name in flying:
             self._switch_off(snapshot, name)

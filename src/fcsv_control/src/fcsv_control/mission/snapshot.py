@@ -31,7 +31,7 @@ class VehicleView:
     pictures: Optional[int] = None  # recorded so far, None where unknown
     guarded: str = ""  # what its guardian does, and why
     lost: bool = False  # its place is the last one before its tracker failed
-    lost_reach_m: float = 0.0  # and so far from there, horizontally, it may lie
+    astray_m: float = 0.0  # so far from its last place, horizontally, it may be: it is lost, or silent
     frame_problem: str = ""  # why its odometry frame is not the one that was calibrated
     p_home_tag: Optional[np.ndarray] = None  # (3,) of the tag that it carries, by its own tracker
     p_home_front_tag: Optional[np.ndarray] = None  # (3,) of the tag in front, as it sees it now by its own tracker
