@@ -136,6 +136,8 @@ class OnBoard:
         if self._feed.judge(now_s, stamp_s)[0] is FeedVerdict.SEND:
             T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
             self.guardian.feed(now_s, T_odom_body)
+            if not self.link_runs:
+                return  # who judges poses is the link's process, too
             in_the_air = self.link.state.in_the_air
             if self.check.waits(now_s, in_the_air):
                 self.watchdog.feed(now_s)
