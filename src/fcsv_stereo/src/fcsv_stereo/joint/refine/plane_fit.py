@@ -46,14 +46,17 @@ def fit_band(w, tau, information, push, residual, prior, y0, y1, out, variance):
                     energy += residual[r, c]
                     weight += information[r, c]
                     count += np.float32(1.0)
+            # by their sum: information is up to 1e13 in large pictures, and its third power more than float32 holds
+            each = np.float32(1.0) / max(m00, _TINY)
+            m10, m01, m20, m11, m02 = m10 * each, m01 * each, m20 * each, m11 * each, m02 * each
+            b0, b1, b2 = b0 * each, b1 * each, b2 * each
             # a little stiffness of the slope: windows of one row or a few pixels have none of their own
-            stiff = _STIFFNESS * m00
-            m20 += stiff
-            m02 += stiff
+            m20 += _STIFFNESS
+            m02 += _STIFFNESS
             c00 = m20 * m02 - m11 * m11
             c01 = m11 * m01 - m10 * m02
             c02 = m10 * m11 - m20 * m01
-            det = m00 * c00 + m10 * c01 + m01 * c02
+            det = c00 + m10 * c01 + m01 * c02
             shift = (c00 * b0 + c01 * b1 + c02 * b2) / max(det, _TINY)
             out[y, x] = centre + min(max(shift, -limit), limit)
-            variance[y, x] = c00 / max(det, _TINY) * (energy / max(count, np.float32(1.0)))
+            variance[y, x] = c00 / max(det, _TINY) * each * (energy / max(count, np.float32(1.0)))
