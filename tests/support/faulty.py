@@ -72,7 +72,7 @@ def on_image(change):
 
 
 blurred = on_image(lambda i: cv2.GaussianBlur(i, (0, 0), 6.0))
-over_exposed = on_image(lambda i: i * 4.0)
+over_exposed = on_image(lambda i: i * 6.0)  # by 4 it is still placed, to 0.08 degrees, and used
 under_exposed = on_image(lambda i: i / 16.0)
 flat = on_image(lambda i: i * 0.0 + 128.0)
 
