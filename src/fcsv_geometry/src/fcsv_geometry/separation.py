@@ -11,6 +11,7 @@ from typing import Callable, Optional, Sequence, Union
 import numpy as np
 
 from fcsv_geometry.config import require_positive
+from fcsv_geometry.flight_limits import FlightBounds
 
 LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that comes down without a position: it drifts
 _LOST_M, _LOST_MPS = 2.0, 1.2  # what it is off as it is lost, and how fast it drifts: docs/safety.md
@@ -22,7 +23,7 @@ _MOST_AGE_S = 1.0  # of a pose in the separation: then it is its silence that co
 _MOST_SPEED_MPS = 2.0
 _ANGLES = [0.0, *(sign * k * np.pi / 8.0 for k in range(1, 9) for sign in (1.0, -1.0))]  # the nearest first
 _BEYOND_M = 3.0  # the edge of a large circle
-_TOLD_S, _SLOWS_MPS2 = 0.4, 1.5  # until a vehicle hears that it is to stop, and does; WPNAV_ACCEL
+_TOLD_S = 0.4  # until a vehicle hears that it is to stop, and does
 _AWAY_M = 0.3  # nearer than this horizontally, "away" has no direction
 
 Clear = Union[float, Sequence[float]]  # m, of all others or of each
@@ -96,7 +97,7 @@ def stop_m(here_m: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
     [0.0, -2.65, 8.0]
     """
     speed_mps = float(np.hypot(*velocity_mps[:2]))
-    return here_m + np.array([*velocity_mps[:2], 0.0]) * (_TOLD_S + speed_mps / (2.0 * _SLOWS_MPS2))
+    return here_m + np.array([*velocity_mps[:2], 0.0]) * (_TOLD_S + speed_mps / (2.0 * FlightBounds.acceleration_mps2))
 
 
 def aside(

@@ -9,13 +9,13 @@ from typing import Callable, Optional, Sequence
 import numpy as np
 
 from fcsv_control.mission.snapshot import VehicleView
+from fcsv_control.mission.watch import POSE_STALE_S
 from fcsv_geometry import separation, transforms
 from fcsv_geometry.home import camera_in_home
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _SIGHT_OLD_S = 0.5  # where it was seen longer ago it may not be any more
 _GUARDIAN_OLD_S = 3.0  # it speaks five times a second
-_SILENT_S = 2.0  # without poses of one in the air
 _BATTERY_OLD_S = 10.0  # before the last state: it is told once a second
 _NEVER_S = -math.inf
 ODOMETRY, STATE, BATTERY = "odometry/state", "mavros/state", "mavros/battery"  # topics whose age counts
@@ -122,7 +122,7 @@ class VehicleHeard:
             silent_s = now_s - self._since_s(GUARDIAN, self._guarded_s) if self._armed else 0.0
             return separation.lost_reach_m(self._lost_s + silent_s)
         silent_s = now_s - self._since_s(ODOMETRY, self._odometry_s)
-        return separation.SILENT_REACH_M if self._armed and silent_s > _SILENT_S else 0.0
+        return separation.SILENT_REACH_M if self._armed and silent_s > POSE_STALE_S else 0.0
 
     def view(self, now_s: float, T_home_odom: Optional[np.ndarray]) -> VehicleView:
         """The vehicle now; its place in home where ``T_home_odom`` is known."""

@@ -7,7 +7,7 @@ landing: one that is not flown is left out, and the flight goes on.
 
 import math
 from dataclasses import dataclass
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class Turn:
     heading at which it ends. It begins at the heading that the vehicle has then."""
 
     def __init__(self, outbox: Outbox, name: str, T_home_cam: np.ndarray, how: LookRound, bounds: SettleBounds):
-        self.name = name
+        self.name, self.p_home_m = name, T_home_cam[:3, 3]
         self._outbox, self._T_home_cam, self._bounds = outbox, T_home_cam, bounds
         self._most_radps, self._ramp_radps2 = math.radians(how.rate_dps), math.radians(how.ramp_dps2)
         self._angle_rad: Optional[float] = None  # of the set-point, from the last heading on; 2 pi at the end
@@ -135,7 +135,6 @@ class LookingRound:
         self._reference = mission.reference
         self.turned = list(turned)
         self._turn: Optional[Turn] = None
-        self._where: Tuple[str, np.ndarray] = ("", np.zeros(3))  # the running turn's vehicle and place
         self.detail = ""
         self._notes: List[str] = []
 
@@ -157,7 +156,7 @@ class LookingRound:
         return self._step(snapshot, places, f"at {where}")
 
     def _left(self, places: Mapping[str, np.ndarray]) -> List[str]:
-        """Who has still to turn; the running one first."""
+        """Who has still to turn, in this order."""
         return [n for n, T in places.items() if is_new(self.turned, n, T[:3, 3])]
 
     def most_s(self, turns: int) -> float:
@@ -171,7 +170,6 @@ class LookingRound:
         name = left[0]
         if self._turn is None or self._turn.name != name:
             self._turn = Turn(self._outbox, name, places[name], self._how, self._bounds)
-            self._where = (name, places[name][:3, 3])
         self.detail = f"{name} looks round {where}"
         if self._turn.step(snapshot):
             if self._turn.why:
@@ -181,12 +179,11 @@ class LookingRound:
 
     def leave_out(self) -> bool:
         """The running turn is over, flown or not; whether there was one."""
-        running = self._turn is not None
-        if running:
-            name, p_home_m = self._where
-            self.turned.append(Turned(name, p_home_m.tolist()))
-            self._turn = None
-        return running
+        if self._turn is None:
+            return False
+        self.turned.append(Turned(self._turn.name, self._turn.p_home_m.tolist()))
+        self._turn = None
+        return True
 
     def take_notes(self) -> List[str]:
         """Turns that were left out, and why, each told once."""

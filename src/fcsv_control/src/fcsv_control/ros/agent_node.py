@@ -121,9 +121,9 @@ class AgentNode:
         self._do(lambda: self._core.epoch(m.epoch, m.reason))
 
     def _on_calibration(self, m: Epochs) -> None:
-        mine = [epoch for name, epoch in zip(m.vehicles, m.epochs) if name == self._name]
-        if mine:
-            self._do(lambda: self._core.rights.frame.calibrated(mine[0]))
+        epoch = conversions.epochs_of(m).get(self._name)
+        if epoch is not None:
+            self._do(lambda: self._core.rights.frame.calibrated(epoch))
 
     def _on_command(self, message: Command) -> None:
         try:

@@ -16,7 +16,7 @@ from fcsv_control.ros import flight_check_messages as messages
 from fcsv_control.ros.relay_keys import RelayKeys
 from fcsv_control.ros.vehicle_check_node import disk_of
 from fcsv_geometry.mission import load_mission
-from fcsv_geometry.ros import node
+from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import (
     ClockOffset,
@@ -104,7 +104,7 @@ class FleetCheckNode:
         self._table.sightings.saw(now_s, name, [d.id for d in message.detections])
 
     def _on_calibrated(self, _now_s: float, message: Epochs) -> None:
-        known = dict(zip(message.vehicles, message.epochs))
+        known = conversions.epochs_of(message)
         for name, vehicle in self._table.vehicles.items():
             vehicle.calibrated = known.get(name)
 

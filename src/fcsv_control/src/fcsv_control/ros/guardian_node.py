@@ -113,8 +113,9 @@ class GuardianNode:
             self._core.epoch(message.epoch)
 
     def _on_calibrated(self, message: Epochs) -> None:
-        with self._lock:
-            for epoch in (e for name, e in zip(message.vehicles, message.epochs) if name == self._name):
+        epoch = conversions.epochs_of(message).get(self._name)
+        if epoch is not None:
+            with self._lock:
                 self._core.calibrated(epoch)
 
     def _on_state(self, message: State) -> None:

@@ -97,7 +97,7 @@ class VehicleInputs:
 
     def _on_epochs(self, m: Epochs, what: str) -> None:
         with self._lock:
-            setattr(self._heard.epochs, what, dict(zip(m.vehicles, m.epochs)).get(self._name))
+            setattr(self._heard.epochs, what, conversions.epochs_of(m).get(self._name))
 
     def _on_position(self, message: PoseStamped) -> None:
         with self._lock:

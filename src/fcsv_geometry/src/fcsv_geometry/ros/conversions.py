@@ -3,6 +3,7 @@
 
 import math
 from functools import lru_cache
+from typing import Dict
 
 import numpy as np
 import rospy
@@ -14,6 +15,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.messages import camera_from_info, pose_to_transform, transform_from_msg
+from fcsv_msgs.msg import Epochs
 
 __all__ = [
     "array_to_image", "battery_share", "camera_from_info", "header", "image_to_array", "info_from_camera",
@@ -53,6 +55,11 @@ def info_from_camera(camera: PinholeCamera, stamp_s: float, frame_id: str) -> Ca
     info.R = np.eye(3).ravel().tolist()
     info.P = np.hstack([camera.K, np.zeros((3, 1))]).ravel().tolist()
     return info
+
+
+def epochs_of(message: Epochs) -> Dict[str, int]:
+    """By vehicle."""
+    return dict(zip(message.vehicles, message.epochs))
 
 
 def battery_share(message: BatteryState) -> float:
