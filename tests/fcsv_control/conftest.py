@@ -32,6 +32,7 @@ class FakeVehicle:
     heard: bool = True  # its radio works, both ways
     heard_once: bool = False
     push_m: np.ndarray = field(default_factory=lambda: np.zeros(3))  # a gust holds it off its place
+    swings_mps: float = 0.0  # back to where it was told to hold
     battery_share: float = 0.9
     recorder_problem: str = ""
     refuses: Dict[str, str] = field(default_factory=dict)  # order kind -> reason
@@ -66,7 +67,7 @@ class FakeVehicle:
             if self.height_m <= 0:
                 self.armed, self.landed_at = False, self.p_home_cam.copy()
         if self.mode != "GUIDED" or self.target is None:
-            return 0.0
+            return self.swings_mps
         T_goal = self.T_home_odom @ self.target
         step = T_goal[:3, 3] - self.T_home_body[:3, 3]
         length = float(np.linalg.norm(step))

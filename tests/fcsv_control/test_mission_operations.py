@@ -42,6 +42,38 @@ def test_a_pause_holds_until_it_is_resumed(flying):
     assert flying.captured == [0, 1, 2]
 
 
+def gone(f):
+    return [at_s for at_s, order in f.orders if order.kind == "GOTO" and order.vehicle == "uav2"]
+
+
+@pytest.mark.parametrize("change", ["resume", "skip", "repeat", "next"])
+def test_nobody_sets_out_before_all_stand(flying, change):
+    """Rehearsed with ten vehicles: who still swung back to where it was told to hold flew its next way 0.4 m beside
+    the planned one, into another's downwash."""
+    flying.until(lambda: flying.machine.stage == "moves" and len(gone(flying)) == 1)
+    flying.wait(0.5)
+    if change == "resume":
+        flying.machine.control("pause")
+        flying.wait(0.2)
+    flying.fleet["uav2"].swings_mps = 0.5
+    before, told_s = len(gone(flying)), flying.now_s
+    assert flying.machine.control(change) == ""
+    flying.wait(3.0)
+    assert len(gone(flying)) == before and flying.machine.detail == "all come to a stand"
+    flying.fleet["uav2"].swings_mps = 0.1
+    flying.until(lambda: len(gone(flying)) > before)
+    assert gone(flying)[before] - told_s < 4.0
+
+
+def test_who_never_stands_is_not_waited_for(flying):
+    flying.until(lambda: flying.machine.stage == "moves" and len(gone(flying)) == 1)
+    flying.fleet["uav1"].swings_mps = 0.5  # in gusts
+    flying.machine.control("repeat")
+    told_s = flying.now_s
+    flying.until(lambda: len(gone(flying)) > 1)
+    assert 5.0 < gone(flying)[1] - told_s < 6.0
+
+
 def test_a_pause_that_the_operator_forgets_ends(flight):
     f = flight(mission(operator_s=20.0))
     f.up_to_configurations()

@@ -14,7 +14,6 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry.mission import Mission
 
 _OFF_M = 0.8  # from where a vehicle may be at a time: it is not on its timed way
-_CALM_MPS = 0.3
 SLICES = 3  # of a plan in one step
 
 
@@ -101,8 +100,7 @@ class Convoy:
     def _stand_still(self, snapshot: Snapshot) -> bool:
         """All of the convoy hold; whether they stand."""
         self._stopping.step(snapshot, list(self._places))
-        calm = all(snapshot.vehicles[n].speed_mps < _CALM_MPS for n in self._places)
-        if self._stopping.done and calm:
+        if self._stopping.done and self._stopping.calm(snapshot, list(self._places)):
             self._stopping = None
             return True
         return False

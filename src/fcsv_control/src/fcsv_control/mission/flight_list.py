@@ -25,6 +25,7 @@ from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 
 _LONGEST = 4  # times the wanted recording: what one attempt records at most
+_STAND_S = 5.0  # after a pause nobody is waited for longer than this: one that is silent, or swings
 
 
 class FlightList:
@@ -46,6 +47,7 @@ class FlightList:
         self._convoy: Optional[Convoy] = None
         self._standing: Optional[Union[Standing, Sweeping]] = None
         self._holding: Optional[Holding] = None
+        self._paused_s = 0.0  # until when
         self._taken_over = False
         self._task_since_s: Optional[float] = None
         self.going_back = ""  # why nothing more is flown but the way back
@@ -111,10 +113,12 @@ class FlightList:
         """Something is wrong: whoever is in GUIDED and not taken by a pilot holds where it is, but never beneath a
         vehicle that comes down; a running recording does not count."""
         if self._holding is None:
-            self._holding = Holding(self._outbox, self._mission.min_separation_m)
             self._begin(snapshot)
-        guided = [n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED" and n not in taken]
-        self._holding.step(snapshot, guided)
+        self._paused_s = snapshot.now_s
+        self._holding.step(snapshot, self._flown(snapshot, taken))
+
+    def _flown(self, snapshot: Snapshot, taken: Collection[str]) -> List[str]:
+        return [n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED" and n not in taken]
 
     def resumed(self) -> None:
         """The operator lets it go on: the running task has all its time again."""
@@ -161,13 +165,14 @@ class FlightList:
         """Advance the running tasks; recordings that count come back once."""
         if self._taken_over and self._still_holds(snapshot, taken):
             return []
-        self._holding = None
         if self.going_back:
             self._leave_to_pilots(taken)
         if self.finished:
             return []
         moment = self._list.moment
         self._watch_time(snapshot, moment)
+        if self._holding is not None and not self._stand_still(snapshot, taken):
+            return []
         if not self.going_back and not self._bring_reference_home(snapshot, moment):
             return []
         if not self._look_round(snapshot):
@@ -207,10 +212,21 @@ class FlightList:
         self._taken_over = not self._holding.done
         return self._taken_over
 
+    def _stand_still(self, snapshot: Snapshot, taken: Collection[str]) -> bool:
+        """Whether all who hold stand: a way that began in the middle of a stop, or as a vehicle swings back to where it
+        was told to hold, would not be the one that was planned."""
+        held = self._flown(snapshot, taken)
+        self._holding.step(snapshot, held)
+        self.detail = "all come to a stand"
+        if self._holding.calm(snapshot, held) or snapshot.now_s - self._paused_s > _STAND_S:
+            self._holding = None
+        return self._holding is None
+
     def _begin(self, snapshot: Snapshot) -> None:
-        """The running tasks from their start, and the reference home again."""
+        """The running tasks from their start, and the reference home again, once all stand."""
         if self._standing is not None:
             self._standing.stop(snapshot)
+        self._holding, self._paused_s = Holding(self._outbox, self._mission.min_separation_m), snapshot.now_s
         self._convoy, self._standing = None, None
         self._round.begin_again()
         self._home = self._way_home()

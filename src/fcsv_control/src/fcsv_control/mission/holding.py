@@ -8,6 +8,8 @@ from fcsv_control.mission.journey import go_to
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
 
+_CALM_MPS = 0.3
+
 
 class Holding:
     """One pause. Each vehicle is told once, and again where it refused or did not hear."""
@@ -22,6 +24,11 @@ class Holding:
     def done(self) -> bool:
         """Whether all that were told have acknowledged."""
         return all(o.done for o in [*self._orders.values(), *self._dodging.values()])
+
+    @staticmethod
+    def calm(snapshot: Snapshot, names: Sequence[str]) -> bool:
+        """Whether all of these stand."""
+        return all(snapshot.vehicles[n].speed_mps < _CALM_MPS for n in names)
 
     def step(self, snapshot: Snapshot, names: Sequence[str]) -> None:
         """Hold these vehicles, which are in GUIDED; one that another comes down upon is sent aside."""
