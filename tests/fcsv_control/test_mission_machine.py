@@ -8,13 +8,14 @@ import pytest
 
 from fcsv_control.mission import watch
 from fcsv_control.mission.flight_list import tasks
-from fcsv_control.mission.machine import PHASES, MissionMachine
+from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.flight_limits import PauseLimits
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
+from fcsv_geometry.phases import PHASES
 from fcsv_geometry.separation import SeparationRules
 from fcsv_msgs.msg import MissionState
 

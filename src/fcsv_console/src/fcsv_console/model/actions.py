@@ -10,9 +10,7 @@ from fcsv_console.model.rehearsal import RUNS, Rehearsal
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_control.flight_check.lines import Line, State
 from fcsv_geometry.mission import Mission
-
-FLOWN = ("GUIDED", "CONFIGURATIONS")
-OVER = ("DONE", "ABORTED")
+from fcsv_geometry.phases import FLOWN, OVER
 
 
 @dataclass(frozen=True)

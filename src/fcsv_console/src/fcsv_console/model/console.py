@@ -7,7 +7,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 from fcsv_console.model import facts as f
 from fcsv_console.model import mission_file as files
 from fcsv_console.model import planning, stereo
-from fcsv_console.model.actions import FLOWN, OVER, Situation, actions, column_problems
+from fcsv_console.model.actions import Situation, actions, column_problems
 from fcsv_console.model.after import AfterFlight
 from fcsv_console.model.air import Above, above
 from fcsv_console.model.chronicle import Chronicle
@@ -25,6 +25,7 @@ from fcsv_console.model.view import View
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.mission.stages import GOES_BACK, TURNS
 from fcsv_geometry.mission import Mission
+from fcsv_geometry.phases import BY_HOME, FLOWN, OVER
 from fcsv_geometry.separation import SeparationRules
 
 CONTROL = "control"
@@ -242,7 +243,7 @@ class Console:
         self, now_s: float, rows: Sequence[VehicleRow], running: Optional[int], told: Optional[f.MissionTold],
     ) -> stereo.StereoHealth:  # fmt: skip
         """Of the configuration that is flown, or before the first one of the pair that will fly it."""
-        before = running is None and told is not None and told.phase not in (*FLOWN, *OVER, "LAND")
+        before = running is None and told is not None and told.phase not in (*BY_HOME, *OVER)
         index = 0 if before else running
         mission = self.file.mission
         if index is None or mission is None or (told is not None and told.stage in (GOES_BACK, TURNS)):

@@ -20,12 +20,8 @@ from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import GROUND, ON_BOARD, Mission
+from fcsv_geometry.phases import BY_HOME, FLOWN, OVER
 
-PHASES = (
-    "WAIT_VEHICLES", "TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS", "LAND",
-    "DONE", "ABORTED",
-)  # fmt: skip
-_FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS", "LAND")
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")  # people fly
 _SEEN_S = 2.0
 _LINE_UP = {ON_BOARD: "operators: line up, every tag in view", GROUND: "operators: where the tracker sees everybody"}
@@ -73,7 +69,7 @@ class MissionMachine(Operated):
 
     @property
     def over(self) -> bool:
-        return self.phase in ("DONE", "ABORTED")
+        return self.phase in OVER
 
     # ---- what services say ------------------------------------------------------------------------------------
 
@@ -136,7 +132,7 @@ class MissionMachine(Operated):
 
     def stopped(self, reason: str) -> None:
         """Somebody has stopped everybody (/stop_all): no order until the operator confirms ``resume``, or aborts."""
-        if self.phase in _FLOWN_BY_US:
+        if self.phase in BY_HOME:
             self._stopped = reason
             self.outbox.withdraw(f"everybody was stopped: {reason}")
             self._hands.all_asked("BRAKE")
@@ -149,7 +145,7 @@ class MissionMachine(Operated):
         self._hands.see(snapshot)
         taking_part = self._drop_out(snapshot)
         found = [] if self.over else watch.found(self.mission, self.phase, taking_part)
-        if self.phase in ("GUIDED", "CONFIGURATIONS"):
+        if self.phase in FLOWN:
             found += [(Pause.LOST, text) for text in self._dropouts.problems(snapshot)]
         self.problems, self._pauses = [text for _, text in found], {kind for kind, _ in found}
         if self._stopped:
@@ -174,7 +170,7 @@ class MissionMachine(Operated):
     def _drop_out(self, snapshot: Snapshot) -> Snapshot:
         """Who is down takes no part any more, once the operator confirms it; what is known of the others."""
         flown = self._flight_list
-        if self.phase in ("GUIDED", "CONFIGURATIONS") and flown is not None and not flown.going_back:
+        if self.phase in FLOWN and flown is not None and not flown.going_back:
             for name in self._dropouts.see(snapshot, flown.working):
                 flown.leave(snapshot, name)
                 self.said.append(f"{name} is down and takes no part any more")

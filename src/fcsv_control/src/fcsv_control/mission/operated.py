@@ -11,6 +11,7 @@ from fcsv_control.mission.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry.mission import Mission
+from fcsv_geometry.phases import FLOWN
 
 OPERATIONS = ("pause", "resume", "skip", "repeat", "next", "previous", "abort")
 _CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger
@@ -119,7 +120,7 @@ class Operated:
         if operation == "resume":
             return self.proceed("resume")
         flown = self._flight_list
-        if flown is None or self.phase not in ("GUIDED", "CONFIGURATIONS"):
+        if flown is None or self.phase not in FLOWN:
             return f"'{operation}' is for vehicles that fly the list; this is {self.phase}"
         if flown.going_back:
             return f"the list is over, the vehicles go back and land: {flown.going_back}"

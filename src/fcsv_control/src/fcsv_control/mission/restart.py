@@ -6,9 +6,9 @@ from typing import List, Tuple
 
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_geometry.phases import BY_HOME, FLOWN
 
 _FRESH_S = 3.5  # a state that is older is none
-_FLOWN = ("GUIDED", "CONFIGURATIONS")
 
 
 class Verdict(Enum):
@@ -25,10 +25,10 @@ def judge(memory: Memory, snapshot: Snapshot) -> Tuple[Verdict, str]:
     """What to do, and why in words. One vehicle in GUIDED is enough: nobody but this mission flies it."""
     heard = [n for n, v in snapshot.vehicles.items() if v.state_age_s <= _FRESH_S]
     flying = [n for n in heard if snapshot.vehicles[n].armed]
-    if memory.phase in _FLOWN and in_guided(snapshot):
+    if memory.phase in FLOWN and in_guided(snapshot):
         return Verdict.TAKE_OVER, f"restarted in flight: takes over {', '.join(in_guided(snapshot))}"
     braking = [n for n in flying if snapshot.vehicles[n].mode == "BRAKE"]
-    if braking and memory.phase in (*_FLOWN, "LAND"):
+    if braking and memory.phase in BY_HOME:
         return Verdict.STOPPED, f"restarted: {', '.join(braking)} found in BRAKE"
     if memory.phase == "LAND" and flying:
         return Verdict.LAND, f"restarted while landing: {memory.detail}"
@@ -37,7 +37,7 @@ def judge(memory: Memory, snapshot: Snapshot) -> Tuple[Verdict, str]:
         return Verdict.WAIT, f"restarted: goes on or begins anew once {', '.join(unheard)} is heard"
     if not flying:
         return Verdict.ANEW, "restarted while nobody flies: a new mission begins"
-    if memory.phase in _FLOWN and any(snapshot.vehicles[n].mode == "LAND" for n in flying):
+    if memory.phase in FLOWN and any(snapshot.vehicles[n].mode == "LAND" for n in flying):
         return Verdict.LAND, f"restarted: {', '.join(flying)} found coming down"
     return Verdict.ANEW, f"restarted: {', '.join(flying)} flown by hand: begins anew, calibrate again"
 

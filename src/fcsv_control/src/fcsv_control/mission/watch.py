@@ -12,6 +12,7 @@ from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
 from fcsv_geometry import separation
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import AIR_M, GROUND, Mission
+from fcsv_geometry.phases import FLOWN
 from fcsv_geometry.separation import SeparationRules
 
 POSE_STALE_S = 2.0
@@ -19,12 +20,11 @@ STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may b
 _RECORDER_STALE_S = 5.0
 _TOO_NEAR = 0.6  # of the minimum separation: nearer than any noise of the poses explains
 _GUARDED = SeparationRules().horizontal_m / AIR_M  # of the air that the mission keeps, guardians keep so much
-_IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", "GUIDED", "CONFIGURATIONS")
-_RECORDED = ("WAIT_VEHICLES", "GUIDED", "CONFIGURATIONS")
+_IN_THE_AIR = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME", *FLOWN)
+_RECORDED = ("WAIT_VEHICLES", *FLOWN)
 _BEFORE_SIGHT = ("WAIT_VEHICLES", "TAKE_OFF", "COLUMN")  # people fly: a tracker on the ground sees nobody there yet
-_FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS")
-_CALIBRATED = ("MOVE_HOME", "SET_HOME", *_FLOWN_BY_US)
-_BATTERY_KNOWN = ("WAIT_VEHICLES", *_FLOWN_BY_US)
+_CALIBRATED = ("MOVE_HOME", "SET_HOME", *FLOWN)
+_BATTERY_KNOWN = ("WAIT_VEHICLES", *FLOWN)
 
 
 def problems(mission: Mission, phase: str, snapshot: Snapshot) -> List[str]:
@@ -39,7 +39,7 @@ def found(mission: Mission, phase: str, snapshot: Snapshot) -> List[Tuple[Pause,
         told += [(kind, f"{name}: {text}") for kind, text in _of_vehicle(mission, phase, view)]
     if phase in _RECORDED and snapshot.recorder is not None:
         told += [(Pause.RECORDER, f"control PC: {text}") for text in _of_recorder(snapshot.recorder)]
-    if phase in _FLOWN_BY_US:
+    if phase in FLOWN:
         told += [(Pause.LOST, text) for text in _too_near(mission, snapshot)]
     return told
 
@@ -51,7 +51,7 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
             raise MissionError(f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody")
         if phase == "CONFIGURATIONS" and view.state_age_s <= STATE_STALE_S and not view.armed:
             raise MissionError(f"{name}: motors are off: landing everybody")
-        if phase in _FLOWN_BY_US and view.sighted_off:
+        if phase in FLOWN and view.sighted_off:
             raise MissionError(f"{name}: {view.sighted_off}: landing everybody")
 
 
@@ -65,7 +65,7 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         return
     if not view.connected:
         yield Pause.LOST, "no flight controller"
-    if phase in _FLOWN_BY_US and view.guarded:
+    if phase in FLOWN and view.guarded:
         yield Pause.LOST, f"its guardian: {view.guarded}"
     if phase in _RECORDED:
         for text in _of_recorder(RecorderView(view.recorder_age_s, view.recorder_problem)):
@@ -80,7 +80,7 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         yield Pause.LOST, view.frame_problem
     if phase in _CALIBRATED and view.sighted_off:
         yield Pause.LOST, f"{view.sighted_off}; land by hand, or calibrate anew"
-    if phase in _FLOWN_BY_US and view.T_home_cam is None:
+    if phase in FLOWN and view.T_home_cam is None:
         yield Pause.LOST, "its place in home is not known; calibrate and set home again"
 
 

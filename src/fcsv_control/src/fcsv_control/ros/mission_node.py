@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from fcsv_control.mission import check_gate
-from fcsv_control.mission.machine import PHASES, MissionMachine
+from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.outbox import Order
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
@@ -27,6 +27,7 @@ from fcsv_geometry import home_messages
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.mission import Mission, load_mission
+from fcsv_geometry.phases import BY_HOME, PHASES
 from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import (
@@ -44,7 +45,6 @@ from fcsv_msgs.msg import (
 from fcsv_msgs.srv import Calibrate, Proceed, ProceedResponse, SetHome
 
 _ALIVE_S = 0.2
-_FLOWN = ("GUIDED", "CONFIGURATIONS", "LAND")
 _OTHERS_TELL_S = 3.0  # so long after a restart a calibration node that lives has told calibration and home
 
 
@@ -160,7 +160,7 @@ class MissionNode:
         self._machine.said.clear()
         if self._restored is None or self._judged or self._machine.memory() is None:
             return
-        if self._machine.phase not in _FLOWN:
+        if self._machine.phase not in BY_HOME:
             self._restored, self._in_home = None, HomeFrames()
             self._memory.forget()
         elif now_s - self._begun_s >= _OTHERS_TELL_S:

@@ -5,10 +5,10 @@ recorders, a tracker on the ground and the mission, all on one machine (thesis 4
 import os
 from typing import Dict, List, Mapping, Optional
 
-from fcsv_control.mission.machine import PHASES
 from fcsv_geometry.bags.reading import messages
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.mission import load_mission
+from fcsv_geometry.phases import PHASES
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.tello.pictures import VideoParameters

@@ -6,6 +6,7 @@ from typing import Callable, Dict
 
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.mission.watch import POSE_STALE_S, STATE_STALE_S
+from fcsv_geometry.phases import FLOWN
 from fcsv_sim.rehearsal.control import ControlPc
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
@@ -17,7 +18,6 @@ SEEN, STATES = "poses at the mission", "states at the mission"
 DEADLINES_S: Dict[str, float] = {
     POSES: 0.1, CONTROL: _RULES.link_warn_s, OTHERS: _RULES.silent_above_s, SEEN: POSE_STALE_S, STATES: STATE_STALE_S,
 }  # fmt: skip
-_FLOWN_BY_US = ("GUIDED", "CONFIGURATIONS")
 
 
 class Calm:
@@ -41,7 +41,7 @@ class Calm:
 
     def look(self, now_s: float) -> None:
         """At everybody, every 0.05 s."""
-        flown = self._control.machine.phase in _FLOWN_BY_US
+        flown = self._control.machine.phase in FLOWN
         for name, vehicle in self._fleet.items():
             verdict, asked = vehicle.guardian.verdict, vehicle.modes_asked
             if verdict.action:

@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError, PoseUnavailable
 from fcsv_geometry.home import home_of
+from fcsv_geometry.phases import BY_HOME
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.tracker import load_profile
@@ -29,7 +30,6 @@ from fcsv_tracking.ros import clock_node, epoch_watch, link_messages
 _OLDEST_ODOMETRY_S = 0.5
 _SET_BACK_S = 0.3
 _PLENTY = 1.25  # times the least: a few are always refused
-_FLOWN = ("GUIDED", "CONFIGURATIONS", "LAND")  # phases in which a mission flies by calibration and home
 _SILENT_S = 4.0  # a link that shows no tag for so long will not get enough
 
 
@@ -121,7 +121,7 @@ class CalibrationNode:
 
     def _require_nobody_flies_by_it(self, what: str) -> None:
         """Raises TrackingError from GUIDED on: another calibration or home would move every place that is flown to."""
-        if self._phase in _FLOWN:
+        if self._phase in BY_HOME:
             raise TrackingError(f"{what} is refused while the mission flies the vehicles ({self._phase}): land first")
 
     def _on_calibrate(self, request) -> CalibrateResponse:

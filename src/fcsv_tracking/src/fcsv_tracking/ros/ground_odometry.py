@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseStamped, TransformStamped, Twist, Vector3
 from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
+from fcsv_geometry.phases import BY_HOME
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Calibration, CalibrationLink, Epoch, Epochs, MissionState
 from fcsv_msgs.srv import Calibrate, CalibrateResponse
@@ -22,7 +23,6 @@ from fcsv_tracking.ground import GroundTrack, LevelFrame, LevelRules
 from fcsv_tracking.ros.epoch_watch import to_message
 
 _EPOCH_PARAM = "/ground_tracker_epoch"
-_FLOWN = ("GUIDED", "CONFIGURATIONS", "LAND")  # phases in which a mission flies by calibration and home
 _ONE_FRAME = np.eye(4) * 1e-8  # m2, rad2: the same frame
 
 
@@ -88,7 +88,7 @@ class GroundOdometryPublisher:
 
     def require_nobody_flies_by_it(self, what: str) -> None:
         """Raises TrackingError where another home or calibration would move every place that is flown to."""
-        if self._phase in _FLOWN:
+        if self._phase in BY_HOME:
             raise TrackingError(f"{what} is refused while the mission flies the vehicles ({self._phase}): land first")
 
     def require_level(self) -> np.ndarray:
