@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fcsv_control.guardian.messages import Verdict
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
+from fcsv_sim.bringup import mission_file
 from fcsv_sim.rehearsal.calm import CONTROL, DEADLINES_S, OTHERS, POSES, SEEN, STATES, Calm
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.radio import CRITICAL_S, Radio, RadioQuality
@@ -65,6 +66,22 @@ def test_clocks_that_are_set_land_nobody_and_delay_no_stop(flying):
     assert {m for _, m in after_s.values()} == {"BRAKE"}
     for name, (late_s, _) in after_s.items():
         assert late_s == pytest.approx(must_s[name][0], abs=0.021), "a pass of the board later at most"
+
+
+@pytest.mark.parametrize("step_s", (-2.0, 60.0))
+def test_a_sweep_during_which_the_control_pcs_clock_is_set_is_flown_again(step_s):
+    """No time of day tells which pictures the first attempt took."""
+    flight = Flight(load_mission(mission_file("sweep")), 2, 4)
+    flight.expect_calm()
+    while flight.control.machine.stage != "records":
+        flight.step()
+        assert flight.now_s < 120.0
+    fly(flight, 2.0)
+    flight.control.clock_offset_s += step_s
+    set_s = flight.now_s
+    result = flight.run()
+    assert result.violations == [] and result.captures == result.wanted == 2
+    assert min(w.start_s for w in flight.control.machine.captures) > set_s
 
 
 def test_a_mission_that_restarts_remembers_over_steps_of_the_clock_and_forgets_an_earlier_flight(flying):
