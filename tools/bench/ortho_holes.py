@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holes of the orthophoto where there is evidence: the table is in docs/products.md.
+"""Holes of the orthophoto, with and without evidence: the tables are in docs/products.md.
 
     tools/run ortho-holes [--scenes WORLD:SEED ...]
 
-A cell's true highest point counts where the reference camera sees it, at a pixel whose depth is in the cloud and within
-5 % of the truth. Of these cells: how many are empty, by points alone and with what neighbouring pixels span.
+First of the cells whose true highest point the reference camera sees, at a pixel whose depth is in the cloud and within
+5 % of the truth: how many are empty, by points alone and with surfaces, and how many although a surface of the map
+crosses them. Then all cells of the field of view.
 """
 
 import argparse
@@ -20,8 +21,11 @@ from fcsv_geometry import transforms
 from fcsv_sim.world.town import Town
 from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.joint import Joint
+from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.products.from_above import Raster, rasterize
+from fcsv_stereo.products.holes import OPEN, HoleShares, why_empty
 from fcsv_stereo.products.points import merge_duplicates
+from fcsv_stereo.products.spanned import Surfaces
 
 _ABOVE_M = 300.0
 _VISIBLE, _RIGHT = 0.02, 0.05  # of the depth
@@ -33,17 +37,35 @@ def main(argv: Optional[List[str]] = None) -> None:
     parser.add_argument("--scenes", type=_scene, nargs="+", metavar="WORLD:SEED", default=_SCENES)
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
-    print("| scene | cells that are seen | holes, points alone | with what neighbours span |\n" + "|---" * 4 + "|")
+    print(
+        "| world | cells that are seen | holes, points alone | with surfaces | of a surface seen there |\n"
+        + "|---" * 5
+        + "|"
+    )
+    shares = []
     for name in args.scenes:
         scene = shoot(name, HORIZONTAL)
         result = bound_cloud(Joint().map(scene.given(HORIZONTAL, NOISES[0])), CloudBounds())
         cloud = merge_duplicates(result.cloud, result.reference)
+        surfaces, sky = Surfaces.of(cloud, result.reference), result.kind == Kind.SKY
         told = []
         for reference in (None, result.reference):
             raster = rasterize(cloud, reference=reference)
+            why = why_empty(raster, surfaces, result.reference, sky)
+            shares.append((name, "points alone" if reference is None else "with surfaces", HoleShares.of(why)))
             seen = _seen(name, raster, result, scene.true_depth)
             told.append((seen & np.isnan(raster.height)).sum() / seen.sum())
-        print(f"| {name} | {seen.sum():,} | {told[0]:.1%} | {told[1]:.1%} |", flush=True)
+        open_share = (seen & (why == OPEN)).sum() / seen.sum()
+        print(f"| {name} | {seen.sum():,} | {told[0]:.1%} | {told[1]:.1%} | {open_share:.2%} |", flush=True)
+    print(
+        "\n| world | raster | filled | hidden | no depth | below the picture | of a surface seen there |\n"
+        + "|---" * 7
+        + "|"
+    )
+    for name, how, s in shares:
+        print(
+            f"| {name} | {how} | {s.filled:.1%} | {s.hidden:.1%} | {s.unanswered:.1%} | {s.below:.1%} | {s.open:.2%} |"
+        )
 
 
 def _seen(name: SceneName, raster: Raster, result, true_depth: np.ndarray) -> np.ndarray:

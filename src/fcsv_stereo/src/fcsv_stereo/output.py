@@ -161,6 +161,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         document["time_offsets"] = {vehicle: clock.to_dict() for vehicle, clock in result.clocks.items()}
     if result.cut is not None:
         document["cloud"] = result.cut.to_dict()
+    if result.holes is not None:
+        document["orthophoto"] = result.holes.to_dict()
     if result.near is not None:
         document["near"] = result.near.to_dict()
     if evaluation is not None:

@@ -103,6 +103,7 @@ class MapResult:
     spare: Mapping[str, int] = field(default_factory=dict)  # by vehicle, pictures not needed (picture_list.spare)
     cut: Optional[CloudCut] = None  # what was left out of the cloud (cloud_bounds)
     unseen: List[str] = field(default_factory=list)  # sentences: what may be wrong and would show nowhere
+    holes: Optional[Any] = None  # of the orthophoto (products.holes.HoleShares); None: none was asked for
     near: Optional[Any] = None  # what the near field brought (near.join.NearJoin); None: there is none
 
     def __post_init__(self):

@@ -37,7 +37,7 @@ class Raster:
     y0_m: float
 
 
-def write_from_above(cloud: Cloud, folder: Path, reference: Optional[Reference] = None) -> None:
+def write_from_above(cloud: Cloud, folder: Path, reference: Optional[Reference] = None) -> Raster:
     """orthophoto.png, orthophoto.pgw, height.tif; ``reference`` as in rasterize."""
     raster = rasterize(cloud, reference=reference)
     alpha = np.where(np.isfinite(raster.height), 255, 0).astype(np.uint8)
@@ -48,11 +48,12 @@ def write_from_above(cloud: Cloud, folder: Path, reference: Optional[Reference] 
     lines = (c, 0.0, 0.0, -c, raster.x0_m + c / 2, raster.y0_m - c / 2)
     (folder / "orthophoto.pgw").write_text("".join(f"{v:.6f}\n" for v in lines))
     _write_height(raster, folder / "height.tif")
+    return raster
 
 
 def rasterize(cloud: Cloud, cell_m: float = 0.0, reference: Optional[Reference] = None) -> Raster:
-    """The highest point of every cell; what lies between neighbours in the ``reference`` picture is of their surface
-    (``spanned``), what is left between points filled from the nearest.
+    """The highest point of every cell. With a ``reference`` picture every cell that its pixels' surfaces touch
+    (``spanned``). Between close points that no pixel of it shows the nearest fills.
 
     ``cell_m`` 0 takes 1, 2 or 5 times a power of ten: as fine as most points are dense, 1500 cells a side at most.
     """
@@ -70,10 +71,13 @@ def rasterize(cloud: Cloud, cell_m: float = 0.0, reference: Optional[Reference] 
     height[row[order], column[order]] = p[order, 2]
     rgb[row[order], column[order]] = cloud.colors[order]
     origin = float(x_first * cell_m), float((y_last + 1) * cell_m)
-    apart = np.isfinite(height)
     if reference is not None:
-        spanned.span(cloud, spanned.triangles(cloud, reference), origin, cell_m, height, rgb)
-    return Raster(*_closed(height, rgb, apart), cell_m, *origin)
+        surfaces = spanned.Surfaces.of(cloud, reference)
+        inside[surfaces.index[surfaces.index >= 0]] = False
+        spanned.span(cloud, surfaces, reference, origin, cell_m, height, rgb)
+    loose = np.zeros(shape, bool)
+    loose[row[inside], column[inside]] = True
+    return Raster(*_closed(height, rgb, loose), cell_m, *origin)
 
 
 def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
@@ -87,7 +91,9 @@ def _cell_size_m(xy_m: np.ndarray, extent_m: float) -> float:
 
 
 def _closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
-    """Cells between points take the nearest point's value where points lie close; a lone point stays one cell."""
+    """Cells between ``known`` ones take the nearest one's value where these lie close; a lone one stays one cell."""
+    if not known.any():
+        return height, rgb
     cells = np.argwhere(known)
     neighbours = min(5, len(cells))
     apart = cKDTree(cells).query(cells, k=[neighbours])[0][:, 0] if neighbours > 1 else np.ones(len(cells))

@@ -6,14 +6,23 @@ from typing import Callable, Dict, Sequence
 
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.model import Cloud, MapInput, MapResult
+from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.products import clouds, exchange, from_above, rectified
+from fcsv_stereo.products.holes import hole_shares
 from fcsv_stereo.products.points import merge_duplicates
+
+
+def _orthophoto(result: MapResult, cloud: Cloud, folder: Path) -> None:
+    """Its holes are told in the report."""
+    raster = from_above.write_from_above(cloud, folder, result.reference)
+    result.holes = hole_shares(raster, cloud, result.reference, result.kind == Kind.SKY)
+
 
 _Writer = Callable[[MapResult, MapInput, Cloud, Path], None]
 _WRITERS: Dict[str, _Writer] = {
     "pcd": lambda result, given, cloud, folder: clouds.write_pcd(cloud, folder / "map.pcd"),
     "laz": lambda result, given, cloud, folder: clouds.write_laz(cloud, folder / "map.laz"),
-    "orthophoto": lambda result, given, cloud, folder: from_above.write_from_above(cloud, folder, result.reference),
+    "orthophoto": lambda result, given, cloud, folder: _orthophoto(result, cloud, folder),
     "colmap": lambda result, given, cloud, folder: exchange.write_colmap(result, given, cloud, folder / "colmap"),
     "pairs": lambda result, given, cloud, folder: rectified.write_pairs(result, given, folder / "pairs"),
 }

@@ -150,7 +150,20 @@ def poses(data: ReportData) -> List[Part]:
 def from_above(data: ReportData) -> List[Part]:
     """The cloud from above, in colour and by configuration; how far the pixels are."""
     above = side(figures.from_above(data.result, False), figures.from_above(data.result, True))
-    return [above, image(figures.histogram(data.result))]
+    return [above, *_orthophoto(data.result), image(figures.histogram(data.result))]
+
+
+def _orthophoto(result: MapResult) -> List[Part]:
+    holes = result.holes
+    if holes is None:
+        return []
+    said = (
+        f"Orthophoto, cells within the picture's field of view: {holes.filled:.1%} filled, "
+        f"{holes.without_evidence:.1%} holes without evidence ({holes.hidden:.1%} behind something nearer, "
+        f"{holes.unanswered:.1%} where the cloud has no depth, {holes.below:.1%} below the picture), "
+        f"{holes.open:.2%} holes of a surface that was seen."
+    )
+    return [note(said)]
 
 
 def in_three_dimensions(data: ReportData) -> List[Part]:
