@@ -191,6 +191,42 @@ def test_a_mission_that_restarts_while_people_fly_begins_anew(mission):
     assert (result.phase, result.captures, result.violations) == ("DONE", 1, [])
 
 
+def test_a_mission_that_forgets_names_who_flies_and_the_operator_aborts(mission):
+    flight = flown_to(mission, "CONFIGURATIONS", 3.0)
+    fault = begun(flight, "mission forgets")
+    fly(flight, 6.0, [fault])
+    machine = flight.control.machine
+    assert flight.phase == "WAIT_VEHICLES" and "uav1 flies in GUIDED and nothing is known" in machine.problems[0]
+    result = flight.run([fault])
+    assert (result.phase, result.violations) == ("ABORTED", [])
+    assert result.detail == "aborted by the operator: landing"
+
+
+def test_a_stick_that_is_off_the_middle_is_named_and_forbids_guided_until_it_is_in_the_middle(mission):
+    flight = flown_to(mission, "SET_HOME", 0.5)
+    fault = begun(flight, "stick off the middle", seed=3)
+    fault._until_s = flight.now_s + 6.0
+    refused = []
+    while flight.phase != "CONFIGURATIONS":
+        fly(flight, 0.1, [fault])
+        refused += flight.fleet[fault.vehicle.name].guardian.verdict.forbids
+        assert flight.now_s < 120.0
+    assert any("the throttle stick is not in the middle" in text for text in refused)
+    assert flight.now_s > fault.began_s + 3.0, "until it was in the middle"
+    assert flight.run([fault]).violations == [] and fault.ended
+
+
+def test_an_operator_who_confirms_anything_confirms_only_what_is_waited_for(mission):
+    flight = flown_to(mission, "COLUMN", 0.5)
+    fault, phases = begun(flight, "operator confirms anything"), []
+    while len(phases) < 1 or not fault.ended:
+        fly(flight, 0.1, [fault])
+        phases += [flight.phase] if flight.phase not in phases else []
+    assert phases in (["COLUMN"], ["COLUMN", "CALIBRATE"])
+    result = flight.run([fault])
+    assert (result.phase, result.violations, result.captures) == ("DONE", [], 1)
+
+
 def test_who_comes_down_is_the_upper_one_and_the_lower_one_must_react(mission):
     (fault,) = make_faults(["comes down"], 3)
     assert {make_faults(["comes down"], k)[0].adapt(mission).configurations[0].baseline_m for k in range(20)} == {

@@ -175,6 +175,28 @@ class MissionRestarts(Fault):
             flight.control.restart(flight.now_s)
 
 
+class MissionForgets(Fault):
+    """Likewise, and its memory is lost or damaged. Where it finds vehicles in GUIDED of which it knows nothing, the
+    operator reads so and aborts after 5 to 15 s."""
+
+    name = "mission forgets"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        flight.control.alive = False
+        self._restarted, self._read_s, self._reads_s = False, np.inf, self._uniform(5.0, 15.0)
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if since_s > 5.0 and not self._restarted:
+            self._restarted = True
+            flight.control.restart(flight.now_s, remembers=False)
+        machine = flight.control.machine
+        if self._restarted and not self.ended and any("abort to land" in text for text in machine.problems):
+            self._read_s = min(self._read_s, flight.now_s)
+            if flight.now_s > self._read_s + self._reads_s:
+                self.ended = True
+                machine.abort("aborted by the operator: landing")
+
+
 class AutopilotReboots(Fault):
     """In the air. Its filter then begins as late as a real one's."""
 
@@ -230,6 +252,6 @@ class ComesDownAlone(ComesDown):
 
 BOARD_FAULTS = (
     RadioCut, RadioLoses, RadioHoldsUp, ClockSteps, ControlClockSteps, Battery, LowBatteryAlone, AgentDies,
-    LinkDies, LinkSleeps, MissionDies, MissionRestarts, ComesDown, ComesDownAlone,
+    LinkDies, LinkSleeps, MissionDies, MissionRestarts, MissionForgets, ComesDown, ComesDownAlone,
     *([AutopilotReboots] if hasattr(Autopilot, "reboot") else []),
 )  # fmt: skip

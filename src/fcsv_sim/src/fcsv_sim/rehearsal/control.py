@@ -169,12 +169,13 @@ class ControlPc:
         """The whole computer, with the stop-all node."""
         self.alive = self.stop_desk.alive = False
 
-    def restart(self, now_s: float) -> None:
-        """A new process of the mission, in place of one that died: it reads its memory from the disk, and has heard
-        nobody. Calibration and home are another node's, and are told again."""
+    def restart(self, now_s: float, remembers: bool = True) -> None:
+        """A new process of the mission, in place of one that died: it reads its memory from the disk, where it
+        ``remembers``, and has heard nobody. Calibration and home are another node's, and are told again."""
         kept = self.machine.memory()
         if kept is not None:  # as the dead one wrote it in its last step
             self._memory = dataclasses.replace(kept, saved_s=self._saved_s)
+        self._memory = self._memory if remembers else None
         self.machine = MissionMachine(self._mission, list(self._fleet))
         if self._memory is not None:
             self._restore(self._memory, self._wall_s(now_s))

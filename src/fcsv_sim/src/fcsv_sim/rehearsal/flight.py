@@ -120,13 +120,12 @@ class Flight:
         machine = self.control.machine
         if self.operator_there and self.control.alive:
             if self.presser.press(now_s, machine.waits_for, phase, sights, list(self.pilots.values())):
-                self._confirm(now_s)
+                self.confirm(machine.waits_for)
 
-    def _confirm(self, now_s: float) -> None:
-        machine = self.control.machine
-        step = machine.waits_for
+    def confirm(self, step: str) -> None:
+        """The operator confirms a step of the mission, whether it is waited for or not."""
         if not self.control.proceed(step) and step in ("execute", "resume"):
-            self.witness.confirmed(now_s)
+            self.witness.confirmed(self.now_s)
 
     @property
     def over(self) -> bool:

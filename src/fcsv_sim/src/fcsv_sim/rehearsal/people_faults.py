@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pilots and operators who do what nobody expects."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from fcsv_control.agent.messages import STOPPING_MODES
@@ -17,6 +19,9 @@ _TOLD_S = 3.0  # after which a pilot who is told to land does
 _PATIENCE_S = 120.0  # who got no word for so long lands
 _STOPS_S, _STOPS_WITH_LOSS_S = 0.5, 1.5  # after two repetitions that were lost, after seven
 _GOOD = 0.1  # a radio that loses less
+_STEPS = ("calibrate", "set_home", "execute", "resume")
+_ABOUT_TO_BE = ("SET_HOME", "GUIDED")
+_SINKS_S = 3.0  # by then he sees that it sinks or climbs
 
 
 class PilotTakesOver(Fault):
@@ -98,4 +103,42 @@ class StopsAll(Fault):
                 flight.invariants.tell(LATE_STOP, name, flight.now_s, text)
 
 
-PEOPLE_FAULTS = (PilotTakesOver, PilotDisobeys, Aborted, StopsAll)
+class StickOff(Fault):
+    """A thumb rests on the throttle stick of a vehicle that is flown in GUIDED, or is about to be; in two of three
+    flights for 2 to 8 s."""
+
+    name = "stick off the middle"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        self._until_s = flight.now_s + self._lasts_s(0.33, 2.0, 8.0)
+        self._throttle = self._uniform(0.3, 0.6) * float(self._random.choice([-1.0, 1.0]))
+        self._mine, self._pilot = self._hands, flight.pilots[vehicle.name]
+        flight.hands.setdefault(vehicle.name, self._mine)
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if flight.now_s > self._until_s and flight.hands.get(self.vehicle.name) is self._mine:
+            self.ended = True
+            del flight.hands[self.vehicle.name]
+
+    def _hands(self, now_s: float, phase: str, sight: Sight) -> Sticks:
+        sticks = self._pilot.sticks(now_s, phase, sight)
+        waits = phase in _ABOUT_TO_BE and now_s < self.began_s + _SINKS_S
+        return replace(sticks, throttle=self._throttle) if waits or sight.mode == "GUIDED" else sticks
+
+
+class ConfirmsAnything(Fault):
+    """For 3 s the operator confirms whatever comes to his mind, three times a second."""
+
+    name = "operator confirms anything"
+
+    def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
+        self._next_s = 0.0
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        self.ended = since_s > 3.0
+        if not self.ended and since_s > self._next_s and flight.control.alive:
+            self._next_s = since_s + 0.33
+            flight.confirm(str(self._random.choice(_STEPS)))
+
+
+PEOPLE_FAULTS = (PilotTakesOver, PilotDisobeys, Aborted, StopsAll, StickOff, ConfirmsAnything)
