@@ -23,7 +23,7 @@ class Convoy:
 
     def __init__(self, outbox: Outbox, mission: Mission, places: Mapping[str, np.ndarray]):
         self._outbox, self._mission = outbox, mission
-        self._keep = Keep(mission.min_separation_m, mission.air)
+        self._keep = Keep.of(mission)
         self._places = dict(places)  # T_home_cam by vehicle
         self._planning: Optional[traffic.Planning] = None
         self._plan: Optional[traffic.Traffic] = None
@@ -100,7 +100,7 @@ class Convoy:
     def _stand_still(self, snapshot: Snapshot) -> bool:
         """All of the convoy hold; whether they stand."""
         self._stopping.step(snapshot, list(self._places))
-        if self._stopping.done and self._stopping.calm(snapshot, list(self._places)):
+        if self._stopping.stood(snapshot, list(self._places)) and self._stopping.done:
             self._stopping = None
             return True
         return False

@@ -25,7 +25,6 @@ from fcsv_geometry.errors import MissionError
 from fcsv_geometry.mission import Mission
 
 _LONGEST = 4  # times the wanted recording: what one attempt records at most
-_STAND_S = 5.0  # after a pause nobody is waited for longer than this: one that is silent, or swings
 
 
 class FlightList:
@@ -47,7 +46,6 @@ class FlightList:
         self._convoy: Optional[Convoy] = None
         self._standing: Optional[Union[Standing, Sweeping]] = None
         self._holding: Optional[Holding] = None
-        self._paused_s = 0.0  # until when
         self._taken_over = False
         self._task_since_s: Optional[float] = None
         self.going_back = ""  # why nothing more is flown but the way back
@@ -114,10 +112,9 @@ class FlightList:
         vehicle that comes down; a running recording does not count."""
         if self._holding is None:
             self._begin(snapshot)
-        self._paused_s = snapshot.now_s
-        self._holding.step(snapshot, self._flown(snapshot, taken))
+        self._holding.step(snapshot, self._guided(snapshot, taken))
 
-    def _flown(self, snapshot: Snapshot, taken: Collection[str]) -> List[str]:
+    def _guided(self, snapshot: Snapshot, taken: Collection[str]) -> List[str]:
         return [n for n in self._vehicles if snapshot.vehicles[n].mode == "GUIDED" and n not in taken]
 
     def resumed(self) -> None:
@@ -163,15 +160,13 @@ class FlightList:
 
     def step(self, snapshot: Snapshot, taken: Collection[str] = ()) -> List[CaptureWindow]:
         """Advance the running tasks; recordings that count come back once."""
-        if self._taken_over and self._still_holds(snapshot, taken):
-            return []
         if self.going_back:
             self._leave_to_pilots(taken)
         if self.finished:
             return []
         moment = self._list.moment
         self._watch_time(snapshot, moment)
-        if self._holding is not None and not self._stand_still(snapshot, taken):
+        if self._holding is not None and self._hold(snapshot, taken):
             return []
         if not self.going_back and not self._bring_reference_home(snapshot, moment):
             return []
@@ -205,28 +200,19 @@ class FlightList:
             verb = "are" if len(moment) > 1 else "is"
             raise MissionError(f"{who} {verb} not done with {where} after {most_s:g} s: landing")
 
-    def _still_holds(self, snapshot: Snapshot, taken: Collection[str]) -> bool:
-        """After a restart nobody moves before everybody has acknowledged to hold."""
-        self.detail = "taken over after a restart: all hold"
-        self.pause(snapshot, taken)
-        self._taken_over = not self._holding.done
-        return self._taken_over
-
-    def _stand_still(self, snapshot: Snapshot, taken: Collection[str]) -> bool:
-        """Whether all who hold stand: a way that began in the middle of a stop, or as a vehicle swings back to where it
-        was told to hold, would not be the one that was planned."""
-        held = self._flown(snapshot, taken)
-        self._holding.step(snapshot, held)
-        self.detail = "all come to a stand"
-        if self._holding.calm(snapshot, held) or snapshot.now_s - self._paused_s > _STAND_S:
-            self._holding = None
-        return self._holding is None
+    def _hold(self, snapshot: Snapshot, taken: Collection[str]) -> bool:
+        """Whether all still hold; after a restart until all have acknowledged it, too."""
+        self.detail = "taken over after a restart: all hold" if self._taken_over else "all come to a stand"
+        stand = self._holding.over(snapshot, self._guided(snapshot, taken))
+        self._taken_over &= not self._holding.done
+        self._holding = None if stand and not self._taken_over else self._holding
+        return self._holding is not None
 
     def _begin(self, snapshot: Snapshot) -> None:
         """The running tasks from their start, and the reference home again, once all stand."""
         if self._standing is not None:
             self._standing.stop(snapshot)
-        self._holding, self._paused_s = Holding(self._outbox, self._mission.min_separation_m), snapshot.now_s
+        self._holding = Holding(self._outbox, self._mission.min_separation_m)
         self._convoy, self._standing = None, None
         self._round.begin_again()
         self._home = self._way_home()
@@ -240,8 +226,7 @@ class FlightList:
 
     def _way_home(self) -> Journey:
         m = self._mission
-        keep = Keep(m.min_separation_m, m.air)
-        return Journey(self._outbox, m.reference, T_HOME_CAM_AT_HOME, keep, m.settle.timeout_s)
+        return Journey(self._outbox, m.reference, T_HOME_CAM_AT_HOME, Keep.of(m), m.settle.timeout_s)
 
     def _others(self, names: Collection[str]) -> List[str]:
         return [n for n in self._vehicles if n not in names]

@@ -105,7 +105,7 @@ def _legs(
     wrong = [mission.fence.outside(goal, home_height_m) for goal in goals.values()]
     if any(wrong):
         return next(filter(None, wrong)), 0.0
-    starts, keep = {n: places[n] for n in goals}, Keep(mission.min_separation_m, mission.air)
+    starts, keep = {n: places[n] for n in goals}, Keep.of(mission)
     try:
         if len(goals) == 1:
             ((name, goal),) = goals.items()
@@ -133,7 +133,7 @@ def _sweeps(mission: Mission, moment: Sequence[Task], places: Mapping[str, np.nd
               for c in [mission.configurations[t.index]] if c.sweep is not None}  # fmt: skip
     if not sweeps:
         return "", 0.0
-    keep = Keep(mission.min_separation_m, mission.air)
+    keep = Keep.of(mission)
     ways = {n: timed_way(s.place_m(0.0), [s.place_m(1.0)], s.bounds(mission.flight)) for n, s in sweeps.items()}
     for name, sweep in sweeps.items():
         for other, place in places.items():

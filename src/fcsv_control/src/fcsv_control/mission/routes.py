@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from fcsv_geometry import separation
 from fcsv_geometry.errors import MissionError
+from fcsv_geometry.mission import Mission
 from fcsv_geometry.separation import SeparationRules
 
 _SLACK = 0.2  # a goal may keep this share less of a vehicle that does not stand quite at its place
@@ -37,6 +38,11 @@ class Keep:
 
     separation_m: float
     air: Optional[SeparationRules] = None
+
+    @classmethod
+    def of(cls, mission: Mission) -> "Keep":
+        """What all ways of a mission keep."""
+        return cls(mission.min_separation_m, mission.air)
 
     def share(self, offset_m: np.ndarray, doubt_m: float = 0.0) -> float:
         """Of what is to be kept, how much is: 1 and more is enough. ``doubt_m``: separation.doubt_m of its air."""
