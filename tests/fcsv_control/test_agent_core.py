@@ -204,6 +204,20 @@ def test_what_was_ordered_before_a_stop_of_somebody_else_is_not_done_after_it(ki
     assert of(board.run(), Ask)
 
 
+def test_hold_is_where_it_comes_to_rest_and_not_behind_it():
+    board = Board()
+    board.run(2.0)
+    for k in range(5):  # at 2 m/s
+        board.core.pose(board.now_s, transforms.from_xyz_yaw([0.2 * k, 0.0, 3.0], 0.0))
+        board.run(0.1)
+    assert board.answer(Kind.HOLD) == (DONE, "")
+    (held,) = {tuple(np.round(s.T_odom_body[:3, 3], 6)) for s in of(board.run(1.0), SetPoint)}
+    assert held == pytest.approx((0.8 + 2.0**2 / (2 * 2.5), 0.0, 3.0))
+    board.core.pose(board.now_s, transforms.from_xyz_yaw([9.8, 0.0, 3.0], 0.0))  # the estimate jumps: no way to there
+    assert board.answer(Kind.HOLD) == (DONE, "")
+    assert {tuple(s.T_odom_body[:3, 3]) for s in of(board.run(1.0), SetPoint)} == {(9.8, 0.0, 3.0)}
+
+
 @pytest.mark.parametrize("mode", ["LOITER", "ALT_HOLD", "BRAKE", "LAND", "RTL"])
 @pytest.mark.parametrize("stop", [(Kind.LAND, {}), (Kind.SET_MODE, {"mode": "BRAKE"}), (Kind.HOLD, {})])
 def test_a_vehicle_that_is_flown_by_hand_is_stopped_by_nobody(mode, stop):

@@ -8,6 +8,7 @@ from typing import Optional, Sequence
 import numpy as np
 
 from fcsv_control.errors import CommandRefused
+from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 
@@ -45,6 +46,7 @@ class Holder:
         self._armed: Optional[bool] = None  # until it was heard
         self._here: Optional[np.ndarray] = None
         self._here_s = -math.inf
+        self._way = RecentWay()
         self._target: Optional[np.ndarray] = None
         self._above: Optional[np.ndarray] = None  # end of the take-off under way
         self._ground_m: Optional[float] = None  # height at which it stood, disarmed
@@ -77,6 +79,7 @@ class Holder:
         """The autopilot's estimate came. Returns by how far (m) the frame was found to have moved, mostly 0."""
         before, before_s = self._here, self._here_s
         self._here, self._here_s = T_odom_body, now_s
+        self._way.see(now_s, T_odom_body[:3, 3])
         if self._armed is False:
             self._ground_m = float(T_odom_body[2, 3])
         self._watch_take_off(now_s)
@@ -101,6 +104,7 @@ class Holder:
 
     def _move(self, now_s: float, step: np.ndarray) -> None:
         self._moved_s = now_s
+        self._way.forget()
         for held in (self._target, self._above):
             if held is not None:
                 held[:3, 3] += step
@@ -132,10 +136,10 @@ class Holder:
             )
 
     def hold(self) -> None:
-        """Hold here; ends a take-off. Raises CommandRefused."""
+        """Hold where it comes to rest; ends a take-off. Raises CommandRefused."""
         self._require_guided()
         self._above = None
-        self._target = transforms.level(self._here)
+        self._target = self._way.rest(self._here)
 
     def stay(self) -> None:
         """Whatever was the target, it is here now, where it is flown in GUIDED."""

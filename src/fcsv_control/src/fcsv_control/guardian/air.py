@@ -9,11 +9,11 @@ from typing import Deque, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.flight.estimate import apart_m
+from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import separation, transforms
 from fcsv_geometry.fence import Fence
 
 _INF = float("inf")
-_WAY_S = 0.3
 _FLYING_M = 0.5  # above where it stood
 AUTOPILOT_FAILSAFE = (5, 6)  # MAV_STATE_CRITICAL, MAV_STATE_EMERGENCY
 
@@ -111,7 +111,7 @@ class Air:
     mission_fence: Optional[Fence] = None  # besides the guardian's own
     others: Dict[str, Other] = field(default_factory=dict)
     feeds: Deque[float] = field(default_factory=deque)  # times within the last second
-    way: Deque[Tuple[float, np.ndarray]] = field(default_factory=deque)  # estimates of the last moments: time, position
+    way: RecentWay = field(default_factory=RecentWay)
     _in_home: Tuple = (None, None, None)  # T_home_odom and estimate, and the place in home by them
 
     def began_anew(self, epoch: int) -> None:
@@ -135,9 +135,7 @@ class Air:
     def estimated(self, now_s: float, T_odom_body: np.ndarray) -> None:
         """The autopilot's estimate came."""
         self.estimate = T_odom_body
-        self.way.append((now_s, T_odom_body[:3, 3]))
-        while self.way[0][0] < now_s - _WAY_S:
-            self.way.popleft()
+        self.way.see(now_s, T_odom_body[:3, 3])
 
     def lose(self, now_s: float, blind: bool, found: bool) -> None:
         """It is lost from when it is ``blind`` until its next take-off, or until it is ``found``; and where its
@@ -156,11 +154,6 @@ class Air:
         """This process itself did not run for so long."""
         for name in ("feed_s", "link_s", "agent_s", "control_s", "battery_s"):
             setattr(self, name, getattr(self, name) + seconds)
-
-    def velocity_mps(self) -> np.ndarray:
-        """(3,) of the estimate, odometry frame; zero while there is too little of it."""
-        (early_s, p_then), (late_s, p_now) = (self.way[0], self.way[-1]) if self.way else ((0.0, 0.0), (0.0, 0.0))
-        return (p_now - p_then) / (late_s - early_s) if late_s - early_s > 0.5 * _WAY_S else np.zeros(3)
 
     def battery_now(self, now_s: float, old_s: float) -> float:
         """0..1; NaN where it is not known, or was last heard ``old_s`` ago."""
@@ -212,7 +205,7 @@ class Air:
     def p_home_stop_m(self) -> Optional[np.ndarray]:
         """(3,) where it comes to a stand if it is to land now; None while home is not known."""
         here = self.p_home_m
-        return None if here is None else separation.stop_m(here, self.T_home_odom[:3, :3] @ self.velocity_mps())
+        return None if here is None else separation.stop_m(here, self.T_home_odom[:3, :3] @ self.way.velocity_mps())
 
     def tilt_rad(self) -> float:
         """Of the body's up axis against the vertical."""

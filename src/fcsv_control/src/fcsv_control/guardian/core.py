@@ -25,7 +25,6 @@ _SET_POINT_HZ = 10.0
 _AGAIN_S = 0.5  # a mode is asked for again
 _THERE_M = 0.4
 _STALL_S = 0.25  # a step that comes later than this was delayed itself
-_STOPS_MPS2, _LONGEST_STOP_S = 2.5, 1.0  # how an ArduCopter in GUIDED comes to rest
 _CALM_S = 3.0  # what asked for a hold must be over for so long
 _SAY_AGAIN_S = 10.0
 
@@ -245,12 +244,9 @@ class Guardian:
         self._aside_s = self._aside_s or now_s
 
     def _hold(self, now_s: float) -> None:
-        """Where it comes to rest: a place behind it would be overshot, and flown back to."""
         self._held_s = now_s
         if self._place is None and self.air.estimate is not None:
-            v = self.air.velocity_mps()
-            self._place = transforms.level(self.air.estimate)
-            self._place[:3, 3] += v * min(float(np.linalg.norm(v)) / (2.0 * _STOPS_MPS2), _LONGEST_STOP_S)
+            self._place = self.air.way.rest(self.air.estimate)
 
     def _fly_home(self, now_s: float) -> None:
         """To above the take-off place, at the height that it has."""
