@@ -8,8 +8,10 @@ from contextlib import ExitStack, closing
 import pytest
 from support.waiting import within
 
-from fcsv_multimaster import order
+from fcsv_multimaster import exchange as exchanges
+from fcsv_multimaster import joining, order
 from fcsv_multimaster.endpoints import parse_endpoint
+from fcsv_multimaster.errors import EndpointError
 from fcsv_multimaster.exchange import Exchange
 from fcsv_multimaster.links import load_links
 from fcsv_sim.machines.machines import free_port
@@ -19,7 +21,7 @@ LINKS = """
 classes:
   critical: {link: datagram, priority: real_time, reliable: true, max_age_s: 5.0}
   stream: {link: urgent, priority: data_high, reliable: true, max_age_s: 5.0}
-  captures: {link: bulk, priority: data, reliable: true, max_age_s: 5.0}
+  captures: {link: bulk, priority: data, reliable: true, max_age_s: 60.0}
 to_control:
   - {topic: "/{vehicle}/critical", class: critical}
   - {topic: "/{vehicle}/stream", class: stream}
@@ -67,3 +69,59 @@ def test_what_was_sent_before_and_while_the_peer_appears_comes_in_order_and_once
     until(lambda: len(got) >= len(sent), what=f"{len(sent)} messages, but {got}")
     time.sleep(0.5)
     assert got == sent and len(sent) > 30
+
+
+def test_a_link_that_lost_a_peer_is_opened_anew_and_captures_go_on_in_order_and_once(exchange, monkeypatch):
+    """That Zenoh loses a peer that listens needs a cut that ends at one moment of few: here it is only said so."""
+    monkeypatch.setattr(joining, "_HALF_OPEN_S", 0.0)
+    got, sent, over = [], [], threading.Event()
+    uav1 = exchange("uav1")
+    exchange("control", lambda parcel: got.append(int(parcel.data)))
+    transport, told = uav1._transport, []
+    listening, session = transport.listening, lambda: transport._sessions["bulk"]
+    monkeypatch.setattr(transport, "listening", lambda link: told.pop() if link == "bulk" and told else listening(link))
+
+    def speak():
+        while not over.is_set():
+            sent.append(len(sent))
+            uav1.send("/uav1/captures", "std_msgs/String", "0" * 32, "", b"%d" % sent[-1])
+            time.sleep(0.1)
+
+    speaker = threading.Thread(target=speak, daemon=True)
+    speaker.start()
+    until(lambda: got, what="the first capture")
+    before = session()
+    told.append((1, 0))
+    until(lambda: session() is not before, what="another session")
+    count = len(sent)
+    until(lambda: got[-1] > count, what="captures by the new session")
+    over.set()
+    speaker.join()
+    until(lambda: got[-1] == sent[-1], what=f"{len(sent)} captures, but {got}")
+    assert got == sorted(set(got)) and listening("bulk") == (1, 1)
+
+
+def test_a_link_that_cannot_be_opened_anew_is_said_to_and_tried_again(exchange, monkeypatch):
+    monkeypatch.setattr(joining, "_HALF_OPEN_S", 0.0)
+    monkeypatch.setattr(exchanges, "_LOOK_S", 0.1)
+    problems, tries = [], []
+    uav1 = exchange("uav1")
+    exchange("control")
+    transport = uav1._transport
+    until(lambda: transport.listening("bulk") == (1, 1), what="contact")
+    reopen, listening, told = transport.reopen, transport.listening, [(1, 0)]
+    monkeypatch.setattr(uav1, "_problem", lambda name, text: problems.append((name, text)))
+    monkeypatch.setattr(transport, "listening", lambda link: told.pop() if link == "bulk" and told else listening(link))
+
+    def fails_twice(links):
+        tries.append(links)
+        if len(tries) < 3:
+            transport._close_links(links)
+            raise EndpointError("the port is taken")
+        reopen(links)
+
+    monkeypatch.setattr(transport, "reopen", fails_twice)
+    said = lambda: [text for name, text in problems if name == "bulk link"]  # noqa: E731
+    until(lambda: len(said()) >= 3, what="what is said of three tries")
+    until(lambda: listening("bulk") == (1, 1), what="contact again")
+    assert set(tries) == {("bulk",)} and said()[:3] == ["the port is taken"] * 2 + [""]

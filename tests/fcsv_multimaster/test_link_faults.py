@@ -323,7 +323,7 @@ def test_full_send_buffers_hold_up_neither_state_nor_commands(net):
     acks = net.ear("control", "/uav1/command_ack", "std_msgs/String", "time.time() - float(m.data.split()[1])")
     captures = net.ear("control", "/uav1/capture", "std_msgs/UInt8MultiArray", "len(m.data)")
     own = 200000  # those of the test before are larger: some may still be under way
-    captures.wait(until=lambda n: n == own, timeout_s=150.0)  # once it was more than 60 s; why is not known
+    captures.wait(until=lambda n: n == own)
     full_s = net.now_s()
     pause(net, 10.0)
     ages = [age_s for _, (_, age_s, _) in net.text.heard(full_s)]

@@ -3,7 +3,7 @@
 
 import ipaddress
 from dataclasses import dataclass
-from typing import Dict, Optional
+from typing import Dict, Iterable, Optional
 
 from fcsv_multimaster.errors import EndpointError
 
@@ -71,3 +71,17 @@ def parse_peers(text: str, discovery: bool = False) -> Dict[str, Optional[Endpoi
             raise EndpointError(f"peer '{name}' is given twice")
         peers[name] = parse_endpoint(address) if equals else None
     return peers
+
+
+def refuse_open_networks(endpoints: Iterable[Endpoint], keys: bool, discovery: bool) -> None:
+    """Raises EndpointError where a relay without ``keys`` would listen or connect beyond this machine."""
+    if keys:
+        return
+    if discovery:
+        raise EndpointError("discovery:=true talks to the whole network, and this relay has no keys; give it keys:=")
+    for endpoint in endpoints:
+        if not endpoint.stays_on_this_machine:
+            raise EndpointError(
+                f"{endpoint.host} is on a network, and this relay has no keys: make them with"
+                " `rosrun fcsv_multimaster keys FOLDER control uav1 ...` and give it keys:=FOLDER/ITS_NAME"
+            )

@@ -13,8 +13,9 @@ from typing import Callable, Dict, Optional
 from fcsv_multimaster import wire
 from fcsv_multimaster.addresses import whereabouts
 from fcsv_multimaster.endpoints import Endpoint
-from fcsv_multimaster.errors import RelayError, WireError
+from fcsv_multimaster.errors import EndpointError, RelayError, WireError
 from fcsv_multimaster.inbound import Inbound
+from fcsv_multimaster.joining import HalfOpen
 from fcsv_multimaster.keyring import Keyring
 from fcsv_multimaster.links import Links
 from fcsv_multimaster.measure import CLOCKS_APART_S
@@ -25,6 +26,7 @@ from fcsv_multimaster.transport import Transport
 
 _LOG = logging.getLogger(__name__)
 _PING_S = 0.25
+_LOOK_S = 0.5  # whether streams have contact
 _LONGEST_SLEEP_S = 0.1
 _DATAGRAM_OCTETS = 16000  # beyond, what must arrive goes by the stream: too many fragments would have to
 
@@ -46,6 +48,7 @@ class Exchange:
         self.peers = {p: Peer(p, links.crossing(name, p), links.crossing(p, name)) for p in peers}
         self.exports = sorted({t for p in self.peers.values() for t in p.exports})
         self._closed = False
+        self._half_open = {link: HalfOpen() for link in ("urgent", "bulk")}  # datagrams are called again by themselves
         self._urgent_work, self._bulk_work = threading.Event(), threading.Event()
         self._inbound = Inbound(name, self._boot, self.peers, deliver, drop, self._note, self._wake)
         self._transport: Optional[Transport] = None
@@ -206,8 +209,12 @@ class Exchange:
             self._problem(f"displaced {peer.name}", text if displaced else "")
 
     def _work_bulk(self) -> None:
+        next_look_s = 0.0
         while not self._closed:
             sent = False
+            if time.monotonic() >= next_look_s:
+                self._mend_links()
+                next_look_s = time.monotonic() + _LOOK_S
             for peer in self.peers.values():
                 if not self._transport.reaches(peer.name, "bulk"):
                     continue
@@ -221,6 +228,23 @@ class Exchange:
             if not sent:
                 self._bulk_work.wait(_LONGEST_SLEEP_S if any(len(p.pacer) for p in self.peers.values()) else 1.0)
                 self._bulk_work.clear()
+
+    def _mend_links(self) -> None:
+        """Open a stream anew that lost a peer who listens; what was under way goes again."""
+        for link, half_open in self._half_open.items():
+            if not half_open.due(*self._transport.listening(link), time.monotonic()):
+                continue
+            _LOG.warning("%s: its %s link lost a peer that listens; opening it anew", self._name, link)
+            try:
+                self._transport.reopen((link,))
+            except EndpointError as error:
+                half_open.failed()
+                self._problem(f"{link} link", str(error))
+                continue
+            self._problem(f"{link} link", "")
+            for peer in self.peers.values():
+                with peer.lock:
+                    (peer.pacer if link == "bulk" else peer.rescue).cut()
 
     def _send_bulk(self, peer: Peer, message: Message, budget: Optional[float], keyframe: bool) -> None:
         try:

@@ -12,7 +12,7 @@ import os
 import threading
 import time
 from dataclasses import replace
-from typing import Callable, Dict, Iterable, List, Optional
+from typing import Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
 # Closing a TLS link to a machine that vanished blocks one of Zenoh's receiving threads for ten seconds (SO_LINGER):
 # with its two threads one vanished vehicle would silence all others. Read when zenoh is loaded.
@@ -22,7 +22,7 @@ import zenoh
 
 from fcsv_multimaster import wire
 from fcsv_multimaster.addresses import local_addresses
-from fcsv_multimaster.endpoints import Endpoint
+from fcsv_multimaster.endpoints import Endpoint, refuse_open_networks
 from fcsv_multimaster.errors import EndpointError
 from fcsv_multimaster.keyring import Keyring
 from fcsv_multimaster.links import LINKS, TrafficClass
@@ -49,48 +49,61 @@ class Transport:
                  on_parcel: Callable[[str, str, str, str, bytes], None],
                  on_note: Callable[[str, bytes], None], discovery: bool = False):  # fmt: skip
         self._name, self._peers = name, tuple(peers)
-        self._changing = threading.Lock()
+        self._changing, self._over = threading.Lock(), False
         self._on_parcel, self._on_note = on_parcel, on_note
         self.on_malformed: Callable[[str, str], None] = lambda source, text: _LOG.warning("%s: %s", source, text)
         self.on_lost: Callable[[str, str], None] = self.on_malformed
         self._publishers: Dict[tuple, object] = {}
         self._definitions: Dict[str, str] = {}
         addresses = [p for p in peers.values() if p is not None]
-        _refuse_open_networks((listen, *addresses), keys, discovery)
+        refuse_open_networks((listen, *addresses), keys is not None, discovery)
         access = _access(name, peers, keys)
-        self._opener = lambda link: _open(link, listen, addresses, access, discovery)
+        self._opening = (listen, addresses, access, discovery)
         self._sessions: Dict[str, object] = {}
-        self._held: List[object] = []
+        self._held: Dict[str, List[object]] = {}
         self._datagrams: Dict[str, object] = {}
         with self._changing:
-            self._open_all()
+            self._open_links(LINKS)
 
-    def _open_all(self) -> None:
-        self._publishers.clear()
-        self._held.clear()
-        self._datagrams.clear()
+    def _open_links(self, links: Sequence[str]) -> None:
+        for known in [k for k in list(self._publishers) if k[1] in links]:
+            self._publishers.pop(known, None)
         try:
-            for link in LINKS:
-                self._sessions[link] = self._opener(link)
+            for link in links:
+                self._sessions[link] = _open(link, *self._opening)
+                self._held[link] = []
         except EndpointError:
-            self._close_all()
+            self._close_links(links)
             raise
         for peer in self._peers:
-            self._listen(peer)
-            for link in ("urgent", "bulk"):
+            for link in links:
+                if link == "datagram":
+                    self._datagrams.pop(peer, None)
+                    self._listen(peer)
+                    continue
                 key = wire.everything_key(peer, self._name)
-                self._held.append(self._sessions[link].declare_subscriber(key, self._receiver(link)))
-            key = wire.definition_key(self._name, peer, "**")
-            self._held.append(self._sessions["urgent"].declare_queryable(key, self._asked_for_definition))
+                self._held[link].append(self._sessions[link].declare_subscriber(key, self._receiver(link)))
+            if "urgent" in links:
+                key = wire.definition_key(self._name, peer, "**")
+                asked = self._sessions["urgent"].declare_queryable(key, self._asked_for_definition)
+                self._held["urgent"].append(asked)
 
-    def reopen(self) -> None:
+    def reopen(self, links: Sequence[str] = LINKS) -> None:
         """Leave the network and join it again: looking for peers goes on from the addresses that there are now.
 
         What is sent meanwhile is lost. Raises EndpointError where it cannot listen any more.
         """
         with self._changing:
-            self._close_all()
-            self._open_all()
+            if not self._over:
+                self._close_links(links)
+                self._open_links(links)
+
+    def listening(self, link: str) -> Tuple[int, int]:
+        """How many peers listen on a link, and with how many machines its session has contact: see ``HalfOpen``."""
+        try:
+            return sum(self.reaches(p, link) for p in self._peers), len(self._sessions[link].info.peers_zid())
+        except zenoh.ZError:
+            return 0, 0  # it is closed
 
     def send(self, target: str, topic: str, traffic: TrafficClass, link: str, type_name: str, payload: bytes) -> None:
         """One packed message over a link; where the link is full a small one is dropped, a large one waits."""
@@ -104,7 +117,7 @@ class Transport:
                 express=link != "bulk",
             )
 
-        self._by((target, topic, link, type_name, wait), declare, lambda publisher: publisher.put(payload))
+        self._by((target, link, topic, type_name, wait), declare, lambda publisher: publisher.put(payload))
 
     def note(self, target: str, payload: bytes, link: str) -> None:
         """A few bytes, at once, perhaps lost."""
@@ -167,11 +180,13 @@ class Transport:
     def close(self) -> None:
         """Leave the network."""
         with self._changing:
-            self._close_all()
+            self._over = True
+            self._close_links(LINKS)
 
-    def _close_all(self) -> None:
+    def _close_links(self, links: Sequence[str]) -> None:
         """At once, as each may wait for a machine that vanished."""
-        closing = [threading.Thread(target=_close, args=(s,), daemon=True) for s in self._sessions.values()]
+        sessions = [self._sessions[link] for link in links if link in self._sessions]
+        closing = [threading.Thread(target=_close, args=(s,), daemon=True) for s in sessions]
         for thread in closing:
             thread.start()
         until_s = time.monotonic() + _CLOSE_S
@@ -195,19 +210,6 @@ class Transport:
         type_name = str(query.key_expr).split("/d/", 1)[1]
         if type_name in self._definitions:
             query.reply(query.key_expr, self._definitions[type_name])
-
-
-def _refuse_open_networks(endpoints: Iterable[Endpoint], keys: Optional[Keyring], discovery: bool) -> None:
-    if keys is not None:
-        return
-    if discovery:
-        raise EndpointError("discovery:=true talks to the whole network, and this relay has no keys; give it keys:=")
-    for endpoint in endpoints:
-        if not endpoint.stays_on_this_machine:
-            raise EndpointError(
-                f"{endpoint.host} is on a network, and this relay has no keys: make them with"
-                " `rosrun fcsv_multimaster keys FOLDER control uav1 ...` and give it keys:=FOLDER/ITS_NAME"
-            )
 
 
 def _open(link: str, listen: Endpoint, peers: List[Endpoint], access: Dict[str, object], discovery: bool):
