@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A car and a walker that move through the town, drawn where they are at a picture's time."""
 
+import csv
+
 import numpy as np
 import pytest
 
@@ -82,17 +84,21 @@ def test_nothing_moves_where_no_street_crosses():
         movers(CountryPlan.of(np.random.default_rng(1), [0.0], []))
 
 
-@pytest.fixture
-def truth(both, tmp_path):
-    """As a demo leaves it: a wall at 60 m, a camera at two moments, and what moved."""
-    wall = np.array([[60.0, y, z] for y in (-80.0, 80.0) for z in (-80.0, 80.0)])
-    write_mesh(wall, np.array([[0, 1, 2], [1, 2, 3]]), tmp_path / "scene.ply", "a wall")
+def truth_of(both, folder, wall_m):
+    """As a demo leaves it: a wall, a camera at two moments, and what moved."""
+    wall = np.array([[wall_m, y, z] for y in (-80.0, 80.0) for z in (-80.0, 80.0)])
+    write_mesh(wall, np.array([[0, 1, 2], [1, 2, 3]]), folder / "scene.ply", "a wall")
     T = T_WORLD_CAM
     pose = ",".join(f"{v:.9f}" for v in (*T[:3, 3], *transforms.quaternion_xyzw(T)))
     rows = [f"{WALL_S + t:.9f},uav1,{pose}" for t in (0.0, 1.0)]
-    (tmp_path / "cameras.csv").write_text("\n".join(["stamp_s,vehicle,x,y,z,qx,qy,qz,qw", *rows]) + "\n")
-    export_movers(tmp_path, list(both.values()))
-    return load_truth(tmp_path)
+    (folder / "cameras.csv").write_text("\n".join(["stamp_s,vehicle,x,y,z,qx,qy,qz,qw", *rows]) + "\n")
+    export_movers(folder, list(both.values()))
+    return load_truth(folder)
+
+
+@pytest.fixture
+def truth(both, tmp_path):
+    return truth_of(both, tmp_path, 60.0)
 
 
 def test_their_truth_is_what_is_drawn(both, truth):
@@ -122,11 +128,48 @@ def test_monitored_images_are_judged_and_what_is_off_is_told(truth, tmp_path):
     assert [m.wrong for m in cars] == [0.0, 1.0] and all(m.answered == 1.0 for m in cars)
     first, car, walker = monitored.in_words(judged)
     assert "2 depth images, median rate 3.5 Hz, skew at most 11 ms, median age 0.40 s" in first
-    assert "answered in 2 of the 2 images that show it, in 1 of them within 5% of its distance, worst 20.0%" in car
-    assert "walker, which moves: answered in 0 of the 2" in walker
-    monitored.write_table(judged, tmp_path / "frames.csv")
-    rows = (tmp_path / "frames.csv").read_text().splitlines()
-    assert len(rows) == 7 and rows[2].split(",")[-5:-3] == ["car", f"{cars[0].distance_m:.2f}"]
+    assert car.endswith("within 5% of its distance in 1 of the 2 images that show it (worst 20.0%), 1 off")
+    assert walker.endswith(
+        "walker, which moves: within 5% of its distance in 0 of the 2 images that show it, 2 not answered"
+    )
+    rows = table(judged, tmp_path)
+    assert [(r["what"], r["verdict"]) for r in rows[:3]] == [("all", ""), ("car", "right"), ("walker", "not answered")]
+    assert len(rows) == 6 and rows[4]["verdict"] == "off" and rows[1]["distance_m"] == f"{cars[0].distance_m:.2f}"
+    assert int(rows[1]["pixels"]) <= int(rows[1]["unhidden_pixels"])  # the walker may be before it
+
+
+def table(judged, folder):
+    monitored.write_table(judged, folder / "frames.csv")
+    with open(folder / "frames.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def judged_with_a_wall(both, folder, at_m, camera=CAMERA):
+    """One frame, right where anything is seen, with a wall at ``at_m`` (m)."""
+    truth = truth_of(both, folder, at_m)
+    depth = monitored.TrueScene(truth).depth("uav1", WALL_S, camera)
+    return monitored.judge([Frame("uav1", WALL_S, depth, camera, "a pair", 0.0, 1.0, 0.2, 0.4)], truth)
+
+
+def test_what_moves_and_is_hidden_is_said_and_not_counted_as_answered(both, tmp_path):
+    judged = judged_with_a_wall(both, tmp_path, 10.0)
+    assert judged[0].moving == () and {u.why for u in judged[0].unjudged} == {"hidden"}
+    _, car, walker = monitored.in_words(judged)
+    assert (
+        car.endswith("in 0 of the 0 images that show it; not judged in 1: 1 hidden") and walker.count("1 hidden") == 1
+    )
+    rows = table(judged, tmp_path)
+    assert [r["verdict"] for r in rows] == ["", "hidden", "hidden"] and rows[1]["pixels"] == "0"
+    assert int(rows[1]["unhidden_pixels"]) > 100 and rows[1]["median_error"] == ""
+
+
+def test_what_moves_and_is_beside_the_picture_or_too_small_is_said(both, tmp_path):
+    beside = PinholeCamera(160, 120, 2000.0, 2000.0, 79.5, -900.0)  # looks at the ground far below both
+    _, car, walker = monitored.in_words(judged_with_a_wall(both, tmp_path, 60.0, beside))
+    assert "not judged in 1: 1 outside the picture" in car and "1 outside the picture" in walker
+    wide = PinholeCamera(160, 120, 30.0, 30.0, 79.5, 59.5)
+    judged = judged_with_a_wall(both, tmp_path, 60.0, wide)
+    assert {u.name: u.why for u in judged[0].unjudged}["walker"] == "too small"
 
 
 def test_a_frame_that_is_none_is_named_and_none_at_all_is_said(tmp_path):

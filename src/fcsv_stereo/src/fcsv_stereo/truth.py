@@ -4,7 +4,7 @@
 import csv
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, Tuple
+from typing import Dict, Iterator, Tuple
 
 import numpy as np
 
@@ -66,17 +66,28 @@ class TrueScene:
         """
         T_world_cam = self._truth.T_world_cam(vehicle, stamp_s)
         (depth, _), on = raycast.cast(self._still, T_world_cam, camera), {}
+        for name, found in self._movers_alone(T_world_cam, stamp_s, camera):
+            on[name] = np.isfinite(found) & ~(found >= depth)
+            depth = np.where(on[name], found, depth)
+            on = {n: m & ~on[name] if n != name else m for n, m in on.items()}
+        return depth, on
+
+    def unhidden(self, vehicle: str, stamp_s: float, camera: PinholeCamera) -> Dict[str, np.ndarray]:
+        """Where in a picture (H,W bool) each thing that moves would be if nothing stood before it; else as ``look``."""
+        T_world_cam = self._truth.T_world_cam(vehicle, stamp_s)
+        return {name: np.isfinite(found) for name, found in self._movers_alone(T_world_cam, stamp_s, camera)}
+
+    def _movers_alone(
+        self, T_world_cam: np.ndarray, stamp_s: float, camera: PinholeCamera
+    ) -> Iterator[Tuple[str, np.ndarray]]:
+        """Names and depths (H,W, m; NaN: none) of what is known to move, each as if it were alone."""
         for name in sorted({name for name, _ in self._truth.movers}):
             T_world_body = _at(self._truth.movers, name, stamp_s)
             if T_world_body is None:
                 continue
             if name not in self._moving:
                 self._moving[name] = _scene(self._truth.mesh_path.parent / "movers" / f"{name}.ply")
-            found, _ = raycast.cast(self._moving[name], transforms.invert(T_world_body) @ T_world_cam, camera)
-            on[name] = np.isfinite(found) & ~(found >= depth)
-            depth = np.where(on[name], found, depth)
-            on = {n: m & ~on[name] if n != name else m for n, m in on.items()}
-        return depth, on
+            yield name, raycast.cast(self._moving[name], transforms.invert(T_world_body) @ T_world_cam, camera)[0]
 
 
 def _at(poses: Poses, name: str, stamp_s: float):

@@ -2,16 +2,18 @@
 """Depth images of live monitoring against the truth: how many, how old, of one instant, and right about what moves."""
 
 import csv
+import math
 import zipfile
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple
+from typing import List, Mapping, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.evaluation import Band, Moving, band, moving
+from fcsv_stereo.evaluation import LEAST_SHARE, Band, Moving, band, moving
 from fcsv_stereo.truth import TrueScene, Truth
 
 MOST_ERROR = 0.05  # of its distance, of the median answered pixel of what moves
@@ -34,12 +36,36 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class Unjudged:
+    """Something that moves and of which a frame shows too little: ``pixels`` of the ``whole`` that it would take if
+    nothing stood before it."""
+
+    name: str
+    pixels: int
+    whole: int
+    least: int
+
+    @property
+    def why(self) -> str:
+        """In words.
+
+        >>> [Unjudged("walker", *pixels, 16).why for pixels in ((3, 150), (0, 0), (9, 9))]
+        ['hidden', 'outside the picture', 'too small']
+        """
+        if self.whole >= self.least:
+            return "hidden"
+        return "too small" if self.whole else "outside the picture"
+
+
+@dataclass(frozen=True)
 class Judged:
-    """A frame against the truth."""
+    """A frame against the truth; ``whole``: pixels that each thing that moves would take if nothing stood before it."""
 
     frame: Frame
     overall: Band
     moving: Tuple[Moving, ...]
+    unjudged: Tuple[Unjudged, ...] = ()
+    whole: Mapping[str, int] = field(default_factory=dict)
 
 
 def save(folder: Path, frame: Frame) -> Path:
@@ -75,28 +101,44 @@ def judge(frames: Sequence[Frame], truth: Truth) -> List[Judged]:
     scene, judged = TrueScene(truth), []
     for f in frames:
         true_depth, on = scene.look(f.reference, f.stamp_s, f.camera)
-        judged.append(Judged(f, band(f.depth, true_depth, (0.0, _MOST_M)), moving(f.depth, true_depth, on)))
+        alone = scene.unhidden(f.reference, f.stamp_s, f.camera)
+        whole, least = {name: int(mask.sum()) for name, mask in alone.items()}, math.ceil(LEAST_SHARE * f.depth.size)
+        seen = moving(f.depth, true_depth, on)
+        rest = sorted(set(on) - {m.name for m in seen})
+        unjudged = tuple(Unjudged(name, int(on[name].sum()), whole[name], least) for name in rest)
+        judged.append(Judged(f, band(f.depth, true_depth, (0.0, _MOST_M)), seen, unjudged, whole))
     return judged
 
 
 def write_table(judged: Sequence[Judged], path: Path) -> None:
-    """One row for each frame, and for what moves in it."""
+    """One row for each frame, and for each thing that moves in it, with what becomes of it (``verdict``)."""
     with open(path, "w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["stamp_s", "pairs", "skew_ms", "rate_hz", "processing_s", "age_s", "within_10_percent",
-                         "what", "distance_m", "pixels", "answered", "median_error"])  # fmt: skip
+                         "what", "verdict", "distance_m", "pixels", "unhidden_pixels", "answered",
+                         "median_error"])  # fmt: skip
         for j in judged:
             f = j.frame
             row = [f"{f.stamp_s:.3f}", f.pairs, f"{1e3 * f.skew_s:.1f}", f"{f.rate_hz:.2f}", f"{f.processing_s:.3f}",
                    f"{f.latency_s:.3f}", f"{j.overall.within_10_percent:.3f}"]  # fmt: skip
-            writer.writerow([*row, "all", "", "", "", ""])
+            writer.writerow([*row, "all", "", "", "", "", "", ""])
             for m in j.moving:
                 error = "" if m.median_relative_error is None else f"{m.median_relative_error:.4f}"
-                writer.writerow([*row, m.name, f"{m.distance_m:.2f}", m.pixels, f"{m.answered:.3f}", error])
+                writer.writerow([*row, m.name, verdict(m), f"{m.distance_m:.2f}", m.pixels, j.whole[m.name],
+                                 f"{m.answered:.3f}", error])  # fmt: skip
+            for u in j.unjudged:
+                writer.writerow([*row, u.name, u.why, "", u.pixels, u.whole, "", ""])
+
+
+def verdict(m: Moving) -> str:
+    """Of what is seen of something that moves: "right" is within 5 % of its distance."""
+    if m.median_relative_error is None:
+        return "not answered"
+    return "right" if m.median_relative_error <= MOST_ERROR else "off"
 
 
 def in_words(judged: Sequence[Judged]) -> List[str]:
-    """Lines for the end of a demo."""
+    """Lines for the end of a demo; of what moves every image is counted, and why where it is not judged."""
     if not judged:
         return ["monitoring: no depth image came"]
     frames = [j.frame for j in judged]
@@ -108,15 +150,19 @@ def in_words(judged: Sequence[Judged]) -> List[str]:
         f"median age {np.median([f.latency_s for f in frames]):.2f} s, "
         f"pixels to {_MOST_M:.0f} m within 10 %: {np.median([j.overall.within_10_percent for j in judged]):.0%}"
     ]
-    seen: Dict[str, List[Moving]] = {}
-    for m in (m for j in judged for m in j.moving):
-        seen.setdefault(m.name, []).append(m)
-    for name, of in sorted(seen.items()):
-        errors = [m.median_relative_error for m in of if m.median_relative_error is not None]
-        right = sum(e <= MOST_ERROR for e in errors)
-        worst = f", worst {max(errors):.1%}" if errors else ""
-        lines.append(
-            f"  {name}, which moves: answered in {len(errors)} of the {len(of)} images that show it, in {right} "
-            f"of them within {MOST_ERROR:.0%} of its distance{worst}"
-        )
-    return lines
+    names = sorted({m.name for j in judged for m in (*j.moving, *j.unjudged)})
+    return lines + [_of_mover_in_words(name, judged) for name in names]
+
+
+def _of_mover_in_words(name: str, judged: Sequence[Judged]) -> str:
+    of = [m for j in judged for m in j.moving if m.name == name]
+    errors = [m.median_relative_error for m in of if m.median_relative_error is not None]
+    said = Counter(map(verdict, of))
+    worst = f" (worst {max(errors):.1%})" if errors else ""
+    parts = "".join(f", {said[word]} {word}" for word in ("off", "not answered") if said[word])
+    why = Counter(u.why for j in judged for u in j.unjudged if u.name == name)
+    left = f"; not judged in {sum(why.values())}: " + ", ".join(f"{n} {w}" for w, n in why.items()) if why else ""
+    return (
+        f"  {name}, which moves: within {MOST_ERROR:.0%} of its distance in {said['right']} of the {len(of)} "
+        f"images that show it{worst}{parts}{left}"
+    )
