@@ -250,6 +250,8 @@ def test_depth_of_half_the_size():
     assert len(result.watched) == 1 and not any("moved" in w for w in result.warnings)
     with pytest.raises(InputError, match="scale is 0.05"):
         JointOptions(scale=0.05)
+    with pytest.raises(InputError, match="most_pixels is 10"):
+        JointOptions(most_pixels=10)
 
 
 @pytest.mark.parametrize("words, option", [

@@ -183,9 +183,9 @@ def test_monitoring_answers_again_and_again(fleet):
             break
     until(lambda: len(f.depths) >= 3, what="three depth images")
     assert f.last("ready").configurations == 2
-    assert {(d.width, d.height) for d in f.depths} == {(CAMERA.width // 2, CAMERA.height // 2)}
+    assert {(d.width, d.height) for d in f.depths} == {(CAMERA.width, CAMERA.height)}
     until(lambda: f.shown and f.last("ready").rate_hz > 0.0, what="their rate")
-    assert f.last("ready").skew_s == 0.0 and (f.shown[-1].width, f.shown[-1].encoding) == (CAMERA.width, "rgb8")
+    assert f.last("ready").skew_s == 0.0 and (f.shown[-1].width, f.shown[-1].encoding) == (2 * CAMERA.width, "rgb8")
     given = [round(d.header.stamp.to_sec(), 3) for d in f.depths]
     assert len(set(given)) == len(given) and set(given) <= {round(s, 3) for s in stamps}
 
@@ -205,3 +205,11 @@ def test_wrong_parameters_end_the_node_and_are_named(start_node):
     node = start_node("fcsv_stereo", "live_map", ns="l_wrong", params={"vehicles": ["a", "b"], "method": "magic"})
     until(lambda: node.returncode is not None, what="its end")
     assert node.returncode == 2 and "'magic' is not one of joint, thesis" in node.tail(20)
+
+
+def test_bars_are_of_joint_alone():
+    from fcsv_stereo.ros.live_node import LiveParameters
+
+    assert LiveParameters(["a", "b"], bars=True).bars and not LiveParameters(["a", "b"]).bars
+    with pytest.raises(ValueError, match="bars: the method 'thesis' does not match bars"):
+        LiveParameters(["a", "b"], method="thesis", bars=True)

@@ -3,6 +3,7 @@
 
 import doctest
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,9 +62,12 @@ def test_a_method_remembers_and_trusts_where_it_can():
     assert joint.refines_poses and not thesis.refines_poses
     assert joint.remembering(joint.quick, known).refinement.known is known
     assert joint.remembering(joint.quick, known).matching == joint.quick.matching
-    assert not joint.trusting_poses(joint.monitor).refine_poses and joint.monitor.scale == 0.5
+    assert not joint.trusting_poses(joint.monitor).refine_poses
+    assert [joint.monitor.scale_of(w * h) for w, h in ((160, 120), (640, 480), (1280, 960))] == [1.0, 1.0, 0.5]
+    assert joint.matches_bars and joint.with_bars(joint.monitor) == replace(joint.monitor, bars=True)
     options = ThesisOptions()
     assert thesis.remembering(options, known) is options and thesis.trusting_poses(options) is options
+    assert not thesis.matches_bars and thesis.with_bars(options) is options
 
 
 @pytest.mark.parametrize("method", METHODS)

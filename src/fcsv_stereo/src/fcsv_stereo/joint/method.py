@@ -36,6 +36,8 @@ from fcsv_stereo.model import (
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
 from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions, refine
 
+_MONITORED_PIXELS = 640 * 480
+
 
 @dataclass(frozen=True)
 class JointOptions:
@@ -44,7 +46,8 @@ class JointOptions:
     texture supports; ``kind`` tells them. ``bars``: straight thin things are matched as wholes besides
     (docs/tilting.md). ``prior`` is how good the poses of photographs are, where the user says so.
 
-    Poses are refined in whole pictures; depth is that of the reference picture at ``scale`` of its size.
+    Poses are refined in whole pictures; depth is that of the reference picture at ``scale`` of its size, and of at most
+    ``most_pixels``.
     """
 
     refine_poses: bool = True
@@ -52,6 +55,7 @@ class JointOptions:
     matching: MatchOptions = field(default_factory=MatchOptions)
     threshold: ErrorThreshold = field(default_factory=lambda: ErrorThreshold(0.1, True))
     scale: float = 1.0
+    most_pixels: Optional[int] = None
     complete: bool = False
     bars: bool = False
     prior: Optional[PosePrior] = None
@@ -59,6 +63,16 @@ class JointOptions:
     def __post_init__(self):
         if not 0.1 <= self.scale <= 1.0:
             raise InputError(f"scale is {self.scale}; it must lie in 0.1 to 1 of the pictures' size")
+        if self.most_pixels is not None and self.most_pixels < 1000:
+            raise InputError(f"most_pixels is {self.most_pixels}; depth needs 1000 pixels at least")
+
+    def scale_of(self, pixels: int) -> float:
+        """At which share of its size (0 to 1) a reference picture of so many ``pixels`` is matched.
+
+        >>> [JointOptions(most_pixels=307200).scale_of(n) for n in (307200, 4 * 307200)]
+        [1.0, 0.5]
+        """
+        return self.scale if self.most_pixels is None else min(self.scale, (self.most_pixels / pixels) ** 0.5)
 
 
 class Joint(Method):
@@ -67,6 +81,7 @@ class Joint(Method):
     name = "joint"
     options = JointOptions
     refines_poses = True
+    matches_bars = True
 
     def map(
         self, given: MapInput, options: Optional[JointOptions] = None, progress: Progress = silent
@@ -87,8 +102,10 @@ class Joint(Method):
 
     @property
     def monitor(self) -> JointOptions:
-        """At half the size twice as often."""
-        return replace(self.quick, scale=0.5)
+        """As ``quick``, with a volume in which a walker at 20 m is 6 pixels wide (4 are lost before a car), and large
+        pictures made smaller: what each image costs does not grow with the camera's size (docs/at_once.md)."""
+        matching = replace(self.quick.matching, volume_pixels=40000)
+        return replace(self.quick, matching=matching, most_pixels=_MONITORED_PIXELS)
 
     @property
     def complete(self) -> JointOptions:
@@ -102,6 +119,10 @@ class Joint(Method):
     def trusting_poses(self, options: JointOptions) -> JointOptions:
         """Without refinement."""
         return replace(options, refine_poses=False)
+
+    def with_bars(self, options: JointOptions) -> JointOptions:
+        """With conductors, rails and limbs matched as wholes."""
+        return replace(options, bars=True)
 
     def with_depth_steps(self, options: JointOptions, steps: int) -> JointOptions:
         """The most levels of inverse depth."""
@@ -128,8 +149,9 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     warnings += [f"left out: {refined[i].picture.name}: {reason}" for i, reason in left_out.items()]
     pictures = [refined[i].picture for i in kept]
     matching = replace(options.matching, adjust_poses=options.refine_poses)
-    if options.scale < 1.0:
-        reference, pictures = reference.shrunk(options.scale), [p.shrunk(options.scale) for p in pictures]
+    scale = options.scale_of(reference.image.shape[0] * reference.image.shape[1])
+    if scale < 1.0:
+        reference, pictures = reference.shrunk(scale), [p.shrunk(scale) for p in pictures]
     told, untold = [refined[i].told for i in kept], [refined[i].untold for i in kept]
     doubt = max(refined[i].focal_doubt for i in kept)
     suspicion = Suspicion(doubt, [refined[i].doubted / doubt for i in kept]) if doubt > 0.0 else None

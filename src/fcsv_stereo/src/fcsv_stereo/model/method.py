@@ -16,12 +16,14 @@ class Method(ABC):
     """A way from an input to a map.
 
     ``name`` is what ``--method`` takes. ``options`` is the frozen dataclass of the method's choices; its defaults are
-    the method's own. ``refines_poses`` says whether it improves poses or takes them as they are.
+    the method's own. ``refines_poses`` says whether it improves poses or takes them as they are, ``matches_bars``
+    whether it can match straight thin things as wholes.
     """
 
     name: ClassVar[str]
     options: ClassVar[Type[Any]]
     refines_poses: ClassVar[bool] = False
+    matches_bars: ClassVar[bool] = False
 
     @abstractmethod
     def map(self, given: MapInput, options: Any = None, progress: Progress = silent) -> MapResult:
@@ -51,6 +53,10 @@ class Method(ABC):
 
     def trusting_poses(self, options: Any) -> Any:
         """Options under which poses are taken as they are."""
+        return options
+
+    def with_bars(self, options: Any) -> Any:
+        """Options under which straight thin things are matched as wholes, too; as they are here."""
         return options
 
     def with_depth_steps(self, _options: Any, _steps: int) -> Optional[Any]:

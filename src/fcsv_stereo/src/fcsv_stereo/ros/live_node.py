@@ -38,9 +38,11 @@ class LiveParameters:
     """Parameters of the node; ``vehicles`` with the reference first.
 
     ``monitor``: instead of one map of a mission, depth of what the vehicles see now, at most ``monitor_rate_hz``
-    times a second, from pictures at most ``apart_s`` apart (vehicles hold, the scene may move); of ``joint`` at half
-    the pictures' size, with the camera_info of that size. ``refine_every``: of so many of these, poses are refined in
-    one and corrected as found in between; more than 1 only where their errors stay the same for seconds, as on a rig.
+    times a second, from pictures at most ``apart_s`` apart (vehicles hold, the scene may move); ``joint`` makes larger
+    pictures as small as 640 x 480, with the camera_info of that size. ``refine_every``: of so many of these, poses are
+    refined in one and corrected as found in between; more than 1 only where their errors stay the same for seconds, as
+    on a rig. ``bars``: straight thin things are matched as wholes, too, in finished maps and in monitoring
+    (docs/tilting.md).
     """
 
     vehicles: List[str]
@@ -49,12 +51,15 @@ class LiveParameters:
     monitor_rate_hz: float = 5.0
     apart_s: float = MOST_SKEW_S
     refine_every: int = 1
+    bars: bool = False
 
     def __post_init__(self):
         if len(self.vehicles) < 2:
             raise ValueError(f"vehicles: {self.vehicles} are not two or more; name them, the reference first")
         if self.method not in METHODS:
             raise ValueError(f"method: '{self.method}' is not one of {', '.join(METHODS)}")
+        if self.bars and not METHODS[self.method].matches_bars:
+            raise ValueError(f"bars: the method '{self.method}' does not match bars; use joint, or leave them out")
         if not 0.1 <= self.monitor_rate_hz <= 30.0:
             raise ValueError(f"monitor_rate_hz: {self.monitor_rate_hz} is not in 0.1..30")
         if self.refine_every < 1:
@@ -157,7 +162,8 @@ class LiveNode:
         known = KnownFeatures()
         quick = method.remembering(method.monitor if p.monitor else method.quick, known)
         options = quick if p.monitor else method.remembering(method.options(), known)
-        for each in [quick] if p.monitor else [quick, options]:
+        options = method.with_bars(options) if p.bars else options
+        for each in [options] if p.monitor else [quick, options]:
             warm_up(method, each)
         next_s, unfinished = 0.0, False
         while not rospy.is_shutdown():
