@@ -94,7 +94,8 @@ class TestDemo:
         said = []
         rig_file, out = str(tmp_path / "rig.yaml"), tmp_path / "out"
         assert tilting.run(out, said.append, things=["valve"], distances_m=[0.4], rig_file=rig_file) == 0
-        for name in ("curves.png", "pictures.png"):
+        assert any("live depth of valve at 0.4 m" in line for line in said)
+        for name in ("curves.png", "pictures.png", "live.png"):
             assert (tmp_path / "out" / name).stat().st_size > 5000
         rows = [r.split(" | ") for r in (tmp_path / "out/table.md").read_text().splitlines() if r.startswith("| valve")]
         assert [(r[1], r[2] == "parallel") for r in rows] == [("0.4 m", True), ("0.4 m", False)]

@@ -213,3 +213,5 @@ def test_bars_are_of_joint_alone():
     assert LiveParameters(["a", "b"], bars=True).bars and not LiveParameters(["a", "b"]).bars
     with pytest.raises(ValueError, match="bars: the method 'thesis' does not match bars"):
         LiveParameters(["a", "b"], method="thesis", bars=True)
+    with pytest.raises(ValueError, match="shown_from_m: 9.0 must lie in 0..shown_to_m"):
+        LiveParameters(["a", "b"], shown_from_m=9.0, shown_to_m=8.0)

@@ -54,6 +54,8 @@ def test_depth_is_red_near_and_blue_far_and_black_where_there_is_none():
     assert near[0] > near[2] and far[2] > far[0] and middle[1] == max(middle) and not none.any()
     beyond = monitoring.colours(np.array([[0.0, 1e4]]))[0]
     assert (beyond == [near, far]).all()
+    rig = monitoring.colours(np.array([[0.3, 2.0, 20.0]]), (0.3, 20.0))[0]
+    assert (rig[[0, 2]] == [near, far]).all() and (rig[1] != near).any()
 
 
 @pytest.mark.parametrize("line", ["4.1 Hz", "of one instant, " * 20])
@@ -62,6 +64,7 @@ def test_the_picture_holds_both_and_a_line_that_fits(line):
     shown = monitoring.picture(rgb, depth, line)
     assert shown.shape == (120 + 44, 320, 3)
     assert (shown[22:142, :160] == 90).all() and not shown[22:142, 160:].any()
+    assert monitoring.picture(rgb, depth, line, (0.3, 20.0))[-16:].any()  # marks of its own
     assert shown[:22].any() and not shown[:22, -4:].any() and shown[-22:-16].any(axis=2).all()
 
 

@@ -2,17 +2,17 @@
 """What whoever monitors a scene is shown: the reference picture and its depth, with their rate, skew and age."""
 
 from collections import deque
-from typing import Deque, Sequence
+from typing import Deque, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from fcsv_stereo.model import MapInput
 
-NEAR_M, FAR_M = 5.0, 400.0  # ends of the colours, on a logarithmic scale
+RANGE_M = (5.0, 400.0)  # ends of the colours, on a logarithmic scale, of what flies
 _WINDOW_S = 5.0
 _BAR_PX, _TEXT = 22, 0.42
-_MARKS_M = (5, 10, 20, 50, 100, 200, 400)
+_MARKS_M = (0.3, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 400)
 
 
 class Rate:
@@ -54,32 +54,33 @@ def in_words(rate_hz: float, skew: float, age_s: float, names: Sequence[str]) ->
     return f"{rate_hz:.1f} Hz, skew {1e3 * skew:.0f} ms, {age_s:.1f} s old: {'; '.join(names)}"
 
 
-def picture(rgb: np.ndarray, depth: np.ndarray, line: str) -> np.ndarray:
+def picture(rgb: np.ndarray, depth: np.ndarray, line: str, range_m: Tuple[float, float] = RANGE_M) -> np.ndarray:
     """(H + 44, 2 W, 3) uint8: the picture, its depth in colours (black: none), a line above, the scale below.
 
-    ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) m, NaN where there is none.
+    ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) m, NaN where there is none; ``range_m`` from red to blue.
     """
     width = 2 * depth.shape[1]
     above, below = (np.zeros((_BAR_PX, width, 3), np.uint8) for _ in range(2))
     while cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, _TEXT, 1)[0][0] > width - 12:
         line = line[:-1]  # what does not fit is left out
     cv2.putText(above, line, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, _TEXT, (255, 255, 255), 1, cv2.LINE_AA)
-    scale = NEAR_M * (FAR_M / NEAR_M) ** np.linspace(0.0, 1.0, width)
-    below[:6] = colours(scale[None])
-    for mark in _MARKS_M:
-        x = min(int(_share(np.array(float(mark))) * width), width - 40)
+    scale = range_m[0] * (range_m[1] / range_m[0]) ** np.linspace(0.0, 1.0, width)
+    below[:6] = colours(scale[None], range_m)
+    for mark in (m for m in _MARKS_M if range_m[0] <= m <= range_m[1]):
+        x = min(int(_share(np.array(float(mark)), range_m) * width), width - 40)
         cv2.putText(below, f"{mark} m", (x, 19), cv2.FONT_HERSHEY_SIMPLEX, 0.36, (255, 255, 255), 1, cv2.LINE_AA)
-    return np.vstack([above, np.hstack([rgb, colours(depth)]), below])
+    return np.vstack([above, np.hstack([rgb, colours(depth, range_m)]), below])
 
 
-def colours(depth: np.ndarray) -> np.ndarray:
+def colours(depth: np.ndarray, range_m: Tuple[float, float] = RANGE_M) -> np.ndarray:
     """(H, W, 3) uint8 RGB of depth (H, W) m: red near, blue far, black where there is none."""
     known = np.isfinite(depth)
-    near = 255.0 * (1.0 - _share(np.where(known, depth, FAR_M)))
+    near = 255.0 * (1.0 - _share(np.where(known, depth, range_m[1]), range_m))
     bgr = cv2.applyColorMap(near.astype(np.uint8), cv2.COLORMAP_TURBO)
     return np.where(known[..., None], bgr[..., ::-1], 0).astype(np.uint8)
 
 
-def _share(depth_m: np.ndarray) -> np.ndarray:
+def _share(depth_m: np.ndarray, range_m: Tuple[float, float]) -> np.ndarray:
     """0 at the near end of the colours, 1 at the far one."""
-    return np.clip(np.log(np.maximum(depth_m, 1e-3) / NEAR_M) / np.log(FAR_M / NEAR_M), 0.0, 1.0)
+    near_m, far_m = range_m
+    return np.clip(np.log(np.maximum(depth_m, 1e-3) / near_m) / np.log(far_m / near_m), 0.0, 1.0)

@@ -13,6 +13,7 @@ from fcsv_geometry.writing import require_folder
 from fcsv_sim.bringup import bringup
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.tilting.calibrated import calibrate_simulated
+from fcsv_sim.tilting.live import live_depths, write_live
 from fcsv_sim.tilting.report import table, write_curves, write_pictures
 from fcsv_sim.tilting.rig import SimulatedRig, as_made
 from fcsv_sim.tilting.things import THINGS
@@ -24,8 +25,9 @@ from fcsv_tracking.tilting.rig import TiltAngles, TiltingRig, load_rig
 from fcsv_tracking.tilting.rig_file import write_rig
 
 _FOLDERS = ("pairs", "map")
-_FILES = ("curves.png", "pictures.png", "pictures_far.png", "table.md")
+_FILES = ("curves.png", "pictures.png", "pictures_far.png", "table.md", "live.png")
 _SHOWN_M = (0.4, 4.0)
+_LIVE_M = 2.0
 _RIG = "rig.yaml"
 _LEAST_MIB = 100
 _SIZE_M = 0.1  # of the thing whose nearest distance is told
@@ -56,10 +58,11 @@ def run(
     near_m, far_m = (min(distances_m, key=lambda d: abs(d - shown_m)) for shown_m in _SHOWN_M)
     write_pictures(found, near_m, out / "pictures.png")
     write_pictures(found, far_m, out / "pictures_far.png")
+    _live(out, min((o for o in found if not o.tilt), key=lambda o: abs(o.distance_m - _LIVE_M)), say)
     half_right = [o for o in found if o.tilt and not o.refused and o.right >= 0.5]
     _report(out, min(half_right, key=lambda o: o.distance_m, default=None), say)
     words = (f"pictures and depth at {shown_m:g} m" for shown_m in (near_m, far_m))
-    for name, what in zip(_FILES, ("coverage and error over distance", *words, "table")):
+    for name, what in zip(_FILES, ("coverage and error over distance", *words, "table", "live depth")):
         print(f"{what}: {out / name}")
     return 0
 
@@ -82,6 +85,14 @@ def _off(rig: TiltingRig, simulated: SimulatedRig) -> str:
         turn_deg = max(turn_deg, float(np.degrees(transforms.rotation_angle(told, true))))
         away_m = max(away_m, float(np.linalg.norm(told[:3, 3] - true[:3, 3])))
     return f"{turn_deg:.3f} deg and {1e3 * away_m:.2f} mm"
+
+
+def _live(out: Path, shown: Outcome, say: Callable[[str], None]) -> None:
+    """Depth as the live map makes it, without bars and with them."""
+    depths = live_depths(out / "pairs" / f"{shown.thing}_{shown.distance_m:g}m_parallel", shown)
+    write_live(shown, depths, out / _FILES[-1])
+    without, barred = (f"{d.right:.0%} of its pixels within 10 % in {d.took_s:.2f} s of a core" for d in depths)
+    say(f"live depth of {shown.thing} at {shown.distance_m:g} m: {without}; with bars {barred}")
 
 
 def _report(out: Path, chosen: Optional[Outcome], say: Callable[[str], None]) -> None:

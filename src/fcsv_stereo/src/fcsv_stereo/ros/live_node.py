@@ -42,7 +42,7 @@ class LiveParameters:
     pictures as small as 640 x 480, with the camera_info of that size. ``refine_every``: of so many of these, poses are
     refined in one and corrected as found in between; more than 1 only where their errors stay the same for seconds, as
     on a rig. ``bars``: straight thin things are matched as wholes, too, in finished maps and in monitoring
-    (docs/tilting.md).
+    (docs/tilting.md). ``shown_from_m``, ``shown_to_m``: ends of the colours of /map/monitor.
     """
 
     vehicles: List[str]
@@ -52,6 +52,8 @@ class LiveParameters:
     apart_s: float = MOST_SKEW_S
     refine_every: int = 1
     bars: bool = False
+    shown_from_m: float = monitoring.RANGE_M[0]
+    shown_to_m: float = monitoring.RANGE_M[1]
 
     def __post_init__(self):
         if len(self.vehicles) < 2:
@@ -64,6 +66,8 @@ class LiveParameters:
             raise ValueError(f"monitor_rate_hz: {self.monitor_rate_hz} is not in 0.1..30")
         if self.refine_every < 1:
             raise ValueError(f"refine_every: {self.refine_every} must be 1 or more")
+        if not 0.0 < self.shown_from_m < self.shown_to_m:
+            raise ValueError(f"shown_from_m: {self.shown_from_m} must lie in 0..shown_to_m ({self.shown_to_m})")
         if not 0.0 < self.apart_s <= 5.0:
             raise ValueError(f"apart_s: {self.apart_s} is not in (0, 5]")
 
@@ -271,7 +275,8 @@ class LiveNode:
         self._rate.tick(now_s)
         s.skew_s, s.rate_hz = skew_s, self._rate.hz(now_s)
         line = monitoring.in_words(s.rate_hz, skew_s, s.latency_s, [names])
-        shown = monitoring.picture(result.reference.image, result.depth, line)
+        range_m = self._parameters.shown_from_m, self._parameters.shown_to_m
+        shown = monitoring.picture(result.reference.image, result.depth, line, range_m)
         stamp_s = result.reference.stamp_s
         self._monitor.publish(conversions.array_to_image(shown, "rgb8", stamp_s, REFERENCE_FRAME))
 
