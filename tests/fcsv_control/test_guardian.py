@@ -288,6 +288,27 @@ def test_who_was_beside_at_one_height_and_is_silent_sends_nobody_aside(higher_m)
     assert not air.held and not air.asked
 
 
+def test_two_who_dodge_a_third_and_hear_nobody_do_not_meet():
+    """Rehearsed with ten vehicles and a radio that was held up: both flew away from the third, to one place."""
+
+    def dodges_to(here, other, heard):
+        air = Aloft()
+        above = {"p_home_m": np.array([-5.0, 0.6, 13.0]), "mode": "GUIDED", "going_to_m": np.array([0.0, 0.0, 13.0])}
+        air.others = {"uav6": above, "uav2": {"p_home_m": np.array(other), "mode": "GUIDED"}}
+        air.p[:] = here
+        air.run(1.0).forget()
+        air.silent |= {"uav6", "uav2", "control"} if not heard else {"uav6", "control"}
+        air.run(2.5)
+        return air.held[-1][1]
+
+    front, rear = [0.0, 0.0, 8.0], [-3.5, -0.3, 8.0]
+    to_front, to_rear = dodges_to(front, rear, heard=False), dodges_to(rear, front, heard=False)
+    for share in np.linspace(0.0, 1.0, 20):  # both are on their way
+        apart_m = np.linalg.norm((np.array(front) + share * (to_front - front) - rear - share * (to_rear - rear))[:2])
+        assert apart_m > 3.0
+    assert dodges_to(rear, front, heard=True)[0] > rear[0], "the other is heard: away from the third"
+
+
 def test_who_was_above_and_is_silent_may_come_down():
     air = Aloft()
     air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": "GUIDED"}}

@@ -10,6 +10,8 @@ from fcsv_control.guardian.air import Air, Other
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import separation
 
+_UNHEARD_S = 1.0
+
 
 def clear_m(rules: GuardianRules, other: Other) -> float:
     """How far away horizontally another vehicle must be: one without a position drifts."""
@@ -27,7 +29,11 @@ def places_m(now_s: float, air: Air, rules: GuardianRules) -> Dict[str, List[np.
 
 
 def aside(now_s: float, air: Air, rules: GuardianRules, away_from: str, lands: bool) -> np.ndarray:
-    """(3,) in home, clear of everybody, away from a vehicle; to land there, outside of where a lost one may lie."""
+    """(3,) in home, clear of everybody, away from a vehicle; to land there, outside of where a lost one may lie.
+
+    Where a third vehicle is not heard it may dodge, too: both go to one side then, beside each other. Away from the one
+    that is dodged two have met at one place.
+    """
     here, places = air.p_home_m, places_m(now_s, air, rules)
     there = min(places[away_from], key=lambda p: float(np.linalg.norm((p - here)[:2])))
     side = np.array([0.0, 1.0 if here[2] > there[2] else -1.0])  # of two in one column the upper goes left
@@ -35,7 +41,8 @@ def aside(now_s: float, air: Air, rules: GuardianRules, away_from: str, lands: b
     needed_m = {n: landing_clear_m(now_s, rules, air.others[n]) if lands else 0.0 for n in places}
     clears_m = [max(least_m, needed_m[n]) for n, found in places.items() for _ in found]
     within = partial(within_fences, air, rules)
-    return separation.aside(here, sum(places.values(), []), clears_m, there, side, within)
+    unheard = any(n != away_from and now_s - o.heard_s > _UNHEARD_S for n, o in air.others.items())
+    return separation.aside(here, sum(places.values(), []), clears_m, None if unheard else there, side, within)
 
 
 def within_fences(air: Air, rules: GuardianRules, p_home_m: np.ndarray) -> bool:
