@@ -5,7 +5,8 @@
 
 First of the cells whose true highest point the reference camera sees, at a pixel whose depth is in the cloud and within
 5 % of the truth: how many are empty, by points alone and with surfaces, and how many although a surface of the map
-crosses them. Then all cells of the field of view.
+crosses them. Then all cells of the field of view, and of the filled ones within 100 m those that lie more than a cell
+from all that the reference camera truly sees.
 """
 
 import argparse
@@ -20,7 +21,9 @@ from bench.scenes import HORIZONTAL, NOISES, T_WORLD_HOME, SceneName, shoot
 from fcsv_geometry import transforms
 from fcsv_sim.world.town import Town
 from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_stereo.depth import cloud_of
 from fcsv_stereo.joint import Joint
+from fcsv_stereo.model import Reference
 from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.products.from_above import Raster, rasterize
 from fcsv_stereo.products.holes import OPEN, HoleShares, why_empty
@@ -28,6 +31,7 @@ from fcsv_stereo.products.points import merge_duplicates
 from fcsv_stereo.products.spanned import Surfaces
 
 _ABOVE_M = 300.0
+_NEAR_M = 100.0
 _VISIBLE, _RIGHT = 0.02, 0.05  # of the depth
 _SCENES = [SceneName(world, 3) for world in ("street", "village", "field")]
 
@@ -52,7 +56,8 @@ def main(argv: Optional[List[str]] = None) -> None:
         for reference in (None, result.reference):
             raster = rasterize(cloud, reference=reference)
             why = why_empty(raster, surfaces, result.reference, sky)
-            shares.append((name, "points alone" if reference is None else "with surfaces", HoleShares.of(why)))
+            astray = _astray(raster, result.reference, scene.true_depth)
+            shares.append((name, "points alone" if reference is None else "with surfaces", HoleShares.of(why), astray))
             seen = _seen(name, raster, result, scene.true_depth)
             told.append((seen & np.isnan(raster.height)).sum() / seen.sum())
         open_share = (seen & (why == OPEN)).sum() / seen.sum()
@@ -62,10 +67,26 @@ def main(argv: Optional[List[str]] = None) -> None:
         + "|---" * 7
         + "|"
     )
-    for name, how, s in shares:
+    for name, how, s, astray in shares:
         print(
-            f"| {name} | {how} | {s.filled:.1%} | {s.hidden:.1%} | {s.unanswered:.1%} | {s.below:.1%} | {s.open:.2%} |"
+            f"| {name} | {how} | {s.filled:.1%} | {s.hidden:.1%} | {s.unanswered:.1%} | {s.below:.1%} | {s.open:.2%} "
+            f"| {astray:.1%} |"
         )
+
+
+def _astray(raster: Raster, reference: Reference, true_depth: np.ndarray) -> float:
+    """Of the filled cells within _NEAR_M ahead, the share that lies more than a cell from what is truly seen."""
+    depth = np.where(true_depth < 2.0 * _NEAR_M, true_depth, np.nan).astype(np.float32)
+    true = rasterize(cloud_of(reference, depth, np.ones_like(depth), np.zeros(depth.shape)), raster.cell_m, reference)
+    row, column = np.nonzero(np.isfinite(true.height))
+    row = row + round((raster.y0_m - true.y0_m) / raster.cell_m)
+    column = column + round((true.x0_m - raster.x0_m) / raster.cell_m)
+    there = np.zeros(raster.height.shape, np.uint8)
+    inside = (row >= 0) & (row < there.shape[0]) & (column >= 0) & (column < there.shape[1])
+    there[row[inside], column[inside]] = 1
+    near = raster.x0_m + (np.arange(there.shape[1]) + 0.5) * raster.cell_m < _NEAR_M
+    filled = np.isfinite(raster.height) & near
+    return float((filled & (cv2.dilate(there, np.ones((3, 3), np.uint8)) == 0)).sum() / filled.sum())
 
 
 def _seen(name: SceneName, raster: Raster, result, true_depth: np.ndarray) -> np.ndarray:
