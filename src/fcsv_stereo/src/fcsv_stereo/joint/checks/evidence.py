@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.special import erfc
 
-from fcsv_stereo.joint.refine.residuals import Residuals, residuals
+from fcsv_stereo.joint.refine.residuals import Residuals, mean_unlike, unlike
 from fcsv_stereo.joint.refine.subpixel import Fine
 from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS
 from fcsv_stereo.joint.views import Views
@@ -25,7 +25,6 @@ FEATURES = (
     "volume's match about it", "volume's match further about it", "log step about it", "log step further about it",
     "log contrast", "share of pairs that see it",
 )  # fmt: skip
-_WINDOW = (RESIDUALS.window_px,) * 2
 
 
 def standing_out(
@@ -38,16 +37,18 @@ def standing_out(
     ``here`` are the residuals at it.
     """
     speed = np.maximum(here.speed, 1e-6)
-    unlike = _unlike(here.difference)
-    others = np.full(unlike.shape, np.inf, np.float32)
-    for moved_px in (*EVIDENCE.probes_px, *(-p for p in EVIDENCE.probes_px)):
-        for i in range(len(small)):
+    at_w = np.stack([mean_unlike(d) for d in here.difference])
+    others = np.full(at_w.shape, np.inf, np.float32)
+
+    def probe(i: int) -> None:
+        for moved_px in (*EVIDENCE.probes_px, *(-p for p in EVIDENCE.probes_px)):
             there = (w + np.float32(moved_px) / speed[i]).astype(np.float32)
-            r = residuals(small.only(i), np.maximum(there, 0.0), pool)
-            unknown = (there < 0.0) | (r.seen[0] < 0.5)
-            others[i] = np.minimum(others[i], np.where(unknown, np.inf, _unlike(r.difference)[0]))
+            at_other, seen = unlike(small, i, np.maximum(there, 0.0))
+            others[i] = np.minimum(others[i], np.where((there < 0.0) | (seen < 0.5), np.inf, at_other))
+
+    list(pool.map(probe, range(len(small))))
     noise = np.float32(EVIDENCE.noise_grey)
-    ratio = np.where(np.isfinite(others), (others + noise) / (unlike + noise), 0.0).astype(np.float32)
+    ratio = np.where(np.isfinite(others), (others + noise) / (at_w + noise), 0.0).astype(np.float32)
     return np.stack([cv2.resize(x, shape[::-1], interpolation=cv2.INTER_LINEAR) for x in ratio])
 
 
@@ -113,8 +114,3 @@ def chance_of_wrong(off: np.ndarray) -> np.ndarray:
     [0.0, 0.046, 0.317]
     """
     return erfc(EVIDENCE.wrong / (np.sqrt(2.0) * np.maximum(off, 1e-6))).astype(np.float32)
-
-
-def _unlike(difference: np.ndarray) -> np.ndarray:
-    """NxHxW: mean absolute difference in the window."""
-    return np.stack([cv2.blur(np.abs(d), _WINDOW) for d in difference])

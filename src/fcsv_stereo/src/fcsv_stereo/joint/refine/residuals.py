@@ -3,6 +3,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Tuple
 
 import cv2
 import numpy as np
@@ -57,11 +58,24 @@ def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residual
     def run(i: int) -> None:
         _compare(found, i, w, out.difference[i], out.slope[i], out.speed[i], out.seen[i])
         out.difference[i] -= _local_mean(out.difference[i], out.seen[i])
-        unlike = cv2.blur(np.abs(out.difference[i]), _WINDOW) / contrast
-        np.divide(out.seen[i], np.square(1.0 + np.square(unlike / RESIDUALS.unlike)), out=out.trust[i])
+        unlike_here = mean_unlike(out.difference[i]) / contrast
+        np.divide(out.seen[i], np.square(1.0 + np.square(unlike_here / RESIDUALS.unlike)), out=out.trust[i])
 
     list(pool.map(run, range(len(found))))
     return out
+
+
+def unlike(found: Views, i: int, w: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """HxW float32 each, of pair ``i`` at inverse depth ``w`` (HxW, 1/m): mean absolute difference in the window (grey
+    levels) as ``residuals`` has it, and seen (1 or 0)."""
+    difference, slope, speed, seen = np.empty((4, *found.shape), np.float32)
+    _compare(found, i, w, difference, slope, speed, seen)
+    return mean_unlike(difference - _local_mean(difference, seen)), seen
+
+
+def mean_unlike(difference: np.ndarray) -> np.ndarray:
+    """HxW: mean absolute difference in the window."""
+    return cv2.blur(np.abs(difference), _WINDOW)
 
 
 def differences(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> np.ndarray:
