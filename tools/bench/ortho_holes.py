@@ -63,14 +63,14 @@ def main(argv: Optional[List[str]] = None) -> None:
         open_share = (seen & (why == OPEN)).sum() / seen.sum()
         print(f"| {name} | {seen.sum():,} | {told[0]:.1%} | {told[1]:.1%} | {open_share:.2%} |", flush=True)
     print(
-        "\n| world | raster | filled | hidden | no depth | below the picture | of a surface seen there |\n"
-        + "|---" * 7
+        "\n| world | raster | filled | hidden | no depth | below the picture | of a surface seen there | astray |\n"
+        + "|---" * 8
         + "|"
     )
     for name, how, s, astray in shares:
         print(
             f"| {name} | {how} | {s.filled:.1%} | {s.hidden:.1%} | {s.unanswered:.1%} | {s.below:.1%} | {s.open:.2%} "
-            f"| {astray:.1%} |"
+            f"| {astray:.2%} |"
         )
 
 
