@@ -163,6 +163,22 @@ def test_what_moves_and_is_hidden_is_said_and_not_counted_as_answered(both, tmp_
     assert int(rows[1]["unhidden_pixels"]) > 100 and rows[1]["median_error"] == ""
 
 
+@pytest.mark.parametrize("yaw_rad, alone", [(0.0, False), (np.pi, True)])
+def test_what_no_other_vehicle_of_the_image_sees_is_said(both, tmp_path, yaw_rad, alone):
+    """uav2 stands 2 m aside, and looks there, too, or the other way."""
+    truth_of(both, tmp_path, 60.0)
+    T = transforms.from_xyz_yaw([0.0, -2.0, 3.0], yaw_rad) @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
+    pose = ",".join(f"{v:.9f}" for v in (*T[:3, 3], *transforms.quaternion_xyzw(T)))
+    with open(tmp_path / "cameras.csv", "a") as file:
+        file.write(f"{WALL_S:.9f},uav2,{pose}\n")
+    truth, nothing = load_truth(tmp_path), np.full((120, 160), np.nan, np.float32)
+    frame = Frame("uav1", WALL_S, nothing, CAMERA, "uav2, horizontal 2.0 m", 0.0, 1.0, 0.2, 0.4)
+    judged = monitored.judge([frame], truth)
+    assert {u.why for u in judged[0].unjudged} == ({"seen by no other vehicle"} if alone else set())
+    car = monitored.in_words(judged)[1]
+    assert ("not judged in 1: 1 seen by no other vehicle" in car) == alone and ("1 not answered" in car) != alone
+
+
 def test_what_moves_and_is_beside_the_picture_or_too_small_is_said(both, tmp_path):
     beside = PinholeCamera(160, 120, 2000.0, 2000.0, 79.5, -900.0)  # looks at the ground far below both
     _, car, walker = monitored.in_words(judged_with_a_wall(both, tmp_path, 60.0, beside))

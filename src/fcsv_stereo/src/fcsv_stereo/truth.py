@@ -4,7 +4,7 @@
 import csv
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, Iterator, Tuple
+from typing import Dict, Iterator, Optional, Tuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import ImageEntry, Reference
 
 Poses = Dict[Tuple[str, int], np.ndarray]
+_HIDES = 0.97  # of the distance: what is so much nearer is before a place, and not a part of the same thing
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,23 @@ class TrueScene:
         """Where in a picture (H,W bool) each thing that moves would be if nothing stood before it; else as ``look``."""
         T_world_cam = self._truth.T_world_cam(vehicle, stamp_s)
         return {name: np.isfinite(found) for name, found in self._movers_alone(T_world_cam, stamp_s, camera)}
+
+    def seen_by(
+        self, other: str, vehicle: str, stamp_s: float, camera: PinholeCamera, depth: np.ndarray, on: np.ndarray
+    ) -> Optional[float]:
+        """Share of the places ``on`` (H,W bool) a vehicle's picture, with its true ``depth`` (H,W, m), that another one
+        with the same ``camera`` sees in that moment; None where it took no picture then."""
+        if _at(self._truth.cameras, other, stamp_s) is None:
+            return None
+        T_other_cam = transforms.invert(self._truth.T_world_cam(other, stamp_s)) @ self._truth.T_world_cam(
+            vehicle, stamp_s
+        )
+        places = transforms.apply(T_other_cam, camera.rays()[on] * depth[on][:, None])
+        ahead = places[places[:, 2] > 0.0]
+        x, y = np.round(camera.project(ahead)).astype(int).T
+        inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
+        nearest = self.depth(other, stamp_s, camera)[y[inside], x[inside]]
+        return float((~(nearest < _HIDES * ahead[inside, 2])).sum()) / max(int(on.sum()), 1)
 
     def _movers_alone(
         self, T_world_cam: np.ndarray, stamp_s: float, camera: PinholeCamera

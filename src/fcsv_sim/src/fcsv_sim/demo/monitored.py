@@ -18,6 +18,7 @@ from fcsv_stereo.truth import TrueScene, Truth
 
 MOST_ERROR = 0.05  # of its distance, of the median answered pixel of what moves
 _MOST_M = 400.0
+_SEEN = 0.1  # of its pixels: what another camera sees less of has no second picture
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,13 @@ class Frame:
 @dataclass(frozen=True)
 class Unjudged:
     """Something that moves and of which a frame shows too little: ``pixels`` of the ``whole`` that it would take if
-    nothing stood before it."""
+    nothing stood before it. ``alone``: no other camera of the frame sees it, and it has no depth."""
 
     name: str
     pixels: int
     whole: int
     least: int
+    alone: bool = False
 
     @property
     def why(self) -> str:
@@ -52,6 +54,8 @@ class Unjudged:
         >>> [Unjudged("walker", *pixels, 16).why for pixels in ((3, 150), (0, 0), (9, 9))]
         ['hidden', 'outside the picture', 'too small']
         """
+        if self.alone:
+            return "seen by no other vehicle"
         if self.whole >= self.least:
             return "hidden"
         return "too small" if self.whole else "outside the picture"
@@ -101,13 +105,22 @@ def judge(frames: Sequence[Frame], truth: Truth) -> List[Judged]:
     scene, judged = TrueScene(truth), []
     for f in frames:
         true_depth, on = scene.look(f.reference, f.stamp_s, f.camera)
-        alone = scene.unhidden(f.reference, f.stamp_s, f.camera)
-        whole, least = {name: int(mask.sum()) for name, mask in alone.items()}, math.ceil(LEAST_SHARE * f.depth.size)
-        seen = moving(f.depth, true_depth, on)
+        unhidden = scene.unhidden(f.reference, f.stamp_s, f.camera)
+        whole, least = {name: int(mask.sum()) for name, mask in unhidden.items()}, math.ceil(LEAST_SHARE * f.depth.size)
+        shown = moving(f.depth, true_depth, on)
+        alone = {m.name for m in shown if m.answered == 0.0 and _alone(f, truth, scene, true_depth, on[m.name])}
+        seen = tuple(m for m in shown if m.name not in alone)
         rest = sorted(set(on) - {m.name for m in seen})
-        unjudged = tuple(Unjudged(name, int(on[name].sum()), whole[name], least) for name in rest)
+        unjudged = tuple(Unjudged(name, int(on[name].sum()), whole[name], least, name in alone) for name in rest)
         judged.append(Judged(f, band(f.depth, true_depth, (0.0, _MOST_M)), seen, unjudged, whole))
     return judged
+
+
+def _alone(f: Frame, truth: Truth, scene: TrueScene, true_depth: np.ndarray, on: np.ndarray) -> bool:
+    """Whether it is known that no other camera of the frame sees what is ``on`` (H,W bool) its picture."""
+    others = sorted({vehicle for vehicle, _ in truth.cameras} - {f.reference})
+    shares = [scene.seen_by(o, f.reference, f.stamp_s, f.camera, true_depth, on) for o in others if f"{o}," in f.pairs]
+    return bool(shares) and all(s is not None and s < _SEEN for s in shares)
 
 
 def write_table(judged: Sequence[Judged], path: Path) -> None:
