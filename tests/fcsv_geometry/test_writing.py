@@ -5,6 +5,8 @@ import argparse
 import errno
 import os
 import shutil
+import subprocess
+import sys
 from collections import namedtuple
 
 import pytest
@@ -77,3 +79,32 @@ def test_an_error_without_a_number_on_a_full_disk_is_a_full_disk(tmp_path, monke
     assert in_words(short, tmp_path) == f"{tmp_path}: 640 requested and 12 written"
     monkeypatch.setattr(shutil, "disk_usage", lambda _: _Usage(1 << 40, 1 << 40, 0))
     assert "the disk is full" in in_words(short, tmp_path)
+
+
+def test_ctrl_c_while_a_command_is_loaded_is_one_line_and_later_an_interrupt(tmp_path):
+    script = """
+import os, signal, sys, time
+from fcsv_geometry.commands import loading
+signal.signal(signal.SIGINT, signal.SIG_IGN if "ignored" in sys.argv else signal.default_int_handler)
+before = signal.getsignal(signal.SIGINT)
+with loading("map"):
+    if "early" in sys.argv:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.2)
+assert signal.getsignal(signal.SIGINT) is before
+"""
+    run = lambda *argv: subprocess.run([sys.executable, "-c", script, *argv], capture_output=True, text=True)  # noqa: E731
+    done = run("early")
+    assert (done.returncode, done.stderr) == (130, "map: interrupted; nothing was begun\n")
+    for argv in ((), ("early", "ignored")):
+        done = run(*argv)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_read_only_disk_is_said_of_the_folder_not_of_what_was_tried_there(tmp_path, monkeypatch):
+    def refuse(dir):
+        raise OSError(errno.EROFS, "Read-only file system", f"{dir}/tmpx")
+
+    monkeypatch.setattr(writing.tempfile, "TemporaryFile", refuse)
+    with pytest.raises(PlaceError, match=f"^{tmp_path}: the disk is read-only: choose another folder$"):
+        require_folder(tmp_path / "out")

@@ -99,3 +99,21 @@ def test_depth_of_one_pair_is_no_better_known_than_its_baseline(refine_poses):
 def test_a_session_says_itself_how_good_its_poses_are():
     with pytest.raises(InputError, match="for photographs without priors.csv"):
         Joint().map(given(((0, -1.0, 0), "horizontal")), JointOptions(prior=PosePrior()))
+
+
+@pytest.mark.parametrize("name", ["cameras.txt", "images.txt", "priors.csv"])
+def test_a_file_that_is_no_utf_8_is_named_with_its_line(name, tmp_path):
+    folder = model(tmp_path)
+    (folder / "priors.csv").write_text(WHOLE)
+    colmap.read_photographs(folder)
+    (folder / name).write_bytes((folder / name).read_bytes().rstrip(b"\n") + "\né".encode("latin-1"))
+    line = len((folder / name).read_bytes().splitlines())
+    with pytest.raises(InputError, match=f"{name}, line {line}: is no text in UTF-8; save it as UTF-8"):
+        colmap.read_photographs(folder)
+
+
+def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path):
+    folder = model(tmp_path)
+    for name in ("cameras.txt", "images.txt"):
+        (folder / name).write_bytes(b"\xef\xbb\xbf" + (folder / name).read_bytes())
+    assert len(colmap.read_photographs(folder).configurations) == 1

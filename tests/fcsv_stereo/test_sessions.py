@@ -16,6 +16,7 @@ from fcsv_stereo.cli import main
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.output import read_ply
+from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.read import read_session
 from fcsv_stereo.thesis import ThesisOptions
 
@@ -302,3 +303,17 @@ def test_neither_session_nor_photographs(tmp_path):
         pipeline.load(tmp_path)
     with pytest.raises(InputError, match="does not exist"):
         pipeline.load(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("text, words", [
+    (b"version: [\n", "session.yaml, line 2: not valid YAML"),
+    (b"\xe9: 1\n", "session.yaml: not valid YAML"),
+    (b"version: 1\n", "session.yaml: 'bags' must name a bag for every machine"),
+    (b"bags: [uav1.bag]\n", "session.yaml: 'bags' must name a bag for every machine"),
+    (b"just words\n", "session.yaml: 'bags' must name a bag for every machine"),
+])  # fmt: skip
+def test_a_session_description_that_is_none_is_one_line(text, words, tmp_path):
+    (tmp_path / "session.yaml").write_bytes(text)
+    with pytest.raises(InputError) as refused:
+        bags_of(tmp_path, [])
+    assert words in str(refused.value) and "\n" not in str(refused.value)

@@ -2,13 +2,36 @@
 """How a command ends: its exit status, and one line on stderr where it could not do its work."""
 
 import argparse
+import contextlib
+import os
+import signal
 import sys
-from typing import Callable, List, Optional, Sequence, Tuple, Type
+from typing import Callable, Iterator, List, Optional, Sequence, Tuple, Type
 
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.writing import in_words
 
 Action = Callable[[argparse.Namespace], Optional[int]]
+
+
+@contextlib.contextmanager
+def loading(name: str) -> Iterator[None]:
+    """While a command imports what it needs, which takes seconds, Ctrl-C ends it with one line and status 130.
+
+    Python would print what it was importing, or lose the interrupt where a library catches it.
+    """
+
+    def end(*_):
+        os.write(2, f"{name}: interrupted; nothing was begun\n".encode())
+        os._exit(130)
+
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.default_int_handler:  # who started this in the background may have it ignored
+        signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def run(

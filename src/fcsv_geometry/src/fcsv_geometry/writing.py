@@ -38,7 +38,7 @@ def require_folder(folder: Path, least_mib: int = 1) -> None:
         tempfile.TemporaryFile(dir=there).close()
         free_mib = shutil.disk_usage(there).free // _MIB
     except OSError as error:
-        raise PlaceError(in_words(error, there)) from error
+        raise PlaceError(in_words(OSError(error.errno, error.strerror, str(there)))) from error  # not its file
     if free_mib < least_mib:
         raise PlaceError(f"{there}: {free_mib} MiB are free, {least_mib} are needed: make room, or choose another")
 

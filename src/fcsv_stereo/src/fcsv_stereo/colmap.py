@@ -19,6 +19,7 @@ from fcsv_stereo.exposure import Exposure
 from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture, PosePrior
 from fcsv_stereo.priors import FILE as PRIORS
 from fcsv_stereo.priors import read_priors
+from fcsv_stereo.text import text_of
 
 #: Parameters of each camera model in order, as names of fx, fy, cx, cy, k1, k2, p1, p2.
 MODELS = {
@@ -128,7 +129,7 @@ def read_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[PosedImag
 def _lines(path: Path):
     if not path.is_file():
         raise InputError(f"{path} is missing: posed photographs need images/, cameras.txt and images.txt (COLMAP text)")
-    for number, line in enumerate(path.read_text().splitlines(), 1):
+    for number, line in enumerate(text_of(path).splitlines(), 1):
         if line.strip() and not line.startswith("#"):
             yield number, line.split()
 
@@ -137,7 +138,7 @@ def _image_lines(path: Path):
     """The first of every two lines after the comments; the second may be empty."""
     if not path.is_file():
         raise InputError(f"{path} is missing: photographs without poses cannot be mapped; export them as COLMAP text")
-    lines = [(i, s) for i, s in enumerate(path.read_text().splitlines(), 1) if not s.startswith("#")]
+    lines = [(i, s) for i, s in enumerate(text_of(path).splitlines(), 1) if not s.startswith("#")]
     while lines and not lines[0][1].strip():
         lines.pop(0)
     for number, line in lines[::2]:

@@ -5,6 +5,8 @@ import importlib
 import sys
 from typing import List, Optional
 
+from fcsv_geometry.commands import loading
+
 #: by name: the module whose ``main(arguments)`` it is, and what it does
 COMMANDS = {
     "map": ("fcsv_stereo.cli", "depth, a cloud and a report from a session, a bag or posed photographs"),
@@ -18,7 +20,9 @@ def main(argv: Optional[List[str]] = None) -> int:
     """Exit status of the command; 2 with one line on stderr where there is none of that name."""
     name, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in COMMANDS:
-        return importlib.import_module(COMMANDS[name][0]).main(rest)
+        with loading(f"fcsv {name}"):
+            command = importlib.import_module(COMMANDS[name][0])
+        return command.main(rest)
     if name in _HELP:
         print(usage())
         return 0

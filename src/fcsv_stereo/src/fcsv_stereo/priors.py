@@ -16,6 +16,7 @@ from typing import Collection, Dict, Optional, Tuple
 import numpy as np
 
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.text import text_of
 
 FILE = "priors.csv"
 COLUMNS, SCALE = ("name", "x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg"), "scale_sigma"
@@ -29,20 +30,19 @@ def read_priors(path: Path, names: Collection[str]) -> Tuple[Dict[str, np.ndarra
     """
     found: Dict[str, np.ndarray] = {}
     scale_sigma: Optional[float] = None
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        columns = tuple(reader.fieldnames or ())
-        if columns not in (COLUMNS, (*COLUMNS, SCALE)):
-            raise InputError(f"{path}, line 1: the columns must be {','.join(COLUMNS)} and may end with {SCALE}")
-        for row in reader:
-            where, name = f"{path}, line {reader.line_num}", row["name"]
-            if name not in names:
-                raise InputError(f"{where}: '{name}' is not in images.txt")
-            if name in found:
-                raise InputError(f"{where}: '{name}' stands there twice")
-            found[name] = np.diag(np.square(_sigmas(row, where)))
-            if SCALE in columns:
-                scale_sigma = _scale(row, where, scale_sigma)
+    reader = csv.DictReader(text_of(path).splitlines())
+    columns = tuple(reader.fieldnames or ())
+    if columns not in (COLUMNS, (*COLUMNS, SCALE)):
+        raise InputError(f"{path}, line 1: the columns must be {','.join(COLUMNS)} and may end with {SCALE}")
+    for row in reader:
+        where, name = f"{path}, line {reader.line_num}", row["name"]
+        if name not in names:
+            raise InputError(f"{where}: '{name}' is not in images.txt")
+        if name in found:
+            raise InputError(f"{where}: '{name}' stands there twice")
+        found[name] = np.diag(np.square(_sigmas(row, where)))
+        if SCALE in columns:
+            scale_sigma = _scale(row, where, scale_sigma)
     lacking = sorted(set(names) - set(found))
     if lacking:
         raise InputError(f"{path}: says nothing of {lacking[0]}; give every picture of images.txt a line")

@@ -57,10 +57,10 @@ def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions]
     options = options or ImportOptions()
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"{out}: is not empty; name a new folder")
-    if options.model is None:
-        require_pycolmap()
     tags = {t.path.name: t for t in pictures.find(photographs)}
     _require_gps(photographs, tags)
+    if options.model is None:
+        require_pycolmap()
     require_folder(out)
     parent = out.absolute().parent
     parent.mkdir(parents=True, exist_ok=True)

@@ -56,7 +56,7 @@ def write_mission(document: dict, path: Path) -> None:
         partial.write_text(text)
         os.replace(partial, path)
     except OSError as error:
-        raise OutputError(in_words(error, path)) from error
+        raise OutputError(in_words(OSError(error.errno, error.strerror, str(path)))) from error  # not the partial one
 
 
 def configuration_lines(document: dict) -> List[str]:

@@ -7,12 +7,11 @@ Bags of ROS 2 are opened as they are.
 from pathlib import Path
 from typing import List
 
-import yaml
-
 from fcsv_geometry.bags.parts import part_number, parts_in
 from fcsv_geometry.bags.reading import METADATA, ROS2_FILES, is_ros2
 from fcsv_geometry.bags.repair import ACTIVE, KEPT, recording_of, repaired
-from fcsv_geometry.errors import BagError
+from fcsv_geometry.config import read_yaml
+from fcsv_geometry.errors import BagError, ConfigError
 from fcsv_stereo.errors import InputError
 
 
@@ -50,15 +49,17 @@ def _listed(path: Path) -> List[Path]:
         return _bags_in(path)
     names: List[str] = []
     try:
-        document = yaml.safe_load(description.read_text())
+        document = read_yaml(description)
         for machine, first in document["bags"].items():
             parts = [first, *(document.get("parts") or {}).get(machine, ())]
             if first.endswith(".bag"):
                 parts = sorted({*parts, *(p.name for p in parts_in(path, first))}, key=lambda n: part_number(n, first))
             names += parts
-    except (yaml.YAMLError, TypeError, KeyError, AttributeError) as error:
+    except ConfigError as error:
+        raise InputError(str(error)) from error
+    except (TypeError, KeyError, AttributeError) as error:
         raise InputError(
-            f"{description}: not a session description ('bags' is missing or unreadable): {error}"
+            f"{description}: 'bags' must name a bag for every machine (bags: {{uav1: uav1.bag}})"
         ) from error
     return [path / name for name in names]
 
