@@ -40,7 +40,7 @@ def test_a_second_one_does_not_stop_what_must_come_to_its_end():
 
 
 def test_other_errors_in_such_places_are_told_as_before():
-    begin = "from fcsv_sim.machines.interruption import raise_again\nraise_again(KeyError)"
+    begin = "from fcsv_geometry.interruption import raise_again\nraise_again(KeyError)"
     program = f"{begin}\nclass A:\n    def __del__(self): raise ValueError('told')\na = A()\ndel a\nprint('on')"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0)
     assert "ValueError: told" in done.stderr and done.stdout == "on\n"
@@ -50,3 +50,21 @@ def test_a_bench_that_is_ended_while_it_starts_a_process_ends(root):
     begin = f"import sys\nsys.path.insert(0, {str(root / 'tools/bench_link')!r})\nimport ending\nEnded = SystemExit\n"
     within = "ending.sweep = list\nblock = ending.clean_end()\nblock.__enter__()"
     assert printed(begin + within) == ["ended"]
+
+
+def test_a_command_that_is_interrupted_where_python_drops_errors_ends_with_one_line():
+    program = """
+import argparse, os, signal, sys, time
+from fcsv_geometry import commands
+class Falls:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.02)
+def action(args):
+    Falls()
+    time.sleep(10.0)
+    print("lost")
+sys.exit(commands.run(argparse.ArgumentParser(prog="map"), [], action))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "map: interrupted\n")

@@ -9,6 +9,7 @@ import sys
 from typing import Callable, Iterator, List, Optional, Sequence, Tuple, Type
 
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.interruption import raised_again
 from fcsv_geometry.writing import in_words
 
 Action = Callable[[argparse.Namespace], Optional[int]]
@@ -46,7 +47,8 @@ def run(
     args = parser.parse_args(argv)
     left = f"; {left}" if left else ""
     try:
-        return action(args) or 0
+        with raised_again(KeyboardInterrupt):
+            return action(args) or 0
     except refused as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return 2

@@ -6,9 +6,10 @@ Python runs a handler between any two steps of the main thread, those of callbac
 tells ``sys.unraisablehook`` of such an error and goes on, as if nobody had pressed Ctrl-C.
 """
 
+import contextlib
 import signal
 import sys
-from typing import Type
+from typing import Iterator, Type
 
 _AGAIN_S = 0.05  # by then the callback is over
 
@@ -35,3 +36,15 @@ def raise_again(kind: Type[BaseException]) -> None:
 def leave_it() -> None:
     """What was dropped is not raised any more."""
     signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+@contextlib.contextmanager
+def raised_again(kind: Type[BaseException]) -> Iterator[None]:
+    """As ``raise_again``, until the block is left."""
+    before = sys.unraisablehook
+    raise_again(kind)
+    try:
+        yield
+    finally:
+        leave_it()
+        sys.unraisablehook = before
