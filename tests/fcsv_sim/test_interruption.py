@@ -56,6 +56,7 @@ def test_a_command_that_is_interrupted_where_python_drops_errors_ends_with_one_l
     program = """
 import argparse, os, signal, sys, time
 from fcsv_geometry import commands
+signal.signal(signal.SIGINT, signal.default_int_handler)  # who started the tests may have it ignored
 class Falls:
     def __del__(self):
         os.kill(os.getpid(), signal.SIGINT)
