@@ -42,6 +42,22 @@ def test_nothing_is_sent_before_somebody_calls(desk):
     assert not desk.run(5.0) and desk.report().asked == ""
 
 
+def test_who_was_stopped_and_lands_later_is_not_stopped_again(desk):
+    """Rehearsed: a guardian that lands for its tracker's sake and this node took turns, once a second."""
+    desk.core.begin(desk.now_s, STOP, "by hand")
+    desk.modes["uav1"] = "LAND"  # before the call: it is stopped
+    assert {name for name, _, _ in desk.run(0.5)} == {"uav1", "uav2"}
+    desk.modes.update(uav1="BRAKE", uav2="BRAKE")
+    assert not desk.run(1.0)
+    desk.modes["uav1"] = "LAND"
+    assert not desk.run(10.0) and desk.report().done == ["uav1", "uav2"]
+    desk.modes["uav1"] = "GUIDED"
+    assert {name for name, _, _ in desk.run(0.5)} == {"uav1"}
+    desk.core.begin(desk.now_s, STOP, "again")
+    desk.modes["uav1"] = "LAND"
+    assert {name for name, _, _ in desk.run(0.5)} == {"uav1"}, "a new call stops who lands"
+
+
 def test_everybody_is_told_at_once_and_again_every_fifth_of_a_second_until_the_mode_shows(desk):
     desk.run()
     desk.core.begin(desk.now_s, STOP, "by hand")

@@ -6,7 +6,7 @@ No ROS, no clock: states, acknowledgements and monotonic time in, commands and a
 
 import math
 from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Set
 
 STOP, LAND = "stop", "land"
 REPEAT_S = 0.2
@@ -64,6 +64,7 @@ class StopAll:
     def __init__(self, vehicles: Sequence[str]):
         self._seen = {n: _Seen() for n in vehicles}
         self._orders: Dict[str, StopOrder] = {}
+        self._stopped: Set[str] = set()  # showed BRAKE since the call to stop
         self._asked, self._reason, self._since_s = "", "", -math.inf
         self._number = 0
         self._mission_lands_s = -math.inf
@@ -71,7 +72,7 @@ class StopAll:
     def begin(self, now_s: float, asked: str, reason: str) -> None:
         """Stop or land everybody; a call to land outranks one to stop that is under way."""
         self._asked, self._reason, self._since_s = asked, reason, now_s
-        self._orders = {}
+        self._orders, self._stopped = {}, set()
 
     def end(self) -> None:
         """The operator goes on: nobody is commanded any more."""
@@ -81,6 +82,8 @@ class StopAll:
         """What a vehicle shows. Without a mode its link hears no autopilot (yet): what it showed before stays."""
         seen = self._seen[name]
         self._seen[name] = _Seen(mode, armed, now_s) if mode else _Seen(seen.mode, seen.armed, now_s)
+        if self._asked == STOP and mode == "BRAKE":
+            self._stopped.add(name)
 
     def mission(self, now_s: float, phase: str) -> None:
         """The mission lives; in LAND it lands everybody whom it flies, and knows who stands above whom."""
@@ -107,7 +110,7 @@ class StopAll:
             refused = order.refused if order is not None else ""
             if now_s - seen.heard_s > _UNHEARD_S:
                 report.unheard.append(name)
-            elif self._stands(seen):
+            elif self._stands(name, seen):
                 report.done.append(name)
             elif seen.mode not in _COMMANDED or _BY_HAND in refused:
                 report.by_hand.append(name)
@@ -119,14 +122,16 @@ class StopAll:
     def _mission_does(self, now_s: float) -> bool:
         return self._asked == LAND and max(self._since_s, self._mission_lands_s) > now_s - _MISSION_S
 
-    def _stands(self, seen: _Seen) -> bool:
-        """Whether a vehicle is where the call wants it."""
-        return not seen.armed or (self._asked == STOP and seen.mode == "BRAKE")
+    def _stands(self, name: str, seen: _Seen) -> bool:
+        """Whether a vehicle is where the call wants it. One that was stopped and lands now has a newer reason: its
+        guardian's, or that nobody confirmed for too long."""
+        lands = seen.mode == "LAND" and name in self._stopped
+        return not seen.armed or (self._asked == STOP and (seen.mode == "BRAKE" or lands))
 
     def _due(self, now_s: float, name: str) -> Optional[StopOrder]:
         seen, mode = self._seen[name], _MODES[self._asked]
         heard = now_s - seen.heard_s <= _UNHEARD_S
-        if heard and (self._stands(seen) or seen.mode == mode or seen.mode not in _COMMANDED):
+        if heard and (self._stands(name, seen) or seen.mode == mode or seen.mode not in _COMMANDED):
             return None
         order = self._orders.get(name)
         answered_s = math.inf if order is None or order.answered_s is None else order.answered_s
