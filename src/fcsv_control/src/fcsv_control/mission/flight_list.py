@@ -46,7 +46,6 @@ class FlightList:
         self._convoy: Optional[Convoy] = None
         self._standing: Optional[Union[Standing, Sweeping]] = None
         self._holding: Optional[Holding] = None
-        self._taken_over = False
         self._task_since_s: Optional[float] = None
         self.going_back = ""  # why nothing more is flown but the way back
         self.detail = ""
@@ -63,7 +62,8 @@ class FlightList:
         """Where a mission that was restarted stood; the first ``step`` waits until everybody holds."""
         parked = {n: np.array(memory.parked[n]).reshape(4, 4) for n in vehicles}
         again = cls(mission, outbox, parked, TaskList(mission, vehicles, memory.left, memory.flown, memory.away))
-        again.notes, again.going_back, again._taken_over = list(memory.notes), memory.going_back, True
+        again.notes, again.going_back = list(memory.notes), memory.going_back
+        again._holding = Holding(outbox, mission.min_separation_m, restarted=True)
         again._round = LookingRound(mission, outbox, memory.turned)
         return again
 
@@ -201,18 +201,17 @@ class FlightList:
             raise MissionError(f"{who} {verb} not done with {where} after {most_s:g} s: landing")
 
     def _hold(self, snapshot: Snapshot, taken: Collection[str]) -> bool:
-        """Whether all still hold; after a restart until all have acknowledged it, too."""
-        self.detail = "taken over after a restart: all hold" if self._taken_over else "all come to a stand"
-        stand = self._holding.over(snapshot, self._guided(snapshot, taken))
-        self._taken_over &= not self._holding.done
-        self._holding = None if stand and not self._taken_over else self._holding
+        """Whether all still hold."""
+        self.detail = self._holding.why
+        if self._holding.over(snapshot, self._guided(snapshot, taken)):
+            self._holding = None
         return self._holding is not None
 
     def _begin(self, snapshot: Snapshot) -> None:
         """The running tasks from their start, and the reference home again, once all stand."""
         if self._standing is not None:
             self._standing.stop(snapshot)
-        self._holding = Holding(self._outbox, self._mission.min_separation_m)
+        self._holding = self._holding or Holding(self._outbox, self._mission.min_separation_m)
         self._convoy, self._standing = None, None
         self._round.begin_again()
         self._home = self._way_home()

@@ -13,15 +13,21 @@ _LONGEST_S = 8.0  # nobody is waited for longer than this: one that is silent, o
 
 
 class Holding:
-    """One pause. Each vehicle is told once, and again where it refused or did not hear."""
+    """One pause. Each vehicle is told once, and again where it refused or did not hear. ``restarted``: it is not known
+    what they were told before, so it is not over until all have acknowledged it."""
 
-    def __init__(self, outbox: Outbox, separation_m: float):
-        self._outbox = outbox
+    def __init__(self, outbox: Outbox, separation_m: float, restarted: bool = False):
+        self._outbox, self._restarted = outbox, restarted
         self._clear_m = clearing.clearance_m(separation_m)
         self._orders: Dict[str, Order] = {}
         self._dodging: Dict[str, Order] = {}
         self._over_since_s: Optional[float] = None
         self._calm_since_s: Optional[float] = None
+
+    @property
+    def why(self) -> str:
+        """In words, what is waited for."""
+        return "taken over after a restart: all hold" if self._restarted else "all come to a stand"
 
     @property
     def done(self) -> bool:
@@ -38,7 +44,9 @@ class Holding:
         in the middle of a stop, or as one swings back to where it was told to hold, is not the one that was planned."""
         self._over_since_s = snapshot.now_s if self._over_since_s is None else self._over_since_s
         self._tell(snapshot, names)
-        return self.stood(snapshot, names) or snapshot.now_s - self._over_since_s > _LONGEST_S
+        stood = self.stood(snapshot, names)
+        self._restarted = self._restarted and not self.done
+        return not self._restarted and (stood or snapshot.now_s - self._over_since_s > _LONGEST_S)
 
     def stood(self, snapshot: Snapshot, names: Sequence[str]) -> bool:
         """Whether all of these have been calm for a second: who swings is so for a moment, too."""

@@ -165,30 +165,30 @@ class MissionRestarts(Fault):
     """The mission's process dies; 5 s later a new one runs."""
 
     name = "mission restarts"
+    _remembers = True
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        flight.control.alive = False
+        flight.control.alive = self._restarted = False
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
-        if since_s > 5.0 and not self.ended:
-            self.ended = True
-            flight.control.restart(flight.now_s)
+        if since_s > 5.0 and not self._restarted:
+            self._restarted, self.ended = True, self._remembers
+            flight.control.restart(flight.now_s, self._remembers)
 
 
-class MissionForgets(Fault):
+class MissionForgets(MissionRestarts):
     """Likewise, and its memory is lost or damaged. Where it finds vehicles in GUIDED of which it knows nothing, the
     operator reads so and aborts after 5 to 15 s."""
 
     name = "mission forgets"
+    _remembers = False
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        flight.control.alive = False
-        self._restarted, self._read_s, self._reads_s = False, np.inf, self._uniform(5.0, 15.0)
+        super().begin(flight, vehicle)
+        self._read_s, self._reads_s = np.inf, self._uniform(5.0, 15.0)
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
-        if since_s > 5.0 and not self._restarted:
-            self._restarted = True
-            flight.control.restart(flight.now_s, remembers=False)
+        super().goes_on(flight, since_s)
         machine = flight.control.machine
         if self._restarted and not self.ended and any("abort to land" in text for text in machine.problems):
             self._read_s = min(self._read_s, flight.now_s)
