@@ -3,37 +3,27 @@
 
 import time
 
-import cv2
 import numpy as np
 import pytest
-from support.scenes import CAMERA, DEPTH_M, camera_pose, photograph
+from support.radio_pictures import NAMES, RadioPictures
+from support.scenes import CAMERA, DEPTH_M
 from support.waiting import within
 
-from fcsv_geometry import transforms
-
 pytestmark = pytest.mark.ros
-NAMES = ("l_one", "l_two", "l_three")  # not uav1, uav2: other tests may use those on the same master
-PLACES = {"l_one": (0.0, 0.0, 0.0), "l_two": (0.0, -1.0, 0.0), "l_three": (0.0, 0.0, 1.0)}
-T_HOME_ODOM = {"l_one": transforms.from_xyz_yaw([3.0, 1.0, 0.0], 0.4),
-               "l_two": transforms.from_xyz_yaw([-2.0, 0.0, 1.0], -1.0),
-               "l_three": np.eye(4)}  # fmt: skip
 until = within(40.0)
 
 
-class Fleet:
-    """What the radio brings: frames, pictures of the synthetic walls, ends of recordings; and what the map says."""
+class Fleet(RadioPictures):
+    """With ends of recordings; and what the map says."""
 
     def __init__(self):
         import rospy
         from sensor_msgs.msg import Image, PointCloud2
 
-        from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
+        from fcsv_msgs.msg import Capture, MapState
 
-        latched = {"queue_size": 5, "latch": True}
-        self.calibration = rospy.Publisher("/calibration", Calibration, **latched)
-        self.home = rospy.Publisher("/home", Home, **latched)
-        self.captures = rospy.Publisher("/mission/capture", Capture, **latched)
-        self.pictures = {n: rospy.Publisher(f"/{n}/capture/picture", CapturedPicture, queue_size=5) for n in NAMES}
+        super().__init__()
+        self.captures = rospy.Publisher("/mission/capture", Capture, queue_size=5, latch=True)
         self.states, self.clouds, self.depths, self.shown = [], [], [], []
         self.heard = [
             rospy.Subscriber("/map/state", MapState, self.states.append),
@@ -41,34 +31,6 @@ class Fleet:
             rospy.Subscriber("/map/depth", Image, self.depths.append),
             rospy.Subscriber("/map/monitor", Image, self.shown.append),
         ]
-
-    def frames(self):
-        from fcsv_geometry.ros import conversions
-        from fcsv_msgs.msg import Calibration, CalibrationLink, Home
-
-        T = T_HOME_ODOM
-        links = []
-        for parent, child in zip(NAMES, NAMES[1:]):
-            link = CalibrationLink(parent=parent, child=child)
-            link.child_odom_in_parent_odom = conversions.transform_to_pose(transforms.invert(T[parent]) @ T[child])
-            links.append(link)
-        self.calibration.publish(Calibration(links=links))
-        home = conversions.transform_to_pose(transforms.invert(T["l_one"]))
-        self.home.publish(Home(reference="l_one", home_in_odom=home))
-
-    def picture(self, name, stamp_s, jpeg=None):
-        from fcsv_geometry.ros import conversions
-        from fcsv_msgs.msg import CapturedPicture
-
-        T_home_cam = camera_pose(PLACES[name])
-        if jpeg is None:
-            bgr = cv2.cvtColor(photograph(T_home_cam), cv2.COLOR_RGB2BGR)
-            jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-        message = CapturedPicture(vehicle=name, format="jpeg", data=jpeg)
-        message.header = conversions.header(stamp_s, f"{name}/camera_optical")
-        message.camera = conversions.info_from_camera(CAMERA, stamp_s, "")
-        message.camera_in_odom = conversions.transform_to_pose(transforms.invert(T_HOME_ODOM[name]) @ T_home_cam)
-        self.pictures[name].publish(message)
 
     def capture(self, index, vehicle, start_s, stop_s):
         import rospy
@@ -95,8 +57,8 @@ class Fleet:
         return said[-1] if said else None
 
     def close(self):
-        publishers = [self.calibration, self.home, self.captures, *self.pictures.values()]
-        for each in (*self.heard, *publishers):
+        super().close()
+        for each in (*self.heard, self.captures):
             each.unregister()
 
 
@@ -107,7 +69,7 @@ def fleet(start_node):
     def start(names=NAMES, **params):
         start_node("fcsv_stereo", "live_map", ns="l_map", params={"vehicles": list(names), **params})
         made.append(Fleet())
-        until(lambda: all(made[-1].pictures[n].get_num_connections() for n in names), what="the node")
+        until(lambda: made[-1].listened_to(names), what="the node")
         return made[-1]
 
     yield start

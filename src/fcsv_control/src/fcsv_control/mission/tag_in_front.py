@@ -10,6 +10,7 @@ from typing import Dict, Mapping, Optional, Tuple
 
 import numpy as np
 
+from fcsv_control.mission.drift_said import DriftSaid
 from fcsv_control.mission.snapshot import VehicleView
 from fcsv_geometry.config import require_positive
 
@@ -29,13 +30,12 @@ class TagInFrontRules:
 
 
 class TagInFront:
-    """``judge`` gives the views on, with what is wrong in ``sighted_off``: from then on until they are calibrated anew,
-    because the tag goes out of view as the vehicle drifts."""
+    """``judge`` gives the views on, with what is wrong in ``sighted_off``."""
 
     def __init__(self, rules: Optional[TagInFrontRules] = None):
         self._rules = rules or TagInFrontRules()
         self._off_since_s: Dict[str, Tuple[float, float]] = {}  # by the rear one: first and last
-        self._off: Dict[str, Tuple[str, np.ndarray]] = {}  # what was said, and T_home_odom then
+        self._said = DriftSaid()
 
     def judge(
         self, now_s: float, views: Mapping[str, VehicleView], T_home_odom: Mapping[str, np.ndarray]
@@ -44,14 +44,12 @@ class TagInFront:
         names, out = list(views), dict(views)
         for front, rear in zip(names, names[1:]):
             if rear not in T_home_odom:
-                self._off.pop(rear, None)
+                self._said.forget(rear)
                 continue
-            said, by = self._off.get(rear, ("", T_home_odom[rear]))
-            if not np.array_equal(by, T_home_odom[rear]):  # calibrated, or home set, since
-                said = ""
+            said = self._said.of(rear, T_home_odom[rear])
             if not said and self._lasts(now_s, rear, self._off_m(views[front], views[rear])):
                 said = f"it does not see {front} where their trackers say: one of them drifts"
-            self._off[rear] = (said, T_home_odom[rear])
+                self._said.say(rear, T_home_odom[rear], said)
             out[rear] = replace(views[rear], sighted_off=said)
         return out
 

@@ -4,18 +4,18 @@
 import threading
 import time
 from dataclasses import dataclass
-from typing import Callable, List, Optional
+from typing import Callable, Dict, List, Optional
 
+import numpy as np
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Image
 
-from fcsv_geometry import frames, home_messages
-from fcsv_geometry.errors import FcsvError, GeometryError
-from fcsv_geometry.home import HomeFrames
+from fcsv_geometry import frames
+from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Calibration, Capture, CapturedPicture, Home, MapState
+from fcsv_msgs.msg import Capture, MapState
 from fcsv_stereo import monitoring
 from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.instants import MOST_SKEW_S
@@ -23,6 +23,7 @@ from fcsv_stereo.live import Corrections, LiveSession, MapStage
 from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
+from fcsv_stereo.ros.captured_pictures import CapturedPictures
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME
 from fcsv_stereo.ros.map_topics import MapTopics
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
@@ -78,7 +79,6 @@ class LiveNode:
     def __init__(self):
         self._parameters = node.parameters(LiveParameters)
         self._session = LiveSession()
-        self._in_home = HomeFrames()
         self._changed = threading.Condition()
         self._news = False
         self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
@@ -92,32 +92,16 @@ class LiveNode:
         self._monitor = rospy.Publisher("/map/monitor", Image, **latched)
         self._states = rospy.Publisher("/map/state", MapState, **latched)
         self._timer = node.every(_STATE_PERIOD_S, lambda _event: self._say())
-        rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
-        rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
+        CapturedPictures(self._parameters.vehicles, self._health, self._on_picture, self._on_frames)
         rospy.Subscriber("/mission/capture", Capture, self._on_capture, queue_size=50)
         for name in self._parameters.vehicles:
-            topic = f"/{name}/capture/picture"
-            rospy.Subscriber(topic, CapturedPicture, self._on_picture, name, queue_size=20, buff_size=8 << 20)
             rospy.Subscriber(f"/{name}/camera_pose", PoseWithCovarianceStamped, self._on_pose, name, queue_size=20)
 
     # ---- what comes in -------------------------------------------------------------------------------------
 
-    def _on_calibration(self, message: Calibration) -> None:
-        self._compose(home_messages.take_calibration, message)
-
-    def _on_home(self, message: Home) -> None:
-        self._compose(home_messages.take_home, message)
-
-    def _compose(self, take, message) -> None:
+    def _on_frames(self, T_home_odom: Dict[str, np.ndarray]) -> None:
         with self._changed:
-            try:
-                take(self._in_home, message)
-            except GeometryError as error:
-                self._health.drop("calibration or home", str(error))
-                return
-            if not self._in_home.places:
-                return
-            self._session.T_home_odom = self._in_home.T_home_odom
+            self._session.T_home_odom = T_home_odom
             self._news = True
             self._changed.notify()
 
@@ -128,21 +112,7 @@ class LiveNode:
             self._news = True
             self._changed.notify()
 
-    def _on_picture(self, message: CapturedPicture, name: str) -> None:
-        try:
-            if message.vehicle != name:
-                raise GeometryError(f"{name} sends pictures of '{message.vehicle}'")
-            picture = LivePicture(
-                name,
-                message.header.stamp.to_sec(),
-                message.data,
-                conversions.camera_from_info(message.camera),
-                conversions.pose_to_transform(message.camera_in_odom),
-            )
-        except FcsvError as error:
-            self._health.drop("picture", str(error))
-            return
-        self._health.tick("pictures")
+    def _on_picture(self, picture: LivePicture) -> None:
         with self._changed:
             self._session.add_picture(picture)
             self._news = True
