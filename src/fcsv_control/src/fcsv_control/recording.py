@@ -33,6 +33,7 @@ _CONTROL: Tuple[str, ...] = (
     "/stop_all",
     "/land_all",
     "/stop_all/report",
+    "/pair_check",
     "/mission/state",
     "/mission/file",
     "/mission/capture",

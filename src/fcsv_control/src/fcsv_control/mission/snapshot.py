@@ -35,7 +35,7 @@ class VehicleView:
     frame_problem: str = ""  # why its odometry frame is not the one that was calibrated
     p_home_tag: Optional[np.ndarray] = None  # (3,) of the tag that it carries, by its own tracker
     p_home_front_tag: Optional[np.ndarray] = None  # (3,) of the tag in front, as it sees it now by its own tracker
-    sighted_off: str = ""  # what does not fit there (TagInFront)
+    sighted_off: str = ""  # what was seen elsewhere than trackers say (TagInFront, PairsSeen)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 from fcsv_control.mission import check_gate
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.outbox import Order
+from fcsv_control.mission.pairs_seen import PairsSeen
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.mission.tag_in_front import TagInFront
@@ -41,6 +42,7 @@ from fcsv_msgs.msg import (
     Heartbeat,
     Home,
     MissionState,
+    PairLook,
 )  # fmt: skip
 from fcsv_msgs.srv import Calibrate, Proceed, ProceedResponse, SetHome
 
@@ -105,11 +107,12 @@ class MissionNode:
         rospy.Service("/mission/abort", Trigger, self._on_abort)
         self._desk = MissionDesk(self._machine, self._lock)
         self._inputs = inputs_of([self._vehicles[n] for n in names], self._health)
-        self._tag_in_front, self._time_of_day = TagInFront(), TimeOfDay()
+        self._tag_in_front, self._pairs_seen, self._time_of_day = TagInFront(), PairsSeen(), TimeOfDay()
         self._recorder = RecorderInput(self._parameters.recorder) if self._parameters.recorder else None
         rospy.Subscriber("/calibration", Calibration, self._on_calibration, queue_size=1)
         rospy.Subscriber("/home", Home, self._on_home, queue_size=1)
         rospy.Subscriber("/flight_check", FlightCheck, self._on_flight_check, queue_size=2)
+        rospy.Subscriber("/pair_check", PairLook, self._on_pair, queue_size=10)
         rospy.Subscriber("/stop_all", String, self._on_stop_all, queue_size=5, tcp_nodelay=True)
         rospy.Subscriber("/land_all", String, self._on_land_all, queue_size=5, tcp_nodelay=True)
         for name in names:
@@ -171,6 +174,10 @@ class MissionNode:
         lines, patience_s = check_messages.lines_of(message), check_messages.patience_s(message)
         with self._lock:
             self._machine.gate.tell(time.monotonic(), lines, patience_s)
+
+    def _on_pair(self, message: PairLook) -> None:
+        with self._lock:
+            self._pairs_seen.looked(time.monotonic(), message.reference, message.vehicle, message.off)
 
     def _on_stop_all(self, message: String) -> None:
         with self._lock:
@@ -246,7 +253,7 @@ class MissionNode:
         cameras = {n: v.T_body_cam for n, v in self._vehicles.items()}
         recorder = None if self._recorder is None else self._recorder.view(now_s)
         self._time_of_day.see(time.monotonic(), rospy.get_time(), time.monotonic())
-        views = self._tag_in_front.judge(now_s, views, T_home_odom)
+        views = self._pairs_seen.judge(self._tag_in_front.judge(now_s, views, T_home_odom), T_home_odom)
         return Snapshot(now_s, views, T_home_odom, cameras, recorder, self._time_of_day.times_set)
 
     def _command(self, order: Order, now_s: float) -> Command:

@@ -51,7 +51,7 @@ class RehearsedVehicle(OnBoard):
         self._server = MavlinkServer(self.autopilot, geometry.system_id)
         self.tracker = T265(start.tracker, geometry.T_body_t265, seed)
         self.tracker_on = True
-        self._scene = SimulatedScene(geometry.T_body_cam, seed)
+        self.scene = SimulatedScene(geometry.T_body_cam, seed)
         self._scene_epoch = 0
         super().__init__(geometry, start.rules, start.guardian)
         self.by_hand: Optional[Tuple[float, int]] = None  # when its transmitter chose which mode
@@ -112,8 +112,8 @@ class RehearsedVehicle(OnBoard):
         """A picture held against the tracker's motion; another epoch of the odometry is another frame."""
         if self._scene_epoch != self.epoch.number:
             self._scene_epoch = self.epoch.number
-            self._scene.begin_again()
+            self.scene.begin_again()
         angular_radps = np.array(self.odometry.angular_radps)
-        seen = self._scene.see(now_s, T_world_body, self.T_odom_body, angular_radps)
+        seen = self.scene.see(now_s, T_world_body, self.T_odom_body, angular_radps)
         if seen is not None:
             self._scene_looked(now_s, seen)

@@ -15,12 +15,12 @@ from fcsv_geometry import rotations, transforms
 from fcsv_tracking.scene_motion import SceneLook, look, outlived
 
 _POINTS, _POINTS_OF_LITTLE_TEXTURE, _LITTLE_TEXTURE = 60, 10, 1.0 / 7.0
-_FIELD = (0.53, 0.4)  # tangents of the half angles of view: 56 degrees wide
-_DEPTHS_M, _DEPTH_SPREAD = (40.0, 160.0), 1.1  # of the middle one; of the logarithm, about it
+FIELD = np.array([0.53, 0.4])  # tangents of the half angles of view: 56 degrees wide
+_DEPTHS_M, DEPTH_SPREAD = (40.0, 160.0), 1.1  # of the middle one; of the logarithm, about it
 _FOLLOWED_RAD = 0.0017  # half a pixel of 320 across the field
 _KEPT = 0.5  # as scene_motion
 _MOVE_BY_THEMSELVES, _MOVE_MPS = 0.15, 0.5
-_TURNED_RAD = 0.003  # of a whole picture: vibration, rolling shutter
+TURNED_RAD = 0.003  # of a whole picture: vibration, rolling shutter
 _STAMP_S = 0.008
 
 
@@ -30,9 +30,9 @@ class SimulatedScene:
     def __init__(self, T_body_cam: np.ndarray, seed: int):
         self._random = np.random.default_rng([seed, 5])
         self._T_body_cam = T_body_cam
-        self._depth_m = float(np.exp(self._random.uniform(*np.log(_DEPTHS_M))))
-        little = self._random.random() < _LITTLE_TEXTURE
-        self._count = _POINTS_OF_LITTLE_TEXTURE if little else _POINTS
+        self.depth_m = float(np.exp(self._random.uniform(*np.log(_DEPTHS_M))))  # of its middle point
+        self.little_texture = bool(self._random.random() < _LITTLE_TEXTURE)
+        self._count = _POINTS_OF_LITTLE_TEXTURE if self.little_texture else _POINTS
         self.begin_again()
 
     def begin_again(self) -> None:
@@ -50,7 +50,7 @@ class SimulatedScene:
         span_s = stamp_s - then_s
         p_cam = transforms.apply(transforms.invert(T_world_cam), p_world + span_s * v_world)
         xy = self._pictured(p_cam, turns_radps)
-        seen = (p_cam[:, 2] > 0.5) & (np.abs(xy) < _FIELD).all(axis=1)
+        seen = (p_cam[:, 2] > 0.5) & (np.abs(xy) < FIELD).all(axis=1)
         T_now_then = transforms.invert(T_odom_cam) @ T_odom_then
         if seen.sum() < _KEPT * len(xy) or outlived(span_s, T_now_then):
             return self._take(stamp_s, T_world_cam, T_odom_cam, turns_radps)
@@ -58,8 +58,8 @@ class SimulatedScene:
 
     def _take(self, stamp_s: float, T_world_cam: np.ndarray, T_odom_cam: np.ndarray, turns_radps) -> None:
         n, random = self._count, self._random
-        depth_m = self._depth_m * np.exp(_DEPTH_SPREAD * random.standard_normal(n))
-        xy = random.uniform(-1.0, 1.0, (n, 2)) * _FIELD
+        depth_m = self.depth_m * np.exp(DEPTH_SPREAD * random.standard_normal(n))
+        xy = random.uniform(-1.0, 1.0, (n, 2)) * FIELD
         p_cam = depth_m[:, None] * np.column_stack([xy, np.ones(n)])
         p_world = transforms.apply(T_world_cam, p_cam)
         moving = random.random(n) < _MOVE_BY_THEMSELVES
@@ -70,6 +70,6 @@ class SimulatedScene:
         """(N, 2) x/z, y/z of points (optical frame) with the errors of following them."""
         random = self._random
         late_rad = random.normal(0.0, _STAMP_S) * (self._T_body_cam[:3, :3].T @ turns_radps)
-        turned = p_cam @ rotations.exp(random.normal(0.0, _TURNED_RAD, 3) + late_rad).T
+        turned = p_cam @ rotations.exp(random.normal(0.0, TURNED_RAD, 3) + late_rad).T
         xy = turned[:, :2] / np.maximum(turned[:, 2:], 0.1)
         return xy + random.normal(0.0, _FOLLOWED_RAD, xy.shape)

@@ -56,14 +56,15 @@ def epipolar_error(T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray) ->
 
 
 def fit_pair(
-    prior: PairPrior, rays_a: np.ndarray, rays_b: np.ndarray, focal_px: float, band_px: float, noise_px: float
-) -> Tuple[np.ndarray, np.ndarray]:
+    prior: PairPrior, rays_a: np.ndarray, rays_b: np.ndarray, focal_px: float, band_px: float, noise_px: float,
+    start: Optional[np.ndarray] = None,
+) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """T_a_b that most rays agree with, and the epipolar errors (N,) px under it.
 
     Gauss-Newton on Geman-McClure weights whose width shrinks from the band to the noise (graduated non-convexity,
-    Yang et al. 2020), with the prior.
+    Yang et al. 2020), with the prior; from ``start``, where that is not the prior's own pose.
     """
-    T_a_b = prior.T_a_b.copy()
+    T_a_b = (prior.T_a_b if start is None else start).copy()
     width_px = band_px
     for _ in range(20):
         error, J = epipolar_error(T_a_b, rays_a, rays_b)
