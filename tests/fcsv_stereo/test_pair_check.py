@@ -6,7 +6,7 @@ import pytest
 from support.scenes import camera_pose, picture
 
 from fcsv_geometry import transforms
-from fcsv_sim.sensors.pair_scene import FOCAL_PX, NOISE_PX, SimulatedPair
+from fcsv_sim.sensors.pair_scene import FOCAL_PX, NOISE_PX, MatchedScene
 from fcsv_sim.sensors.scene import SimulatedScene
 from fcsv_stereo.model import LivePicture
 from fcsv_stereo.pair_check import PairRules, PairsToLookAt, compare, look
@@ -22,7 +22,7 @@ def pairs(flights, little_texture=False):
         scene = SimulatedScene(np.eye(4), seed := seed + 1)
         if scene.little_texture == little_texture:
             flights -= 1
-            yield SimulatedPair(scene, scene, seed)
+            yield MatchedScene(scene, scene, seed)
 
 
 def seen(pair, place, off_m=(0.0, 0.0, 0.0)):

@@ -21,13 +21,14 @@ from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.mission.tag_in_front import TagInFront
 from fcsv_control.mission.time_of_day import TimeOfDay
 from fcsv_control.ros import flight_check_messages as check_messages
+from fcsv_control.ros.capture_message import capture_message
 from fcsv_control.ros.mission_desk import MissionDesk
 from fcsv_control.ros.mission_inputs import RecorderInput, inputs_of
 from fcsv_control.ros.mission_memory import MissionMemory, Restored
 from fcsv_geometry import home_messages
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.home import HomeFrames
-from fcsv_geometry.mission import Mission, load_mission
+from fcsv_geometry.mission import load_mission
 from fcsv_geometry.phases import BY_HOME, PHASES
 from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
@@ -36,7 +37,6 @@ from fcsv_msgs.msg import (
     Capture,
     Command,
     CommandAck,
-    Configuration,
     Fence,
     FlightCheck,
     Heartbeat,
@@ -283,23 +283,6 @@ class MissionNode:
         for window in [*(w for w in m.so_far if w not in self._so_far), *m.captures[self._published_captures :]]:
             self._captures.publish(capture_message(self._mission, window, day.offset_s))
         self._so_far, self._published_captures = list(m.so_far), len(m.captures)
-
-
-def capture_message(mission: Mission, window: CaptureWindow, wall_offset_s: float = 0.0) -> Capture:
-    """What /mission/capture says of a recording window: in the time of day, by which pictures are stamped, minus the
-    clock of the window ``wall_offset_s``."""
-    c = mission.configurations[window.index]
-    axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
-    return Capture(
-        header=conversions.header(rospy.get_time(), ""),
-        index=window.index,
-        configuration=Configuration(c.title, axis, c.baseline_m, c.tilt_rad, c.record_s),
-        reference=mission.reference,
-        vehicle=window.vehicle,
-        start=rospy.Time.from_sec(window.start_s + wall_offset_s),
-        stop=rospy.Time.from_sec(window.stop_s + wall_offset_s),
-        position_error_m=window.position_error_m,
-    )
 
 
 def main() -> int:

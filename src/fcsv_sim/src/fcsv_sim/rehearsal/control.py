@@ -5,7 +5,7 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, Optional, Tuple
 
 import numpy as np
 
@@ -23,11 +23,10 @@ from fcsv_geometry import config, transforms
 from fcsv_geometry.home import home_of
 from fcsv_geometry.mission import Mission
 from fcsv_sim.rehearsal.board import WALL_S
+from fcsv_sim.rehearsal.pairs import PairCheck
 from fcsv_sim.rehearsal.radio import CRITICAL_S, Radio
 from fcsv_sim.rehearsal.stop_desk import StopDesk
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
-from fcsv_sim.sensors.pair_scene import FOCAL_PX, NOISE_PX, SimulatedPair
-from fcsv_stereo import pair_check
 from fcsv_tracking.odometry import EpochBegan, Vector
 
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
@@ -35,7 +34,6 @@ _CALIBRATES_S = 8.0
 _CALIBRATION_M, _CALIBRATION_RAD = 0.03, math.radians(0.3)  # standard deviations: docs/tracking.md
 _TAG_M = (1.0, 6.0)  # from how near and how far a tag is seen
 _TAG_ERROR = 0.02  # of its place: share of the distance
-_LOOK_EVERY_S, _LOOK_TAKES_S = 0.5, 0.5  # at a pair that records: pictures on their way, and looked at
 _ZERO_S = 70_000.0  # its monotonic clock at the rehearsal's zero: each machine's begins elsewhere
 
 
@@ -52,12 +50,9 @@ class ControlPc:
         self._runs = 1
         self.battery_share: Dict[str, float] = {}  # overrides what a vehicle says
         self._mission, self._fleet, self._radios = mission, fleet, radios
-        self._random, self._random_sight, self._random_look = (np.random.default_rng([seed, k]) for k in (22, 24, 25))
+        self._random, self._random_sight = (np.random.default_rng([seed, k]) for k in (22, 24))
         self._cameras = {n: v.geometry.T_body_cam for n, v in fleet.items()}
-        scene = fleet[mission.reference].scene
-        others = [n for n in fleet if n != mission.reference]
-        self._pairs = {n: SimulatedPair(scene, fleet[n].scene, 100 * seed + k) for k, n in enumerate(others)}
-        self._look_s = 0.0
+        self._pair_check = PairCheck(fleet, radios, mission.reference, seed)
         self._hear_nobody()
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
         self._T_ref_odom: Dict[str, np.ndarray] = {}  # T_odom1_odomN by the calibration
@@ -72,7 +67,6 @@ class ControlPc:
             n: VehicleHeard(v.geometry.T_body_cam, T_body_tag=v.geometry.T_body_tag) for n, v in self._fleet.items()
         }
         self._tag_in_front, self._pairs_seen, self._time_of_day = TagInFront(), PairsSeen(), TimeOfDay()
-        self._looks: List[Tuple[float, str, bool]] = []  # when it is known, of which pair, whether it is off
         self._newest_s: Dict[Tuple[str, Callable], float] = {}  # when what was taken last was sent, by vehicle and kind
         self._states: Dict[str, Tuple] = {}  # that arrived
 
@@ -99,9 +93,7 @@ class ControlPc:
                 share = self.battery_share.get(name, state.battery_share)
                 self._send(now_s, name, self._slow, (share, vehicle.pictures))
         self.stop_desk.step(now_s)
-        if now_s >= self._look_s:
-            self._look_s = now_s + _LOOK_EVERY_S
-            self._look_at_pairs(now_s)
+        self._pair_check.step(now_s, self.T_home_odom)
 
     def _send(self, now_s: float, name: str, take: Callable, told: Tuple) -> None:
         """``take`` it when it arrives, unless something newer of the kind came before; it counts from when it was sent,
@@ -208,8 +200,7 @@ class ControlPc:
         return WALL_S + now_s + self.clock_offset_s
 
     def _snapshot(self, now_s: float) -> Snapshot:
-        while self._looks and self._looks[0][0] <= now_s:
-            _, name, off = self._looks.pop(0)
+        for name, off in self._pair_check.looks(now_s):
             self._pairs_seen.looked(now_s, self._mission.reference, name, off)
         views = self._tag_in_front.judge(now_s, {n: self._view(now_s, n) for n in self._fleet}, self.T_home_odom)
         views = self._pairs_seen.judge(views, self.T_home_odom)
@@ -243,26 +234,6 @@ class ControlPc:
         p_world = (front.body.T_world_body @ front.geometry.T_body_tag)[:3, 3]
         p_world = p_world + self._random_sight.normal(0.0, _TAG_ERROR, 3) * np.linalg.norm(step)
         return transforms.apply(vehicle.T_odom_body @ transforms.invert(vehicle.body.T_world_body), p_world)
-
-    def _look_at_pairs(self, now_s: float) -> None:
-        """Who records beside the reference is held against it, by what both cameras truly see."""
-        reference = self._mission.reference
-        for name, pair in self._pairs.items():
-            if all(self._sends_pictures(n) for n in (reference, name)):
-                true, told = zip(*(self._cameras_of(n) for n in (reference, name)))
-                T_a_b = transforms.invert(told[0]) @ told[1]
-                seen = pair_check.compare(T_a_b, *pair.rays(*true), FOCAL_PX, NOISE_PX)
-                self._looks.append((now_s + _LOOK_TAKES_S, name, seen.off))
-
-    def _sends_pictures(self, name: str) -> bool:
-        vehicle, radio = self._fleet[name], self._radios[name]
-        known = vehicle.recording and vehicle.odometry is not None and name in self.T_home_odom
-        return known and not radio.cut and self._random_look.random() >= radio.quality.loss
-
-    def _cameras_of(self, name: str) -> Tuple[np.ndarray, np.ndarray]:
-        """Where a vehicle's camera truly is in the world, and in home by its tracker."""
-        vehicle, T_body_cam = self._fleet[name], self._cameras[name]
-        return vehicle.body.T_world_body @ T_body_cam, self.T_home_odom[name] @ vehicle.T_odom_body @ T_body_cam
 
     # ---- calibration and home ----------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ _WRONG = 1.0 / 7.0
 _MOVED_M = 1.0  # then other points are matched
 
 
-class SimulatedPair:
+class MatchedScene:
     """Of the cameras whose scenes are ``a`` and ``b``: where one shows too little texture the pair does."""
 
     def __init__(self, a: SimulatedScene, b: SimulatedScene, seed: int):
