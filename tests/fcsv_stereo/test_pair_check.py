@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Matched points of two pictures against where trackers say that the cameras are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from support.photographs import fountain
 from support.scenes import camera_pose, picture
 
 from fcsv_geometry import transforms
 from fcsv_sim.sensors.pair_scene import FOCAL_PX, NOISE_PX, MatchedScene
 from fcsv_sim.sensors.scene import SimulatedScene
+from fcsv_stereo import colmap
 from fcsv_stereo.model import LivePicture
 from fcsv_stereo.pair_check import PairRules, PairsToLookAt, compare, look
 
@@ -70,12 +74,23 @@ def test_pictures_of_a_wall():
     b = picture("b", "uav2", 0.0, camera_pose((0.0, -1.0, 0.0)))
     calm = look(a, b)
     assert not calm.off and calm.matches > 60 and calm.off_m < 0.4
-    drifted = picture("b", "uav2", 0.0, b.T_home_cam)
-    object.__setattr__(drifted, "T_home_cam", transforms.from_xyz_yaw([0.0, 0.0, 1.5], 0.0) @ b.T_home_cam)
-    assert look(a, drifted).off
-    blank = picture("b", "uav2", 0.0, b.T_home_cam)
-    object.__setattr__(blank, "image", np.full_like(blank.image, 128))
-    assert look(a, blank).matches == 0
+    assert look(a, replace(b, T_home_cam=transforms.from_xyz_yaw([0.0, 0.0, 1.5], 0.0) @ b.T_home_cam)).off
+    assert look(a, replace(b, image=np.full_like(b.image, 128))).matches == 0
+
+
+def test_photographs_of_known_pose(shared_data, tmp_path):
+    """Neighbours of the eleven of the fountain. Measured 2026-11-27 over all 82 pairs with 40 matches, ten draws each:
+    none of 820 off without a drift, 351 of 492 with one of 1.5 m and more than 0.9 m of it across."""
+    names = [f"{k:04}.jpg" for k in range(2, 8)]
+    folder = fountain(shared_data, tmp_path / "model", names)
+    given = colmap.read_photographs(folder, names[0])
+    photographs = [given.configurations[0].references[0], *(p for c in given.configurations for p in c.others)]
+    photographs = sorted(photographs, key=lambda p: p.name)
+    for a, b in zip(photographs, photographs[1:]):
+        calm = look(a, b)
+        assert not calm.off and calm.off_m < 0.3 and calm.matches > 90
+        drifted = replace(b, T_home_cam=b.T_home_cam @ transforms.from_xyz_yaw([0.0, 2.0, 0.0], 0.0))
+        assert look(a, drifted).off_m == pytest.approx(2.0, abs=0.4) and look(a, drifted).off
 
 
 @pytest.mark.parametrize("change", [{"off_m": 0.0}, {"surprise": float("nan")}, {"rotation_rad": -1.0}])
