@@ -323,6 +323,17 @@ def test_two_above_each_other_that_do_not_hear_each_other_do_not_meet():
     assert np.linalg.norm((above.held[-1][1] - below.held[0][1])[:2]) > 5.0
 
 
+def test_where_it_comes_to_a_stand_by_its_autopilots_own_acceleration():
+    air = Aloft()
+    for _ in range(15):  # at 1 m/s
+        air.p[0] += STEP_S
+        air.run(STEP_S)
+    for told_mps2, stops_m in ((None, 0.73), (0.5, 1.4), (float("nan"), 1.4), (0.0, 1.4), (1.0, 0.9)):
+        if told_mps2 is not None:
+            air.guardian.slows(told_mps2)
+        assert air.guardian.air.p_home_stop_m[0] - air.p[0] == pytest.approx(stops_m, abs=0.05)
+
+
 def test_who_was_above_and_is_silent_may_come_down():
     air = Aloft()
     air.others = {"uav2": {"p_home_m": np.array([0.2, 0.1, 12.0]), "mode": "GUIDED"}}

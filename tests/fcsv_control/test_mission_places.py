@@ -187,6 +187,14 @@ def test_who_flies_towards_anothers_column_counts_as_above_it(towards_mps, is_ab
     assert clearing.coming_down_on(moment, "uav1", 2.2) == ("uav2" if is_above else None)
 
 
+def test_a_mission_that_slows_down_gently_counts_with_a_longer_stop():
+    """4 m beside it at 1.4 m/s: a stand 1.2 m further on at 1.5 m/s², 2.5 m at 0.5 m/s²."""
+    above = seen_at(0.0, -4.0, 4.0, armed=True, mode="GUIDED", v_home_mps=np.array([0.0, 1.4, 0.0]))
+    air = {"uav1": seen_at(0.0, 0.0, 0.0, armed=True, mode="GUIDED"), "uav2": above}
+    assert clearing.below(Snapshot(0.0, air), "uav2", 2.2) is None
+    assert clearing.below(Snapshot(0.0, air, slows_mps2=0.5), "uav2", 2.2) == "uav1"
+
+
 def test_who_lands_by_hand_is_told_that_one_lies_somewhere():
     air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True, mode="LOITER")}
     air["uav2"] = seen_at(0.0, 0.0, -8.0, lost=True, astray_m=18.2, state_age_s=0.1)

@@ -90,14 +90,16 @@ def lost_reach_m(flown_s: float) -> float:
     return max(LOST_CLEAR_M, _LOST_M + _LOST_MPS * flown_s)
 
 
-def stop_m(here_m: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
+def stop_m(
+    here_m: np.ndarray, velocity_mps: np.ndarray, slows_mps2: float = FlightBounds.acceleration_mps2
+) -> np.ndarray:  # fmt: skip
     """(3,) where a vehicle comes to a stand, horizontally, that is told now to stop or to land.
 
     >>> stop_m(np.array([0.0, -4.0, 8.0]), np.array([0.0, 1.5, 1.0])).tolist()
     [0.0, -2.65, 8.0]
     """
     speed_mps = float(np.hypot(*velocity_mps[:2]))
-    return here_m + np.array([*velocity_mps[:2], 0.0]) * (_TOLD_S + speed_mps / (2.0 * FlightBounds.acceleration_mps2))
+    return here_m + np.array([*velocity_mps[:2], 0.0]) * (_TOLD_S + speed_mps / (2.0 * slows_mps2))
 
 
 def aside(

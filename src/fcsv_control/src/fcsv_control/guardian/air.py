@@ -12,6 +12,7 @@ from fcsv_control.flight.estimate import apart_m
 from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import separation, transforms
 from fcsv_geometry.fence import Fence
+from fcsv_geometry.flight_limits import FlightBounds
 
 _INF = float("inf")
 _FLYING_M = 0.5  # above where it stood
@@ -99,6 +100,7 @@ class Air:
     calibrated: Optional[int] = None  # the epoch of the last calibration
     lost_s: float = 0.0  # so long it has flown without a position
     sent_to: Optional[np.ndarray] = None  # T_odom_body, where the mission sent it
+    slows_mps2: float = FlightBounds.acceleration_mps2  # as it stops or lands
     confidence: float = math.nan
     link: LinkReport = field(default_factory=LinkReport)
     link_s: float = -_INF
@@ -205,7 +207,9 @@ class Air:
     def p_home_stop_m(self) -> Optional[np.ndarray]:
         """(3,) where it comes to a stand if it is to land now; None while home is not known."""
         here = self.p_home_m
-        return None if here is None else separation.stop_m(here, self.T_home_odom[:3, :3] @ self.way.velocity_mps())
+        if here is None:
+            return None
+        return separation.stop_m(here, self.T_home_odom[:3, :3] @ self.way.velocity_mps(), self.slows_mps2)
 
     def tilt_rad(self) -> float:
         """Of the body's up axis against the vertical."""

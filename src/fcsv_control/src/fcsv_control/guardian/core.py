@@ -85,6 +85,10 @@ class Guardian:
         """A calibration was made with this epoch of the odometry."""
         self.air.calibrated = epoch
 
+    def slows(self, mps2: float) -> None:
+        """By how much its autopilot slows down as it stops; what is no such number is not known and changes nothing."""
+        self.air.slows_mps2 = mps2 if 0.0 < mps2 < math.inf else self.air.slows_mps2
+
     def link(self, now_s: float, report: LinkReport) -> None:
         """The flight link lives."""
         self._link_heard = True

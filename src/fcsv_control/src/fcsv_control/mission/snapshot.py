@@ -7,6 +7,7 @@ from typing import Dict, Optional
 import numpy as np
 
 from fcsv_geometry import separation
+from fcsv_geometry.flight_limits import FlightBounds
 
 _INF = float("inf")
 
@@ -49,7 +50,7 @@ class RecorderView:
 @dataclass(frozen=True)
 class Snapshot:
     """All vehicles, and T_home_odom and T_body_cam of each where known; ``recorder`` None: none is asked for.
-    ``clock_set``: how often this machine's time of day was set."""
+    ``clock_set``: how often this machine's time of day was set. ``slows_mps2``: by how much who stops slows down."""
 
     now_s: float
     vehicles: Dict[str, VehicleView]
@@ -57,6 +58,7 @@ class Snapshot:
     T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
     recorder: Optional[RecorderView] = None
     clock_set: int = 0
+    slows_mps2: float = FlightBounds.acceleration_mps2
 
     def p_home_cam(self, name: str) -> np.ndarray:
         """Position (m) of a vehicle's camera in home; only where it is known."""
@@ -64,4 +66,4 @@ class Snapshot:
 
     def p_home_stop(self, name: str) -> np.ndarray:
         """Where it comes to a stand that is told now to stop or to land; only where its place is known."""
-        return separation.stop_m(self.p_home_cam(name), self.vehicles[name].v_home_mps)
+        return separation.stop_m(self.p_home_cam(name), self.vehicles[name].v_home_mps, self.slows_mps2)

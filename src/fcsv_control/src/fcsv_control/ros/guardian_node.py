@@ -29,7 +29,17 @@ from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, Epoch, Epochs, GuardianState, Heartbeat, LinkHealth, ModeAsked
+from fcsv_msgs.msg import (
+    Command,
+    CommandAck,
+    Epoch,
+    Epochs,
+    GuardianState,
+    Heartbeat,
+    LinkHealth,
+    ModeAsked,
+    ParameterReport,
+)
 from fcsv_msgs.msg import Fence as FenceMessage
 from mavros_msgs.msg import State, StatusText
 from mavros_msgs.srv import SetMode
@@ -84,6 +94,7 @@ class GuardianNode:
         hear("mavros/state", State, self._on_state)
         hear("mavros/battery", BatteryState, self._on_battery)
         hear("flight_link/health", LinkHealth, self._on_link)
+        hear("flight_link/parameters", ParameterReport, self._on_parameters)
         hear("agent/alive", Heartbeat, lambda _m: self._hear(self._core.agent_lives))
         hear("/mission/fence", FenceMessage, self._on_fence)
         hear("/mission/alive", Heartbeat, lambda _m: self._hear(self._core.control_heard))
@@ -144,6 +155,11 @@ class GuardianNode:
             m.parameter, in_the_air, m.connected,
         )  # fmt: skip
         self._hear(self._core.link, report)
+
+    def _on_parameters(self, m: ParameterReport) -> None:
+        found = dict(zip(m.limits, m.limit_values))
+        with self._lock:
+            self._core.slows(found.get("WPNAV_ACCEL", math.nan) / 100.0)  # cm/s²
 
     def _on_command(self, m: Command) -> None:
         self._hear(self._core.control_heard)

@@ -254,7 +254,8 @@ class MissionNode:
         recorder = None if self._recorder is None else self._recorder.view(now_s)
         self._time_of_day.see(time.monotonic(), rospy.get_time(), time.monotonic())
         views = self._pairs_seen.judge(self._tag_in_front.judge(now_s, views, T_home_odom), T_home_odom)
-        return Snapshot(now_s, views, T_home_odom, cameras, recorder, self._time_of_day.times_set)
+        slows_mps2 = self._mission.flight.acceleration_mps2
+        return Snapshot(now_s, views, T_home_odom, cameras, recorder, self._time_of_day.times_set, slows_mps2)
 
     def _command(self, order: Order, now_s: float) -> Command:
         a = order.arguments

@@ -205,7 +205,10 @@ class ControlPc:
         views = self._tag_in_front.judge(now_s, {n: self._view(now_s, n) for n in self._fleet}, self.T_home_odom)
         views = self._pairs_seen.judge(views, self.T_home_odom)
         self._time_of_day.see(now_s, self._wall_s(now_s), now_s)
-        return Snapshot(now_s, views, dict(self.T_home_odom), self._cameras, clock_set=self._time_of_day.times_set)
+        return Snapshot(
+            now_s, views, dict(self.T_home_odom), self._cameras, clock_set=self._time_of_day.times_set,
+            slows_mps2=self._mission.flight.acceleration_mps2,
+        )  # fmt: skip
 
     def _view(self, now_s: float, name: str) -> VehicleView:
         heard = self.heard[name]
