@@ -12,6 +12,14 @@ pytestmark = pytest.mark.ros
 until = within(40.0)
 
 
+@pytest.mark.parametrize("wrong", [{"vehicles": ["uav1"]}, {"rate_hz": 0.0}, {"most_share": float("nan")}])
+def test_wrong_parameters_are_named(wrong):
+    from fcsv_stereo.ros.pair_check_node import PairCheckParameters
+
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        PairCheckParameters(**{"vehicles": list(NAMES), **wrong})
+
+
 def test_a_pair_is_looked_at_and_a_drift_is_told(ros_master, start_node):
     import rospy
 

@@ -2,6 +2,7 @@
 """Whether two vehicles' pictures show them where their trackers say: for the mission, as they record."""
 
 import threading
+import time
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Tuple
 
@@ -19,16 +20,20 @@ from fcsv_stereo.ros.captured_pictures import CapturedPictures
 
 @dataclass(frozen=True)
 class PairCheckParameters:
-    """Parameters of the node; ``vehicles`` with the reference first. At most ``rate_hz`` looks a second at a pair."""
+    """Parameters of the node; ``vehicles`` with the reference first. At most ``rate_hz`` looks a second at a pair, and
+    fewer where looking would take more than ``most_share`` of the time."""
 
     vehicles: List[str]
     rate_hz: float = 2.0
+    most_share: float = 0.25
 
     def __post_init__(self):
         if len(self.vehicles) < 2:
             raise ValueError(f"vehicles: {self.vehicles} are not two or more; name them, the reference first")
         if not 0.1 <= self.rate_hz <= 10.0:
             raise ValueError(f"rate_hz: {self.rate_hz} is not in 0.1..10")
+        if not 0.01 <= self.most_share <= 1.0:
+            raise ValueError(f"most_share: {self.most_share} is not in 0.01..1")
 
 
 class PairCheckNode:
@@ -36,6 +41,7 @@ class PairCheckNode:
 
     def __init__(self):
         p = node.parameters(PairCheckParameters)
+        self._rests = 1.0 / p.most_share - 1.0  # times as long as it looked
         self._pairs = pair_check.PairsToLookAt(p.vehicles, 0.9 / p.rate_hz)
         self._T_home_odom: Dict[str, np.ndarray] = {}
         self._changed = threading.Condition()
@@ -55,9 +61,11 @@ class PairCheckNode:
     def spin(self) -> None:
         """Looks at what comes until ROS shuts the node down."""
         while not rospy.is_shutdown():
+            started_s = time.monotonic()
             posed = self._next()
             if posed is not None:
                 self._publish(*posed, pair_check.look(*posed))
+                time.sleep(self._rests * (time.monotonic() - started_s))
 
     def _next(self) -> Optional[Tuple[Picture, Picture]]:
         with self._changed:
