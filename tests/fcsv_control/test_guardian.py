@@ -323,6 +323,20 @@ def test_two_above_each_other_that_do_not_hear_each_other_do_not_meet():
     assert np.linalg.norm((above.held[-1][1] - below.held[0][1])[:2]) > 5.0
 
 
+@pytest.mark.parametrize(
+    "beside_m, up_m, goes_aside", [(1.5, -0.1, True), (1.5, 0.3, True), (2.0, 0.0, False), (1.5, 0.8, False)]
+)
+def test_who_lands_beside_another_at_its_height_goes_out_of_its_way_first(beside_m, up_m, goes_aside):
+    """Rehearsed: the agent of one died 1.4 m beside the other; 15 s later it came down there."""
+    air = Aloft()
+    air.others = {"uav2": {"p_home_m": air.p + [0.0, beside_m, up_m], "mode": "GUIDED"}}
+    air.run(1.0).forget()
+    air.silent.add("agent")
+    air.run(25.0)
+    assert "LAND" in air.modes
+    assert abs(air.p[1] - beside_m) == pytest.approx(1.8 if goes_aside else beside_m, abs=0.1)
+
+
 def test_where_it_comes_to_a_stand_by_its_autopilots_own_acceleration():
     air = Aloft()
     for _ in range(15):  # at 1 m/s

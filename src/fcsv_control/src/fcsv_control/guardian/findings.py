@@ -114,16 +114,19 @@ class Watches:
                 yield name, float(separation.share(here - other.p_home_m, self._rules.separation, doubt_m))
 
     def beneath(self, now_s: float, air: Air) -> Optional[str]:
-        """A vehicle that this one would come down upon, flying or not, from where it is or on its way to a stand."""
+        """A vehicle upon which this one would come down, flying or not, from where it is or on its way to a stand, or
+        close beside which it would, from the same height."""
         here, stop = air.p_home_m, air.p_home_stop_m
         if here is None:
             return None
         for name, places in room.places_m(now_s, air, self._rules).items():
             other = air.others[name]
             clear_m = room.landing_clear_m(now_s, self._rules, other)
-            below = (p for p in places if other.lies or here[2] - p[2] > _BELOW_M)
-            if any(separation.passes_m(here, stop, p) < clear_m for p in below):
-                return name
+            for p in places:
+                drop_m = here[2] - p[2]
+                needed_m = clear_m if other.lies or drop_m > _BELOW_M else self._rules.beside_m
+                if (other.lies or drop_m > -_BELOW_M) and separation.passes_m(here, stop, p) < needed_m:
+                    return name
         return None
 
     # ---- the position ----------------------------------------------------------------------------------------

@@ -49,6 +49,7 @@ class GuardianRules:
     mission_fence_slack_m: float = 1.0  # a mission's own fence, in which every way was planned, counts from so far out
     separation: SeparationRules = field(default_factory=SeparationRules)
     clear_m: float = 2.5  # horizontally, for one to come down beside another
+    beside_m: float = 1.8  # likewise, where both fly at one height
     uncontrolled_clear_m: float = LOST_CLEAR_M  # likewise, of one that comes down without a position
     unruly_s: float = 1.0  # so long one may be above or below a vehicle that is in other hands, or lost
     silent_above_s: float = 1.5  # who was above and is silent for so long may come down
