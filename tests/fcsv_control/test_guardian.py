@@ -2,6 +2,7 @@
 """The guardian on board: what it sees, what it does about it, and that it leaves the pilot alone."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -346,6 +347,33 @@ def test_where_it_comes_to_a_stand_by_its_autopilots_own_acceleration():
         if told_mps2 is not None:
             air.guardian.slows(told_mps2)
         assert air.guardian.air.p_home_stop_m[0] - air.p[0] == pytest.approx(stops_m, abs=0.05)
+
+
+@pytest.mark.parametrize("fallen", [{"mode": "LAND"}, {"uncontrolled": True}])
+def test_who_comes_down_as_it_flies_is_not_dodged_along_its_way(fallen):
+    """Rehearsed: its autopilot restarted at 1.7 m/s. It went on, over the other, which flew the same way."""
+    air = Aloft()
+    here = air.p.copy()
+    p = np.array([0.0, -1.3, 12.0])
+    for k in range(8):
+        air.others = {"uav2": {"p_home_m": p + [0.0, 1.7 * STEP_S * (k - 8), 0.0], "mode": "GUIDED"}}
+        air.run(STEP_S)
+    air.others = {"uav2": {"p_home_m": p, "mode": "GUIDED", **fallen}}
+    air.forget()
+    air.run(0.5)
+    goes = air.held[0][1] - here
+    assert abs(goes[0]) > 2.0 * abs(goes[1]), "across its way"
+
+
+def test_how_another_moves_is_known_from_what_was_heard():
+    other = Other(np.array([0.0, 0.0, 8.0]), heard_s=10.0)
+    for k in range(1, 41):
+        other = Other(np.array([0.06 * k, 0.0, 8.0]), heard_s=10.0 + 0.04 * k).after(other)
+        other = replace(other, v_home_mps=np.zeros(3)).after(other)  # the same message again
+    assert other.v_home_mps == pytest.approx([1.5, 0.0, 0.0], abs=0.1)
+    lost = Other(np.array([9.0, 9.0, 9.0]), heard_s=12.0, uncontrolled=True).after(other)
+    assert (lost.p_home_m == other.p_home_m).all() and (lost.v_home_mps == other.v_home_mps).all()
+    assert len(lost.places_m(12.0, 1.5)) == 4 and len(replace(lost, armed=False).places_m(12.0, 1.5)) == 1
 
 
 def test_who_was_above_and_is_silent_may_come_down():

@@ -17,6 +17,8 @@ from fcsv_geometry.flight_limits import FlightBounds
 _INF = float("inf")
 _FLYING_M = 0.5  # above where it stood
 AUTOPILOT_FAILSAFE = (5, 6)  # MAV_STATE_CRITICAL, MAV_STATE_EMERGENCY
+_SMOOTH_S, _SAME_S = 0.3, 0.005  # of how another moves; less apart it is the same message
+_GOES_ON_S, _FLIES_MPS = (1.0, 2.0, 3.0), 0.5  # of one that comes down on its way
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,20 @@ class Other:
     lost_s: float = 0.0  # so long it flew without a position, as it tells
     taken: bool = False
     going_to_m: Optional[np.ndarray] = None  # where it was sent, in home
+    v_home_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) as it was heard to move
+
+    def after(self, before: Optional["Other"]) -> "Other":
+        """With how it moved since it was heard before. What it says of a place that it has lost counts for nothing."""
+        if before is None:
+            return self
+        since_s, v_mps = self.heard_s - before.heard_s, before.v_home_mps
+        if self.astray:
+            return replace(self, p_home_m=before.p_home_m, v_home_mps=v_mps)
+        if since_s > _SMOOTH_S:
+            v_mps = (self.p_home_m - before.p_home_m) / since_s
+        elif since_s > _SAME_S:
+            v_mps = v_mps + ((self.p_home_m - before.p_home_m) - since_s * v_mps) / _SMOOTH_S
+        return replace(self, v_home_mps=v_mps)
 
     @property
     def astray(self) -> bool:
@@ -76,9 +92,13 @@ class Other:
 
     def places_m(self, now_s: float, silent_s: float) -> List[np.ndarray]:
         """Where to look for it: one that has been silent for longer than ``silent_s`` may have flown on to where it was
-        sent."""
+        sent, and one that comes down as it flies goes on that way, if it has no position for seconds."""
         flew_on = self.going_to_m is not None and now_s - self.heard_s > silent_s and not self.astray
-        return [self.p_home_m, self.going_to_m] if flew_on else [self.p_home_m]
+        level_mps = self.v_home_mps * [1.0, 1.0, 0.0]
+        falls = self.armed and (self.uncontrolled or self.mode == "LAND")
+        goes_on = _GOES_ON_S if falls and float(np.linalg.norm(level_mps)) > _FLIES_MPS else ()
+        there = [self.going_to_m] if flew_on else []
+        return [self.p_home_m, *there, *(self.p_home_m + s * level_mps for s in goes_on)]
 
 
 @dataclass

@@ -6,7 +6,6 @@ the companion flies the vehicle; in a mode that the pilot chose it only speaks. 
 """
 
 import math
-from dataclasses import replace
 from typing import Dict, List, Optional, Set, Tuple
 
 import numpy as np
@@ -131,11 +130,8 @@ class Guardian:
         self.air.mission_fence = fence
 
     def other(self, name: str, other: Other) -> None:
-        """Another vehicle was heard. What it says of a place that it has lost counts for nothing."""
-        before = self.air.others.get(name)
-        if before is not None and other.astray:
-            other = replace(other, p_home_m=before.p_home_m)
-        self.air.others[name] = other
+        """Another vehicle was heard."""
+        self.air.others[name] = other.after(self.air.others.get(name))
 
     # ---- time ------------------------------------------------------------------------------------------------
 
