@@ -16,8 +16,9 @@ import numpy as np
 from bench.scenes import LISTS, SceneName, shoot
 from fcsv_geometry import transforms
 from fcsv_stereo import pair_check
+from fcsv_stereo.model import Picture
 from fcsv_stereo.pair_check import PairLook
-from fcsv_stereo.refinement.features import View, prepare
+from fcsv_stereo.refinement.features import KnownFeatures, View
 from fcsv_stereo.refinement.matching import Matches, match_anywhere
 from fcsv_stereo.sessions.read import read_session
 
@@ -28,13 +29,18 @@ TRACKER = (np.radians(0.3), 0.03, 0.01)  # rotation per axis (rad), position (m)
 Pair = Tuple[View, View, Matches]
 
 
+def matched(a: Picture, b: Picture, known: KnownFeatures) -> Pair:
+    """What ``pair_check.look`` compares."""
+    one, other = known.prepare(a, pair_check.FEATURES), known.prepare(b, pair_check.FEATURES)
+    return one, other, match_anywhere(one, other)
+
+
 def drawn(world: str, seed: int) -> Iterator[Pair]:
     """The reference's picture and one from each place, with noise and lens."""
     scene = shoot(SceneName(world, seed), LISTS["and V 5, 7, 10 m"])
-    a = prepare(scene.reference, pair_check.FEATURES)
+    known = KnownFeatures()
     for other in scene.others:
-        b = prepare(other, pair_check.FEATURES)
-        yield a, b, match_anywhere(a, b)
+        yield matched(scene.reference, other, known)
 
 
 def recorded(session: Path, most: int = 4) -> Iterator[Pair]:
@@ -42,8 +48,7 @@ def recorded(session: Path, most: int = 4) -> Iterator[Pair]:
     for c in read_session(session).configurations:
         count = min(len(c.references), len(c.others))
         for k in range(0, count, max(1, count // most)):
-            a, b = (prepare(p[k], pair_check.FEATURES) for p in (c.references, c.others))
-            yield a, b, match_anywhere(a, b)
+            yield matched(c.references[k], c.others[k], KnownFeatures())
 
 
 def looked(pair: Pair, told_b: np.ndarray) -> Tuple[PairLook, float]:

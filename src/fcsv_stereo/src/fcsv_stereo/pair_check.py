@@ -15,7 +15,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_stereo.model import LivePicture, Picture
-from fcsv_stereo.refinement.features import prepare
+from fcsv_stereo.refinement.features import KnownFeatures
 from fcsv_stereo.refinement.geometry import PairPrior, fit_pair, inverse_depth, prior_offset
 from fcsv_stereo.refinement.matching import match_anywhere
 
@@ -77,9 +77,10 @@ class _Fit:
 _DEFAULT = PairRules()
 
 
-def look(a: Picture, b: Picture, rules: PairRules = _DEFAULT) -> PairLook:
-    """Two undistorted pictures with the poses that trackers tell."""
-    one, other = prepare(a, FEATURES), prepare(b, FEATURES)
+def look(a: Picture, b: Picture, known: KnownFeatures, rules: PairRules = _DEFAULT) -> PairLook:
+    """Two undistorted pictures with the poses that trackers tell; ``known``: of pictures that come again, as the
+    reference's does for each other vehicle."""
+    one, other = known.prepare(a, FEATURES), known.prepare(b, FEATURES)
     matches = match_anywhere(one, other)
     T_a_b = transforms.invert(a.T_home_cam) @ b.T_home_cam
     rays = one.rays[matches.a], other.rays[matches.b]

@@ -124,8 +124,9 @@ class Watches:
             clear_m = room.landing_clear_m(now_s, self._rules, other)
             for p in places:
                 drop_m = here[2] - p[2]
-                needed_m = clear_m if other.lies or drop_m > _BELOW_M else self._rules.beside_m
-                if (other.lies or drop_m > -_BELOW_M) and separation.passes_m(here, stop, p) < needed_m:
+                below, beside = other.lies or drop_m > _BELOW_M, drop_m > -_BELOW_M
+                needed_m = clear_m if below else self._rules.beside_m if beside else 0.0
+                if separation.passes_m(here, stop, p) < needed_m:
                     return name
         return None
 

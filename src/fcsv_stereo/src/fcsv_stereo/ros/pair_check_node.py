@@ -15,6 +15,7 @@ from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import PairLook
 from fcsv_stereo import pair_check
 from fcsv_stereo.model import LivePicture, Picture
+from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.ros.captured_pictures import CapturedPictures
 
 
@@ -43,6 +44,7 @@ class PairCheckNode:
         p = node.parameters(PairCheckParameters)
         self._rests = 1.0 / p.most_share - 1.0  # times as long as it looked
         self._pairs = pair_check.PairsToLookAt(p.vehicles, 0.9 / p.rate_hz)
+        self._known = KnownFeatures()
         self._T_home_odom: Dict[str, np.ndarray] = {}
         self._changed = threading.Condition()
         self._health = Health("pair_check", {"pictures": 0.0})
@@ -64,7 +66,7 @@ class PairCheckNode:
             started_s = time.monotonic()
             posed = self._next()
             if posed is not None:
-                self._publish(*posed, pair_check.look(*posed))
+                self._publish(*posed, pair_check.look(*posed, self._known))
                 time.sleep(self._rests * (time.monotonic() - started_s))
 
     def _next(self) -> Optional[Tuple[Picture, Picture]]:
