@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from support import tiers
+from support import tiers, wrong_inputs
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -19,10 +19,13 @@ settings.load_profile("fcsv")
 
 def pytest_addoption(parser):
     tiers.options(parser)
+    parser.addoption("--write-wrong-inputs", action="store_true", help="write docs/wrong_inputs.md from what passes")
 
 
 def pytest_configure(config):
     tiers.register(config)
+    if config.getoption("--write-wrong-inputs") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(wrong_inputs.Writer())
 
 
 def pytest_ignore_collect(collection_path, config):
@@ -32,6 +35,9 @@ def pytest_ignore_collect(collection_path, config):
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_collection_modifyitems(config, items):
     tiers.mark_what_needs_ros(items)  # before pytest looks at -m
+    for item in items:
+        if wrong_inputs.FIXTURE in getattr(item, "fixturenames", ()):
+            item.add_marker(wrong_inputs.MARK)
     tiers.keep_tier(config, items)
     tiers.share_out(config, items)
     yield
@@ -95,6 +101,12 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("real data is not beside this checkout (../shared/data)")
     return folder
+
+
+@pytest.fixture
+def wrong_input(record_property, request):
+    """wrong_input(area, given, outcome, message): a row of docs/wrong_inputs.md that this test has just asserted."""
+    return wrong_inputs.Recorder(record_property, request.config.getoption("--write-wrong-inputs"))
 
 
 @pytest.fixture(scope="session")
