@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 from distutils.core import setup
+from pathlib import Path
 
 from catkin_pkg.python_setup import generate_distutils_setup
 
-PACKAGES = ["fcsv_geometry", "fcsv_geometry.bags", "fcsv_geometry.ros"]
+SOURCES = Path(__file__).resolve().parent / "src"
+PACKAGES = sorted(".".join(p.parent.relative_to(SOURCES).parts) for p in SOURCES.rglob("__init__.py"))
 
 DATA = {"fcsv_geometry.bags": ["definitions/*.msg"]}
 
