@@ -55,6 +55,20 @@ def test_a_control_pc_starts_by_itself_only_with_its_mission(install, tmp_path):
     assert "udp dport 123 accept" in tree(tmp_path)["etc/fcsv/nftables.nft"]
 
 
+def test_a_machine_starts_from_an_install_space(install, tmp_path):
+    space = tmp_path / "fcsv"
+    status, said = install(*VEHICLE, "--install-space", str(space))
+    assert status == 1 and f"--install-space {space}: holds no setup.bash" in said
+    vehicles = space / "share/fcsv_bringup/config/vehicles"
+    vehicles.mkdir(parents=True)
+    (space / "setup.bash").write_text("")
+    status, said = install(*VEHICLE, "--install-space", str(space))
+    assert status == 1 and f"{vehicles}/uav1.yaml is missing" in said
+    (vehicles / "uav1.yaml").write_text("")
+    assert install(*VEHICLE, "--install-space", str(space), "--apply")[0] == 0
+    assert f"'. {space}/setup.bash && exec roslaunch" in tree(tmp_path)["etc/systemd/system/fcsv.service"]
+
+
 def test_files_of_others_are_left_alone(install, tmp_path):
     mine = tmp_path / "etc/profile.d/fcsv.sh"
     mine.parent.mkdir()

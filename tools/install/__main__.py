@@ -46,6 +46,7 @@ def arguments(argv) -> argparse.Namespace:
     parser.add_argument("--record-dir", help="where bags go (default ~/fcsv/session of the user)")
     parser.add_argument("--mission", default="", help="control only: start by itself with this mission file")
     parser.add_argument("--ssh", action="store_true", help="leave port 22 open on the radio, to copy keys and bags")
+    parser.add_argument("--install-space", default="", metavar="PREFIX", help="start from it, not from devel/")
     parser.add_argument("--launch", action="append", default=[], help="NAME:=VALUE for roslaunch, as often as needed")
     parser.add_argument("--root", default="/", help="write below this folder and run nothing (for images and tests)")
     parser.add_argument("--uninstall", action="store_true", help="take away what was written")
@@ -72,13 +73,17 @@ def plan_of(given: argparse.Namespace) -> Plan:
     home = os.path.expanduser(f"~{given.user}")
     if home.startswith("~"):
         raise InstallError(f"--user '{given.user}' is unknown on this machine")
-    vehicle = WORKSPACE / "config/vehicles" / f"{given.role}.yaml"
+    space = os.path.abspath(given.install_space) if given.install_space else ""
+    if space and not (Path(space) / "setup.bash").is_file():
+        raise InstallError(f"--install-space {space}: holds no setup.bash; make it with `cmake --install build`")
+    config = Path(space) / "share/fcsv_bringup/config" if space else WORKSPACE / "config"
+    vehicle = config / "vehicles" / f"{given.role}.yaml"
     if given.role != "control" and given.role.isidentifier() and not vehicle.is_file():
         raise InstallError(f"--role '{given.role}': {vehicle} is missing; where camera and tag sit stands there")
     return Plan(
         given.role, given.radio, parse_peers(given.peers), given.port, str(WORKSPACE), given.user,
         given.keys or f"{home}/fcsv-keys", given.record_dir or f"{home}/fcsv/session", given.ssh, given.mission,
-        tuple(given.launch),
+        tuple(given.launch), space,
     )  # fmt: skip
 
 

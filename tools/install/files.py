@@ -34,6 +34,7 @@ class Plan:
     ssh: bool = False
     mission: str = ""
     launch: Tuple[str, ...] = ()
+    install_space: str = ""  # of `cmake --install`; empty: the workspace's devel space
 
     def __post_init__(self):
         if not self.role.isidentifier() or self.role == "fleet":
@@ -49,10 +50,15 @@ class Plan:
         for entry in self.launch:
             if not _LAUNCH.fullmatch(entry):
                 raise InstallError(f"--launch '{entry}': write NAME:=VALUE, as for roslaunch, without blanks or quotes")
-        for option in ("workspace", "user", "keys", "record_dir", "mission"):
+        for option in ("workspace", "user", "keys", "record_dir", "mission", "install_space"):
             value = getattr(self, option)
             if value and not _WORD.fullmatch(value):
                 raise InstallError(f"--{option.replace('_', '-')} '{value}': blanks and quotes cannot stand in a unit")
+
+    @property
+    def environment(self) -> str:
+        """The file that a shell reads to know the packages; from ``workspace``."""
+        return f"{self.install_space}/setup.bash" if self.install_space else "devel/setup.sh"
 
     @property
     def starts_by_itself(self) -> bool:
@@ -189,7 +195,7 @@ StartLimitIntervalSec=0
 User={plan.user}
 Environment=ROS_IP=127.0.0.1 ROS_MASTER_URI=http://127.0.0.1:11311
 WorkingDirectory={plan.workspace}
-ExecStart=/bin/bash -c '. devel/setup.sh && exec {" ".join(launch_command(plan))}'
+ExecStart=/bin/bash -c '. {plan.environment} && exec {" ".join(launch_command(plan))}'
 AmbientCapabilities=CAP_SYS_NICE
 KillMode=mixed
 KillSignal=SIGINT
