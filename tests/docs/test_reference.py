@@ -4,7 +4,10 @@
 import os
 import subprocess
 import sys
+import xml.etree.ElementTree as xml
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ROOT / "docs" / "reference"
@@ -31,6 +34,12 @@ def test_every_executable_stands_in_one_page():
     for path in ROOT.glob("src/fcsv_*/nodes/*"):
         command, node = f"## {path.name}" in commands, f"## {path.parents[1].name}/{path.name}" in nodes
         assert path.is_dir() or command != node, path
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "launch").rglob("*.launch")), ids=lambda p: p.name)
+def test_every_argument_of_a_launch_file_says_what_it_is(path):
+    arguments = [a for a in xml.parse(path).getroot().findall("arg") if "value" not in a.attrib]
+    assert not [a.get("name") for a in arguments if not a.get("doc")]
 
 
 def test_topics_are_read_through_loops_helpers_and_names(monkeypatch, tmp_path):

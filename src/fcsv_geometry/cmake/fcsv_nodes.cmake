@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-# fcsv_install_nodes(): the executables in nodes/ become the package's, in the devel and in the install space.
-# Both run the interpreter that the workspace was configured with (-DPYTHON_EXECUTABLE), whatever their first line says:
-# the devel space by catkin's wrappers, the install space by a first line that is written at the installation.
-function(fcsv_install_nodes)
-  file(GLOB nodes CONFIGURE_DEPENDS nodes/*)
-  catkin_install_python(PROGRAMS ${nodes} DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+# fcsv_pin_interpreter(): the executables of nodes/ run, in the install space too, the interpreter that the workspace
+# was configured with (-DPYTHON_EXECUTABLE). catkin's wrappers in the devel space do so; what it installs on Debian
+# begins with `env python3`, which lacks what requirements.txt pins. Call it after catkin_install_python().
+function(fcsv_pin_interpreter)
+  file(GLOB nodes RELATIVE ${CMAKE_CURRENT_SOURCE_DIR}/nodes CONFIGURE_DEPENDS nodes/*)
   install(CODE "
-    foreach(node ${nodes})
-      get_filename_component(name \${node} NAME)
+    foreach(name ${nodes})
       set(installed \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION}/\${name}\")
-      file(READ \"\${node}\" text)
+      file(READ \"\${installed}\" text)
       string(REGEX REPLACE \"^#![^\\n]*\" \"#!${PYTHON_EXECUTABLE}\" text \"\${text}\")
       file(WRITE \"\${installed}\" \"\${text}\")
     endforeach()")
