@@ -6,6 +6,7 @@ content contradicts itself, is refused: decoders fill what is missing with grey,
 """
 
 import io
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Optional, Tuple
@@ -17,6 +18,7 @@ from fcsv_geometry.errors import PictureFileError
 
 _ORIENTATION = 0x0112
 _JPEG, _TIFFS = b"\xff\xd8\xff", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_DEFLATE = (8, 32946)  # TIFF's numbers of this compression
 _FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _FTYP_KINDS = {
     b"heic": "HEIC (iPhone)", b"heix": "HEIC (iPhone)", b"hevc": "HEIC (iPhone)", b"mif1": "HEIF", b"msf1": "HEIF",
@@ -126,7 +128,7 @@ def _decode(data: bytes, name: str, grey: bool) -> np.ndarray:
     flags = _FLAGS | (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR)
     if grey:
         flags &= ~cv2.IMREAD_ANYDEPTH  # who asks for grey wants 8 bits
-    problem = _problem(data)
+    problem = _problem(data) or _deflate_problem(data)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
@@ -162,10 +164,29 @@ def _problem(data: bytes) -> Optional[str]:
     return None
 
 
+def _deflate_problem(data: bytes) -> Optional[str]:
+    """Of a TIFF's deflated parts, whose checksums no decoder looks at."""
+    if not data.startswith(_TIFFS):
+        return None
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(io.BytesIO(data)) as file:
+            page = file.pages[0]
+            parts = list(zip(page.dataoffsets, page.databytecounts)) if page.compression in _DEFLATE else []
+        for at, size in parts:
+            zlib.decompress(data[at : at + size])
+    except (tifffile.TiffFileError, IndexError, AttributeError):
+        return None  # OpenCV says what it thinks of it
+    except zlib.error as error:
+        return f"is damaged, copy it again ({error})"
+    return None
+
+
 def _ends_in_zeros(data: bytes, pixels: np.ndarray) -> bool:
     """Whether zeros took the place of the file's end: compressed files have no such run; in others the picture is black
     from the middle of a row on."""
-    if len(data) - len(data.rstrip(b"\0")) < _ZEROS:
+    if data.startswith(b"\x89PNG") or len(data) - len(data.rstrip(b"\0")) < _ZEROS:
         return False
     if len(data) < 0.9 * pixels.nbytes:
         return True
