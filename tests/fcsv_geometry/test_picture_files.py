@@ -29,7 +29,9 @@ def encoded(kind, image=None):
     return cv2.imencode("." + kind.split(",")[0], image, options)[1].tobytes()
 
 
-KINDS = ("jpeg", "jpeg with a thumbnail", "jpeg, progressive", "png", "tiff", "tiff, deflate", "tiff, raw", "bmp", "ppm")
+KINDS = (
+    "jpeg", "jpeg with a thumbnail", "jpeg, progressive", "png", "tiff", "tiff, deflate", "tiff, raw", "bmp", "ppm",
+)  # fmt: skip
 
 
 def test_examples():
@@ -68,7 +70,7 @@ def test_black_pictures_and_what_cameras_write_behind_are_whole():
 
 @pytest.mark.parametrize("data, words", [
     (HEIC, "is HEIC"), (b"\0\0\0\x20ftypavif" + b"1" * 99, "is AVIF"), (b"\0\0\0\x20ftypmp42" + b"1" * 99, "is a film"),
-    (b"", "is empty"), (bytes(5000), "5000 zero octets"), (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+    (b"", "is empty"), (bytes(5000), "5000 zero octets"), (b"version https://git-lfs.github.com/spec/v1", "git lfs"),
     (b"<!DOCTYPE html><html>", "web server"), (b"%PDF-1.4", "PDF"), (b"PK\x03\x04abc", "archive"),
     (b"no picture at all", "cannot be read as a picture"), (b"\xff\xd8\xff\xe0garbage", "a.jpg: "),
 ])  # fmt: skip
@@ -94,7 +96,9 @@ def test_pixels_are_the_stored_ones_and_turn_as_exif_says(kind, orientation):
         wide = image.astype(np.uint16) * 256 if "16" in kind else image
         tifffile.imwrite(file, wide, extratags=[(274, "H", 1, orientation, True)])
     else:
-        Image.fromarray(image).save(file, kind, exif=exif, **({"quality": 100, "subsampling": 0} if kind == "jpeg" else {}))
+        Image.fromarray(image).save(
+            file, kind, exif=exif, **({"quality": 100, "subsampling": 0} if kind == "jpeg" else {})
+        )
     found = decode_picture(file.getvalue(), "a")
     expected = {1: image, 2: image[:, ::-1], 3: image[::-1, ::-1], 4: image[::-1], 5: image.swapaxes(0, 1),
                 6: np.rot90(image, -1), 7: np.rot90(image, 2).swapaxes(0, 1), 8: np.rot90(image)}  # fmt: skip

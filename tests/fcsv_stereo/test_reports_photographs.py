@@ -108,7 +108,8 @@ def test_ways_to_write_images_txt(tmp_path, given, ways, wrong_input):
 @pytest.mark.parametrize("form", ["NFC", "NFD"])
 def test_names_composed_and_decomposed(tmp_path, form, wrong_input):
     """Both ways, and in priors.csv, too."""
-    name, other = (unicodedata.normalize(f, "Gr\u00f6\u00dfe \u00e9.png") for f in (form, "NFD" if form == "NFC" else "NFC"))
+    forms = (form, "NFD" if form == "NFC" else "NFC")
+    name, other = (unicodedata.normalize(f, "Gr\u00f6\u00dfe \u00e9.png") for f in forms)
     folder = several(tmp_path, ("a.png", name))
     (folder / "images" / name).rename(folder / "images" / other)
     (folder / "priors.csv").write_text(PRIORS + "\n".join(f"{n},1,1,1,1,1,1" for n in ("a.png", other)))
@@ -139,17 +140,21 @@ def test_names_of_windows(tmp_path, on_disk, wrong_input):
 
 
 def _append(file, line):
-    return lambda folder: (folder / file).write_text((folder / file).read_text() + line)
+    def append(folder):
+        with (folder / file).open("a") as opened:
+            opened.write(line)
+
+    return append
 
 
 @pytest.mark.parametrize("given, spoil_it, words", [
-    ("a name twice in images.txt", _append("images.txt", "9 1 0 0 0 -1 0 0 1 b.png\n\n"), "line 8: b.png stands there already"),
-    ("a name twice, composed otherwise", _append("images.txt", "9 1 0 0 0 -1 0 0 1 ./b.png\n\n"), "line 8: ./b.png stands"),
-    ("a camera twice in cameras.txt", _append("cameras.txt", "1 PINHOLE 64 48 70 70 32 24\n"), "cameras.txt, line 2: camera 1"),
+    ("a name twice in images.txt", _append("images.txt", "9 1 0 0 0 -1 0 0 1 b.png\n\n"), "line 8: b.png stands"),
+    ("a name twice, written otherwise", _append("images.txt", "9 1 0 0 0 -1 0 0 1 ./b.png\n\n"), "line 8: ./b.png"),
+    ("a camera twice in cameras.txt", _append("cameras.txt", "1 PINHOLE 64 48 70 70 32 24\n"), "line 2: camera 1"),
     ("a pose line that is cut", _append("images.txt", "9 1 0 0 0 -1"), "images.txt, line 8: not a posed picture"),
     ("a pose line that is no number", _append("images.txt", "9 1 0 x 0 -1 0 0 1 d.png\n"), "images.txt, line 8"),
-    ("a photograph in a folder without a pose", lambda f: several(f / "images", ("d.png",)), "has no pose in images.txt"),
-    ("frames.txt without rigs.txt", lambda f: (f / "frames.txt").write_text("1 1 1 0 0 0 0 0 0 1 CAMERA 1 1\n"), "rigs.txt is missing"),
+    ("a photograph in a folder without a pose", lambda f: several(f / "images", ("d.png",)), "has no pose"),
+    ("frames.txt without rigs.txt", _append("frames.txt", "1 1 1 0 0 0 0 0 0 1 CAMERA 1 1\n"), "rigs.txt is missing"),
 ])  # fmt: skip
 def test_what_is_refused_by_line(tmp_path, given, spoil_it, words, wrong_input):
     folder = several(tmp_path / "m")
@@ -280,7 +285,7 @@ def is_stored(picture):
 
 
 def test_orientation_that_the_size_does_not_tell(tmp_path, wrong_input):
-    """Half turns alone: stored, and said. Beside pictures whose size tells that the model is of turned pixels: turned."""
+    """Half turns alone: stored, and said. Where other pictures' size tells that the model is of turned ones: turned."""
     given = load(oriented(tmp_path / "a", (1, 3, 3)))
     images = [given.configurations[0].references[0].image, *(c.others[0].image for c in given.configurations)]
     assert all(map(is_stored, images)) and "turns 2 of 3 pictures" in given.warnings[0]
@@ -328,7 +333,8 @@ def test_rounded_quaternions_far_from_the_origin(tmp_path, wrong_input):
         for i, pose in enumerate(T):
             near = pose.copy()
             near[:3, 3] -= [389000.0 * ok, shift, 40.0 * ok]
-            lines.append(f"{i + 1} {' '.join(f'{float(v):.6f}' for v in numbers(transforms.invert(near)).split())} 1 ")
+            six = " ".join(f"{float(v):.6f}" for v in numbers(transforms.invert(near)).split())
+            lines.append(f"{i + 1} {six} 1 ")
         (folder / "images.txt").write_text("".join(f"{s}{n}\n\n" for s, n in zip(lines, ("a.png", "b.png"))))
         if ok:
             assert len(poses(load(folder))) == 2

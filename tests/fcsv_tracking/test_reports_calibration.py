@@ -78,7 +78,8 @@ def test_broken_board_pictures_are_named(tmp_path, capsys, wrong_input):
     for name, words in zip(broken, ("is HEIC", "ends in the middle", "is damaged", "is empty")):
         (line,) = [s for s in said.splitlines() if s.strip().startswith(f"left out: {name}:")]
         assert words in line
-    wrong_input("Calibration", "a board picture that is cut", "left out and named", "x2.jpg: ends in the middle of the picture")
+    words = "x2.jpg: ends in the middle of the picture"
+    wrong_input("Calibration", "a board picture that is cut", "left out and named", words)
     (folder / "b00.jpg").write_bytes(b"")
     for i in range(1, 12):
         (folder / f"b{i:02d}.jpg").unlink()

@@ -36,7 +36,7 @@ _ZEROS = 512  # (octets) a copy that broke off may leave so many, or more, at th
 
 @dataclass(frozen=True)
 class StoredPicture:
-    """Pixels as stored: HxWx3 BGR, or HxW where grey was asked for; uint8 or uint16. ``orientation``: EXIF's, 1 to 8."""
+    """Pixels as stored (HxWx3 BGR, or HxW grey; uint8 or uint16), and EXIF's orientation (1 to 8)."""
 
     pixels: np.ndarray
     orientation: int = 1

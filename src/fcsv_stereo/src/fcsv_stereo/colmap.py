@@ -6,7 +6,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, Optional, Sequence
 
 import numpy as np
 
@@ -90,8 +90,8 @@ def _require_one_model(folder: Path) -> None:
         other = binary.get(name)
         if other is None or not np.allclose(other / _scaled(far), T_home_cam / _scaled(far), atol=1e-4):
             raise InputError(
-                f"{folder / 'images.bin'}: {'lacks' if other is None else 'has another pose of'} {name} than images.txt; "
-                "one of the two models is old: take it away"
+                f"{folder / 'images.bin'}: {'lacks' if other is None else 'has another pose of'} {name} than "
+                "images.txt; one of the two models is old: take it away"
             )
 
 

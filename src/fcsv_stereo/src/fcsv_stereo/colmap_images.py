@@ -184,8 +184,8 @@ def _contradiction(path: Path, lines: Sequence[_Line], composed: Sequence[_Line]
     worst = max(other, key=lambda n: turned[n])
     return (
         f"{path.name} contradicts rigs.txt and frames.txt about {len(other)} of {len(now)} pictures "
-        f"({lines[worst].name}: {np.degrees(turned[worst]):.1f} degrees and {moved[worst]:.3g} of the model's units): their poses are those of "
-        "rigs.txt and frames.txt, as COLMAP reads them"
+        f"({lines[worst].name}: {np.degrees(turned[worst]):.1f} degrees and {moved[worst]:.3g} of the model's units): "
+        "their poses are those of rigs.txt and frames.txt, as COLMAP reads them"
     )
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Models far from their world's origin (UTM): mapped in coordinates near the cameras, so that float32 holds them.
 
-The shift is whole numbers. float64 outputs (report.json, COLMAP, LAZ, world files, calibration.yaml) are in home all the
-same; map.ply and map.pcd are float32 and say the shift in their header.
+The shift is whole numbers. What is written in float64 (report.json, COLMAP, LAZ, world files, calibration.yaml) is in
+home all the same; map.ply and map.pcd are float32 and say the shift in their header.
 """
 
 from dataclasses import replace

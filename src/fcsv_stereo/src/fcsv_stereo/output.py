@@ -139,7 +139,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "method": result.method,
         "reference": {
             "image": result.reference.name, "width": camera.width, "height": camera.height, "fx": camera.fx,
-            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy, "T_home_cam": moved(result.reference.T_home_cam, origin_m).tolist(),
+            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy,
+            "T_home_cam": moved(result.reference.T_home_cam, origin_m).tolist(),
         },
         "images": [
             {

@@ -65,8 +65,8 @@ def load_pictures(
 ) -> Dict[str, Picture]:  # fmt: skip
     """By name, undistorted; those of 16 bits share one scale per camera.
 
-    A file that cannot be read whole is left out, and ``warnings`` name it. Raises InputError where it is the reference's
-    or no other one is left.
+    A file that cannot be read whole is left out, and ``warnings`` name it. Raises InputError where it is the
+    reference's, or no other one is left.
     """
     stored, broken = _read(files, posed)
     if reference in broken:
@@ -120,9 +120,7 @@ def _as_posed(
         found = images[p.name].shape[1], images[p.name].shape[0]
         if found != sizes[p.name]:
             (w, h), (width, height) = found, sizes[p.name]
-            raise InputError(
-                f"{files[p.name]}: is {w}x{h}, cameras.txt says {width}x{height} for camera {p.camera_id}"
-            )
+            raise InputError(f"{files[p.name]}: is {w}x{h}, cameras.txt says {width}x{height} for camera {p.camera_id}")
     return images
 
 
@@ -130,6 +128,6 @@ def _unclear(files: Mapping[str, Path], stored: Mapping[str, StoredPicture], nam
     first = next(iter(names))
     return (
         f"EXIF's orientation turns {len(names)} of {len(stored)} pictures ({files[first].name}: "
-        f"{stored[first].orientation}) and their size does not tell whether their poses are of turned pixels: they were "
-        "taken as stored, as COLMAP takes them. If they are of turned ones, save the pictures turned."
+        f"{stored[first].orientation}), and their size does not tell whether their poses are of turned pixels. They "
+        "were taken as stored, as COLMAP takes them. If the poses are of turned ones, save the pictures turned."
     )

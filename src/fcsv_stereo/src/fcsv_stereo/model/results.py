@@ -105,7 +105,8 @@ class MapResult:
     cut: Optional[CloudCut] = None  # what was left out of the cloud (cloud_bounds)
     unseen: List[str] = field(default_factory=list)  # sentences: what may be wrong and would show nowhere
     holes: Optional[Any] = None  # of the orthophoto (products.holes.HoleShares); None: none was asked for
-    origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)  # (3,): poses and points plus this are in home (local_origin)
+    #: (3,): poses and points plus this are in home (local_origin)
+    origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)
     near: Optional[Any] = None  # what the near field brought (near.join.NearJoin); None: there is none
 
     def __post_init__(self):

@@ -23,7 +23,8 @@ def write_colmap(result: MapResult, given: MapInput, cloud: Cloud, folder: Path)
     COLMAP has pixel centres at 0.5: its cx and cy are ours plus 0.5. Points carry no tracks and so no error (-1).
     """
     pictures = {
-        n: replace(p, T_home_cam=moved(p.T_home_cam, result.origin_m)) for n, p in refined_pictures(result, given).items()
+        name: replace(p, T_home_cam=moved(p.T_home_cam, result.origin_m))
+        for name, p in refined_pictures(result, given).items()
     }
     files = file_names(list(pictures))
     (folder / "images").mkdir(parents=True)

@@ -42,8 +42,8 @@ def write_products(names: Sequence[str], result: MapResult, given: MapInput, fol
         raise OutputError(f"the map holds no points ({why}): nothing to make {', '.join(names)} of")
     if "orthophoto" in names and result.reference.looks_down:
         result.unseen.append(
-            "Home's z axis points at the camera. That is right where the pictures look down; where they look ahead, the "
-            "orthophoto and its heights are along the view: turn the model upright (its world's z up)."
+            "Home's z axis points at the camera. That is right where the pictures look down; where they look ahead, "
+            "orthophoto and heights are along the view: turn the model upright (its world's z up)."
         )
     if "orthophoto" in names and not result.reference.is_level:
         result.warnings.append(

@@ -56,8 +56,11 @@ def summary(data: ReportData) -> List[Part]:
     relative = relative[np.isfinite(relative)]
     rows = [
         ("reference picture", result.reference.name),
-        *([("map.ply, map.pcd: add to x, y, z", ", ".join(f"{v:,.0f}" for v in result.origin_m))]
-          if result.is_shifted else []),  # fmt: skip
+        *(
+            [("map.ply, map.pcd: add to x, y, z", ", ".join(f"{v:,.0f}" for v in result.origin_m))]
+            if result.is_shifted
+            else []
+        ),  # fmt: skip
         ("configurations", str(len(result.pairs))),
         ("points", f"{result.points:,}"),
         *([("left out of the cloud", in_words(result.cut))] if result.cut and in_words(result.cut) else []),
