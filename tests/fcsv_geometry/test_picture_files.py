@@ -71,7 +71,7 @@ def test_black_pictures_and_what_cameras_write_behind_are_whole():
 @pytest.mark.parametrize("data, words", [
     (HEIC, "is HEIC"), (b"\0\0\0\x20ftypavif" + b"1" * 99, "is AVIF"), (b"\0\0\0\x20ftypmp42" + b"1" * 99, "is a film"),
     (b"", "is empty"), (bytes(5000), "5000 zero octets"), (b"version https://git-lfs.github.com/spec/v1", "git lfs"),
-    (b"<!DOCTYPE html><html>", "web server"), (b"%PDF-1.4", "PDF"), (b"PK\x03\x04abc", "archive"),
+    (b"<!DOCTYPE html><html>", "HTML"), (b"%PDF-1.4", "PDF"), (b"PK\x03\x04abc", "archive"),
     (b"no picture at all", "cannot be read as a picture"), (b"\xff\xd8\xff\xe0garbage", "a.jpg: "),
 ])  # fmt: skip
 def test_other_files_are_told_for_what_they_are(tmp_path, data, words, wrong_input):

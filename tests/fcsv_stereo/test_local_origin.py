@@ -99,7 +99,8 @@ def test_every_file_has_full_coordinates_or_says_the_shift(scene, results, tmp_p
     assert back.origin_m.tolist() == far.origin_m.tolist()
     assert np.allclose(back.configurations[0].references[0].T_home_cam, far.reference.T_home_cam, atol=1e-7)
     for path in (tmp_path / "pairs").rglob("calibration.yaml"):
-        T_home_rect = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ).getNode("T_home_rect").mat()
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        T_home_rect = storage.getNode("T_home_rect").mat()
         assert np.abs(T_home_rect[:3, 3] - UTM_M).max() < 2.0
 
 

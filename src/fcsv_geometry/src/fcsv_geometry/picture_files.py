@@ -5,11 +5,13 @@
 content contradicts itself, is refused: decoders fill what is missing with grey, and say so on stderr only.
 """
 
+import contextlib
 import io
+import warnings
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Optional, Tuple
+from typing import Iterator, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -28,9 +30,9 @@ _NO_PICTURES = {
     b"%PDF": "a PDF", b"PK\x03\x04": "an archive (zip)", b"\x1f\x8b": "an archive (gzip)", b"Rar!": "an archive (rar)",
     b"FUJIFILM": "a raw picture (RAF)", b"IIRO": "a raw picture (ORF)", b"IIU\0": "a raw picture (RW2)",
     b"\0\0\0\x0cJXL ": "JPEG XL", b"\xff\x0a": "JPEG XL", b"version https://git-lfs": "a pointer of Git LFS",
-    b"<": "a page of a web server",
+    b"<": "text (HTML or XML)",
 }  # fmt: skip
-_ADVICE = {"a pointer of Git LFS": "fetch it: git lfs pull", "a page of a web server": "download it again"}
+_ADVICE = {"a pointer of Git LFS": "fetch it: git lfs pull", "text (HTML or XML)": "download the picture itself"}
 _ZEROS = 512  # (octets) a copy that broke off may leave so many, or more, at the end of a file
 
 
@@ -147,10 +149,10 @@ def _problem(data: bytes) -> Optional[str]:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(io.BytesIO(data)) as image:
+        with _quiet(), Image.open(io.BytesIO(data)) as image:
             if image.format == "PNG":
                 image.verify()  # the checksum of every part
-        with Image.open(io.BytesIO(data)) as image:
+        with _quiet(), Image.open(io.BytesIO(data)) as image:
             image.load()
     except UnidentifiedImageError:
         return None
@@ -199,12 +201,20 @@ def _ends_in_zeros(data: bytes, pixels: np.ndarray) -> bool:
     return bool(rows[last, 0] and rows[last - 1, end:].mean() > 0.5) if end < rows.shape[1] else False
 
 
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Pillow's warnings about EXIF parts that are broken, which say nothing of the pixels."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
 def _orientation(data: bytes) -> int:
     """EXIF's; 1 where the file has none, or none of eight."""
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data)) as image:
+        with _quiet(), Image.open(io.BytesIO(data)) as image:
             found = image.getexif().get(_ORIENTATION, 1)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         return 1

@@ -131,7 +131,10 @@ def camera_of(width: int, height: int, values: Dict[str, float]) -> PinholeCamer
 
 def _lines(path: Path):
     if not path.is_file():
-        raise InputError(f"{path} is missing: posed photographs need images/, cameras.txt and images.txt (COLMAP text)")
+        deeper = sorted(path.parent.glob(f"sparse/**/{path.name}"))
+        hint = f"; copy what stands in {deeper[0].parent} beside images/" if deeper else ""
+        needed = "posed photographs need images/, cameras.txt and images.txt (COLMAP text)"
+        raise InputError(f"{path} is missing: {needed}{hint}")
     for number, line in data_lines(path):
         if line.strip():
             yield number, line.split()

@@ -12,7 +12,7 @@ import numpy as np
 
 from fcsv_stereo.model import ConfigurationInput, MapInput, Picture
 
-#: So many times the longest baseline away float32 has steps of 1/16000 of that baseline.
+#: So many times the median baseline away float32 has steps of 1/16000 of that baseline.
 _FAR_BASELINES = 1000.0
 
 
@@ -20,7 +20,8 @@ def with_local_origin(given: MapInput) -> MapInput:
     """The same input where it stands near home's origin; else with poses relative to ``origin_m`` near its cameras."""
     pictures = [p for c in given.configurations for p in (*c.references, *c.others)]
     places = np.array([p.T_home_cam[:3, 3] for p in pictures])
-    baseline_m = float(np.linalg.norm(places - places[0], axis=1).max())
+    away_m = np.linalg.norm(places - places[0], axis=1)
+    baseline_m = float(np.median(away_m[away_m > 0.0])) if away_m.any() else 0.0
     if not np.abs(places).max() > _FAR_BASELINES * baseline_m > 0.0:
         return given
     step = 10.0 ** max(0.0, np.ceil(np.log10(baseline_m)))

@@ -55,7 +55,7 @@ def _alike(folder: Path, name: str, there: Mapping[str, Path]) -> Path:
         if len(paths) == 1:
             return paths[0]
     elsewhere = [n for n in there if Path(n).name == Path(name).name]
-    hint = f"; {folder / elsewhere[0]} is another place" if elsewhere else ""
+    hint = f"; {folder / elsewhere[0]} is there: name it '{elsewhere[0]}'" if elsewhere else ""
     raise InputError(f"{folder / name} is missing; images.txt names it{hint}")
 
 
