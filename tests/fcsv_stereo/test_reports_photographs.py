@@ -53,7 +53,7 @@ def test_reported_models_read_right(shared_data, name):
 @pytest.mark.slow
 def test_reported_models_map_alike(shared_data):
     """The same three pictures under another name, with stale poses beside the right ones, and in UTM, where 12 digits
-    are 6 micrometres: other priors by so much gave 1.9 % other pixels and depths that are 1.5 % other (99th percentile)."""
+    are 6 micrometres: priors that were off by so much gave 1.9 % other pixels and depths 1.5 % off (99 %)."""
     depths = []
     for name in ("photos_nfd_name", "photos_rigs_txt", "photos_utm"):
         given = load(shared_data / "reports" / name)

@@ -70,11 +70,13 @@ def test_broken_board_pictures_are_named(tmp_path, capsys, wrong_input):
     folder = pictures(tmp_path / "in")
     whole = (folder / "b00.jpg").read_bytes()
     broken = {"x1": HEIC, "x2": spoil(whole, "cut at 50 %"), "x3": spoil(whole, "garbage in the middle"), "x4": b""}
+    (folder / "._b00.jpg").write_bytes(bytes(99))
     for name, data in broken.items():
         (folder / f"{name}.jpg").write_bytes(data)
     status, said, camera = calibrated(folder, tmp_path / "out", capsys)
     assert status == 0, said
     assert_is_camera(camera)
+    assert "._b00" not in said
     for name, words in zip(broken, ("is HEIC", "ends in the middle", "is damaged", "is empty")):
         (line,) = [s for s in said.splitlines() if s.strip().startswith(f"left out: {name}:")]
         assert words in line

@@ -37,7 +37,8 @@ def folder_pictures(folder: Path, prefix: str = "") -> List[Tuple[str, Path]]:
     """Name (without ``prefix``, so that left07 and right07 are one) and path of the pictures of a folder, sorted."""
     if not folder.is_dir():
         raise CameraCalibrationRefused(f"{folder}: no such folder")
-    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.name.startswith(prefix))
+    seen = (p for p in folder.iterdir() if not p.name.startswith("."))  # macOS leaves ._x.jpg beside x.jpg
+    paths = sorted(p for p in seen if p.suffix.lower() in _SUFFIXES and p.name.startswith(prefix))
     if not paths:
         start = f" that begin with '{prefix}'" if prefix else ""
         raise CameraCalibrationRefused(f"{folder}: no pictures{start} ({', '.join(sorted(_SUFFIXES))})")
