@@ -13,6 +13,7 @@ from fcsv_geometry import transforms
 from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
+from fcsv_stereo.photos.pictures import copy_upright, find
 from fcsv_stereo.pipeline import METHODS, load
 from fcsv_stereo.posed_pictures import load_pictures
 
@@ -93,6 +94,7 @@ def several(folder, names=("a.png", "b.png", "c.png"), between="\n\n", end="\n\n
     ("images.txt with three blank lines", {"between": "\n\n\n"}),
     ("images.txt with blank lines before", {"head": "\n\n# x\n\n"}),
     ("images.txt with points", {"between": "\n1.5 2.5 -1 3.0 4.0 17\n"}),
+    ("images.txt with points, every line end doubled", {"between": "\n\n1.5 2.5 -1 3.0 4.0 17\n\n"}),
     ("images.txt with comments between", {"between": "\n\n# next\n  # and one more\n"}),
     ("images.txt with CRLF", {"between": "\r\n\r\n", "end": "\r\n\r\n", "head": "# Image list\r\n"}),
     ("images.txt with CRLF, without second lines", {"between": "\r\n", "end": "\r\n"}),
@@ -283,6 +285,31 @@ def test_one_broken_of_three_is_left_out_and_named(tmp_path, how, wrong_input):
     assert message.startswith("left out: ") and "b.jpg: " in message
     if how == "cut at 50 %":
         wrong_input("Pictures", "one of several photographs cut", "left out and named", message.split(" (")[0])
+
+
+def test_import_tells_what_is_no_photograph(tmp_path):
+    for name, data, words in (
+        ("a.jpg", HEIC, "is HEIC"),
+        ("b.jpg", b"", "is empty"),
+        ("c.jpg", b"x" * 99, "cannot be read"),
+    ):
+        folder = tmp_path / name[0]
+        folder.mkdir()
+        (folder / name).write_bytes(data)
+        with pytest.raises(InputError, match=f"{name}: {words}"):
+            find(folder)
+
+
+@pytest.mark.parametrize("how", BREAKS)
+def test_import_refuses_what_is_broken(tmp_path, how):
+    """Also where the file would be copied as it is."""
+    _, whole = photographs(tmp_path / "m", 2)
+    (tmp_path / "x.jpg").write_bytes(whole)
+    (tags,) = find(tmp_path)
+    (tmp_path / "x.jpg").write_bytes(spoil(whole, how))
+    (tmp_path / "to").mkdir()
+    with pytest.raises(InputError, match="x.jpg: "):
+        copy_upright(tags, tmp_path / "to", 0)
 
 
 def test_a_broken_reference_is_refused(tmp_path, wrong_input):

@@ -77,25 +77,26 @@ def same_name(name: str) -> str:
 
 
 def _pose_lines(path: Path) -> Iterator[Tuple[int, str]]:
-    """The first line of every picture, by what it holds: a line of points is numbers only, in threes."""
+    """The pose lines, told by what they hold: a line of points is numbers only, in threes, whatever stands between."""
     if not path.is_file():
         binary = path.with_suffix(".bin").is_file()
         how = "colmap model_converter --output_type TXT" if binary else "export them as COLMAP text"
         raise InputError(f"{path} is missing: photographs without poses cannot be mapped; {how}")
-    after_pose = False
+    begun = False
     for number, line in data_lines(path):
         words = line.split()
-        points = after_pose and len(words) % 3 == 0 and _are_numbers(words)
-        after_pose = bool(words) and not points
-        if after_pose:
+        if words and not (begun and len(words) % 3 == 0 and _are_numbers(words)):
+            begun = True
             yield number, line
 
 
 def _are_numbers(words: Sequence[str]) -> bool:
     try:
-        return bool([float(w) for w in words]) or not words
+        for word in words:
+            float(word)
     except ValueError:
         return False
+    return True
 
 
 def _pose_line(path: Path, number: int, line: str, cameras: Collection[int]) -> _Line:
