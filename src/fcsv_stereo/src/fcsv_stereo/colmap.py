@@ -10,6 +10,7 @@ from typing import Dict, Optional, Sequence
 
 import numpy as np
 
+from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.colmap_images import PosedImage, data_lines, read_images, same_name
@@ -29,6 +30,8 @@ MODELS = {
     "RADIAL": ("f", "cx", "cy", "k1", "k2"),
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
 }
+#: A binary model that differs from the text by more is another one: rad, and a share of the cameras' distances.
+_OLD_RAD, _OLD_SHARE = 1e-3, 1e-2
 
 
 def is_model(folder: Path) -> bool:
@@ -85,18 +88,16 @@ def _require_one_model(folder: Path) -> None:
         return
     cameras = read_cameras(folder / "cameras.txt")
     text = {same_name(p.name): p.T_home_cam for p in read_images(folder / "images.txt", cameras, [])}
-    far = max(1.0, *(float(np.abs(T[:3, 3]).max()) for T in text.values()))
-    for name, T_home_cam in text.items():
+    places = np.array([T[:3, 3] for T in text.values()])
+    most = _OLD_SHARE * float(np.linalg.norm(places - places[0], axis=1).max())
+    for name, T in text.items():
         other = binary.get(name)
-        if other is None or not np.allclose(other / _scaled(far), T_home_cam / _scaled(far), atol=1e-4):
+        moved = np.inf if other is None else np.linalg.norm(other[:3, 3] - T[:3, 3])
+        if other is None or moved > most or transforms.rotation_angle(other, T) > _OLD_RAD:
+            words = "lacks the" if other is None else "has another"
             raise InputError(
-                f"{folder / 'images.bin'}: {'lacks' if other is None else 'has another pose of'} {name} than "
-                "images.txt; one of the two models is old: take it away"
+                f"{folder / 'images.bin'}: {words} pose of {name}, against images.txt; one of the two is old: take it away"
             )
-
-
-def _scaled(far: float) -> np.ndarray:
-    return np.array([[1.0, 1.0, 1.0, far]] * 3 + [[1.0] * 4])
 
 
 def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
