@@ -94,9 +94,9 @@ def _require_one_model(folder: Path) -> None:
         other = binary.get(name)
         moved = np.inf if other is None else np.linalg.norm(other[:3, 3] - T[:3, 3])
         if other is None or moved > most or transforms.rotation_angle(other, T) > _OLD_RAD:
-            words = "lacks the" if other is None else "has another"
+            which = "has no" if other is None else "has another"
             raise InputError(
-                f"{folder / 'images.bin'}: {words} pose of {name}, against images.txt; one of the two is old: take it away"
+                f"{folder / 'images.bin'}: {which} pose of {name} than images.txt; one is old: take it away"
             )
 
 

@@ -215,7 +215,7 @@ def _lines(axes, shape, axis: Axis) -> None:
 
 
 def _rings(axes, reach: float, to_deg: float) -> None:
-    """Circles of distance about the origin, eight at most, to an angle on both sides of ahead."""
+    """Circles of distance about the origin, about eight at most, to an angle on both sides of ahead."""
     power = 10.0 ** np.floor(np.log10(max(reach, 1e-9) / _MOST_RINGS))
     step = next(s * power for s in (1, 2, 5, 10) if _MOST_RINGS * s * power >= reach)
     angles = np.radians(np.linspace(-to_deg, to_deg, 121))
@@ -236,7 +236,8 @@ def T_view_home(result: MapResult) -> np.ndarray:
         ahead = -T[:2, 1] if reference.looks_down else T[:2, 2]
         known = result.depth[np.isfinite(result.depth)]
         near_m = max(1.0, float(np.median(known)) if known.size else 0.0)
-        if not reference.looks_down and ahead[0] > _AHEAD * np.hypot(*ahead) and np.hypot(*T[:2, 3]) < near_m:
+        at_home = np.hypot(*T[:2, 3]) < near_m and not result.is_shifted
+        if at_home and not reference.looks_down and ahead[0] > _AHEAD * np.hypot(*ahead):
             return np.eye(4)
         return transforms.invert(transforms.from_xyz_yaw([*T[:2, 3], 0.0], float(np.arctan2(ahead[1], ahead[0]))))
     T_view_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
