@@ -46,7 +46,7 @@ def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
     """
     cameras, warnings = read_cameras(folder / "cameras.txt"), []  # type: ignore[var-annotated]
     posed = read_images(folder / "images.txt", cameras, warnings)
-    _require_one_model(folder)
+    _require_one_model(folder, posed)
     first = posed[0] if reference is None else _named(posed, reference, folder)
     if len(posed) < 2:
         raise InputError(f"{folder / 'images.txt'}: holds {len(posed)} picture; a pair needs two")
@@ -76,7 +76,7 @@ def _named(posed: Sequence[PosedImage], name: str, folder: Path) -> PosedImage:
     return alike[0]
 
 
-def _require_one_model(folder: Path) -> None:
+def _require_one_model(folder: Path, posed: Sequence[PosedImage]) -> None:
     """Raises InputError where a binary model beside the text says other poses: one of them is old."""
     if not ((folder / "images.bin").is_file() and (folder / "cameras.bin").is_file()):
         return
@@ -86,18 +86,14 @@ def _require_one_model(folder: Path) -> None:
         binary = {same_name(p.name): p.T_home_cam for p in read_model(folder)[1]}
     except InputError:  # it is the text that is mapped
         return
-    cameras = read_cameras(folder / "cameras.txt")
-    text = {same_name(p.name): p.T_home_cam for p in read_images(folder / "images.txt", cameras, [])}
-    places = np.array([T[:3, 3] for T in text.values()])
+    places = np.array([p.T_home_cam[:3, 3] for p in posed])
     most = _OLD_SHARE * float(np.linalg.norm(places - places[0], axis=1).max())
-    for name, T in text.items():
-        other = binary.get(name)
+    for name, T in ((p.name, p.T_home_cam) for p in posed):
+        other = binary.get(same_name(name))
         moved = np.inf if other is None else np.linalg.norm(other[:3, 3] - T[:3, 3])
         if other is None or moved > most or transforms.rotation_angle(other, T) > _OLD_RAD:
-            which = "has no" if other is None else "has another"
-            raise InputError(
-                f"{folder / 'images.bin'}: {which} pose of {name} than images.txt; one is old: take it away"
-            )
+            words = f"lacks {name} of" if other is None else f"has another pose of {name} than"
+            raise InputError(f"{folder / 'images.bin'}: {words} images.txt; one of the two is old: take it away")
 
 
 def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
