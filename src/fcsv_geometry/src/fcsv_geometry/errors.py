@@ -32,3 +32,7 @@ class PoseUnavailable(FcsvError):
 
 class BagError(FcsvError):
     """A bag that cannot be read or repaired; it is left as it was."""
+
+
+class PictureFileError(FcsvError):
+    """A picture file that cannot be read whole; the message names it."""

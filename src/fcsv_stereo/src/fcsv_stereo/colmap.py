@@ -4,22 +4,23 @@
 ``priors.csv`` may say how good they are (``priors``).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, Optional
+from typing import Dict, Optional, Sequence
 
-import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
+from fcsv_stereo.colmap_images import PosedImage, data_lines, read_images, same_name
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.exposure import Exposure
 from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture, PosePrior
+from fcsv_stereo.posed_pictures import find_files, load_pictures
 from fcsv_stereo.priors import FILE as PRIORS
 from fcsv_stereo.priors import read_priors
-from fcsv_stereo.text import text_of
+
+__all__ = ["MODELS", "PosedImage", "camera_of", "is_model", "read_cameras", "read_images", "read_photographs"]
 
 #: Parameters of each camera model in order, as names of fx, fy, cx, cy, k1, k2, p1, p2.
 MODELS = {
@@ -29,19 +30,8 @@ MODELS = {
     "RADIAL": ("f", "cx", "cy", "k1", "k2"),
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
 }
-
-_STORED = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))  # how JPEG and PNG files begin and end
-_TAIL = 1 << 18  # (octets) cameras write previews and notes behind the picture's end
-
-
-@dataclass(frozen=True)
-class PosedImage:
-    """A line of images.txt; T_home_cam with home the model's world."""
-
-    name: str
-    camera_id: int
-    T_home_cam: np.ndarray
+#: A binary model that differs from the text by more is another one: rad, and a share of the cameras' distances.
+_OLD_RAD, _OLD_SHARE = 1e-3, 1e-2
 
 
 def is_model(folder: Path) -> bool:
@@ -50,29 +40,60 @@ def is_model(folder: Path) -> bool:
 
 
 def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
-    """Every other picture paired with the reference (default: the first in images.txt). Raises InputError."""
-    cameras = read_cameras(folder / "cameras.txt")
-    posed = read_images(folder / "images.txt", cameras)
-    by_name = {p.name: p for p in posed}
-    if reference is not None and reference not in by_name:
-        raise InputError(f"{folder / 'images.txt'}: no picture '{reference}'; the first is {posed[0].name}")
+    """Every other picture paired with the reference (default: the first in images.txt). Raises InputError.
+
+    Pictures that cannot be read whole are left out, and the input's warnings name them.
+    """
+    cameras, warnings = read_cameras(folder / "cameras.txt"), []  # type: ignore[var-annotated]
+    posed = read_images(folder / "images.txt", cameras, warnings)
+    _require_one_model(folder, posed)
+    first = posed[0] if reference is None else _named(posed, reference, folder)
     if len(posed) < 2:
         raise InputError(f"{folder / 'images.txt'}: holds {len(posed)} picture; a pair needs two")
-    _require_poses(folder, by_name)
-    first = by_name[reference] if reference else posed[0]
-    pictures, prior = _load(folder, posed, cameras), None
+    files = find_files(folder / "images", [p.name for p in posed])
+    pictures, prior = load_pictures(files, posed, cameras, first.name, warnings), None
     if (folder / PRIORS).is_file():
-        known, scale_sigma = read_priors(folder / PRIORS, by_name)
+        known, scale_sigma = read_priors(folder / PRIORS, [p.name for p in posed])
         prior = PosePrior(scale_sigma=scale_sigma)
         # errors of one vehicle's poses would count as one drift
         pictures = {n: replace(p, covariance=known[n], vehicle=n) for n, p in pictures.items()}
     view = pictures[first.name]
     configurations = [
-        ConfigurationInput(_configuration(view, pictures[p.name]), [view], [pictures[p.name]])
-        for p in posed
-        if p.name != first.name
+        ConfigurationInput(_configuration(view, picture), [view], [picture])
+        for name, picture in pictures.items()
+        if name != first.name
     ]
-    return MapInput(InputKind.PHOTOGRAPHS, configurations, prior=prior)
+    return MapInput(InputKind.PHOTOGRAPHS, configurations, prior=prior, warnings=warnings)
+
+
+def _named(posed: Sequence[PosedImage], name: str, folder: Path) -> PosedImage:
+    """The picture of this name, or the only one in any folder whose file is named so. Raises InputError."""
+    alike = [p for p in posed if same_name(p.name) == same_name(name)]
+    alike = alike or [p for p in posed if same_name(p.name).rpartition("/")[2] == same_name(name)]
+    if len(alike) != 1:
+        many = f"{len(alike)} pictures are named" if alike else "no picture"
+        raise InputError(f"{folder / 'images.txt'}: {many} '{name}'; the first is {posed[0].name}")
+    return alike[0]
+
+
+def _require_one_model(folder: Path, posed: Sequence[PosedImage]) -> None:
+    """Raises InputError where a binary model beside the text says other poses: one of them is old."""
+    if not ((folder / "images.bin").is_file() and (folder / "cameras.bin").is_file()):
+        return
+    from fcsv_stereo.photos.models import read_model  # which reads text by this module
+
+    try:
+        binary = {same_name(p.name): p.T_home_cam for p in read_model(folder)[1]}
+    except InputError:  # it is the text that is mapped
+        return
+    places = np.array([p.T_home_cam[:3, 3] for p in posed])
+    most = _OLD_SHARE * float(np.linalg.norm(places - places[0], axis=1).max())
+    for name, T in ((p.name, p.T_home_cam) for p in posed):
+        other = binary.get(same_name(name))
+        moved = np.inf if other is None else np.linalg.norm(other[:3, 3] - T[:3, 3])
+        if other is None or moved > most or transforms.rotation_angle(other, T) > _OLD_RAD:
+            words = f"lacks {name} of" if other is None else f"has another pose of {name} than"
+            raise InputError(f"{folder / 'images.bin'}: {words} images.txt; one of the two is old: take it away")
 
 
 def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
@@ -86,6 +107,8 @@ def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
             if len(words) - 4 != len(MODELS[model]):
                 raise InputError(f"{path}, line {number}: {model} has {len(MODELS[model])} parameters")
             values = dict(zip(MODELS[model], map(float, words[4:])))
+            if int(words[0]) in cameras:
+                raise InputError(f"{path}, line {number}: camera {words[0]} stands there already; take one out")
             cameras[int(words[0])] = camera_of(width, height, values)
         except (ValueError, IndexError, TypeError) as error:
             raise InputError(f"{path}, line {number}: not a camera ({error})") from error
@@ -103,102 +126,15 @@ def camera_of(width: int, height: int, values: Dict[str, float]) -> PinholeCamer
     return PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion)
 
 
-def read_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[PosedImage]:
-    """images.txt: qw qx qy qz tx ty tz of T_cam_world, every second line (points) is skipped. Raises InputError."""
-    images: List[PosedImage] = []
-    for number, line in _image_lines(path):
-        words = line.split()
-        try:
-            values = [float(w) for w in words[1:8]]
-            camera_id, name = int(words[8]), " ".join(words[9:])
-        except (ValueError, IndexError) as error:
-            raise InputError(f"{path}, line {number}: not a posed picture ({error})") from error
-        if camera_id not in cameras:
-            raise InputError(f"{path}, line {number}: camera {camera_id} of {name} is not in cameras.txt")
-        qw, qx, qy, qz, *t = values
-        try:
-            T_cam_home = transforms.from_xyz_quaternion(t, [qx, qy, qz, qw])
-        except GeometryError as error:
-            raise InputError(f"{path}, line {number}: pose of {name}: {error}") from error
-        images.append(PosedImage(name, camera_id, transforms.invert(T_cam_home)))
-    if not images:
-        raise InputError(f"{path}: holds no picture")
-    return images
-
-
 def _lines(path: Path):
     if not path.is_file():
-        raise InputError(f"{path} is missing: posed photographs need images/, cameras.txt and images.txt (COLMAP text)")
-    for number, line in enumerate(text_of(path).splitlines(), 1):
-        if line.strip() and not line.startswith("#"):
-            yield number, line.split()
-
-
-def _image_lines(path: Path):
-    """The first of every two lines after the comments; the second may be empty."""
-    if not path.is_file():
-        raise InputError(f"{path} is missing: photographs without poses cannot be mapped; export them as COLMAP text")
-    lines = [(i, s) for i, s in enumerate(text_of(path).splitlines(), 1) if not s.startswith("#")]
-    while lines and not lines[0][1].strip():
-        lines.pop(0)
-    for number, line in lines[::2]:
+        deeper = sorted(path.parent.glob(f"sparse/**/{path.name}"))
+        hint = f"; copy what stands in {deeper[0].parent} beside images/" if deeper else ""
+        needed = "posed photographs need images/, cameras.txt and images.txt (COLMAP text)"
+        raise InputError(f"{path} is missing: {needed}{hint}")
+    for number, line in data_lines(path):
         if line.strip():
-            yield number, line
-
-
-def _require_poses(folder: Path, by_name: Dict[str, PosedImage]) -> None:
-    """A photograph that nobody posed would silently be missing from the map."""
-    for path in sorted((folder / "images").glob("*")):
-        if path.suffix.lower() in (".jpg", ".jpeg", ".png", ".tif", ".tiff") and path.name not in by_name:
-            raise InputError(f"{path}: has no pose in images.txt; add it or take the file away")
-
-
-def _load(folder: Path, posed: List[PosedImage], cameras: Dict[int, PinholeCamera]) -> Dict[str, Picture]:
-    """By name, undistorted; those of 16 bits share one scale per camera."""
-    images = {p.name: _read(folder / "images" / p.name, cameras[p.camera_id], p.camera_id) for p in posed}
-    exposures = {
-        c: Exposure.common(images[p.name] for p in posed if p.camera_id == c and images[p.name].dtype == np.uint16)
-        for c in {p.camera_id for p in posed}
-    }
-    pictures = {}
-    for p in posed:
-        camera = cameras[p.camera_id]
-        rgb = cv2.cvtColor(exposures[p.camera_id].to_8_bit(images.pop(p.name)), cv2.COLOR_BGR2RGB)
-        pictures[p.name] = Picture.undistorted(p.name, "camera", 0.0, rgb, camera, p.T_home_cam)
-    return pictures
-
-
-def _read(path: Path, camera: PinholeCamera, camera_id: int) -> np.ndarray:
-    """HxWx3 BGR, uint8 or uint16: the pixels as they are stored, as COLMAP reads them. Raises InputError.
-
-    A file whose EXIF orientation turns it is turned only where cameras.txt has the size of the turned picture.
-    """
-    if not path.is_file():
-        raise InputError(f"{path} is missing; images.txt names it")
-    if _ends_early(path):
-        raise InputError(f"{path}: ends in the middle of the picture; copy it again")
-    image = cv2.imread(str(path), _STORED)
-    if image is None:
-        raise InputError(f"{path}: cannot be read as a picture")
-    if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path}: holds {image.dtype} values; save it with 8 or 16 bits per channel")
-    wanted = (camera.height, camera.width)
-    if image.shape[:2] == wanted[::-1] != wanted:
-        image = cv2.imread(str(path), _STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
-    if image.shape[:2] != wanted:
-        size = f"{image.shape[1]}x{image.shape[0]}"
-        raise InputError(f"{path}: is {size}, cameras.txt says {camera.width}x{camera.height} for camera {camera_id}")
-    return image
-
-
-def _ends_early(path: Path) -> bool:
-    """Whether a JPEG or PNG file lacks its end; OpenCV makes grey of what is missing, and says nothing."""
-    with open(path, "rb") as file:
-        head = file.read(8)
-        size = file.seek(0, 2)
-        file.seek(max(0, size - _TAIL))
-        tail = file.read()
-    return any(head.startswith(begin) and end not in tail for begin, end in _ENDS)
+            yield number, line.split()
 
 
 def _configuration(reference: Picture, other: Picture) -> Configuration:

@@ -15,10 +15,13 @@ from fcsv_geometry.writing import in_words
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.ground_sample import GroundSample
+from fcsv_stereo.local_origin import moved
 from fcsv_stereo.model import Cloud, MapResult
+from fcsv_stereo.model.inputs import NO_SHIFT
 from fcsv_stereo.model.kinds import masks
 from fcsv_stereo.picture_list import picture_list
 from fcsv_stereo.products import names
+from fcsv_stereo.products.clouds import origin_line
 
 FILES = ("map.ply", "depth.npy", "sigma.npy", "kind.npy", "reference.png", "report.json", "report.html")
 #: map.ply's vertices: the names and types that readers know
@@ -29,6 +32,7 @@ _VERTEX = np.dtype([
 _COLUMNS = (("x", "y", "z"), ("red", "green", "blue"))
 _PLY_NAMES = {"<f4": "float", "|u1": "uchar"}
 _MOST_HEADER_BYTES = 4096
+_ORIGIN = re.compile(rb"\ncomment origin_m (\S+) (\S+) (\S+)")
 _HEADER = re.compile(
     rb"ply\r?\nformat binary_little_endian 1\.0\r?\n((?:comment[^\n]*\n)*)element vertex (\d+)\r?\n"
     rb"((?:property [^\n]*\n)*)end_header\r?\n"
@@ -72,7 +76,7 @@ class StagedOutput:
 
 def write_arrays(result: MapResult, folder: Path) -> None:
     """map.ply, depth.npy, sigma.npy, kind.npy, and the undistorted picture that they belong to."""
-    write_ply(result.cloud, folder / "map.ply")
+    write_ply(result.cloud, folder / "map.ply", result.origin_m)
     np.save(folder / "depth.npy", result.depth.astype(np.float32))
     np.save(folder / "sigma.npy", result.sigma.astype(np.float32))
     np.save(folder / "kind.npy", result.kind.astype(np.uint8))
@@ -80,9 +84,9 @@ def write_arrays(result: MapResult, folder: Path) -> None:
         raise OutputError(f"{folder / 'reference.png'}: cannot be written; is the disk full?")
 
 
-def write_ply(cloud: Cloud, path: Path) -> None:
+def write_ply(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
     """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the configuration,
-    255: of a depth camera).
+    255: of a depth camera). A comment says ``origin_m`` where x y z plus this are in home.
 
     Raises OutputError where the disk does not take it.
     """
@@ -91,7 +95,8 @@ def write_ply(cloud: Cloud, path: Path) -> None:
         for name, column in zip(columns, values.T):
             vertices[name] = column
     vertices["sigma"], vertices["baseline"] = cloud.sigma_m, cloud.baseline_index
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n{_properties()}end_header\n"
+    comment = f"comment {origin_line(origin_m)}\n" if np.any(origin_m) else ""
+    head = f"ply\nformat binary_little_endian 1.0\n{comment}element vertex {len(cloud)}\n{_properties()}end_header\n"
     try:
         with path.open("wb") as file:
             file.write(head.encode())
@@ -120,18 +125,27 @@ def read_ply(path: Path) -> Cloud:
     return Cloud(points, colors, v["sigma"].copy(), v["baseline"].copy())
 
 
+def read_ply_origin(path: Path) -> np.ndarray:
+    """(3,): x y z of a map.ply plus this are in home."""
+    with Path(path).open("rb") as file:
+        found = _ORIGIN.search(file.read(_MOST_HEADER_BYTES).split(b"end_header")[0])
+    return np.array([float(v) for v in found.groups()]) if found else NO_SHIFT.copy()
+
+
 def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) -> dict:
     """report.json (design, "Commands that stay")."""
-    camera = result.reference.camera
+    camera, origin_m = result.reference.camera, result.origin_m
     document = {
         "method": result.method,
         "reference": {
             "image": result.reference.name, "width": camera.width, "height": camera.height, "fx": camera.fx,
-            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy, "T_home_cam": result.reference.T_home_cam.tolist(),
+            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy,
+            "T_home_cam": moved(result.reference.T_home_cam, origin_m).tolist(),
         },
         "images": [
             {
-                "name": e.name, "T_home_cam": e.T_home_cam.tolist(), "prior_T_home_cam": e.prior_T_home_cam.tolist(),
+                "name": e.name, "T_home_cam": moved(e.T_home_cam, origin_m).tolist(),
+                "prior_T_home_cam": moved(e.prior_T_home_cam, origin_m).tolist(),
                 "refined": e.refined, "inliers": e.inliers, "epipolar_rms_px": e.epipolar_rms_px,
             }
             for e in result.images
@@ -157,6 +171,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "warnings": result.warnings,
         "unseen": result.unseen,
     }  # fmt: skip
+    if result.is_shifted:
+        document["origin_m"] = result.origin_m.tolist()
     if result.clocks:
         document["time_offsets"] = {vehicle: clock.to_dict() for vehicle, clock in result.clocks.items()}
     if result.cut is not None:

@@ -14,6 +14,7 @@ from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import Joint
+from fcsv_stereo.local_origin import with_local_origin
 from fcsv_stereo.model import MapInput, MapResult, Method, Progress
 from fcsv_stereo.near import with_near
 from fcsv_stereo.picture_list import spare
@@ -33,7 +34,7 @@ _LEAST_MIB = 20  # a small map's
 
 
 def load(path: Path, reference: Optional[str] = None) -> MapInput:
-    """A session folder, a bag, or posed photographs. Raises InputError."""
+    """A session folder, a bag, or posed photographs, these near a local origin. Raises InputError."""
     if not path.exists():
         raise InputError(f"{path}: does not exist")
     if is_session(path):
@@ -41,7 +42,7 @@ def load(path: Path, reference: Optional[str] = None) -> MapInput:
             raise InputError("--reference chooses among photographs; a session has its reference vehicle")
         return read_session(path)
     if path.is_dir() and colmap.is_model(path):
-        return colmap.read_photographs(path, reference)
+        return with_local_origin(colmap.read_photographs(path, reference))
     raise InputError(f"{path}: is neither a session (session.yaml or bags) nor posed photographs (images/, images.txt)")
 
 
@@ -74,7 +75,7 @@ def run(
         given = instants.of_one_instant(given, None if instant == "last" else float(instant))
     loaded = time.perf_counter()
     result = replace(METHODS[method].map(given, options, progress), skews_s=instants.skews(given), clocks=given.clocks)
-    result = replace(result, spare=spare(given, result))
+    result = replace(result, spare=spare(given, result), origin_m=given.origin_m)
     result = bound_cloud(result, bounds or CloudBounds())
     result = with_near(result, given) if near else result
     result.timing_s["load"] = loaded - started

@@ -11,10 +11,11 @@ in every line, because its error is one for all pictures.
 
 import csv
 from pathlib import Path
-from typing import Collection, Dict, Optional, Tuple
+from typing import Collection, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_stereo.colmap_images import same_name
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.text import text_of
 
@@ -30,14 +31,18 @@ def read_priors(path: Path, names: Collection[str]) -> Tuple[Dict[str, np.ndarra
     """
     found: Dict[str, np.ndarray] = {}
     scale_sigma: Optional[float] = None
-    reader = csv.DictReader(text_of(path).splitlines())
-    columns = tuple(reader.fieldnames or ())
+    known = {same_name(n): n for n in names}
+    reader = csv.reader(text_of(path).splitlines(), skipinitialspace=False)
+    columns = tuple(next(reader, ()))
     if columns not in (COLUMNS, (*COLUMNS, SCALE)):
         raise InputError(f"{path}, line 1: the columns must be {','.join(COLUMNS)} and may end with {SCALE}")
-    for row in reader:
-        where, name = f"{path}, line {reader.line_num}", row["name"]
-        if name not in names:
-            raise InputError(f"{where}: '{name}' is not in images.txt")
+    for words in reader:
+        if not any(words):
+            continue
+        row, where = _row(words, columns), f"{path}, line {reader.line_num}"
+        name = known.get(same_name(row["name"]))
+        if name is None:
+            raise InputError(f"{where}: '{row['name']}' is not in images.txt")
         if name in found:
             raise InputError(f"{where}: '{name}' stands there twice")
         found[name] = np.diag(np.square(_sigmas(row, where)))
@@ -49,10 +54,20 @@ def read_priors(path: Path, names: Collection[str]) -> Tuple[Dict[str, np.ndarra
     return found, scale_sigma or 0.0
 
 
+def _row(words: Sequence[str], columns: Sequence[str]) -> Dict[str, str]:
+    """By column; a name may hold commas, in quotes or without.
+
+    >>> _row(["DJI", " 1.JPG", "0.1"], ("name", "x_m"))
+    {'name': 'DJI, 1.JPG', 'x_m': '0.1'}
+    """
+    end = max(1, len(words) - len(columns) + 1)
+    return dict(zip(columns, [",".join(words[:end]), *words[end:]]))
+
+
 def _scale(row: Dict[str, str], where: str, before: Optional[float]) -> float:
     try:
         value = float(row[SCALE])
-    except (TypeError, ValueError) as error:
+    except (KeyError, ValueError) as error:
         raise InputError(f"{where}: {SCALE} is no number ({error})") from error
     if not 0.0 <= value < 1.0:
         raise InputError(f"{where}: {SCALE} is a share of the scale, 0 to below 1")
@@ -65,7 +80,7 @@ def _sigmas(row: Dict[str, str], where: str) -> np.ndarray:
     """(6,) m and rad."""
     try:
         values = np.array([float(row[c]) for c in COLUMNS[1:]])
-    except (TypeError, ValueError) as error:
+    except (KeyError, ValueError) as error:
         raise InputError(f"{where}: not six numbers ({error})") from error
     if not np.isfinite(values).all() or values.min() <= 0.0:
         raise InputError(f"{where}: standard deviations must be above zero")

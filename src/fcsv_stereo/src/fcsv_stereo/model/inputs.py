@@ -12,6 +12,9 @@ from fcsv_stereo.model.configuration import Configuration
 from fcsv_stereo.model.pictures import Picture
 from fcsv_stereo.model.words import InputKind
 
+#: Of what is in home's own coordinates.
+NO_SHIFT = np.zeros(3)
+
 
 @dataclass(frozen=True)
 class PosePrior:
@@ -73,6 +76,7 @@ class MapInput:
     warnings: List[str] = field(default_factory=list)
     prior: Optional[PosePrior] = None
     clocks: Mapping[str, Any] = field(default_factory=dict)  # of sweeps, by vehicle (sweeps.ClockOffset)
+    origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)  # (3,): poses plus this are in home (local_origin)
     near: Optional[Any] = None  # frames of depth cameras (sessions.RecordedDepth); None: none were recorded
 
     def __post_init__(self):

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.errors import PictureFileError
+from fcsv_geometry.picture_files import decode_picture
 from fcsv_stereo.errors import InputError
 
 
@@ -75,11 +77,14 @@ class LivePicture:
 
         Raises InputError where it is no picture of its camera.
         """
-        bgr = cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR) if self.jpeg else None
+        name = f"picture of {self.vehicle} at {self.stamp_s:.3f}"
+        try:
+            bgr = decode_picture(self.jpeg, "it").pixels
+        except PictureFileError as error:
+            raise InputError(f"{name} is not a JPEG that can be read ({error})") from error
         size = (self.camera.height, self.camera.width)
-        if bgr is None or bgr.shape[:2] != size:
-            found = "is not a JPEG" if bgr is None else f"is {bgr.shape[1]}x{bgr.shape[0]}, not {size[1]}x{size[0]}"
-            raise InputError(f"picture of {self.vehicle} at {self.stamp_s:.3f} {found}")
+        if bgr.shape[:2] != size:
+            raise InputError(f"{name} is {bgr.shape[1]}x{bgr.shape[0]}, not {size[1]}x{size[0]}")
         return self.camera.undistort(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
 
     def picture(self, T_home_odom: np.ndarray) -> Picture:
@@ -108,5 +113,15 @@ class Reference:
 
     @property
     def is_level(self) -> bool:
-        """Whether home's z points up in the picture, to within 60 degrees: photographs may have any world."""
-        return bool(-self.T_home_cam[2, 1] > 0.5)
+        """Whether home's z may point up: photographs may have any world.
+
+        It does where it points up in the picture, to within 60 degrees; up or sideways, to within as much, it may in
+        pictures that look down or are stored on their side. It does not where it points along the view, or down.
+        """
+        right, down, ahead = self.T_home_cam[2, :3]
+        return bool(-down > 0.5 or max(-ahead, abs(right)) > max(down, ahead, 0.5))
+
+    @property
+    def looks_down(self) -> bool:
+        """Whether home's z points at the camera, to within 45 degrees, as in pictures of ground from above."""
+        return bool(-self.T_home_cam[2, 2] > np.sqrt(0.5))

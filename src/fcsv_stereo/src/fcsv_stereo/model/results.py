@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_stereo.equations import ErrorThreshold
+from fcsv_stereo.model.inputs import NO_SHIFT
 from fcsv_stereo.model.pairs import Pair
 from fcsv_stereo.model.pictures import Reference
 
@@ -104,11 +105,18 @@ class MapResult:
     cut: Optional[CloudCut] = None  # what was left out of the cloud (cloud_bounds)
     unseen: List[str] = field(default_factory=list)  # sentences: what may be wrong and would show nowhere
     holes: Optional[Any] = None  # of the orthophoto (products.holes.HoleShares); None: none was asked for
+    #: (3,): poses and points plus this are in home (local_origin)
+    origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)
     near: Optional[Any] = None  # what the near field brought (near.join.NearJoin); None: there is none
 
     def __post_init__(self):
         if self.kind is None and self.depth is not None:
             self.kind = np.isfinite(self.depth).astype(np.uint8)
+
+    @property
+    def is_shifted(self) -> bool:
+        """Whether poses and points are not home's own coordinates."""
+        return bool(np.any(self.origin_m))
 
     @property
     def coverage(self) -> float:

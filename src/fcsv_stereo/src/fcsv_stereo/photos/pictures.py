@@ -9,6 +9,8 @@ from typing import List, Tuple
 import numpy as np
 from PIL import Image, ImageOps
 
+from fcsv_geometry.errors import PictureFileError
+from fcsv_geometry.picture_files import read_picture
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.tags import ORIENTATION, SUFFIXES, Tags, read_tags
 
@@ -36,7 +38,19 @@ def find(folder: Path) -> List[Tags]:
     paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
     if not paths:
         raise InputError(f"{folder}: holds no photographs ({', '.join(SUFFIXES)})")
-    return [read_tags(p) for p in paths]
+    return [_tags(p) for p in paths]
+
+
+def _tags(path: Path) -> Tags:
+    """Raises InputError that says what the file is instead of a photograph."""
+    try:
+        return read_tags(path)
+    except InputError as error:
+        try:
+            read_picture(path)
+        except PictureFileError as known:
+            raise InputError(str(known)) from error
+        raise
 
 
 def upright_size(tags: Tags, longest_px: int) -> Tuple[int, int]:
@@ -52,6 +66,10 @@ def copy_upright(tags: Tags, folder: Path, longest_px: int) -> None:
     Raises InputError where the picture cannot be read to its end.
     """
     R_stored_upright(tags)  # a mirrored one is refused
+    try:
+        read_picture(tags.path)  # Pillow passes over damage that this one does not
+    except PictureFileError as error:
+        raise InputError(str(error)) from error
     size = upright_size(tags, longest_px)
     target = folder / tags.path.name
     if tags.orientation == 1 and size == tags.size:

@@ -6,14 +6,27 @@ from pathlib import Path
 import numpy as np
 
 from fcsv_stereo.model import Cloud
+from fcsv_stereo.model.inputs import NO_SHIFT
 
 _LAZ_STEP_M = 0.001  # LAZ stores whole numbers of this
 #: By hand: open3d's tensor writer gives rgb type F and orders sigma and baseline as it likes; readers know this layout.
 _PCD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4"), ("baseline", "<u4")])
 
 
-def write_pcd(cloud: Cloud, path: Path) -> None:
-    """Binary PCD 0.7: x y z (home, m), rgb packed as PCL does, sigma (m), baseline (index of the configuration)."""
+def origin_line(origin_m: np.ndarray) -> str:
+    """For the header of a file in float32.
+
+    >>> origin_line(np.array([500000.0, 5824000.0, 0.0]))
+    'origin_m 500000 5824000 0 (x y z plus this are in home)'
+    """
+    return f"origin_m {' '.join(f'{v:.15g}' for v in origin_m)} (x y z plus this are in home)"
+
+
+def write_pcd(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
+    """Binary PCD 0.7: x y z (home, m), rgb packed as PCL does, sigma (m), baseline (index of the configuration).
+
+    A comment says ``origin_m`` where x y z plus this are in home.
+    """
     points = np.empty(len(cloud), _PCD_POINT)
     for i, axis in enumerate("xyz"):
         points[axis] = cloud.points_home_m[:, i]
@@ -21,21 +34,22 @@ def write_pcd(cloud: Cloud, path: Path) -> None:
     points["rgb"] = (red << 16) | (green << 8) | blue
     points["sigma"], points["baseline"] = cloud.sigma_m, cloud.baseline_index
     count = len(points)
+    comment = f"# {origin_line(origin_m)}\n" if np.any(origin_m) else ""
     head = (
-        "# .PCD v0.7 - frame home, metres\nVERSION 0.7\nFIELDS x y z rgb sigma baseline\nSIZE 4 4 4 4 4 4\n"
+        f"# .PCD v0.7 - frame home, metres\n{comment}VERSION 0.7\nFIELDS x y z rgb sigma baseline\nSIZE 4 4 4 4 4 4\n"
         f"TYPE F F F U F U\nCOUNT 1 1 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\n"
         "DATA binary\n"
     )
     path.write_bytes(head.encode() + points.tobytes())
 
 
-def write_laz(cloud: Cloud, path: Path) -> None:
+def write_laz(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
     """LAZ 1.4 (point format 7): x y z (home, m, to 1 mm), 16-bit colours, extra dimensions sigma (m) and baseline."""
     import laspy  # with lazrs; only where the product is asked for
 
     header = laspy.LasHeader(point_format=7, version="1.4")
     header.scales = np.full(3, _LAZ_STEP_M)
-    header.offsets = np.floor(cloud.points_home_m.min(axis=0)).astype(float)
+    header.offsets = np.floor(cloud.points_home_m.min(axis=0)).astype(float) + origin_m
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams("sigma", np.float32, "standard deviation (m)"),
@@ -43,7 +57,7 @@ def write_laz(cloud: Cloud, path: Path) -> None:
         ]
     )
     las = laspy.LasData(header)
-    las.x, las.y, las.z = cloud.points_home_m.astype(float).T
+    las.x, las.y, las.z = (cloud.points_home_m.astype(float) + origin_m).T
     las.red, las.green, las.blue = cloud.colors.T.astype(np.uint16) * 257
     las["sigma"], las["baseline"] = cloud.sigma_m, cloud.baseline_index
     las.write(str(path), laz_backend=laspy.LazBackend.Lazrs)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fcsv_stereo.model import Cloud, Reference
+from fcsv_stereo.model.inputs import NO_SHIFT
 from fcsv_stereo.products import spanned
 
 _MOST_CELLS = 1500  # along the longer side
@@ -37,17 +38,20 @@ class Raster:
     y0_m: float
 
 
-def write_from_above(cloud: Cloud, folder: Path, reference: Optional[Reference] = None) -> Raster:
-    """orthophoto.png, orthophoto.pgw, height.tif; ``reference`` as in rasterize."""
+def write_from_above(
+    cloud: Cloud, folder: Path, reference: Optional[Reference] = None, origin_m: np.ndarray = NO_SHIFT
+) -> Raster:
+    """orthophoto.png, orthophoto.pgw, height.tif; ``reference`` as in rasterize. The raster is in the cloud's
+    coordinates, the files in those plus ``origin_m``."""
     raster = rasterize(cloud, reference=reference)
     alpha = np.where(np.isfinite(raster.height), 255, 0).astype(np.uint8)
     bgra = np.dstack([raster.rgb[..., ::-1], alpha])
     if not cv2.imwrite(str(folder / "orthophoto.png"), bgra):
         raise OSError("orthophoto.png was refused")
     c = raster.cell_m
-    lines = (c, 0.0, 0.0, -c, raster.x0_m + c / 2, raster.y0_m - c / 2)
+    lines = (c, 0.0, 0.0, -c, raster.x0_m + origin_m[0] + c / 2, raster.y0_m + origin_m[1] - c / 2)
     (folder / "orthophoto.pgw").write_text("".join(f"{v:.6f}\n" for v in lines))
-    _write_height(raster, folder / "height.tif")
+    _write_height(raster, folder / "height.tif", origin_m)
     return raster
 
 
@@ -111,8 +115,11 @@ def _closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
     return filled.reshape(height.shape), colour.reshape(rgb.shape)
 
 
-def _write_height(raster: Raster, path: Path) -> None:
-    """GeoTIFF 1.1 with a user-defined (local) coordinate system, cells as areas, NaN where nothing was seen."""
+def _write_height(raster: Raster, path: Path, origin_m: np.ndarray) -> None:
+    """GeoTIFF 1.1 with a user-defined (local) coordinate system, cells as areas, NaN where nothing was seen.
+
+    float32, or float64 where heights are far from home's.
+    """
     import tifffile  # only where the product is asked for
 
     user_defined, pixel_is_area = 32767, 1
@@ -122,9 +129,10 @@ def _write_height(raster: Raster, path: Path) -> None:
     ]  # fmt: skip
     tags = [
         (33550, "d", 3, (raster.cell_m, raster.cell_m, 0.0), False),
-        (33922, "d", 6, (0.0, 0.0, 0.0, raster.x0_m, raster.y0_m, 0.0), False),
+        (33922, "d", 6, (0.0, 0.0, 0.0, raster.x0_m + origin_m[0], raster.y0_m + origin_m[1], 0.0), False),
         (34735, "H", len(keys), keys, False),
         (34737, "s", 0, _CITATION, False),
         (42113, "s", 0, "nan", False),
     ]
-    tifffile.imwrite(path, raster.height, compression="zlib", extratags=tags, metadata=None, software=False)
+    height = raster.height + origin_m[2] if origin_m[2] else raster.height
+    tifffile.imwrite(path, height, compression="zlib", extratags=tags, metadata=None, software=False)

@@ -41,7 +41,8 @@ def write_pairs(result: MapResult, given: MapInput, folder: Path) -> None:
         for file, image in zip(_FILES[pair.axis], (pair.reference, pair.other)):
             if not cv2.imwrite(str(path / file), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)):
                 raise OSError(f"{file} was refused")
-        _write_calibration(pair, (first.name, second.name), first.T_home_cam[:3, 3], path / "calibration.yaml")
+        p_home_m = first.T_home_cam[:3, 3] + result.origin_m
+        _write_calibration(pair, (first.name, second.name), p_home_m, path / "calibration.yaml")
 
 
 def reprojection_matrix(pair: RectifiedPair) -> np.ndarray:

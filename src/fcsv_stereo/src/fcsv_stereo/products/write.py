@@ -14,14 +14,14 @@ from fcsv_stereo.products.points import merge_duplicates
 
 def _orthophoto(result: MapResult, cloud: Cloud, folder: Path) -> None:
     """Its holes are told in the report."""
-    raster = from_above.write_from_above(cloud, folder, result.reference)
+    raster = from_above.write_from_above(cloud, folder, result.reference, result.origin_m)
     result.holes = hole_shares(raster, cloud, result.reference, result.kind == Kind.SKY)
 
 
 _Writer = Callable[[MapResult, MapInput, Cloud, Path], None]
 _WRITERS: Dict[str, _Writer] = {
-    "pcd": lambda result, given, cloud, folder: clouds.write_pcd(cloud, folder / "map.pcd"),
-    "laz": lambda result, given, cloud, folder: clouds.write_laz(cloud, folder / "map.laz"),
+    "pcd": lambda result, given, cloud, folder: clouds.write_pcd(cloud, folder / "map.pcd", result.origin_m),
+    "laz": lambda result, given, cloud, folder: clouds.write_laz(cloud, folder / "map.laz", result.origin_m),
     "orthophoto": lambda result, given, cloud, folder: _orthophoto(result, cloud, folder),
     "colmap": lambda result, given, cloud, folder: exchange.write_colmap(result, given, cloud, folder / "colmap"),
     "pairs": lambda result, given, cloud, folder: rectified.write_pairs(result, given, folder / "pairs"),
@@ -40,6 +40,11 @@ def write_products(names: Sequence[str], result: MapResult, given: MapInput, fol
         cut = result.cut and result.cut.beyond_range + result.cut.beyond_sigma
         why = "all lie beyond the cloud's bounds: --cloud-range-m, --cloud-sigma" if cut else "only sky?"
         raise OutputError(f"the map holds no points ({why}): nothing to make {', '.join(names)} of")
+    if "orthophoto" in names and result.reference.looks_down:
+        result.unseen.append(
+            "Home's z axis points at the camera. That is right where the pictures look down; where they look ahead, "
+            "orthophoto and heights are along the view: turn the model upright (its world's z up)."
+        )
     if "orthophoto" in names and not result.reference.is_level:
         result.warnings.append(
             "home's z axis does not point up in the reference picture: orthophoto and heights are along that axis all "

@@ -20,6 +20,8 @@ DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"
 #: Of a logarithmic axis: below the first its numbers are evenly spaced; above the others fewer of them are written.
 _FEW_DECADES, _MANY_DECADES, _MOST_DECADES = 0.6, 2.2, 3.5
+_MOST_RINGS = 8  # about the origin of a map from above
+_AHEAD = float(np.cos(np.radians(30.0)))
 _KIND_COLOURS = {
     "agreed": "#009e73", "one pair": "#a8ddb5", "hidden": "#d55e00", "outside": "#e69f00", "blank": "#cc79a7",
     "sky": "#56b4e9", "moved": "#f0e442", "near": "#0072b2", "nothing": _NONE,
@@ -97,7 +99,7 @@ def depth_error(found: np.ndarray, truth: np.ndarray):
 def from_above(result: MapResult, by_baseline: bool):
     """The cloud seen from above with a distance grid; x forward is up.
 
-    Where home does not lie level, from above the reference camera: forward is its optical axis.
+    Where home does not lie level, from above the reference camera: forward is its optical axis. See T_view_home.
     """
     cloud = result.cloud
     points = transforms.apply(T_view_home(result), cloud.points_home_m)
@@ -116,12 +118,14 @@ def from_above(result: MapResult, by_baseline: bool):
     else:
         colors = cloud.colors[keep] / 255.0
     axes.scatter(-points[:, 1], points[:, 0], c=colors, s=0.6, linewidths=0)
-    _rings(axes, reach)
-    _field_of_view(axes, result, reach)
+    around = result.reference.is_level and result.reference.looks_down
+    _rings(axes, reach, 180 if around else 60)
+    if not around:
+        _field_of_view(axes, result, reach)
     axes.set_aspect("equal")
-    axes.set_xlim(-0.62 * reach, 0.62 * reach)
-    axes.set_ylim(-0.04 * reach, 1.06 * reach)
-    origin = "home" if result.reference.is_level else "the reference camera"
+    axes.set_xlim(*(np.array([-1.06, 1.06] if around else [-0.62, 0.62]) * reach))
+    axes.set_ylim(*(np.array([-1.06 if around else -0.04, 1.06]) * reach))
+    origin = "home" if np.array_equal(T_view_home(result), np.eye(4)) else "the reference camera"
     axes.set_xlabel(f"to the right of {origin} (m)")
     axes.set_ylabel(f"ahead of {origin} (m)")
     axes.set_title("map from above, " + ("by configuration" if by_baseline else "in colour"), fontsize=10)
@@ -210,18 +214,32 @@ def _lines(axes, shape, axis: Axis) -> None:
             axes.axvline(shape[1] * k / 6, color="#ffe14d", lw=0.6)
 
 
-def _rings(axes, reach: float) -> None:
-    step = next((s for s in (1, 2, 5, 10, 20, 50, 100, 200) if reach / s <= 8), 500)
-    angles = np.radians(np.linspace(-60, 60, 121))
+def _rings(axes, reach: float, to_deg: float) -> None:
+    """Circles of distance about the origin, about eight at most, to an angle on both sides of ahead."""
+    power = 10.0 ** np.floor(np.log10(max(reach, 1e-9) / _MOST_RINGS))
+    step = next(s * power for s in (1, 2, 5, 10) if _MOST_RINGS * s * power >= reach)
+    angles = np.radians(np.linspace(-to_deg, to_deg, 121))
     for r in np.arange(step, reach * 1.1, step):
         axes.plot(r * np.sin(angles), r * np.cos(angles), color="#888888", lw=0.6, alpha=0.7)
-        axes.text(r * np.sin(angles[-1]) * 0.52, r * 0.995, f"{r:.0f} m", fontsize=7, color="#444444")
+        axes.text(r * np.sin(angles[-1]) * 0.52, r * 0.995, f"{r:g} m", fontsize=7, color="#444444")
 
 
 def T_view_home(result: MapResult) -> np.ndarray:
-    """From home to the frame that is drawn from above: home itself where it is level."""
-    if result.reference.is_level:
-        return np.eye(4)
+    """From home to the frame that is drawn from above: home itself where it is level and the map lies ahead of it.
+
+    Photographs may stand elsewhere and look anywhere: then x is ahead of the reference camera, where that stands, or
+    the upper edge of a picture that looks down.
+    """
+    reference = result.reference
+    if reference.is_level:
+        T = reference.T_home_cam
+        ahead = -T[:2, 1] if reference.looks_down else T[:2, 2]
+        known = result.depth[np.isfinite(result.depth)]
+        near_m = max(1.0, float(np.median(known)) if known.size else 0.0)
+        at_home = np.hypot(*T[:2, 3]) < near_m and not result.is_shifted
+        if at_home and not reference.looks_down and ahead[0] > _AHEAD * np.hypot(*ahead):
+            return np.eye(4)
+        return transforms.invert(transforms.from_xyz_yaw([*T[:2, 3], 0.0], float(np.arctan2(ahead[1], ahead[0]))))
     T_view_cam = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))
     return T_view_cam @ transforms.invert(result.reference.T_home_cam)
 

@@ -54,8 +54,11 @@ def summary(data: ReportData) -> List[Part]:
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = result.sigma / result.depth
     relative = relative[np.isfinite(relative)]
+    origin = ", ".join(f"{v:.0f}" for v in result.origin_m)
+    shift = [("add to x, y, z of map.ply and map.pcd", origin)] if result.is_shifted else []
     rows = [
         ("reference picture", result.reference.name),
+        *shift,
         ("configurations", str(len(result.pairs))),
         ("points", f"{result.points:,}"),
         *([("left out of the cloud", in_words(result.cut))] if result.cut and in_words(result.cut) else []),
@@ -84,7 +87,8 @@ def _unseen(result: MapResult) -> List[str]:
         return result.unseen
     return [
         "Poses were taken as they came: a baseline or a focal length of another length, or a small turn of the cameras "
-        "towards each other, makes all depths wrong and shows nowhere."
+        "towards each other, makes all depths wrong and shows nowhere.",
+        *result.unseen,
     ]
 
 

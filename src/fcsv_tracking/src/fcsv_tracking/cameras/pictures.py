@@ -5,11 +5,12 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Callable, Dict, Iterable, List, Optional, Tuple
+from typing import Callable, Dict, Iterable, List, Tuple, Union
 
-import cv2
 import numpy as np
 
+from fcsv_geometry.errors import PictureFileError
+from fcsv_geometry.picture_files import read_picture
 from fcsv_tracking.cameras.board import BoardView, Chessboard, find_board
 from fcsv_tracking.errors import CameraCalibrationRefused
 
@@ -20,7 +21,7 @@ _MOST_VIEWS = 80
 _START = re.compile("[A-Za-z]*")
 _SIDES = (("left", "right"), ("l", "r"))
 
-NamedPicture = Tuple[str, Optional[np.ndarray]]  # grey HxW uint8; None: unreadable
+NamedPicture = Tuple[str, Union[np.ndarray, PictureFileError, None]]  # grey HxW uint8, or why there is none
 
 
 @dataclass
@@ -36,7 +37,8 @@ def folder_pictures(folder: Path, prefix: str = "") -> List[Tuple[str, Path]]:
     """Name (without ``prefix``, so that left07 and right07 are one) and path of the pictures of a folder, sorted."""
     if not folder.is_dir():
         raise CameraCalibrationRefused(f"{folder}: no such folder")
-    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and p.name.startswith(prefix))
+    seen = (p for p in folder.iterdir() if not p.name.startswith("."))  # macOS leaves ._x.jpg beside x.jpg
+    paths = sorted(p for p in seen if p.suffix.lower() in _SUFFIXES and p.name.startswith(prefix))
     if not paths:
         start = f" that begin with '{prefix}'" if prefix else ""
         raise CameraCalibrationRefused(f"{folder}: no pictures{start} ({', '.join(sorted(_SUFFIXES))})")
@@ -57,8 +59,12 @@ def require_one_camera(folder: Path, stems: Iterable[str]) -> None:
             )
 
 
-def read_gray(path: Path) -> Optional[np.ndarray]:
-    return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+def read_gray(path: Path) -> Union[np.ndarray, PictureFileError]:
+    """The pixels as stored, as a camera's driver gives them: EXIF's orientation does not turn them."""
+    try:
+        return read_picture(path, grey=True).pixels
+    except PictureFileError as error:
+        return error
 
 
 def collect_views(
@@ -71,8 +77,8 @@ def collect_views(
     found, sizes = Views(), {}
     for name, gray in pictures:
         progress(name)
-        if gray is None:
-            found.left_out[name] = "cannot be read as a picture"
+        if not isinstance(gray, np.ndarray):
+            found.left_out[name] = str(gray or "cannot be read as a picture")
             continue
         sizes[name] = gray.shape[::-1]
         corners = find_board(gray, board)
@@ -81,9 +87,10 @@ def collect_views(
         elif not (thin and found.views and _moved_px(found.views[-1].corners_px, corners) < _LEAST_MOVE_PX):
             found.views.append(BoardView(name, corners))
     if not found.views:
+        unreadable = [why for name, why in found.left_out.items() if name not in sizes]
         raise CameraCalibrationRefused(
             f"none of {len(found.left_out)} pictures shows a board of {board.columns}x{board.rows} inner corners: "
-            f"check --board, and that no edge is cut off"
+            f"check --board, and that no edge is cut off" + "".join(f"; {why}" for why in unreadable[:3])
         )
     _require_one_size(found, sizes)
     if thin and len(found.views) > _MOST_VIEWS:

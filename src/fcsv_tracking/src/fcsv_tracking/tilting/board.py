@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import List, Optional, Sequence
 
-import cv2
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.errors import PictureFileError
+from fcsv_geometry.picture_files import read_picture
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.tags import TagDetector, TagObservation, corner_points
 from fcsv_tracking.tilting.rig import SIDES, TiltingRig
@@ -97,9 +98,10 @@ def read_views(folder: Path, rig: TiltingRig, board: TagBoard) -> List[BoardView
             side, angle_deg = row["side"], _number(row["angle_deg"], where)
             if side not in SIDES:
                 raise CalibrationRefused(f"{where}: side '{side}' is not one of {', '.join(SIDES)}")
-            gray = cv2.imread(str(folder / str(row["picture"])), cv2.IMREAD_GRAYSCALE)
-            if gray is None:
-                raise CalibrationRefused(f"{where}: {row['picture']} cannot be read as a picture")
+            try:
+                gray = read_picture(folder / str(row["picture"]), grey=True).pixels
+            except PictureFileError as error:
+                raise CalibrationRefused(f"{where}: {error}") from error
             camera = getattr(rig, side).camera
             tags = detector.detect(gray, camera)
             view = view_of(str(row["station"]), side, float(np.radians(angle_deg)), tags, board, camera, row["picture"])
