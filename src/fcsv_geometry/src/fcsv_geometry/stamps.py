@@ -46,7 +46,7 @@ def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> Stam
 
     >>> found = in_order([1.0, 1.1, 61.2, 1.3, 1.4])
     >>> found.kept, found.left_out
-    ([0, 1, 3, 4], {2: '59.9 s after its neighbours'})
+    ([0, 1, 3, 4], {2: 'is 59.9 s after its neighbours'})
     """
     stamps = [float(s) for s in stamps_s]
     found = StampOrder([])
@@ -106,7 +106,7 @@ def _why(stamps: Sequence[float], i: int, kept: Sequence[int]) -> str:
         return "is 0"
     if off_s == 0.0:
         return "is that of the message before"
-    return f"{abs(off_s):.1f} s {'after' if off_s > 0.0 else 'before'} its neighbours"
+    return f"is {abs(off_s):.1f} s {'after' if off_s > 0.0 else 'before'} its neighbours"
 
 
 def _stretches(stamps: Sequence[float], indices: Sequence[int]) -> List[List[int]]:

@@ -67,7 +67,9 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
     lacking = {v: text for v in sorted(vehicles) for text in [lacks(v, recorded)] if text}
     kept = [c for c in captures if not {c.reference, c.vehicle} & set(lacking)]
     if not kept:
-        raise InputError(f"{path}: {next(iter(lacking.values()))}{because}")
+        text = next(iter(lacking.values()))
+        others = [w for w in (*warnings, *recorded.left_out.warnings()) if w.split(":")[0] != text.split(":")[0]]
+        raise InputError("; ".join([f"{path}: {text}", *others]))
     warnings += [f"{text}: configurations with {v} are left out" for v, text in lacking.items()]
     recorded.captures = kept
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why a vehicle has no picture in any recording window: one sentence per cause."""
 
-from typing import Collection, Optional, Sequence, Tuple
+from typing import Collection, Sequence, Tuple
 
 from fcsv_geometry.stamps import stuck
 from fcsv_stereo.live import Window
@@ -12,14 +12,12 @@ _APART_S = 1.0
 
 
 def why_no_pictures(
-    vehicle: str, topic: str, seen: Optional[PicturesSeen], windows: Sequence[Window], span_s: Tuple[float, float],
+    vehicle: str, topic: str, seen: PicturesSeen, windows: Sequence[Window], span_s: Tuple[float, float],
     topics: Collection[str], left_out: LeftOut,
 ) -> str:  # fmt: skip
     """``topic`` is where pictures are wanted, ``topics`` are all of the bags, ``span_s`` is the odometry's time."""
-    if seen is None or not seen.topic:
-        return left_out.only_reason(topic) and f"topic {topic}: {left_out.only_reason(topic)}" or _none(
-            vehicle, topic, topics
-        )
+    if not seen.topic:
+        return _none(vehicle, topic, topics)
     where, why = f"topic {seen.topic}", stuck(seen.stamps_s)
     if why and len(seen.stamps_s) > 1:
         return f"{where}: all stamps {why}"
@@ -31,7 +29,7 @@ def why_no_pictures(
             f"{where}: {seen.unposed} pictures have no odometry at their stamp: they are from {first_s:.3f} to {last_s:.3f}, "
             f"odometry is from {span_s[0]:.3f} to {span_s[1]:.3f}; do camera and tracker share a clock?"
         )
-    return f"{where}: {left_out.only_reason(seen.topic)}"
+    return f"{where}: {left_out.only_reason(seen.topic) or 'no picture in a window can be used'}"
 
 
 def _none(vehicle: str, topic: str, topics: Collection[str]) -> str:
