@@ -68,22 +68,19 @@ def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> Stam
 
 
 def _longest_rise(stamps: Sequence[float]) -> List[int]:
-    """Indices of a longest strictly rising subsequence (Fredman 1975); of equal stamps the first."""
+    """Indices of a longest strictly rising subsequence (patience sorting); of several, one of near neighbours."""
     tails: List[float] = []
-    at: List[int] = []
-    before: List[int] = []
+    piles: List[List[int]] = []  # by place in the rise; stamps fall within a pile
     for i, s in enumerate(stamps):
         k = bisect.bisect_left(tails, s)
-        before.append(at[k - 1] if k else -1)
         if k == len(tails):
             tails.append(s)
-            at.append(i)
-        elif s < tails[k]:
-            tails[k], at[k] = s, i
-    chain, i = [], at[-1] if at else -1
-    while i >= 0:
-        chain.append(i)
-        i = before[i]
+            piles.append([])
+        tails[k] = s
+        piles[k].append(i)
+    chain = piles[-1][-1:] if piles else []
+    for pile in piles[-2::-1]:
+        chain.append(next(i for i in pile if stamps[i] < stamps[chain[-1]]))
     return chain[::-1]
 
 
