@@ -124,10 +124,10 @@ def _entries(K: np.ndarray) -> Tuple[float, float, float, float]:
         raise GeometryError(f"camera is not calibrated ({said}): calibrate it (calibrate_camera)")
     if not cx and not cy and (k20 or k21):
         raise GeometryError(f"K is transposed, with cx and cy in the bottom row ({said}): it is written row by row")
-    if abs(skew) > 1e-3 * abs(fx):
-        raise GeometryError(f"K has a skew of {skew:.6g} ({said}); only pixels with a right angle are known")
     if max(map(abs, (k10, k20, k21, k22 - 1.0))) > 1e-6:
         raise GeometryError(f"{said}: it is no camera matrix (fx 0 cx, 0 fy cy, 0 0 1)")
+    if abs(skew) > 1e-3 * abs(fx):
+        raise GeometryError(f"K has a skew of {skew:.6g} ({said}); only pixels with a right angle are known")
     return fx, fy, cx, cy
 
 

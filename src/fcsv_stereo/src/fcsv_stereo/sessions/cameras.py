@@ -43,7 +43,8 @@ def timeline(infos: Stamped, left_out: LeftOut, warnings: List[str]) -> List[Cam
     """One, or none where no camera_info can be believed: then ``left_out`` has all of them."""
     recorded = infos.recorded(lambda a, b: a == b, warnings)
     runs = _runs(recorded)
-    kept = [run for run in runs if len(runs) == 1 or len(run) > _ODD[len(recorded) >= _MANY]]
+    long = [run for run in runs if len(runs) == 1 or len(run) > _ODD[len(recorded) >= _MANY]]
+    kept = [run for run in runs if any(_alike(run[0][1], k[0][1]) for k in long)]
     odd = [run for run in runs if not any(run is k for k in kept)]
     for entry in (e for run in odd for e in run):
         left_out.add(infos.topic, entry[0], _odd(entry[1], kept[0][0][1] if kept else None))

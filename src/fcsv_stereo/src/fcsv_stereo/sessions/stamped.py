@@ -48,9 +48,7 @@ class Stamped:
             return []
         found = in_order(stamps, alone_s)
         for i in sorted(found.left_out):
-            repeated = i > 0 and stamps[i] == stamps[i - 1] and same(recorded[i][1], recorded[i - 1][1])
-            if not repeated:
-                left_out.add(self.topic, stamps[i], f"its stamp {found.left_out[i]}")
+            left_out.add(self.topic, stamps[i], f"its stamp {found.left_out[i]}")
         warnings += [
             f"topic {self.topic}: the clock jumps back by {before - after:.3f} s after {before:.3f}; the time that it "
             "counts twice is left out" for before, after in found.jumps
