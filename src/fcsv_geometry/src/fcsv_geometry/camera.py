@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pinhole camera with Brown-Conrady distortion ("plumb_bob"). Pixel centres are at whole numbers."""
+"""The pinhole camera with Brown-Conrady distortion ("plumb_bob", "rational_polynomial"). Pixel centres are at whole numbers."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -10,12 +10,15 @@ import numpy as np
 
 from fcsv_geometry.errors import GeometryError
 
+COEFFICIENTS = (4, 5, 8, 12, 14)  # so many distortion coefficients OpenCV takes
+
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Intrinsics in pixels; ``distortion`` is k1, k2, p1, p2, k3 (OpenCV order), all zero for a pinhole.
+    """Intrinsics in pixels; ``distortion`` is k1, k2, p1, p2, k3, ... (OpenCV order), all zero for a pinhole.
 
-    Raises GeometryError on non-finite values, a focal length that is not positive, or an empty picture.
+    Raises GeometryError on non-finite values, a focal length that is not positive, an empty picture, or a number of
+    distortion coefficients that OpenCV does not take. Whether a reader's values are plausible: ``intrinsics``.
     """
 
     width: int
@@ -34,6 +37,9 @@ class PinholeCamera:
             raise GeometryError(
                 f"camera has size {self.width}x{self.height}, focal length {self.fx}, {self.fy} px: not a camera"
             )
+        if len(self.distortion) not in COEFFICIENTS:
+            numbers = ", ".join(map(str, COEFFICIENTS))
+            raise GeometryError(f"camera has {len(self.distortion)} distortion coefficients, not one of {numbers}")
 
     @classmethod
     def from_fov(cls, width: int, height: int, horizontal_fov_rad: float, distortion=(0.0,) * 5) -> "PinholeCamera":
@@ -62,7 +68,7 @@ class PinholeCamera:
 
     def undistorted(self) -> "PinholeCamera":
         """The same camera without distortion: what the picture from undistort() belongs to."""
-        return replace(self, distortion=(0.0,) * len(self.distortion))
+        return replace(self, distortion=(0.0,) * 5)
 
     def undistort(self, image: np.ndarray, interpolation: int = cv2.INTER_LINEAR) -> np.ndarray:
         """The picture as the undistorted camera would have taken it; pixels without a source (``blank()``) are 0."""

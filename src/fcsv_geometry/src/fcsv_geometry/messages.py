@@ -5,7 +5,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.intrinsics import camera_of_matrix
 
 
 def seconds(stamp) -> float:
@@ -26,15 +26,9 @@ def transform_from_msg(message) -> np.ndarray:
 
 
 def camera_from_info(info) -> PinholeCamera:
-    """Intrinsics from sensor_msgs/CameraInfo. Raises GeometryError where it is not calibrated plumb_bob."""
+    """Intrinsics from sensor_msgs/CameraInfo. Raises GeometryError where they are none (``intrinsics``)."""
     K, D = (_field(info, name) for name in "KD")
-    if info.distortion_model not in ("plumb_bob", "") or (not info.distortion_model and any(D)):
-        raise GeometryError(f"camera_info has distortion model '{info.distortion_model}'; only plumb_bob is known")
-    if K[0] == 0:
-        raise GeometryError("camera_info is not calibrated (K is zero)")
-    distortion = tuple(float(d) for d in D) if len(D) else (0.0,) * 5
-    fx, fy, cx, cy = (float(K[i]) for i in (0, 4, 2, 5))
-    return PinholeCamera(info.width, info.height, fx, fy, cx, cy, distortion)
+    return camera_of_matrix(info.width, info.height, K, D, info.distortion_model)
 
 
 def _field(info, name: str):

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 
+_JUMP_S = 1.0  # ahead of the pose before: a wrong stamp, if the next pose is of the time in between
+
 
 class Trajectory:
     """Poses T_a_b in order of time (s), interpolated at a stamp, never beyond ``extrapolation_s``.
@@ -50,15 +52,28 @@ class Trajectory:
         return self.span_s[1], self._poses[-1]
 
     def add(self, stamp_s: float, T_a_b: np.ndarray) -> bool:
-        """Append a pose; one that does not come after the newest is refused (False)."""
+        """Append a pose; one that does not come after the newest is refused (False).
+
+        Where the newest alone jumped ahead and the new one follows those before it, the newest was wrong: it goes.
+        """
         if self._stamps_s and stamp_s <= self._stamps_s[-1]:
-            return False
+            if not self._newest_jumped_before(stamp_s):
+                return False
+            self._stamps_s.pop()
+            self._poses.pop()
+        before_s = self._stamps_s[-1] if self._stamps_s else stamp_s
         self._stamps_s.append(stamp_s)
         self._poses.append(T_a_b)
-        if self._keep_s is not None and self._stamps_s[0] < stamp_s - 2 * self._keep_s:
-            cut = bisect.bisect_left(self._stamps_s, stamp_s - self._keep_s)
+        if self._keep_s is not None and self._stamps_s[0] < before_s - 2 * self._keep_s:
+            cut = bisect.bisect_left(self._stamps_s, before_s - self._keep_s)
             del self._stamps_s[:cut], self._poses[:cut]
         return True
+
+    def _newest_jumped_before(self, stamp_s: float) -> bool:
+        if len(self) < 2:
+            return False
+        before_s, newest_s = self._stamps_s[-2:]
+        return before_s < stamp_s <= before_s + _JUMP_S < newest_s
 
     def at(self, stamp_s: float) -> np.ndarray:
         """T_a_b at a stamp (s). Raises PoseUnavailable beyond the ends or inside too long a silence; a pose's own stamp

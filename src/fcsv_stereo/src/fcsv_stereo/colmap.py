@@ -13,6 +13,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.intrinsics import require_plausible
 from fcsv_stereo.colmap_images import PosedImage, data_lines, read_images, same_name
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture, PosePrior
@@ -123,7 +124,7 @@ def camera_of(width: int, height: int, values: Dict[str, float]) -> PinholeCamer
     """From a camera model's parameters by name, whose pixel centres are at 0.5. Raises GeometryError."""
     fx, fy = values.get("fx", values.get("f")), values.get("fy", values.get("f"))
     distortion = tuple(values.get(k, 0.0) for k in ("k1", "k2", "p1", "p2")) + (0.0,)
-    return PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion)
+    return require_plausible(PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion))
 
 
 def _lines(path: Path):

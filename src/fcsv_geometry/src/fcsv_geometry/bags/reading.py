@@ -7,7 +7,7 @@ and, for fcsv_msgs, those of ``definitions/``.
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Callable, Dict, Iterator, Tuple
+from typing import Callable, Dict, Iterator, Optional, Tuple
 
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
@@ -26,10 +26,14 @@ def is_ros2(path: Path) -> bool:
     return path.suffix in ROS2_FILES or (path / METADATA).is_file()
 
 
-def messages(path: Path, wanted: Callable[[str, str], bool]) -> Iterator[Tuple[str, object]]:
+def messages(
+    path: Path, wanted: Callable[[str, str], bool], broken: Optional[Callable[[str, float, str], None]] = None
+) -> Iterator[Tuple[str, object]]:
     """(topic, message) of a bag in order of time, of topics for which ``wanted(topic, type)``.
 
-    Types are named as in ROS 1 ("nav_msgs/Odometry"). Raises BagError where the bag cannot be read (on), naming it.
+    Types are named as in ROS 1 ("nav_msgs/Odometry"). ``broken(topic, time, why)`` is told of a message whose bytes are
+    not its type's, with the time at which it was recorded (s); the others follow. Raises BagError where the bag cannot
+    be read (on), or where nobody wants to be told, naming it.
     """
     try:
         with (Reader2 if is_ros2(path) else Reader1)(path) as reader:
@@ -37,8 +41,15 @@ def messages(path: Path, wanted: Callable[[str, str], bool]) -> Iterator[Tuple[s
             if not chosen:
                 return
             read = {c.id: _deserializer(c.msgtype, *_definition(c), is_ros2(path)) for c in chosen}
-            for connection, _, data in reader.messages(connections=chosen):
-                yield connection.topic, read[connection.id](data, connection.msgtype)
+            for connection, recorded_ns, data in reader.messages(connections=chosen):
+                try:
+                    message = read[connection.id](data, connection.msgtype)
+                except Exception as error:  # whatever the library's code for this type meets in these bytes
+                    if broken is None:
+                        raise
+                    broken(connection.topic, recorded_ns / 1e9, _words(error))
+                else:
+                    yield connection.topic, message
     except FcsvError:  # of who asked
         raise
     except Exception as error:  # a damaged bag: the library's errors, and those of sqlite, zstd, lz4, struct below it

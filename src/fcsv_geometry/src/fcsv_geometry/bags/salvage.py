@@ -6,6 +6,7 @@ record; connections and chunk table are missing. A damaged place is passed over 
 """
 
 import bz2
+import functools
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import BinaryIO, Callable, Dict, Iterator, List, Optional, Tuple
@@ -14,7 +15,7 @@ from fcsv_geometry.bags.records import MAGIC, U32, U64, Op, Record, next_chunk, 
 
 _BAG_HEADER_BYTES = 4096
 _MOST_OPEN_BYTES = 16 << 20  # of records outside a chunk that are written as one
-_NONE, _BZ2 = b"none", b"bz2"
+_NONE, _BZ2, _LZ4 = b"none", b"bz2", b"lz4"
 
 
 @dataclass
@@ -139,8 +140,8 @@ def _of_chunk(buffer, record: Record, end: int, found: Salvaged) -> Optional[_Pa
     compression, stop = record.fields.get(b"compression", _NONE), min(record.end, end)
     if compression == _NONE:
         inside, start = buffer, record.data
-    elif compression == _BZ2:
-        inside, start = _unpacked(bytes(buffer[record.data : stop])), 0
+    elif compression in (_BZ2, _LZ4):
+        inside, start = _unpacked(bytes(buffer[record.data : stop]), compression), 0
         stop = len(inside)
     else:
         kind = compression.decode(errors="replace")
@@ -154,15 +155,32 @@ def _of_chunk(buffer, record: Record, end: int, found: Salvaged) -> Optional[_Pa
     return _Part(inside, start, at, compression) if at > start else None
 
 
-def _unpacked(packed_bytes: bytes) -> bytes:
+def _unpacked(packed_bytes: bytes, compression: bytes) -> bytes:
     """As much as can be unpacked."""
-    unpack, out = bz2.BZ2Decompressor(), []
+    unpack, out = (bz2.BZ2Decompressor if compression == _BZ2 else _lz4().LZ4FrameDecompressor)(), []
     try:
         for i in range(0, len(packed_bytes), 4096):
             out.append(unpack.decompress(packed_bytes[i : i + 4096]))
-    except (OSError, EOFError):
+    except (OSError, EOFError, RuntimeError):
         pass  # what came before is kept
     return b"".join(out)
+
+
+def _packed(body: bytes, compression: bytes) -> bytes:
+    """ROS reads only LZ4 frames of independent blocks with a checksum and without their size (tried: roslz4 1.15)."""
+    if compression == _BZ2:
+        return bz2.compress(body)
+    if compression == _LZ4:
+        return _lz4().compress(body, block_linked=False, content_checksum=True, store_size=False)
+    return body
+
+
+@functools.lru_cache(maxsize=None)
+def _lz4():
+    """Imported when first used; it comes with rosbags."""
+    import lz4.frame
+
+    return lz4.frame
 
 
 class _Writer:
@@ -210,7 +228,7 @@ class _Writer:
     def _write_chunk(self, body: bytes, compression: bytes, index: Dict[int, List[bytes]], span) -> None:
         start = self._out.tell()
         fields = {b"op": bytes([Op.CHUNK]), b"compression": compression, b"size": U32.pack(len(body))}
-        self._out.write(packed(fields, bz2.compress(body) if compression == _BZ2 else body))
+        self._out.write(packed(fields, _packed(body, compression)))
         for conn, entries in index.items():
             fields = {b"op": bytes([Op.INDEX]), b"ver": U32.pack(1), b"conn": U32.pack(conn)}
             self._out.write(packed({**fields, b"count": U32.pack(len(entries))}, b"".join(entries)))

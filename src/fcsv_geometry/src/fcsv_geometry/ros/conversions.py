@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.intrinsics import model_of
 from fcsv_geometry.messages import camera_from_info, pose_to_transform, transform_from_msg
 from fcsv_msgs.msg import Epochs
 
@@ -50,7 +51,7 @@ def transform_stamped(T_a_b: np.ndarray, stamp_s: float, frame_a: str, frame_b: 
 
 def info_from_camera(camera: PinholeCamera, stamp_s: float, frame_id: str) -> CameraInfo:
     info = CameraInfo(header=header(stamp_s, frame_id), height=camera.height, width=camera.width)
-    info.distortion_model, info.D = "plumb_bob", list(camera.distortion)
+    info.distortion_model, info.D = model_of(camera.distortion), list(camera.distortion)
     info.K = camera.K.ravel().tolist()
     info.R = np.eye(3).ravel().tolist()
     info.P = np.hstack([camera.K, np.zeros((3, 1))]).ravel().tolist()

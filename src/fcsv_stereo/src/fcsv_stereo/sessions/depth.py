@@ -8,7 +8,6 @@ from typing import Dict, Iterator, List, Mapping
 import numpy as np
 
 from fcsv_geometry.bags import reading
-from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import BagError, PoseUnavailable
 from fcsv_geometry.home import camera_in_home
 from fcsv_geometry.messages import seconds
@@ -17,6 +16,8 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import PosePrior
 from fcsv_stereo.near import DepthFrame, Thinning
 from fcsv_stereo.pose_covariance import KnownCovariances, turned
+from fcsv_stereo.sessions.cameras import CameraTimeline
+from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.pictures import samples_of
 
 #: As realsense2_camera 2.3 names depth in the colour camera's pixels; below a vehicle's namespace.
@@ -32,7 +33,7 @@ class RecordedDepth:
     """Where a session holds depth. ``cameras`` are those of its camera_info, by vehicle; the others as in the bags."""
 
     bags: List[Path]
-    cameras: Mapping[str, PinholeCamera]
+    cameras: Mapping[str, CameraTimeline]
     tracks: Mapping[str, Trajectory]
     T_home_odom: Mapping[str, np.ndarray]
     T_body_cam: Mapping[str, np.ndarray]
@@ -49,21 +50,32 @@ class RecordedDepth:
     def frames(self) -> Iterator[DepthFrame]:
         """Frames that show something new (near.Thinning), bag by bag; those without a pose are counted in ``warnings``.
 
-        Raises InputError naming bag, topic and what is wrong with the picture.
+        Single frames that are none are left out. Raises InputError where all are none, naming topic, bag and why.
         """
         lost: Dict[str, int] = {}
-        thinning = Thinning()
+        thinning, left_out, count = Thinning(), LeftOut(), 0
         for bag in self.bags:
             try:
-                yield from self._of_bag(bag, thinning, lost)
+                for frame in self._of_bag(bag, thinning, lost, left_out):
+                    count += 1
+                    yield frame
             except BagError as error:
                 self.warnings.append(f"{error}; the depth frames that follow there are left out")
+        if left_out.warnings() and not count:
+            raise InputError("; ".join(left_out.warnings()))
+        self.warnings.extend(left_out.warnings())
         for vehicle, count in lost.items():
             self.warnings.append(f"{count} depth frames of {vehicle} have no odometry at their stamp: left out")
 
-    def _of_bag(self, bag: Path, thinning: Thinning, lost: Dict[str, int]) -> Iterator[DepthFrame]:
+    def _of_bag(
+        self, bag: Path, thinning: Thinning, lost: Dict[str, int], left_out: LeftOut
+    ) -> Iterator[DepthFrame]:  # fmt: skip
         topics = {f"/{v}/{DEPTH}": v for v in self.vehicles}
-        for topic, message in reading.messages(bag, lambda name, kind: _holds_depth(bag, topics, name, kind)):
+
+        def broken(topic: str, recorded_s: float, why: str) -> None:
+            left_out.add(topic, recorded_s, f"its bytes are no {_TYPE} ({why})")
+
+        for topic, message in reading.messages(bag, lambda n, kind: _holds_depth(bag, topics, n, kind), broken):
             vehicle, stamp_s = topics[topic], seconds(message.header.stamp)
             try:
                 T_home_cam = self._camera_in_home(vehicle, stamp_s)
@@ -71,14 +83,17 @@ class RecordedDepth:
                 lost[vehicle] = lost.get(vehicle, 0) + 1
                 continue
             if thinning.takes(vehicle, stamp_s, T_home_cam):
-                yield self._frame(f"{bag}, topic {topic}", vehicle, stamp_s, T_home_cam, message)
+                try:
+                    yield self._frame(bag.name, vehicle, stamp_s, T_home_cam, message)
+                except InputError as error:
+                    left_out.add(topic, stamp_s, str(error))
 
     def _frame(self, where: str, vehicle: str, stamp_s: float, T_home_cam: np.ndarray, message) -> DepthFrame:
         if message.encoding not in _ENCODINGS:
             raise InputError(f"{where}: encoding '{message.encoding}' is not depth in mm: {', '.join(_ENCODINGS)}")
         millimetres = samples_of(where, message, 1, np.dtype(np.uint16))
         covariance = self._covariance(vehicle, stamp_s, T_home_cam)
-        camera = self.cameras[vehicle]
+        camera = self.cameras[vehicle].at(stamp_s)
         frame = DepthFrame.of_millimetres(vehicle, stamp_s, millimetres, camera, T_home_cam, covariance)
         return frame.without(self._others(vehicle, stamp_s), _VEHICLE_M)
 

@@ -4,8 +4,9 @@
 Bags of ROS 2 are opened as they are.
 """
 
+import filecmp
 from pathlib import Path
-from typing import List
+from typing import List, Tuple
 
 from fcsv_geometry.bags.parts import part_number, parts_in
 from fcsv_geometry.bags.reading import METADATA, ROS2_FILES, is_ros2
@@ -27,7 +28,7 @@ def bags_of(path: Path, warnings: List[str]) -> List[Path]:
     Raises InputError where none is left, or where session.yaml is none.
     """
     said: List[str] = []
-    bags = [bag for name in _listed(path) for bag in _opened(name, said)]
+    bags = [bag for name in _without_copies(_listed(path), said) for bag in _opened(name, said)]
     if not bags:
         raise InputError("; ".join(said) or f"{path}: there is no bag in it")
     warnings += said
@@ -37,7 +38,35 @@ def bags_of(path: Path, warnings: List[str]) -> List[Path]:
 def _bags_in(folder: Path) -> List[Path]:
     found = {recording_of(p) for pattern in ("*.bag", f"*.bag{ACTIVE}") for p in folder.glob(pattern)}
     found |= {p.parent for p in folder.glob(f"*/{METADATA}")}
-    return sorted(found | {p for suffix in ROS2_FILES for p in folder.glob(f"*{suffix}")})
+    return sorted(found | {p for suffix in ROS2_FILES for p in folder.glob(f"*{suffix}")}, key=_machine_and_part)
+
+
+def _machine_and_part(bag: Path) -> Tuple[str, int, str]:
+    """
+    >>> sorted(map(Path, ("uav1.10.bag", "uav1.2.bag", "uav1.bag", "control.bag")), key=_machine_and_part)
+    [PosixPath('control.bag'), PosixPath('uav1.bag'), PosixPath('uav1.2.bag'), PosixPath('uav1.10.bag')]
+    """
+    machine = bag.name.partition(".")[0]
+    return machine, part_number(bag.name, f"{machine}.bag"), bag.name
+
+
+def _without_copies(bags: List[Path], said: List[str]) -> List[Path]:
+    """Of bags that are the same to the last byte, the one with the shortest name (uav1.bag, not "uav1 (1).bag")."""
+    kept: List[Path] = []
+    for bag in sorted(set(bags), key=lambda b: (len(b.name), b.name)):
+        of = next((k for k in kept if _same_bag(k, bag)), None)
+        if of is None:
+            kept.append(bag)
+        else:
+            said.append(f"{bag} is a copy of {of.name}: left out; delete one of them")
+    return [bag for bag in dict.fromkeys(bags) if bag in kept]
+
+
+def _same_bag(a: Path, b: Path) -> bool:
+    if a.is_dir() and b.is_dir():  # of ROS 2: its files have the folder's name, or any
+        of_a, of_b = (sorted(p for p in f.iterdir() if p.suffix in ROS2_FILES) for f in (a, b))
+        return len(of_a) == len(of_b) > 0 and all(filecmp.cmp(x, y, shallow=False) for x, y in zip(of_a, of_b))
+    return a.is_file() and b.is_file() and filecmp.cmp(a, b, shallow=False)
 
 
 def _listed(path: Path) -> List[Path]:
@@ -79,5 +108,8 @@ def _opened(bag: Path, said: List[str]) -> List[Path]:
         said.append(f"{error}; its pictures and poses are left out")
         return []
     if salvaged is not None:
-        said.append(f"{source} was not closed or is damaged: repaired, {salvaged}; the original is {target.name}{KEPT}")
+        lost = "".join(f"; {text}" for text in salvaged.problems)
+        said.append(
+            f"{source} was not closed or is damaged: repaired, {salvaged}{lost}; the original is {target.name}{KEPT}"
+        )
     return [target]

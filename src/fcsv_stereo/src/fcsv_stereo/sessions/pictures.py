@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of a vehicle from the bags of a session, in whatever encoding they were recorded, as 8-bit RGB."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Callable, Iterator, List, Tuple
+from typing import Any, Callable, Iterator, List, Tuple
 
 import cv2
 import numpy as np
@@ -13,6 +14,10 @@ from fcsv_geometry.errors import BagError
 from fcsv_geometry.messages import seconds
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.exposure import Exposure
+from fcsv_stereo.sessions import compressed
+from fcsv_stereo.sessions.cameras import CameraTimeline
+from fcsv_stereo.sessions.left_out import LeftOut
+from fcsv_stereo.sessions.stamped import Stamped
 
 #: by what encodings begin with: samples per pixel, and OpenCV's way to RGB (OpenCV names a mosaic by its second row)
 _KINDS = {
@@ -21,40 +26,128 @@ _KINDS = {
     "bayer_gbrg": (1, cv2.COLOR_BayerGR2RGB), "bayer_grbg": (1, cv2.COLOR_BayerGB2RGB),
 }  # fmt: skip
 _TYPE = "sensor_msgs/Image"
+_ALONE_S = 10.0  # odometry is recorded all the time: a picture so far from it has a wrong stamp
 _DTYPES = {8: np.dtype(np.uint8), 16: np.dtype(np.uint16)}
 #: by bits: sensor_msgs' encodings that are read
 ENCODINGS = {bits: tuple(f"{kind}{bits}" for kind in _KINDS) for bits in _DTYPES}
 
 
+@dataclass
+class PicturesSeen:
+    """What the bags hold of a vehicle's pictures: their topic (empty: none), all their stamps (s), how many of them are
+    inside a window, and of those how many have no pose."""
+
+    topic: str = ""
+    stamps_s: List[float] = field(default_factory=list)
+    inside: int = 0
+    unposed: int = 0
+
+
+@dataclass(frozen=True)
+class PictureSource:
+    """Where a vehicle's pictures are: bags, topic, cameras by time, which stamps are wanted, and the time (s) of its
+    odometry."""
+
+    bags: List[Path]
+    topic: str
+    cameras: CameraTimeline
+    wanted: Callable[[float], bool]
+    span_s: Tuple[float, float]
+
+
 def read_pictures(
-    bags: List[Path], topic: str, camera: PinholeCamera, wanted: Callable[[float], bool], warnings: List[str]
-) -> Iterator[Tuple[float, np.ndarray]]:
-    """Stamp (s) and HxWx3 uint8 RGB of each picture whose stamp is wanted; those of 16 bits scaled in common.
+    source: PictureSource, left_out: LeftOut, warnings: List[str], seen: PicturesSeen
+) -> Iterator[Tuple[float, np.ndarray, PinholeCamera]]:
+    """Stamp (s), HxWx3 uint8 RGB and camera of each picture whose stamp is wanted; those of 16 bits scaled in common.
 
-    A bag that cannot be read on gives those before, and a warning. Raises InputError naming bag, topic and what is
-    wrong with the picture.
+    Where the topic has none of use, those of its compressed twin. A picture that is none, or whose stamp cannot be
+    right, is left out; a bag that cannot be read on gives those before, and a warning.
     """
-    found = [p for bag in bags for p in _of_bag(bag, topic, camera, wanted, warnings)]
-    exposure = Exposure.common(image for _, image in found if image.dtype == np.uint16)
+    found: List[Tuple[float, Any]] = []
+    for name, kind, rgb in (
+        (source.topic, _TYPE, rgb_of), (source.topic + compressed.SUFFIX, compressed.TYPE, _compressed_rgb),
+    ):  # fmt: skip
+        reader = _Reader(source, Stamped(name), kind, rgb, left_out, warnings)
+        for bag in source.bags:
+            reader.read(bag)
+        if reader.stamps_s:
+            seen.topic, seen.stamps_s = name, reader.stamps_s
+            seen.inside = sum(map(source.wanted, reader.stamps_s))
+            found = reader.believed()
+        if found:
+            break
+    exposure = Exposure.common(v[0] for _, v in found if v[0].dtype == np.uint16)
     while found:  # let go one by one: the 16-bit ones are twice as large
-        stamp_s, image = found.pop(0)
-        yield stamp_s, exposure.to_8_bit(image)
+        stamp_s, (image, camera) = found.pop(0)
+        yield stamp_s, exposure.to_8_bit(image), camera
 
 
-def _of_bag(path: Path, topic: str, camera: PinholeCamera, wanted, warnings) -> Iterator[Tuple[float, np.ndarray]]:
-    try:
-        for _, message in reading.messages(path, lambda name, kind: _holds_pictures(path, topic, name, kind)):
-            stamp_s = seconds(message.header.stamp)
-            if wanted(stamp_s):
-                yield stamp_s, rgb_of(f"{path}, topic {topic}", message, camera)
-    except BagError as error:
-        warnings.append(f"{error}; the pictures of {topic} that follow there are left out")
+@dataclass
+class _Reader:
+    """Of one topic of pictures, bag after bag; ``stamps_s`` are also of those that are none."""
+
+    source: PictureSource
+    pictures: Stamped
+    kind: str
+    rgb: Callable[[str, Any, PinholeCamera], np.ndarray]
+    left_out: LeftOut
+    warnings: List[str]
+    stamps_s: List[float] = field(default_factory=list)
+
+    def read(self, path: Path) -> None:
+        """Those of a bag; of those outside the windows the stamp alone."""
+        topic = self.pictures.topic
+        try:
+            for _, message in reading.messages(path, lambda n, kind: self._wants(path, n, kind), self._broken):
+                stamp_s = seconds(message.header.stamp)
+                self.stamps_s.append(stamp_s)
+                try:
+                    self.pictures.add(path, stamp_s, self._value(path.name, message, stamp_s))
+                except InputError as error:
+                    self.left_out.add(topic, stamp_s, str(error))
+        except BagError as error:
+            self.warnings.append(f"{error}; the pictures of {topic} that follow there are left out")
+
+    def believed(self) -> List[Tuple[float, Any]]:
+        """Those to use, in order of stamp."""
+        found = self.pictures.in_order(_same, self.left_out, self.warnings, None)
+        first_s, last_s = self.source.span_s
+        alone = [s for s, _ in found if not first_s - _ALONE_S <= s <= last_s + _ALONE_S]
+        for s in alone if len(alone) < len(found) else ():
+            where = f"{first_s - s:.1f} s before" if s < first_s else f"{s - last_s:.1f} s after"
+            self.left_out.add(self.pictures.topic, s, f"its stamp is {where} all odometry")
+        return [(s, value) for s, value in found if value is not None]
+
+    def _value(self, where: str, message, stamp_s: float):
+        if not self.source.wanted(stamp_s):
+            return None
+        camera = self.source.cameras.at(stamp_s)
+        return self.rgb(where, message, camera), camera
+
+    def _wants(self, path: Path, name: str, kind: str) -> bool:
+        topic = self.pictures.topic
+        if name == topic and kind != self.kind:
+            raise InputError(f"{path}, topic {topic}: is of type {kind}, not {self.kind}")
+        return name == topic
+
+    def _broken(self, topic: str, recorded_s: float, why: str) -> None:
+        self.left_out.add(topic, recorded_s, f"its bytes are no {self.kind} ({why})")
 
 
-def _holds_pictures(path: Path, topic: str, name: str, kind: str) -> bool:
-    if name == topic and kind != _TYPE:
-        raise InputError(f"{path}, topic {topic}: is of type {kind}, not {_TYPE}")
-    return name == topic
+def _same(a, b) -> bool:
+    """Of what two bags hold at one stamp; pictures outside the windows were not looked at."""
+    return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a[0], b[0]))
+
+
+def _compressed_rgb(where: str, message, camera: PinholeCamera) -> np.ndarray:
+    image = compressed.decoded(where, message)
+    _require_size(where, image.shape[1], image.shape[0], camera)
+    return image
+
+
+def _require_size(where: str, width: int, height: int, camera: PinholeCamera) -> None:
+    if (width, height) != (camera.width, camera.height):
+        raise InputError(f"{where}: picture is {width}x{height}, camera_info says {camera.width}x{camera.height}")
 
 
 def rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
@@ -63,9 +156,7 @@ def rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
     if bits is None:
         known = ", ".join((*ENCODINGS[8], *ENCODINGS[16]))
         raise InputError(f"{where}: encoding '{message.encoding}' is not one of {known}")
-    if (message.width, message.height) != (camera.width, camera.height):
-        sizes = f"{message.width}x{message.height}, camera_info says {camera.width}x{camera.height}"
-        raise InputError(f"{where}: picture is {sizes}")
+    _require_size(where, message.width, message.height, camera)
     samples, code = _KINDS[message.encoding[: -len(str(bits))]]
     array = samples_of(where, message, samples, _DTYPES[bits])
     return array if code is None else cv2.cvtColor(array, code)

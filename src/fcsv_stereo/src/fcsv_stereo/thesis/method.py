@@ -141,6 +141,7 @@ def _match_all(given: MapInput, options: ThesisOptions, progress: Progress, warn
 
             def attempt(other, reference=reference, what=what):
                 try:
+                    _require_one_size(reference, other)
                     pair = rectifier(reference, other, what.axis, what.tilt_rad)
                 except MatchingError as error:
                     return other, error, None
@@ -159,6 +160,12 @@ def _match_all(given: MapInput, options: ThesisOptions, progress: Progress, warn
     if not matched:
         raise MatchingError(f"no pair can be rectified: {'; '.join(warnings)}")
     return matched
+
+
+def _require_one_size(reference: Picture, other: Picture) -> None:
+    if reference.image.shape != other.image.shape:
+        sizes = [f"{p.name} is {p.camera.width}x{p.camera.height}" for p in (reference, other)]
+        raise MatchingError(f"{', '.join(sizes)}: these matchers need pictures of one size (--method joint does not)")
 
 
 def _best(configuration: ConfigurationInput, reference: Picture, tried) -> _Matched:

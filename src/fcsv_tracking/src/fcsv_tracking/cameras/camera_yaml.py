@@ -2,13 +2,15 @@
 """The YAML file of camera_calibration_parsers, which camera_info_manager and every ROS camera driver read."""
 
 from pathlib import Path
-from typing import Optional, Tuple
+from typing import List, Optional, Tuple
 
 import cv2
 import numpy as np
 
 from fcsv_geometry import config
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.errors import GeometryError
+from fcsv_geometry.intrinsics import camera_of_matrix, model_of
 from fcsv_tracking.cameras.stereo import StereoCalibration
 
 _SHAPES = {
@@ -21,16 +23,17 @@ def write_camera(
     path: Path, name: str, camera: PinholeCamera, R: Optional[np.ndarray] = None, P: Optional[np.ndarray] = None
 ) -> None:
     """One camera; R (3,3) and P (3,4) of a rectified pair, by default those of a single camera."""
+    distortion = camera.distortion if len(camera.distortion) > 5 else (*camera.distortion, 0.0)[:5]
     matrices = {
         "camera_matrix": camera.K,
-        "distortion_coefficients": np.array([(*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]]),
+        "distortion_coefficients": np.array([distortion]),
         "rectification_matrix": np.eye(3) if R is None else R,
         "projection_matrix": np.hstack([camera.K, np.zeros((3, 1))]) if P is None else P,
     }
     lines = [f"image_width: {camera.width}", f"image_height: {camera.height}", f"camera_name: {name}"]
     for key, matrix in matrices.items():
         if key == "distortion_coefficients":
-            lines.append("distortion_model: plumb_bob")
+            lines.append(f"distortion_model: {model_of(distortion)}")
         values = ", ".join(repr(float(v)) for v in matrix.ravel())
         lines += [f"{key}:", f"  rows: {matrix.shape[0]}", f"  cols: {matrix.shape[1]}", f"  data: [{values}]"]
     Path(path).write_text("\n".join(lines) + "\n")
@@ -54,12 +57,23 @@ def read_camera(path: Path) -> Tuple[str, PinholeCamera]:
     for key in ("image_width", "image_height", "camera_name", "distortion_model", *_SHAPES):
         if key not in document:
             raise config.ConfigError(f"{path}: '{key}' is missing")
-    if document["distortion_model"] != "plumb_bob":
-        raise config.ConfigError(f"{path}: distortion_model '{document['distortion_model']}'; only plumb_bob is known")
     K = _matrix(path, document, "camera_matrix")
-    D = _matrix(path, document, "distortion_coefficients").ravel()
-    size = (int(document["image_width"]), int(document["image_height"]))
-    return str(document["camera_name"]), PinholeCamera(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], tuple(D.tolist()))
+    D = _coefficients(path, document)
+    try:
+        size = (int(document["image_width"]), int(document["image_height"]))
+        camera = camera_of_matrix(*size, K.ravel(), D, str(document["distortion_model"]))
+    except (TypeError, ValueError) as error:
+        raise config.ConfigError(f"{path}: image_width and image_height are no numbers ({error})") from error
+    except GeometryError as error:
+        raise config.ConfigError(f"{path}: {error}") from error
+    return str(document["camera_name"]), camera
+
+
+def _coefficients(path: Path, document: dict) -> List[float]:
+    try:
+        return [float(d) for d in document["distortion_coefficients"]["data"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise config.ConfigError(f"{path}: 'distortion_coefficients' is no row of numbers ({error})") from error
 
 
 def _matrix(path: Path, document: dict, key: str) -> np.ndarray:

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which stamps of a recorded topic can be believed: single wrong ones, clocks that jump back, clocks that stand still.
+
+Stamps come in the order in which the messages were recorded.
+"""
+
+import bisect
+from dataclasses import dataclass, field
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+_JUMP_S = 1.0  # a step forward that begins a new stretch
+_FEW, _FEW_SHARE = 2, 0.02  # messages in a row, and their share, that are single wrong ones and no jump of a clock
+_MINOR = 0.1  # of two stretches of one time, the one with so few messages of the other's is wrong
+
+
+@dataclass
+class StampOrder:
+    """``kept`` are indices in order of stamp. ``left_out`` says why of each other one; ``jumps`` are (before, after), s,
+    where the clock went back."""
+
+    kept: List[int]
+    left_out: Dict[int, str] = field(default_factory=dict)
+    jumps: List[Tuple[float, float]] = field(default_factory=list)
+
+
+def stuck(stamps_s: Sequence[float]) -> str:
+    """Why none of the stamps can be used; empty: they can.
+
+    >>> stuck([0.0, 0.0, 0.0]), stuck([5.0, 5.0, 5.0, 5.25])
+    ('are 0: does the driver fill header.stamp?', 'stand still at 5.000')
+    """
+    values, counts = np.unique(np.asarray(stamps_s, float), return_counts=True)
+    most = int(np.argmax(counts)) if len(values) else 0
+    if not len(values) or (len(values) > 1 and 2 * counts[most] <= len(stamps_s)):
+        return ""
+    if values[most] == 0.0:
+        return "are 0: does the driver fill header.stamp?"
+    return f"stand still at {values[most]:.3f}" if counts[most] > 2 else ""
+
+
+def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> StampOrder:
+    """The fewest are left out so that the others rise. Where a clock went back, both stretches are kept but for the time
+    that they share, which nobody can tell apart. A first or last stamp that is ``alone_s`` from its neighbour is wrong.
+
+    >>> found = in_order([1.0, 1.1, 61.2, 1.3, 1.4])
+    >>> found.kept, found.left_out
+    ([0, 1, 3, 4], {2: 'is 59.9 s after its neighbours'})
+    """
+    stamps = [float(s) for s in stamps_s]
+    found = StampOrder([])
+    rising = _longest_rise(stamps)
+    for run in _runs(sorted(set(range(len(stamps))) - set(rising))):
+        if len(run) <= max(_FEW, _FEW_SHARE * len(stamps)):
+            found.left_out.update({i: _why(stamps, i, rising) for i in run})
+    left = [i for i in range(len(stamps)) if i not in found.left_out]
+    for i, neighbour in ((0, 1), (-1, -2)):
+        if alone_s and len(left) > 2 and abs(stamps[left[i]] - stamps[left[neighbour]]) > alone_s:
+            alone = left.pop(i)
+            found.left_out[alone] = _why(stamps, alone, left)
+    stretches = _stretches(stamps, left)
+    for a, b in zip(stretches, stretches[1:]):
+        if stamps[b[0]] <= stamps[a[-1]]:
+            found.jumps.append((stamps[a[-1]], stamps[b[0]]))
+    found.kept = _without_shared(stamps, stretches, found) if found.jumps else left
+    return found
+
+
+def _longest_rise(stamps: Sequence[float]) -> List[int]:
+    """Indices of a longest strictly rising subsequence (patience sorting); of several, one of near neighbours."""
+    tails: List[float] = []
+    piles: List[List[int]] = []  # by place in the rise; stamps fall within a pile
+    for i, s in enumerate(stamps):
+        k = bisect.bisect_left(tails, s)
+        if k == len(tails):
+            tails.append(s)
+            piles.append([])
+        tails[k] = s
+        piles[k].append(i)
+    chain = piles[-1][-1:] if piles else []
+    for pile in piles[-2::-1]:
+        chain.append(next(i for i in pile if stamps[i] < stamps[chain[-1]]))
+    return chain[::-1]
+
+
+def _runs(indices: Sequence[int]) -> List[List[int]]:
+    """Neighbouring indices together."""
+    runs: List[List[int]] = []
+    for i in indices:
+        if runs and i == runs[-1][-1] + 1:
+            runs[-1].append(i)
+        else:
+            runs.append([i])
+    return runs
+
+
+def _why(stamps: Sequence[float], i: int, kept: Sequence[int]) -> str:
+    k = bisect.bisect_left(kept, i)
+    beside = [stamps[kept[j]] for j in (k - 1, k) if 0 <= j < len(kept)]
+    off_s = min((stamps[i] - b for b in beside), key=abs) if beside else 0.0
+    if stamps[i] == 0.0:
+        return "is 0"
+    if off_s == 0.0:
+        return "is that of the message before"
+    return f"is {abs(off_s):.1f} s {'after' if off_s > 0.0 else 'before'} its neighbours"
+
+
+def _stretches(stamps: Sequence[float], indices: Sequence[int]) -> List[List[int]]:
+    """Cut where the clock goes back, or forward by more than a second."""
+    stretches: List[List[int]] = []
+    for i in indices:
+        if stretches and 0.0 < stamps[i] - stamps[stretches[-1][-1]] <= _JUMP_S:
+            stretches[-1].append(i)
+        else:
+            stretches.append([i])
+    return stretches
+
+
+def _without_shared(stamps: Sequence[float], stretches: List[List[int]], found: StampOrder) -> List[int]:
+    """In order of stamp, without the time of which two stretches claim to be."""
+    spans = [(stamps[s[0]], stamps[s[-1]]) for s in stretches]
+    kept: List[int] = []
+    for k, stretch in enumerate(stretches):
+        rivals = [spans[j] for j, other in enumerate(stretches) if j != k and len(other) >= _MINOR * len(stretch)]
+        for i in stretch:
+            if any(first <= stamps[i] <= last for first, last in rivals):
+                found.left_out[i] = "is of a time that the clock counts twice"
+            else:
+                kept.append(i)
+    return sorted(kept, key=lambda i: stamps[i])
