@@ -107,10 +107,10 @@ def read_images(path: Path, cameras: Dict[int, PinholeCamera]) -> List[PosedImag
     """images.txt: qw qx qy qz tx ty tz of T_cam_world, every second line (points) is skipped. Raises InputError."""
     images: List[PosedImage] = []
     for number, line in _image_lines(path):
-        words = line.split()
+        words = line.split(None, 9)
         try:
             values = [float(w) for w in words[1:8]]
-            camera_id, name = int(words[8]), " ".join(words[9:])
+            camera_id, name = int(words[8]), words[9]
         except (ValueError, IndexError) as error:
             raise InputError(f"{path}, line {number}: not a posed picture ({error})") from error
         if camera_id not in cameras:
