@@ -50,7 +50,7 @@ def block(columns: int = 5, rows: int = 2, nadir: bool = True, sigma_m: float = 
 
 def exif_gps(gps: Gps, sigma_m: Optional[float] = None) -> Dict[int, object]:
     tags = {
-        1: "NS"[gps.latitude_deg < 0], 2: sexagesimal(gps.latitude_deg), 3: "EW"[gps.longitude_deg < 0],
+        1: "NS"[int(gps.latitude_deg < 0)], 2: sexagesimal(gps.latitude_deg), 3: "EW"[int(gps.longitude_deg < 0)],
         4: sexagesimal(gps.longitude_deg), 5: bytes([int(gps.height_m < 0)]), 6: ratio(abs(gps.height_m), 1000),
     }  # fmt: skip
     return {**tags, 31: ratio(sigma_m, 1000)} if sigma_m else tags
@@ -105,7 +105,9 @@ def _write_photo(path, photo: Photo) -> None:
 
 def errors(out, photos: List[Photo]):
     """(scale's, a share; degrees from the true orientation of ENU; of that, up's) of a folder that was imported."""
-    found = {p.name: p.T_home_cam for p in colmap.read_images(out / "images.txt", colmap.read_cameras(out / "cameras.txt"))}
+    found = {
+        p.name: p.T_home_cam for p in colmap.read_images(out / "images.txt", colmap.read_cameras(out / "cameras.txt"))
+    }
     places = np.array([found[p.name][:3, 3] for p in photos])
     true = np.array([p.enu_m for p in photos])
     scale = np.linalg.norm(places - places.mean(axis=0)) / np.linalg.norm(true - true.mean(axis=0)) - 1.0

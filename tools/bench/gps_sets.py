@@ -77,7 +77,10 @@ def draw(rng: np.random.Generator) -> GpsSet:
     p_enu = true_enu + rng.normal(0.0, 1.0, (n, 3)) * sigmas
     for i in np.flatnonzero(wrong_places):
         p_enu[i] = _wrong_place(p_enu[i], gps_m, rng)
-    R_enu_model, scale = Rotation.random(random_state=int(rng.integers(1 << 30))).as_matrix(), _log_uniform(rng, 0.1, 50)
+    R_enu_model, scale = (
+        Rotation.random(random_state=int(rng.integers(1 << 30))).as_matrix(),
+        _log_uniform(rng, 0.1, 50),
+    )
     extent_m = np.linalg.norm(true_enu.std(axis=0))
     noise_m = extent_m * _log_uniform(rng, 0.0003, 0.005)
     turned = Rotation.from_rotvec(np.radians(_log_uniform(rng, 0.02, 0.2)) * rng.normal(0, 1, (n, 3))).as_matrix()
@@ -166,9 +169,7 @@ def is_enough(drawn: GpsSet) -> bool:
     if right < 6 or right <= 2 * wrong:
         return False
     scale, level, north = known_to(drawn)
-    return bool(
-        scale < MOST_SCALE_SIGMA / 2 and level < MOST_LEVEL_SIGMA_RAD / 2 and north < MOST_NORTH_SIGMA_RAD / 2
-    )
+    return bool(scale < MOST_SCALE_SIGMA / 2 and level < MOST_LEVEL_SIGMA_RAD / 2 and north < MOST_NORTH_SIGMA_RAD / 2)
 
 
 def known_to(drawn: GpsSet) -> Sequence[float]:

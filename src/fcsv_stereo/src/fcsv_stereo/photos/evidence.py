@@ -32,7 +32,7 @@ _LOG_K_SIGMA, _LOG_M_SIGMA, _LOG_K_ANGLE_SIGMA = 0.7, 1.5, 0.6
 @dataclass(frozen=True)
 class Evidence:
     """Of N photographs, all float64: places in the model, by GPS (m; NaN where there is none) with standard deviations
-    per axis; rotations of their upright pictures in the model and by their angles (NaN where they are not known).
+    and the steps in which it is written, per axis; rotations of their upright pictures in the model and by their angles (NaN where they are not known).
 
     ``extent``: of the model, in its own unit: about the median distance of two photographs.
     """
@@ -40,6 +40,7 @@ class Evidence:
     p_model: np.ndarray
     p_enu_m: np.ndarray
     sigmas_m: np.ndarray
+    steps_m: np.ndarray
     R_model_cam: np.ndarray
     R_enu_cam: np.ndarray
     placed: np.ndarray = field(init=False)
@@ -54,7 +55,8 @@ class Evidence:
 
     def of(self, chosen: np.ndarray) -> "Evidence":
         """That of the photographs at these indices alone."""
-        return Evidence(*(a[chosen] for a in (self.p_model, self.p_enu_m, self.sigmas_m, self.R_model_cam, self.R_enu_cam)))
+        arrays = (self.p_model, self.p_enu_m, self.sigmas_m, self.steps_m, self.R_model_cam, self.R_enu_cam)
+        return Evidence(*(a[chosen] for a in arrays))
 
 
 class Pose(NamedTuple):
@@ -118,7 +120,7 @@ def agreement(e: Evidence, pose: Pose, fine: bool = True) -> Tuple[float, Noise,
 
 def place_variances(e: Evidence, noise: Noise) -> np.ndarray:
     """(P, 3) m2."""
-    return np.square(noise.gps * e.sigmas_m[e.placed]) + noise.model_m**2
+    return np.square(noise.gps * e.sigmas_m[e.placed]) + np.square(e.steps_m[e.placed]) + noise.model_m**2
 
 
 class _Places(NamedTuple):
@@ -133,22 +135,22 @@ class _Places(NamedTuple):
 
 def _places(e: Evidence, pose: Pose, fine: bool) -> _Places:
     usual_m = MODEL_SHARE * pose.scale * e.extent
-    square, said = np.square(away_m(e, pose)), np.square(e.sigmas_m[e.placed])
-    found = _best_noise(square, said, usual_m, _LOG_K, _LOG_M)
+    square, said, steps = np.square(away_m(e, pose)), np.square(e.sigmas_m[e.placed]), np.square(e.steps_m[e.placed])
+    found = _best_noise(square, said, steps, usual_m, _LOG_K, _LOG_M)
     if fine:
         k, m = np.log(found.gps) + 0.8 * _FINER, np.log(found.model_m / usual_m) + 1.6 * _FINER
-        found = _best_noise(square, said, usual_m, k, m)
+        found = _best_noise(square, said, steps, usual_m, k, m)
     return found
 
 
-def _best_noise(square: np.ndarray, said: np.ndarray, usual_m: float, log_k: np.ndarray, log_m: np.ndarray) -> _Places:
-    """From squares of residuals and what is said of their variances (P, 3), m2, of all pairs of the two factors."""
+def _best_noise(square, said, steps, usual_m: float, log_k: np.ndarray, log_m: np.ndarray) -> _Places:
+    """From squares of residuals, of what is said of them and of steps (P, 3), m2, of all pairs of the two factors."""
     k, m = (np.exp(g).reshape(-1, 1, 1) for g in np.meshgrid(log_k, log_m, indexing="ij"))
     prior = (np.square(np.log(k) / _LOG_K_SIGMA) + np.square(np.log(m) / _LOG_M_SIGMA))[:, 0, 0]
-    variances = np.square(k) * said + np.square(m * usual_m)  # (pairs, P, 3)
+    variances = np.square(k) * said + steps + np.square(m * usual_m)  # (pairs, P, 3)
     logs = np.log(variances)
     costs = square / variances + logs
-    wrong = np.log(said + usual_m**2)
+    wrong = np.log(said + steps + usual_m**2)
     level, up = costs[..., 0] + costs[..., 1], costs[..., 2]
     wrong_level, wrong_up = wrong[:, 0] + wrong[:, 1] + _WRONG_PLACE, wrong[:, 2] + _WRONG_HEIGHT
     cases = np.array(np.broadcast_arrays(level + up, level + wrong_up + _HEIGHT_ALONE, wrong_level + wrong_up))

@@ -3,7 +3,7 @@
 
 import unicodedata
 from pathlib import Path, PurePosixPath
-from typing import Dict, List
+from typing import Dict, List, Sequence
 
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.tags import SUFFIXES
@@ -22,7 +22,7 @@ def find_photographs(folder: Path) -> Dict[str, Path]:
     return found
 
 
-def by_model(folder: Path, photographs: Dict[str, Path], names: List[str]) -> Dict[str, str]:
+def by_model(folder: Path, photographs: Sequence[str], names: List[str]) -> Dict[str, str]:
     """The photograph (its key) that each of a model's names means: of that name, however its letters are composed; else
     the only one of that file name in any folder. Raises InputError."""
     composed: Dict[str, List[str]] = {}

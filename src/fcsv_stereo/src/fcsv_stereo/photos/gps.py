@@ -22,13 +22,16 @@ _SIGNS = {0: 1.0, 1: -1.0, 2: 1.0, 3: -1.0}
 
 @dataclass(frozen=True)
 class Gps:
-    """WGS 84; the standard deviations are per axis, east and north alike."""
+    """WGS 84; the standard deviations are per axis, east and north alike. ``step_m`` and ``height_step_m``: in which the
+    place is written, where that is seen."""
 
     latitude_deg: float
     longitude_deg: float
     height_m: float
     sigma_m: float = GPS_SIGMA_M
     height_sigma_m: float = GPS_HEIGHT_SIGMA_M
+    step_m: float = 0.0
+    height_step_m: float = 0.0
 
 
 def read_gps(exif, dji: Dict[str, float]) -> Tuple[Optional[Gps], str]:
@@ -46,18 +49,15 @@ def read_gps(exif, dji: Dict[str, float]) -> Tuple[Optional[Gps], str]:
     return Gps(*found, height_m, *_sigmas_m(exif, dji)), ""
 
 
-def no_finer_than_written(places: Sequence[Gps]) -> List[Gps]:
-    """The same of one camera; where all are written in steps, no standard deviation is less than a step.
+def with_steps(places: Sequence[Gps]) -> List[Gps]:
+    """The same places, of one camera, with the steps in which all of them are written.
 
-    >>> no_finer_than_written([Gps(48.0, 11.0 + 1 / 3600, 5.5), Gps(48.0 + 1 / 3600, 11.0, 6.7)])[0].sigma_m
+    >>> with_steps([Gps(48.0, 11.0 + 1 / 3600, 5.5), Gps(48.0 + 1 / 3600, 11.0, 6.7)])[0].step_m
     30.922
     """
-    step_m = step_deg(*(v for p in places for v in (p.latitude_deg, p.longitude_deg))) * _M_PER_DEGREE
+    step_m = round(step_deg(*(v for p in places for v in (p.latitude_deg, p.longitude_deg))) * _M_PER_DEGREE, 3)
     height_step_m = _step(_STEPS_M, _EXACT_M, *(p.height_m for p in places))
-    return [
-        replace(p, sigma_m=max(p.sigma_m, round(step_m, 3)), height_sigma_m=max(p.height_sigma_m, height_step_m))
-        for p in places
-    ]
+    return [replace(p, step_m=step_m, height_step_m=height_step_m) for p in places]
 
 
 def step_deg(*values_deg: float) -> float:
@@ -136,7 +136,11 @@ def _wrong(latitude: float, longitude: float) -> str:
 def _height_m(exif, dji: Dict[str, float]) -> Tuple[Optional[float], str]:
     """XMP's number has a sign of its own; zero there, beside another height, is none."""
     names = ExifTags.GPS
-    height, absolute, side = number(exif.get(names.GPSAltitude)), dji.get("AbsoluteAltitude"), exif.get(names.GPSAltitudeRef)
+    height, absolute, side = (
+        number(exif.get(names.GPSAltitude)),
+        dji.get("AbsoluteAltitude"),
+        exif.get(names.GPSAltitudeRef),
+    )
     if absolute is not None and (absolute != 0.0 or height is None):
         return absolute, ""
     if height is None:

@@ -63,37 +63,54 @@ def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions]
     options = options or ImportOptions()
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"{out}: is not empty; name a new folder")
-    files = find_photographs(photographs)
-    model = None if options.model is None else read_model(options.model)
-    tags = _tags(photographs, files, model)
-    _require_gps(photographs, tags)
-    if model is None:
+    files, unreadable = _read(find_photographs(photographs))
+    _require_gps(photographs, files)
+    if options.model is None:
         require_pycolmap()
+        model, tags = None, files
+    else:
+        model = read_model(options.model)
+        tags = _of_model(photographs, files, unreadable, model)
     require_folder(out)
     parent = out.absolute().parent
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=parent) as work:
         made = Path(work) / "made"
         (made / "images").mkdir(parents=True)
-        cameras, posed = _posed(tags, made / "images", options) if model is None else _copied(tags, made / "images", model)
+        cameras, posed = (
+            _posed(tags, made / "images", options) if model is None else _copied(tags, made / "images", model)
+        )
         placed = place([_photograph(p, tags[p.name], cameras[p.camera_id], model is None) for p in posed])
         at_home = [PosedImage(p.name, p.camera_id, placed.similarity.pose(p.T_home_cam)) for p in posed]
         write_model(made, cameras, at_home)
         priors.write_priors(made / priors.FILE, _sigmas(at_home), placed.similarity.scale_sigma)
         names = [p.name for p in at_home]
-        left_out = _left_out(tags, files, names, made / "images")
+        left_out = {**unreadable, **_left_out(tags, files, names, made / "images")}
         if out.exists():
             out.rmdir()
         shutil.move(str(made), str(out))
     return Imported(names, placed.similarity, placed.origin, placed.remarks, left_out)
 
 
-def _tags(folder: Path, files: Dict[str, Path], model: Optional[Model]) -> Dict[str, Tags]:
-    """By name: the model's, where there is one; else the file's in its folder."""
-    if model is None:
-        return {name: read_tags(path) for name, path in files.items()}
-    keys = by_model(folder, files, [p.name for p in model[1]])
-    return {name: read_tags(files[key]) for name, key in keys.items()}
+def _read(paths: Dict[str, Path]) -> Tuple[Dict[str, Tags], Dict[str, str]]:
+    """Tags by name; and of files that are no pictures, why."""
+    tags: Dict[str, Tags] = {}
+    unreadable: Dict[str, str] = {}
+    for name, path in paths.items():
+        try:
+            tags[name] = read_tags(path)
+        except InputError as error:
+            unreadable[name] = str(error).split(": ", 1)[-1]
+    return tags, unreadable
+
+
+def _of_model(folder: Path, files: Dict[str, Tags], unreadable: Dict[str, str], model: Model) -> Dict[str, Tags]:
+    """Tags by the model's names. Raises InputError where it needs a photograph that cannot be read, or is not there."""
+    keys = by_model(folder, [*files, *unreadable], [p.name for p in model[1]])
+    for key in keys.values():
+        if key in unreadable:
+            raise InputError(f"{folder / key}: {unreadable[key]}")
+    return {name: files[key] for name, key in keys.items()}
 
 
 def _require_gps(folder: Path, tags: Dict[str, Tags]) -> None:
@@ -154,9 +171,9 @@ def _sigmas(posed: List[PosedImage]) -> Dict[str, Sequence[float]]:
     return {p.name: [*[s] * 3, *[ROTATION_SIGMA_DEG] * 3] for p, s in zip(posed, sigmas_m)}
 
 
-def _left_out(tags: Dict[str, Tags], files: Dict[str, Path], names: List[str], images: Path) -> Dict[str, str]:
+def _left_out(tags: Dict[str, Tags], files: Dict[str, Tags], names: List[str], images: Path) -> Dict[str, str]:
     """Photographs without a pose: ``map`` refuses a folder that holds them."""
     for name in set(tags) - set(names):
         (images / name).unlink()
     used = {tags[name].path for name in names}
-    return {name: "no pose: it shares too little with the others" for name, p in files.items() if p not in used}
+    return {name: "no pose: it shares too little with the others" for name, t in files.items() if t.path not in used}

@@ -8,11 +8,13 @@ import numpy as np
 
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.earth import east_north_up_m, from_centre_m
-from fcsv_stereo.photos.gps import Gps, no_finer_than_written
+from fcsv_stereo.photos.evidence import MODEL_SHARE
+from fcsv_stereo.photos.gps import Gps, with_steps
 from fcsv_stereo.photos.similarity import ContradictionError, Similarity, fit
 
 _EXPLAINED = 6.0  # standard deviations within which another reading of a tag explains a wrong place
-_NAMED = 5  # photographs, in a message
+_NAMED = 5  # kinds of what is wrong, in a message
+_AS_SAID = 2.0  # times as much as usual, up to which GPS and model agree as well as they say
 
 
 class Photograph(NamedTuple):
@@ -39,24 +41,28 @@ class Placed:
 
 def place(photographs: Sequence[Photograph]) -> Placed:
     """East, north, up of the first photograph whose GPS agrees with the others'. Raises InputError."""
-    photographs = _with_resolution(photographs)
+    photographs = _with_steps(photographs)
     if not any(p.gps for p in photographs):
         raise InputError("none of the photographs with a pose has a GPS position")
     origin = _middle([p.gps for p in photographs if p.gps])
-    found = _fit(photographs, origin)
+    try:
+        found = _fit(photographs, origin)
+    except ContradictionError as error:
+        _require_not_exchanged(photographs)
+        raise InputError(f"{error}{_contradicting(photographs, error.similarity, origin)}") from error
     first = next(p.gps for p, wrong in zip(photographs, found.outliers) if p.gps and not wrong)
     found = _fit(photographs, first)
     return Placed(found, first, _remarks(photographs, found, first))
 
 
-def _with_resolution(photographs: Sequence[Photograph]) -> List[Photograph]:
+def _with_steps(photographs: Sequence[Photograph]) -> List[Photograph]:
     by_camera: Dict[str, List[int]] = {}
     for i, p in enumerate(photographs):
         if p.gps is not None:
             by_camera.setdefault(p.camera, []).append(i)
     found = list(photographs)
     for of in by_camera.values():
-        for i, gps in zip(of, no_finer_than_written([found[i].gps for i in of])):
+        for i, gps in zip(of, with_steps([found[i].gps for i in of])):
             found[i] = found[i]._replace(gps=gps)
     return found
 
@@ -72,22 +78,48 @@ def _fit(photographs: Sequence[Photograph], origin: Gps) -> Similarity:
     known = [i for i, p in enumerate(photographs) if p.gps is not None]
     places[known] = east_north_up_m([photographs[i].gps for i in known], origin)
     sigmas[known] = [[g.sigma_m, g.sigma_m, g.height_sigma_m] for g in (photographs[i].gps for i in known)]
+    steps = np.zeros_like(places)
+    steps[known] = [[g.step_m, g.step_m, g.height_step_m] for g in (photographs[i].gps for i in known)]
     p_model = np.array([p.p_model for p in photographs])
     R_model_cam = np.array([p.R_model_cam for p in photographs])
+    return fit(p_model, places, sigmas, R_model_cam, [p.R_enu_cam for p in photographs], steps)
+
+
+def _require_not_exchanged(photographs: Sequence[Photograph]) -> None:
+    """Whether all would agree with latitude and longitude the other way round."""
+    if any(p.gps and abs(p.gps.longitude_deg) > 90.0 for p in photographs):
+        return
+    exchanged = [p._replace(gps=p.gps and _exchanged(p.gps)) for p in photographs]
     try:
-        return fit(p_model, places, sigmas, R_model_cam, [p.R_enu_cam for p in photographs])
-    except ContradictionError as error:
-        raise InputError(f"{error}: {_contradicting(photographs, error.similarity, origin)}") from error
+        found = _fit(exchanged, _middle([p.gps for p in exchanged if p.gps]))
+    except InputError:
+        return
+    if found.gps_factor > _AS_SAID or found.model_sigma_m > _AS_SAID * MODEL_SHARE * found.extent_m:
+        return
+    raise InputError(
+        "latitude and longitude are exchanged in all photographs' GPS: the other way round they would agree"
+    )
+
+
+def _exchanged(gps: Gps) -> Gps:
+    return replace(gps, latitude_deg=gps.longitude_deg, longitude_deg=gps.latitude_deg)
 
 
 def _contradicting(photographs: Sequence[Photograph], found: Similarity, origin: Gps) -> str:
-    """Whose places are wrong, by what is wrong with them."""
+    """The end of the sentence: whose places are wrong, by what is wrong with them."""
+    if not found.outliers.any():
+        return ""
     names: Dict[str, List[str]] = {}
     for i in np.flatnonzero(found.outliers):
         names.setdefault(_why(photographs[i], i, found, origin), []).append(photographs[i].name)
     told = [f"{', '.join(of)} ({why})" for why, of in list(names.items())[:_NAMED]]
     more = sum(map(len, list(names.values())[_NAMED:]))
-    return "; ".join(told) + (f"; and {more} more" if more else "") + ". Correct the tags, or take the wrong ones away"
+    return (
+        ": "
+        + "; ".join(told)
+        + (f"; and {more} more" if more else "")
+        + ". Correct the tags, or take the wrong ones away"
+    )
 
 
 def _remarks(photographs: Sequence[Photograph], found: Similarity, origin: Gps) -> Dict[str, str]:
@@ -111,7 +143,7 @@ def _remarks(photographs: Sequence[Photograph], found: Similarity, origin: Gps) 
 def _why(p: Photograph, i: int, found: Similarity, origin: Gps) -> str:
     """The reading of its tags with which it would agree, or how far it is off."""
     expected_m = found.scale * found.R_enu_model @ p.p_model + found.t_enu
-    bound_m = _EXPLAINED * (found.model_sigma_m + max(1.0, found.gps_factor) * p.gps.height_sigma_m)
+    bound_m = _EXPLAINED * (found.model_sigma_m + max(1.0, found.gps_factor) * p.gps.height_sigma_m + p.gps.step_m)
     for other, why in _readings(p.gps):
         if np.linalg.norm(east_north_up_m([other], origin)[0] - expected_m) < bound_m:
             return why
@@ -129,7 +161,9 @@ def _readings(gps: Gps):
     up = ("below", "above") if gps.height_m < 0 else ("above", "below")
     yield replace(gps, longitude_deg=-longitude), f"GPSLongitudeRef {east[1]} instead of {east[0]} would agree"
     yield replace(gps, latitude_deg=-latitude), f"GPSLatitudeRef {north[1]} instead of {north[0]} would agree"
-    yield replace(gps, height_m=-gps.height_m), f"GPSAltitudeRef '{up[1]}' instead of '{up[0]}' would make its height agree"
-    exchanged = replace(gps, latitude_deg=longitude, longitude_deg=latitude)
+    yield (
+        replace(gps, height_m=-gps.height_m),
+        f"GPSAltitudeRef '{up[1]}' instead of '{up[0]}' would make its height agree",
+    )
     if abs(longitude) <= 90.0:
-        yield exchanged, "latitude and longitude exchanged would agree"
+        yield _exchanged(gps), "latitude and longitude exchanged would agree"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scale, turn and place of a model whose scale is its own, from GPS and angles; those that contradict do not count."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import List, Optional, Sequence
 
 import numpy as np
@@ -28,7 +28,8 @@ class Similarity:
     By photograph, what contradicts the others and has no say: ``outliers`` (its place), ``wrong_heights`` (of these,
     whose height alone is wrong), ``wrong_angles``. ``covariance`` (7, 7): logarithm of the scale, turn (rad) and shift
     (m) in east, north, up, at the middle of the photographs. ``gps_factor``: how large GPS's errors are against what
-    is said of them; ``model_sigma_m``: the model's own error.
+    is said of them; ``model_sigma_m``: the model's own error; ``extent_m``: about the
+    median distance of two photographs.
     """
 
     scale: float
@@ -41,6 +42,7 @@ class Similarity:
     covariance: np.ndarray
     gps_factor: float
     model_sigma_m: float
+    extent_m: float
 
     @property
     def scale_sigma(self) -> float:
@@ -66,7 +68,7 @@ class Similarity:
 
 
 class ContradictionError(InputError):
-    """Too few places agree; ``similarity`` is that of the largest part that does."""
+    """Places contradict the model; ``similarity`` is that of the largest part that agrees, with whose outliers."""
 
     def __init__(self, message: str, similarity: Similarity):
         super().__init__(message)
@@ -75,20 +77,22 @@ class ContradictionError(InputError):
 
 def fit(
     p_model: np.ndarray, p_enu_m: np.ndarray, sigmas_m: np.ndarray, R_model_cam: np.ndarray,
-    R_enu_cam: Sequence[Optional[np.ndarray]],
+    R_enu_cam: Sequence[Optional[np.ndarray]], steps_m: Optional[np.ndarray] = None,
 ) -> Similarity:  # fmt: skip
     """From places (N, 3) in both (NaN where there is no GPS), GPS's standard deviations (N, 3), and the cameras'
     rotations (N, 3, 3). ``R_enu_cam`` are the gimbals', None where they are not known: then rows are taken to be level.
+    ``steps_m`` (N, 3): in which places are written.
 
     Raises InputError where these contradict each other, or do not fix scale, level and north.
     """
     gimbals = np.array([np.full((3, 3), np.nan) if R is None else R for R in R_enu_cam]).reshape(-1, 3, 3)
     middle = p_model.mean(axis=0)  # about it scale and turn do not move the places as one
-    e = Evidence(p_model - middle, np.array(p_enu_m, float), sigmas_m, R_model_cam, gimbals)
+    steps_m = np.zeros_like(sigmas_m) if steps_m is None else steps_m
+    e = Evidence(p_model - middle, np.array(p_enu_m, float), sigmas_m, steps_m, R_model_cam, gimbals)
     _require_spread(e)
     fits = _fits(e)
-    _require_not_mirrored(e, fits[0])
     found = _similarity(e, fits[0], middle)
+    _require_not_mirrored(e, fits[0], found)
     _require_most_places(e, found)
     _require_known(e, found)
     _require_one_answer(fits, found)
@@ -101,7 +105,7 @@ def _require_spread(e: Evidence) -> None:
         raise InputError(f"{placed} photographs have both GPS and a pose; scale and turn need {FEWEST}")
     places = e.p_enu_m[e.placed]
     spread_m = float(np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[0])
-    if spread_m < 2.0 * float(np.median(e.sigmas_m[e.placed])):
+    if spread_m < 2.0 * float(np.median(np.hypot(e.sigmas_m, e.steps_m)[e.placed])):
         raise InputError(f"the photographs were taken within {spread_m:.1f} m, which GPS cannot tell apart")
 
 
@@ -135,7 +139,7 @@ def _apart(a: Pose, b: Pose, turn_rad: float = np.radians(8.0), log_scale: float
     return bool(angle > turn_rad or abs(np.log(a.scale / b.scale)) > log_scale)
 
 
-def _require_not_mirrored(e: Evidence, best: Fitted) -> None:
+def _require_not_mirrored(e: Evidence, best: Fitted, found: Similarity) -> None:
     """E for W, or N for S, in all photographs: their places are mirrored, and a flat model fits them upside down."""
     w = best.weights
     doubtful = (w.place < _RIGHT).mean() > 0.3 or (len(w.angles) and (w.angles < _RIGHT).mean() > 0.3)
@@ -144,15 +148,16 @@ def _require_not_mirrored(e: Evidence, best: Fitted) -> None:
         return
     costs = {}
     for name, mirror in _MIRRORS.items():
-        mirrored = Evidence(e.p_model, e.p_enu_m * mirror, e.sigmas_m, e.R_model_cam, e.R_enu_cam)
+        mirrored = Evidence(e.p_model, e.p_enu_m * mirror, e.sigmas_m, e.steps_m, e.R_model_cam, e.R_enu_cam)
         costs[name] = _fits(mirrored)[0].cost
     least = min(costs, key=costs.get)
     if costs[least] + _SAME_COST < best.cost:
         alike = abs(costs["longitude"] - costs["latitude"]) < _SAME_COST
         which = "longitude or of latitude" if alike else least
-        raise InputError(
+        raise ContradictionError(
             f"GPS's places are the mirror image of the poses: the reference of {which} (GPSLongitudeRef E or W, "
-            "GPSLatitudeRef N or S) is wrong in all photographs; correct it (exiftool)"
+            "GPSLatitudeRef N or S) is wrong in all photographs; correct it (exiftool)",
+            replace(found, outliers=np.zeros_like(found.outliers)),
         )
 
 
@@ -203,7 +208,7 @@ def _similarity(e: Evidence, best: Fitted, middle: np.ndarray) -> Similarity:
     residuals, outliers, heights, angles = _by_photograph(e, best)
     return Similarity(
         pose.scale, pose.R, pose.t - pose.scale * pose.R @ middle, residuals, outliers, heights, angles,
-        covariance(e, best), best.noise.gps, best.noise.model_m,
+        covariance(e, best), best.noise.gps, best.noise.model_m, pose.scale * e.extent,
     )  # fmt: skip
 
 

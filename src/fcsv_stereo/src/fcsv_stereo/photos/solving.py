@@ -4,6 +4,7 @@
 from typing import NamedTuple, Tuple
 
 import numpy as np
+from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry.rotations import skews
@@ -12,8 +13,9 @@ from fcsv_stereo.photos.evidence import Evidence, Noise, Pose, Weights
 
 _ROUNDS, _CONVERGED = 60, 1e-4
 _MOST_TURN_RAD, _MOST_LOG_SCALE = 0.5, 0.5  # of one step
-_UNKNOWN_TURN_RAD = np.pi / np.sqrt(3.0)  # standard deviation of a turn that nothing tells
-_BELIEF = 6.0  # so many residuals would it take to outweigh what is said of GPS
+#: Standard deviations of what nothing tells: logarithm of the scale, turn (rad), shift (m).
+_UNKNOWN = np.array([10.0, *[np.pi / np.sqrt(3.0)] * 3, *[1e7] * 3])
+_BELIEF = 3.0  # so many residuals is it worth what is said of GPS
 _SHARED_SIGMAS = np.array([*evidence.SHARED_ANGLE_SIGMAS, evidence.SHARED_LEVEL_SIGMA])
 
 
@@ -44,10 +46,11 @@ def covariance(e: Evidence, at: Fitted) -> np.ndarray:
     """(7, 7) of the logarithm of the scale, the turn (rad) and the shift (m), in east, north, up."""
     J, _, w = _linear(e, at)
     H = J.T @ (w[:, None] * J)
-    H[1:4, 1:4] += np.eye(3) / _UNKNOWN_TURN_RAD**2
+    H[:7, :7] += np.diag(1.0 / np.square(_UNKNOWN))
     said = 2.0 * at.weights.place.sum() + at.weights.height.sum()
-    freedom = _BELIEF + max(said - 7.0, 0.0)  # of Student's distribution, as the noise is estimated
-    return np.linalg.inv(H)[:7, :7] * freedom / (freedom - 2.0)
+    # the noise is estimated, too: three standard deviations are to hold as much of Student's distribution as of Gauss's
+    student = stats.t.ppf(stats.norm.cdf(3.0), _BELIEF + max(said - 7.0, 0.0)) / 3.0
+    return np.linalg.inv(H)[:7, :7] * student**2
 
 
 def _step(e: Evidence, at: Fitted) -> Pose:

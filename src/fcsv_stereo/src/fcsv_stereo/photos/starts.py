@@ -58,7 +58,10 @@ def _best(found: List[Start], e: Evidence) -> List[Start]:
         return found
     scales, rotations, shifts = (np.array(of) for of in zip(*found))
     at = e.p_model[e.placed] @ (scales[:, None, None] * rotations).transpose(0, 2, 1) + shifts[:, None]
-    variances = np.square(e.sigmas_m[e.placed]) + np.square(_MODEL_SHARE * e.extent * scales)[:, None, None]
+    variances = (
+        np.square(np.hypot(e.sigmas_m, e.steps_m)[e.placed])
+        + np.square(_MODEL_SHARE * e.extent * scales)[:, None, None]
+    )
     squares = (np.square(at - e.p_enu_m[e.placed]) / variances).sum(axis=2)
     costs = np.minimum(squares, _WRONG).sum(axis=1)
     return [found[i] for i in np.argsort(costs, kind="stable")[:_KEPT]]
