@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""GPS-tagged photographs of 64 x 48 px with a model of their poses, whose truth is known: tags are spoilt by the test."""
+"""GPS-tagged photographs of 64 x 48 px and a model of their poses, whose truth is known; the test spoils tags."""
 
 from dataclasses import dataclass, field
 from typing import Callable, Dict, List, Optional
 
 import numpy as np
+import pytest
 from PIL import Image, TiffImagePlugin
 from scipy.spatial.transform import Rotation
-from support.gps_tags import gps_at
 
-from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import colmap
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.photos import ImportOptions, import_photos
 from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.photos.models import write_model
+from support.gps_tags import gps_at
 
+AREA = "Photographs with GPS"  # of the table of wrong inputs
 SIZE = (64, 48)
 SCALE = 10.0  # m per unit of the model
 ORIGIN = Gps(48.0, 11.0, 560.0)
@@ -80,7 +83,7 @@ def R_enu_cam(photo: Photo) -> np.ndarray:
 
 
 def write(folder, photos: List[Photo], turned: Callable[[Photo], np.ndarray] = lambda p: np.eye(3), size=SIZE):
-    """``folder`` with DCIM/ and model/; ``turned``: R_upright_cam, how the model's picture is turned in the upright one."""
+    """``folder`` with DCIM/ and model/. ``turned``: R_upright_cam, of the model's picture in the upright one."""
     R_model_enu = Rotation.from_euler("ZYX", [0.5, -0.3, 2.0]).as_matrix()
     (folder / "model").mkdir(parents=True)
     posed = []
@@ -121,3 +124,24 @@ def _turn(places, true, found, photos) -> np.ndarray:
     spread = np.linalg.norm(true)
     a, b = (np.vstack([p / spread, look / np.sqrt(len(photos))]) for p, look in zip((places, true), looks))
     return Rotation.align_vectors(a, b)[0].as_matrix()
+
+
+def imported(folder, out):
+    return import_photos(folder / "DCIM", out, ImportOptions(folder / "model"))
+
+
+def require_right(folder, out, photos, scale=0.03, turn_deg=3.0):
+    """The truth is within three of the standard deviations that are stated, and these are of use."""
+    done = imported(folder, out)
+    s = done.similarity
+    scale_error, turned_deg, _ = errors(out, photos)
+    assert abs(scale_error) < min(3.0 * s.scale_sigma, scale)
+    assert turned_deg < min(3.0 * np.degrees(np.hypot(s.level_sigma_rad, s.north_sigma_rad)), turn_deg)
+    return done
+
+
+def refusal(folder, out) -> str:
+    with pytest.raises(InputError) as raised:
+        imported(folder, out)
+    assert not out.exists()
+    return str(raised.value)

@@ -4,9 +4,9 @@
     name,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg,scale_sigma
     0001.jpg,0.02,0.02,0.03,0.1,0.1,0.2,0.015
 
-A name with a comma stands in double quotes (RFC 4180). Standard deviations: of the camera's position along the model's axes, and of a small turn about each of them. Errors of
-two pictures count as independent. The last column may be missing: of the scale of the whole model, a share and the same
-in every line, because its error is one for all pictures.
+A name with a comma stands in double quotes (RFC 4180). Standard deviations: of the camera's position along the
+model's axes, and of a small turn about each of them. Errors of two pictures count as independent. The last column may
+be missing: of the scale of the whole model, a share and the same in every line, because its error is one for all.
 """
 
 import csv

@@ -31,9 +31,10 @@ _LOG_K_SIGMA, _LOG_M_SIGMA, _LOG_K_ANGLE_SIGMA = 0.7, 1.5, 0.6
 
 @dataclass(frozen=True)
 class Evidence:
-    """Of N photographs, all float64: places in the model, by GPS (m; NaN where there is none) with standard deviations
-    and the steps in which it is written, per axis; rotations of their upright pictures in the model and by their angles (NaN where they are not known).
+    """Of N photographs, all float64: places in the model and by GPS (m; NaN where there is none).
 
+    ``sigmas_m`` and ``steps_m``: GPS's standard deviations per axis, and the steps in which places are written.
+    ``R_model_cam`` and ``R_enu_cam``: of the upright pictures, by the model and by angles (NaN where not known).
     ``extent``: of the model, in its own unit: about the median distance of two photographs.
     """
 

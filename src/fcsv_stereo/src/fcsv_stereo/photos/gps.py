@@ -22,8 +22,10 @@ _SIGNS = {0: 1.0, 1: -1.0, 2: 1.0, 3: -1.0}
 
 @dataclass(frozen=True)
 class Gps:
-    """WGS 84; the standard deviations are per axis, east and north alike. ``step_m`` and ``height_step_m``: in which the
-    place is written, where that is seen."""
+    """WGS 84; the standard deviations are per axis, east and north alike.
+
+    ``step_m`` and ``height_step_m``: the steps in which the place is written, where that is seen.
+    """
 
     latitude_deg: float
     longitude_deg: float

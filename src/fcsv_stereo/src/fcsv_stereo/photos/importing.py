@@ -42,9 +42,10 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class Imported:
-    """What was written, and how it lies to GPS; ``names`` are those with a pose, in the order of the similarity's arrays.
+    """What was written, and how it lies to GPS.
 
-    ``remarks`` say of these what was not used and why; ``left_out`` why other photographs have no pose.
+    ``names``: those with a pose, in the order of the similarity's arrays. ``remarks``: what of these was not used, and
+    why. ``left_out``: why other photographs have no pose.
     """
 
     names: List[str]
@@ -156,8 +157,8 @@ def _is_of_turned_pixels(p: PosedImage, tags: Tags, camera: PinholeCamera) -> bo
     size, stored, shown = (camera.width, camera.height), tags.size, pictures.upright_size(tags, 0)
     if size not in (stored, shown):
         raise InputError(
-            f"{tags.path}: is {stored[0]}x{stored[1]}, and the model's camera of {p.name} {size[0]}x{size[1]}: give the "
-            "photographs that the model was made of"
+            f"{tags.path}: is {stored[0]}x{stored[1]}, and the model's camera of {p.name} {size[0]}x{size[1]}: give "
+            "the photographs that the model was made of"
         )
     return size != stored
 

@@ -112,7 +112,7 @@ def _require_spread(e: Evidence) -> None:
 def _fits(e: Evidence) -> List[Fitted]:
     """Local optima, the best first."""
     rng = np.random.default_rng(0)
-    some = e if len(e.placed) <= _SCORED else e.of(rng.choice(len(e.placed), _SCORED, replace=False))
+    some = _some(e, rng)
 
     def scored(poses) -> list:
         return sorted(((evidence.agreement(some, p, fine=False)[0], p) for p in poses), key=lambda t: t[0])
@@ -123,6 +123,12 @@ def _fits(e: Evidence) -> List[Fitted]:
     tried += scored(p for start in _distinct(tried, _TURNED) for p in about_the_line(e, start))
     fits = [solve(e, p) for p in _distinct(sorted(tried, key=lambda t: t[0]), _REFINED)]
     return sorted(fits, key=lambda f: f.cost)
+
+
+def _some(e: Evidence, rng: np.random.Generator) -> Evidence:
+    """Few photographs that stand for all, with GPS first."""
+    order = rng.permutation(len(e.placed))
+    return e.of(order[np.argsort(~e.placed[order], kind="stable")][:_SCORED])
 
 
 def _distinct(tried, most: int) -> List[Pose]:
@@ -204,7 +210,7 @@ def _told(f: Fitted) -> str:
 
 
 def _similarity(e: Evidence, best: Fitted, middle: np.ndarray) -> Similarity:
-    pose, w = best.pose, best.weights
+    pose = best.pose
     residuals, outliers, heights, angles = _by_photograph(e, best)
     return Similarity(
         pose.scale, pose.R, pose.t - pose.scale * pose.R @ middle, residuals, outliers, heights, angles,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Similarities to begin a fit with: from all places, from few, and from angles; so many that a right one is among them."""
+"""Similarities to begin a fit with: from all places, from few, from angles; so many that a right one is among them."""
 
 from itertools import combinations
 from typing import Iterator, List, Optional, Tuple

@@ -98,7 +98,7 @@ def _focal_px(exif, dji: Dict[str, float], size: Tuple[int, int]) -> Optional[fl
 
 
 def _attitude(dji: Dict[str, float]) -> Tuple[Optional[np.ndarray], str]:
-    """R_enu_cam of the upright picture from the gimbal's yaw (from north, clockwise), pitch (up) and roll; or why not."""
+    """R_enu_cam of the upright picture by the gimbal's yaw (from north, clockwise), pitch (up) and roll; or why not."""
     angles = [dji.get(f"Gimbal{k}Degree") for k in ("Yaw", "Pitch", "Roll")]
     if None in angles:
         return None, ""
