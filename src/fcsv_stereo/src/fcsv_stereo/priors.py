@@ -4,9 +4,9 @@
     name,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg,scale_sigma
     0001.jpg,0.02,0.02,0.03,0.1,0.1,0.2,0.015
 
-Standard deviations: of the camera's position along the model's axes, and of a small turn about each of them. Errors of
-two pictures count as independent. The last column may be missing: of the scale of the whole model, a share and the same
-in every line, because its error is one for all pictures.
+A name with a comma stands in double quotes (RFC 4180). Standard deviations: of the camera's position along the
+model's axes, and of a small turn about each of them. Errors of two pictures count as independent. The last column may
+be missing: of the scale of the whole model, a share and the same in every line, because its error is one for all.
 """
 
 import csv
@@ -62,6 +62,15 @@ def _row(words: Sequence[str], columns: Sequence[str]) -> Dict[str, str]:
     """
     end = max(1, len(words) - len(columns) + 1)
     return dict(zip(columns, [",".join(words[:end]), *words[end:]]))
+
+
+def write_priors(path: Path, sigmas: Dict[str, Sequence[float]], scale_sigma: float) -> None:
+    """``sigmas``: by picture x_m, y_m, z_m, roll_deg, pitch_deg, yaw_deg. Names may hold commas and quotes."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*COLUMNS, SCALE])
+        for name, values in sigmas.items():
+            writer.writerow([name, *(f"{v:.6g}" for v in values), f"{scale_sigma:.6g}"])
 
 
 def _scale(row: Dict[str, str], where: str, before: Optional[float]) -> float:

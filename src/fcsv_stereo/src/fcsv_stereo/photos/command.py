@@ -2,6 +2,7 @@
 """The command ``rosrun fcsv_stereo import_photos PHOTOS -o OUT`` (without ROS: ``fcsv import-photos``)."""
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import List, Optional
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from fcsv_geometry import commands
 from fcsv_stereo.photos.importing import Imported, ImportOptions, import_photos
+
+POOR_LEVEL_DEG, POOR_NORTH_DEG = 5.0, 10.0  # said with a warning
 
 _EXAMPLES = """examples:
   import_photos DCIM/ -o photos           poses by COLMAP (pip install pycolmap), metres by the photographs' GPS
@@ -27,23 +30,27 @@ def _import(args) -> None:
     done = import_photos(Path(args.photographs), Path(args.out), options)
     print(table(done))
     print(f"wrote {args.out}: images/ ({len(done.names)}), cameras.txt, images.txt, priors.csv")
-    print(f"map it: map {args.out} -o OUT --reference {done.names[0]}")
+    print(f"map it: map {args.out} -o OUT --reference {shlex.quote(done.names[0])}")
 
 
 def table(done: Imported) -> str:
-    """Text: how far each photograph's GPS lies from where the model has it, and what that says of the scale."""
+    """Text: how far each photograph's GPS lies from where the model has it, and what that says of the whole."""
     s = done.similarity
-    wide = max(map(len, ["photograph", *done.tagged]))
+    wide = max(map(len, ["photograph", *done.names]))
     lines = [f"{'photograph':<{wide}}{'east':>9}{'north':>9}{'up':>9}   GPS less model (m)"]
-    for name, away_m, outlier in zip(done.tagged, s.residuals_m, s.outliers):
-        east, north, up = away_m
-        said = "   contradicts the others: not used" if outlier else ""
-        lines.append(f"{name:<{wide}}{east:>+9.2f}{north:>+9.2f}{up:>+9.2f}{said}")
+    for name, away_m in zip(done.names, s.residuals_m):
+        numbers = "".join(f"{a:>+9.2f}" if np.isfinite(a) else f"{'-':>9}" for a in away_m)
+        said = f"   {done.remarks[name]}" if name in done.remarks else ""
+        lines.append(f"{name:<{wide}}{numbers}{said}")
     lines += [f"{name}: left out: {why}" for name, why in done.left_out.items()]
+    level_deg, north_deg = np.degrees([s.level_sigma_rad, s.north_sigma_rad])
     lines.append(
-        f"scale {s.scale:.6g} m per unit of the model, known to {s.scale_sigma:.2%}; level and north to "
-        f"{np.degrees(s.turn_sigma_rad):.1f} degrees; GPS scatters {s.gps_factor:.2f} times as much as it says"
+        f"scale {s.scale:.6g} m per unit of the model, known to {s.scale_sigma:.2%}; level to {level_deg:.1f} degrees, "
+        f"north to {north_deg:.1f}; GPS scatters {s.gps_factor:.2f} times as much as it says, the model itself by "
+        f"{s.model_sigma_m:.2g} m"
     )
+    if level_deg > POOR_LEVEL_DEG or north_deg > POOR_NORTH_DEG:
+        lines.append("WARNING: level and north are known poorly; gimbal angles or places further apart would tell them")
     o = done.origin
     lines.append(f"home: {o.latitude_deg:.7f}, {o.longitude_deg:.7f}, {o.height_m:.2f} m; x east, y north, z up")
     return "\n".join(lines)
@@ -55,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     add = parser.add_argument
-    add("photographs", help="a folder of photographs with GPS in their EXIF tags")
+    add("photographs", help="a folder of photographs with GPS in their tags, or of such folders (DCIM)")
     add("-o", "--out", required=True, help="new folder for images/, cameras.txt, images.txt, priors.csv")
     add("--model", metavar="FOLDER", help="their poses by COLMAP, text or binary; by default pycolmap finds them")
     add(

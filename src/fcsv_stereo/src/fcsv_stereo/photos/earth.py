@@ -6,7 +6,7 @@ from typing import Sequence
 
 import numpy as np
 
-from fcsv_stereo.photos.tags import Gps
+from fcsv_stereo.photos.gps import Gps
 
 _EQUATOR_M, _FLATTENING = 6378137.0, 1.0 / 298.257223563  # WGS 84
 _ECCENTRICITY_2 = _FLATTENING * (2.0 - _FLATTENING)

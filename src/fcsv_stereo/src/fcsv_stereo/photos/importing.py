@@ -5,20 +5,23 @@ import shutil
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.writing import require_folder
 from fcsv_stereo import priors
 from fcsv_stereo.colmap import PosedImage
 from fcsv_stereo.errors import InputError, OutputError
 from fcsv_stereo.photos import pictures
-from fcsv_stereo.photos.earth import east_north_up_m
-from fcsv_stereo.photos.models import read_model, write_model
+from fcsv_stereo.photos.finding import by_model, find_photographs
+from fcsv_stereo.photos.gps import Gps
+from fcsv_stereo.photos.models import Model, read_model, write_model
+from fcsv_stereo.photos.placing import Photograph, place
 from fcsv_stereo.photos.posing import CameraKey, pose, require_pycolmap
-from fcsv_stereo.photos.similarity import Similarity, fit
-from fcsv_stereo.photos.tags import Gps, Tags
+from fcsv_stereo.photos.similarity import FEWEST, Similarity
+from fcsv_stereo.photos.tags import Tags, read_tags
 
 #: How good structure from motion is, apart from its scale (one standard deviation). Measured: docs/photographs.md.
 ROTATION_SIGMA_DEG, POSITION_SHARE = 0.1, 0.003
@@ -39,107 +42,139 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class Imported:
-    """What was written, and how it lies to GPS; ``names`` are those with a pose, ``tagged`` those that had GPS too."""
+    """What was written, and how it lies to GPS.
+
+    ``names``: those with a pose, in the order of the similarity's arrays. ``remarks``: what of these was not used, and
+    why. ``left_out``: why other photographs have no pose.
+    """
 
     names: List[str]
-    tagged: List[str]
     similarity: Similarity
     origin: Gps
+    remarks: Dict[str, str] = field(default_factory=dict)
     left_out: Dict[str, str] = field(default_factory=dict)
 
 
 def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions] = None) -> Imported:
-    """``out`` with images/, cameras.txt, images.txt, priors.csv; home is east, north, up of the first photograph that
-    has GPS. Nothing is left where it fails.
+    """``out`` with images/, cameras.txt, images.txt, priors.csv; home is east, north, up of the first photograph whose
+    GPS agrees with the others'. Nothing is left where it fails.
 
     Raises InputError for what is wrong with the photographs, OutputError where ``out`` is not empty.
     """
     options = options or ImportOptions()
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"{out}: is not empty; name a new folder")
-    tags = {t.path.name: t for t in pictures.find(photographs)}
-    _require_gps(photographs, tags)
+    files, unreadable = _read(find_photographs(photographs))
+    _require_gps(photographs, files)
     if options.model is None:
         require_pycolmap()
+        model, tags = None, files
+    else:
+        model = read_model(options.model)
+        tags = _of_model(photographs, files, unreadable, model)
     require_folder(out)
     parent = out.absolute().parent
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=parent) as work:
         made = Path(work) / "made"
         (made / "images").mkdir(parents=True)
-        cameras, posed = _posed(tags, made / "images", options)
-        similarity, tagged, origin = _placed(tags, posed, upright=options.model is None)
-        at_home = [PosedImage(p.name, p.camera_id, similarity.pose(p.T_home_cam)) for p in posed]
+        cameras, posed = (
+            _posed(tags, made / "images", options) if model is None else _copied(tags, made / "images", model)
+        )
+        placed = place([_photograph(p, tags[p.name], cameras[p.camera_id], model is None) for p in posed])
+        at_home = [PosedImage(p.name, p.camera_id, placed.similarity.pose(p.T_home_cam)) for p in posed]
         write_model(made, cameras, at_home)
-        (made / priors.FILE).write_text(_priors(at_home, similarity))
+        priors.write_priors(made / priors.FILE, _sigmas(at_home), placed.similarity.scale_sigma)
         names = [p.name for p in at_home]
-        left_out = _left_out(tags, names, made / "images")
+        left_out = {**unreadable, **_left_out(tags, files, names, made / "images")}
         if out.exists():
             out.rmdir()
         shutil.move(str(made), str(out))
-    return Imported(names, tagged, similarity, origin, left_out)
+    return Imported(names, placed.similarity, placed.origin, placed.remarks, left_out)
+
+
+def _read(paths: Dict[str, Path]) -> Tuple[Dict[str, Tags], Dict[str, str]]:
+    """Tags by name; and of files that are no pictures, why."""
+    tags: Dict[str, Tags] = {}
+    unreadable: Dict[str, str] = {}
+    for name, path in paths.items():
+        try:
+            tags[name] = read_tags(path)
+        except InputError as error:
+            unreadable[name] = str(error).split(": ", 1)[-1]
+    return tags, unreadable
+
+
+def _of_model(folder: Path, files: Dict[str, Tags], unreadable: Dict[str, str], model: Model) -> Dict[str, Tags]:
+    """Tags by the model's names. Raises InputError where it needs a photograph that cannot be read, or is not there."""
+    keys = by_model(folder, [*files, *unreadable], [p.name for p in model[1]])
+    for key in keys.values():
+        if key in unreadable:
+            raise InputError(f"{folder / key}: {unreadable[key]}")
+    return {name: files[key] for name, key in keys.items()}
 
 
 def _require_gps(folder: Path, tags: Dict[str, Tags]) -> None:
-    with_gps = sum(t.gps is not None for t in tags.values())
-    if with_gps < 3:
+    without = {name: t.no_gps for name, t in tags.items() if t.gps is None}
+    if len(tags) - len(without) < FEWEST:
+        why = "".join(f"; {name}: {no_gps}" for name, no_gps in list(without.items())[:3])
         raise InputError(
-            f"{folder}: {with_gps} of {len(tags)} photographs have a GPS position (latitude, longitude and height in "
-            "EXIF); scale and turn need three"
+            f"{folder}: {len(tags) - len(without)} of {len(tags)} photographs have a GPS position (latitude, longitude "
+            f"and height); scale and turn need {FEWEST}{why}"
         )
 
 
-def _posed(tags: Dict[str, Tags], images: Path, options: ImportOptions):
-    """Cameras and poses in the model's own world and scale; the pictures that they are of stand in ``images``."""
-    if options.model is not None:
-        cameras, posed = read_model(options.model)
-        lacking = [p.name for p in posed if p.name not in tags]
-        if lacking:
-            raise InputError(f"{options.model}: has a pose of {lacking[0]}, which is not among the photographs")
-        for p in posed:
-            shutil.copyfile(tags[p.name].path, images / p.name)
-        return cameras, posed
+def _copied(tags: Dict[str, Tags], images: Path, model: Model) -> Model:
+    """The model as it is, with the photographs that it is of."""
+    for p in model[1]:
+        (images / p.name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(tags[p.name].path, images / p.name)
+    return model
+
+
+def _posed(tags: Dict[str, Tags], images: Path, options: ImportOptions) -> Model:
+    """Cameras and poses in the model's own world and scale, by COLMAP, of upright copies."""
     groups: Dict[CameraKey, List[str]] = {}
     for name, t in tags.items():
-        pictures.copy_upright(t, images, options.longest_px)
+        (images / name).parent.mkdir(parents=True, exist_ok=True)
+        pictures.copy_upright(t, (images / name).parent, options.longest_px)
         width, height = pictures.upright_size(t, options.longest_px)
         groups.setdefault((width, height, pictures.focal_px(t, options.longest_px), t.camera), []).append(name)
     return pose(images, groups)
 
 
-def _placed(tags: Dict[str, Tags], posed: List[PosedImage], upright: bool):
-    """The similarity, the names of the photographs that it is from, and where home is."""
-    known = [p for p in posed if tags[p.name].gps is not None]
-    if not known:
-        raise InputError("none of the photographs with a pose has a GPS position")
-    places = [tags[p.name].gps for p in known]
-    origin = places[0]
-    sigmas_m = np.array([[g.sigma_m, g.sigma_m, g.height_sigma_m] for g in places])
-    turns = [np.eye(3) if upright else pictures.R_stored_upright(tags[p.name]) for p in known]
-    R_model_cam = np.array([p.T_home_cam[:3, :3] @ R for p, R in zip(known, turns)])
-    p_model = np.array([p.T_home_cam[:3, 3] for p in known])
-    gimbals = [tags[p.name].R_enu_cam for p in known]
-    found = fit(p_model, east_north_up_m(places, origin), sigmas_m, R_model_cam, gimbals)
-    return found, [p.name for p in known], origin
+def _photograph(p: PosedImage, tags: Tags, camera: PinholeCamera, copied_upright: bool) -> Photograph:
+    """Raises InputError where the camera is not of this picture's size."""
+    upright = copied_upright or _is_of_turned_pixels(p, tags, camera)
+    R_model_cam = p.T_home_cam[:3, :3] @ (np.eye(3) if upright else pictures.R_stored_upright(tags))
+    return Photograph(
+        p.name, tags.camera, p.T_home_cam[:3, 3], R_model_cam, tags.gps, tags.R_enu_cam, tags.no_gps, tags.no_angles
+    )
 
 
-def _priors(posed: List[PosedImage], similarity: Similarity) -> str:
-    """priors.csv: of each position a share of the distance from the first photograph, and the scale that all share."""
-    lines = [",".join([*priors.COLUMNS, priors.SCALE])]
+def _is_of_turned_pixels(p: PosedImage, tags: Tags, camera: PinholeCamera) -> bool:
+    """Whether a model is of the picture as it is shown, not as it is stored; of square ones it is of these."""
+    size, stored, shown = (camera.width, camera.height), tags.size, pictures.upright_size(tags, 0)
+    if size not in (stored, shown):
+        raise InputError(
+            f"{tags.path}: is {stored[0]}x{stored[1]}, and the model's camera of {p.name} {size[0]}x{size[1]}: give "
+            "the photographs that the model was made of"
+        )
+    return size != stored
+
+
+def _sigmas(posed: List[PosedImage]) -> Dict[str, Sequence[float]]:
+    """For priors.csv: of each position a share of the distance from the first photograph."""
     places = np.array([p.T_home_cam[:3, 3] for p in posed])
-    nearest_m = min(np.linalg.norm(places[1:] - places[0], axis=1), default=1.0)
-    for p, place in zip(posed, places):
-        sigma_m = POSITION_SHARE * max(float(np.linalg.norm(place - places[0])), float(nearest_m))
-        sigmas = [*[f"{sigma_m:.6g}"] * 3, *[f"{ROTATION_SIGMA_DEG:g}"] * 3, f"{similarity.scale_sigma:.6g}"]
-        lines.append(",".join([p.name, *sigmas]))
-    return "\n".join(lines) + "\n"
+    away_m = np.linalg.norm(places - places[0], axis=1)
+    nearest_m = float(min(away_m[1:], default=1.0))
+    sigmas_m = POSITION_SHARE * np.maximum(away_m, nearest_m)
+    return {p.name: [*[s] * 3, *[ROTATION_SIGMA_DEG] * 3] for p, s in zip(posed, sigmas_m)}
 
 
-def _left_out(tags: Dict[str, Tags], names: List[str], images: Path) -> Dict[str, str]:
+def _left_out(tags: Dict[str, Tags], files: Dict[str, Tags], names: List[str], images: Path) -> Dict[str, str]:
     """Photographs without a pose: ``map`` refuses a folder that holds them."""
-    found = {}
-    for name in tags:
-        if name not in names:
-            (images / name).unlink(missing_ok=True)
-            found[name] = "no pose: it shares too little with the others"
-    return found
+    for name in set(tags) - set(names):
+        (images / name).unlink()
+    used = {tags[name].path for name in names}
+    return {name: "no pose: it shares too little with the others" for name, t in files.items() if t.path not in used}

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture files themselves: found, and copied upright and at a size that ``map`` can work with."""
+"""The picture files themselves: copied upright and at a size that ``map`` can work with."""
 
 import math
 import shutil
 from pathlib import Path
-from typing import List, Tuple
+from typing import Tuple
 
 import numpy as np
 from PIL import Image, ImageOps
@@ -12,7 +12,7 @@ from PIL import Image, ImageOps
 from fcsv_geometry.errors import PictureFileError
 from fcsv_geometry.picture_files import read_picture
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.photos.tags import ORIENTATION, SUFFIXES, Tags, read_tags
+from fcsv_stereo.photos.tags import ORIENTATION, Tags
 
 _QUALITY = 95  # of JPEG: what is lost is below the noise of matching
 #: R_stored_upright by EXIF orientation: how the axes of the upright picture lie in the stored one (not of mirrored).
@@ -29,28 +29,6 @@ def R_stored_upright(tags: Tags) -> np.ndarray:
     if tags.orientation not in _UPRIGHT:
         raise InputError(f"{tags.path}: is stored mirrored (EXIF orientation {tags.orientation}); no camera does that")
     return _UPRIGHT[tags.orientation]
-
-
-def find(folder: Path) -> List[Tags]:
-    """Tags of all photographs in a folder, by name. Raises InputError."""
-    if not folder.is_dir():
-        raise InputError(f"{folder} is no folder of photographs")
-    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
-    if not paths:
-        raise InputError(f"{folder}: holds no photographs ({', '.join(SUFFIXES)})")
-    return [_tags(p) for p in paths]
-
-
-def _tags(path: Path) -> Tags:
-    """Raises InputError that says what the file is instead of a photograph."""
-    try:
-        return read_tags(path)
-    except InputError as error:
-        try:
-            read_picture(path)
-        except PictureFileError as known:
-            raise InputError(str(known)) from error
-        raise
 
 
 def upright_size(tags: Tags, longest_px: int) -> Tuple[int, int]:

@@ -1,31 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scale, turn and place of a model whose scale is its own, from GPS; places that contradict the others do not count."""
+"""Scale, turn and place of a model whose scale is its own, from GPS and angles; those that contradict do not count."""
 
-from dataclasses import dataclass
-from itertools import combinations
-from typing import Optional, Sequence
+from dataclasses import dataclass, replace
+from typing import List, Optional, Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.photos import evidence
+from fcsv_stereo.photos.evidence import Evidence, Pose
+from fcsv_stereo.photos.solving import Fitted, covariance, solve
+from fcsv_stereo.photos.starts import about_the_line, starts
 
-_TRIPLES = 300  # tried as a start; all of them up to 13 places
-_LEVEL_SIGMA = np.sin(np.radians(5.0))  # people and gimbals hold a camera's long side level to that, sky above ground
-_GIMBAL_SIGMA_RAD = np.radians(5.0)  # its yaw is the vehicle's compass
-_TRIED = 2  # of the starts
-_OUTLIER = 4.0  # standard deviations
-_BELIEF = 6  # so many residuals would it take to outweigh what is said of GPS
 FEWEST, MOST_SCALE_SIGMA = 3, 0.3
+#: Of a world that is refused: a map is read by what is level, less by where north is.
+MOST_LEVEL_SIGMA_RAD, MOST_NORTH_SIGMA_RAD = np.radians(10.0), np.radians(20.0)
+_SCORED, _REFINED, _TURNED = 60, 6, 2  # photographs that starts are scored with; starts that are improved
+_SAME_COST = 6.0  # two answers that differ by less explain the photographs alike
+_RIGHT = 0.5  # of a statement's probability
+_MIRRORS = {"longitude": np.array([-1.0, 1.0, 1.0]), "latitude": np.array([1.0, -1.0, 1.0])}
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """p_enu = scale * R_enu_model @ p_model + t_enu; residuals (N, 3) m (GPS less model); which places have no say.
+    """p_enu = scale * R_enu_model @ p_model + t_enu; residuals (N, 3) m (GPS less model; NaN where there is no GPS).
 
-    ``scale_sigma`` is a share of the scale, ``turn_sigma_rad`` about the axis that is known worst.
-    ``gps_factor``: how large residuals are against what was said of GPS.
+    By photograph, what contradicts the others and has no say: ``outliers`` (its place), ``wrong_heights`` (of these,
+    whose height alone is wrong), ``wrong_angles``. ``covariance`` (7, 7): logarithm of the scale, turn (rad) and shift
+    (m) in east, north, up, at the middle of the photographs. ``gps_factor``: how large GPS's errors are against what
+    is said of them; ``model_sigma_m``: the model's own error; ``extent_m``: about the
+    median distance of two photographs.
     """
 
     scale: float
@@ -33,9 +37,27 @@ class Similarity:
     t_enu: np.ndarray
     residuals_m: np.ndarray
     outliers: np.ndarray
-    scale_sigma: float
-    turn_sigma_rad: float
+    wrong_heights: np.ndarray
+    wrong_angles: np.ndarray
+    covariance: np.ndarray
     gps_factor: float
+    model_sigma_m: float
+    extent_m: float
+
+    @property
+    def scale_sigma(self) -> float:
+        """A share of the scale."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def level_sigma_rad(self) -> float:
+        """About the level axis that is known worst."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[1:3, 1:3])[-1]))
+
+    @property
+    def north_sigma_rad(self) -> float:
+        """About up."""
+        return float(np.sqrt(self.covariance[3, 3]))
 
     def pose(self, T_model_cam: np.ndarray) -> np.ndarray:
         """T_enu_cam."""
@@ -45,114 +67,161 @@ class Similarity:
         return T
 
 
+class ContradictionError(InputError):
+    """Places contradict the model; ``similarity`` is that of the largest part that agrees, with whose outliers."""
+
+    def __init__(self, message: str, similarity: Similarity):
+        super().__init__(message)
+        self.similarity = similarity
+
+
 def fit(
     p_model: np.ndarray, p_enu_m: np.ndarray, sigmas_m: np.ndarray, R_model_cam: np.ndarray,
-    R_enu_cam: Sequence[Optional[np.ndarray]],
+    R_enu_cam: Sequence[Optional[np.ndarray]], steps_m: Optional[np.ndarray] = None,
 ) -> Similarity:  # fmt: skip
-    """From places (N, 3) in both, GPS's standard deviations (N, 3), and the cameras' rotations (N, 3, 3).
+    """From places (N, 3) in both (NaN where there is no GPS), GPS's standard deviations (N, 3), and the cameras'
+    rotations (N, 3, 3). ``R_enu_cam`` are the gimbals', None where they are not known: then rows are taken to be level.
+    ``steps_m`` (N, 3): in which places are written.
 
-    ``R_enu_cam`` are the gimbals', None where there is none: then the picture's long side is taken to be level.
-    Raises InputError where the places do not fix the scale.
+    Raises InputError where these contradict each other, or do not fix scale, level and north.
     """
-    if len(p_model) < FEWEST:
-        raise InputError(f"{len(p_model)} photographs have both GPS and a pose; scale and turn need {FEWEST}")
-    spread_m = float(np.linalg.svd(p_enu_m - p_enu_m.mean(axis=0), compute_uv=False)[0])
-    if spread_m < 2.0 * float(np.median(sigmas_m)):
+    gimbals = np.array([np.full((3, 3), np.nan) if R is None else R for R in R_enu_cam]).reshape(-1, 3, 3)
+    middle = p_model.mean(axis=0)  # about it scale and turn do not move the places as one
+    steps_m = np.zeros_like(sigmas_m) if steps_m is None else steps_m
+    e = Evidence(p_model - middle, np.array(p_enu_m, float), sigmas_m, steps_m, R_model_cam, gimbals)
+    _require_spread(e)
+    fits = _fits(e)
+    found = _similarity(e, fits[0], middle)
+    _require_not_mirrored(e, fits[0], found)
+    _require_most_places(e, found)
+    _require_known(e, found)
+    _require_one_answer(fits, found)
+    return found
+
+
+def _require_spread(e: Evidence) -> None:
+    placed = int(e.placed.sum())
+    if placed < FEWEST:
+        raise InputError(f"{placed} photographs have both GPS and a pose; scale and turn need {FEWEST}")
+    places = e.p_enu_m[e.placed]
+    spread_m = float(np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[0])
+    if spread_m < 2.0 * float(np.median(np.hypot(e.sigmas_m, e.steps_m)[e.placed])):
         raise InputError(f"the photographs were taken within {spread_m:.1f} m, which GPS cannot tell apart")
 
-    middle = p_model.mean(axis=0)  # about it scale and turn do not move the places as one
-    problem = _Problem(p_model - middle, p_enu_m, sigmas_m, R_model_cam, R_enu_cam)
-    starts = sorted(_starts(problem.p_model, p_enu_m, sigmas_m), key=problem.misfit)[:_TRIED]
-    robust = [problem.solve(*start, "cauchy") for start in starts]
-    x, R, _ = min(robust, key=lambda f: f[2].cost)
-    outliers = np.linalg.norm(problem.away_m(x, R) / sigmas_m, axis=1) > _OUTLIER
-    if (~outliers).sum() < FEWEST:
-        raise InputError(f"GPS contradicts the poses: {int(outliers.sum())} of {len(p_model)} places are elsewhere")
-    x, R, last = problem.solve(np.exp(x[0]), R, x[4:], "linear", ~outliers)
-    away_m = problem.away_m(x, R)
-    kept = (away_m / sigmas_m)[~outliers]
-    factor = float(np.sqrt((_BELIEF + np.square(kept).sum()) / (_BELIEF + max(kept.size - 7, 0))))
-    covariance = np.linalg.pinv(last.jac.T @ last.jac) * factor**2
-    scale_sigma = float(np.sqrt(covariance[0, 0]))
-    if not scale_sigma < MOST_SCALE_SIGMA:
-        raise InputError(
-            f"GPS does not fix the scale: it is known to {scale_sigma:.0%} only; photographs further apart would fix it"
+
+def _fits(e: Evidence) -> List[Fitted]:
+    """Local optima, the best first."""
+    rng = np.random.default_rng(0)
+    some = _some(e, rng)
+
+    def scored(poses) -> list:
+        return sorted(((evidence.agreement(some, p, fine=False)[0], p) for p in poses), key=lambda t: t[0])
+
+    tried = scored(starts(e, rng))
+    if not tried:
+        raise InputError("all GPS positions are one place, which tells no scale")
+    tried += scored(p for start in _distinct(tried, _TURNED) for p in about_the_line(e, start))
+    fits = [solve(e, p) for p in _distinct(sorted(tried, key=lambda t: t[0]), _REFINED)]
+    return sorted(fits, key=lambda f: f.cost)
+
+
+def _some(e: Evidence, rng: np.random.Generator) -> Evidence:
+    """Few photographs that stand for all, with GPS first."""
+    order = rng.permutation(len(e.placed))
+    return e.of(order[np.argsort(~e.placed[order], kind="stable")][:_SCORED])
+
+
+def _distinct(tried, most: int) -> List[Pose]:
+    """The best (of costs and poses) that are not alike."""
+    kept: List[Pose] = []
+    for _, pose in tried:
+        if len(kept) < most and all(_apart(pose, k) for k in kept):
+            kept.append(pose)
+    return kept
+
+
+def _apart(a: Pose, b: Pose, turn_rad: float = np.radians(8.0), log_scale: float = 0.05) -> bool:
+    angle = np.arccos(np.clip((np.trace(a.R @ b.R.T) - 1.0) / 2.0, -1.0, 1.0))
+    return bool(angle > turn_rad or abs(np.log(a.scale / b.scale)) > log_scale)
+
+
+def _require_not_mirrored(e: Evidence, best: Fitted, found: Similarity) -> None:
+    """E for W, or N for S, in all photographs: their places are mirrored, and a flat model fits them upside down."""
+    w = best.weights
+    doubtful = (w.place < _RIGHT).mean() > 0.3 or (len(w.angles) and (w.angles < _RIGHT).mean() > 0.3)
+    up = (best.pose.R @ e.R_model_cam[~e.angled])[:, 2, 2]
+    if not doubtful and not (len(up) and np.median(up) > 0.3):
+        return
+    costs = {}
+    for name, mirror in _MIRRORS.items():
+        mirrored = Evidence(e.p_model, e.p_enu_m * mirror, e.sigmas_m, e.steps_m, e.R_model_cam, e.R_enu_cam)
+        costs[name] = _fits(mirrored)[0].cost
+    least = min(costs, key=costs.get)
+    if costs[least] + _SAME_COST < best.cost:
+        alike = abs(costs["longitude"] - costs["latitude"]) < _SAME_COST
+        which = "longitude or of latitude" if alike else least
+        raise ContradictionError(
+            f"GPS's places are the mirror image of the poses: the reference of {which} (GPSLongitudeRef E or W, "
+            "GPSLatitudeRef N or S) is wrong in all photographs; correct it (exiftool)",
+            replace(found, outliers=np.zeros_like(found.outliers)),
         )
-    turn = float(np.sqrt(np.linalg.eigvalsh(covariance[1:4, 1:4])[-1]))
-    scale = float(np.exp(x[0]))
-    return Similarity(scale, R, x[4:] - scale * R @ middle, away_m, outliers, scale_sigma, turn, factor)
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """What is to be fitted; unknowns are the logarithm of the scale, a small turn, the shift."""
-
-    p_model: np.ndarray
-    p_enu_m: np.ndarray
-    sigmas_m: np.ndarray
-    R_model_cam: np.ndarray
-    R_enu_cam: Sequence[Optional[np.ndarray]]
-
-    def solve(self, scale: float, R: np.ndarray, t: np.ndarray, loss: str, of=slice(None)):
-        """(x, R_enu_model, scipy's result) from a start and the places ``of`` it."""
-
-        def residuals(x: np.ndarray) -> np.ndarray:
-            turned = Rotation.from_rotvec(x[1:4]).as_matrix() @ R
-            return np.concatenate([(self.away_m(x, turned) / self.sigmas_m)[of].ravel(), self.attitudes(turned)])
-
-        found = least_squares(residuals, np.concatenate([[np.log(scale), 0, 0, 0], t]), loss=loss, x_scale="jac")
-        return found.x, Rotation.from_rotvec(found.x[1:4]).as_matrix() @ R, found
-
-    def misfit(self, start) -> float:
-        """Robust cost of a start (scale, R, t)."""
-        scale, R, t = start
-        away = self.away_m(np.concatenate([[np.log(scale), 0, 0, 0], t]), R) / self.sigmas_m
-        return float(np.log1p(np.square(away)).sum() + np.log1p(np.square(self.attitudes(R))).sum())
-
-    def away_m(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """(N, 3): GPS less the model."""
-        return self.p_enu_m - (np.exp(x[0]) * self.p_model @ R.T + x[4:])
-
-    def attitudes(self, R: np.ndarray) -> np.ndarray:
-        """In standard deviations: from the gimbals'; of the others' rows from level, and of their down from above."""
-        R_enu_cam = R @ self.R_model_cam
-        told = np.array([g is not None for g in self.R_enu_cam])
-        rows, down = R_enu_cam[~told, 2, 0], np.maximum(R_enu_cam[~told, 2, 1] - _LEVEL_SIGMA, 0.0)
-        gimbals = np.array([g for g in self.R_enu_cam if g is not None]).reshape(-1, 3, 3)
-        turns = gimbals.transpose(0, 2, 1) @ R_enu_cam[told]
-        turns = Rotation.from_matrix(turns).as_rotvec() if told.any() else turns
-        return np.concatenate([rows / _LEVEL_SIGMA, down / _LEVEL_SIGMA, turns.ravel() / _GIMBAL_SIGMA_RAD])
+def _require_most_places(e: Evidence, found: Similarity) -> None:
+    wrong, of = int(found.outliers.sum()), int(e.placed.sum())
+    if of - wrong < FEWEST or 2 * wrong >= of:
+        height = f", {int(found.wrong_heights.sum())} of them in height alone" if found.wrong_heights.any() else ""
+        raise ContradictionError(f"GPS contradicts the poses: {wrong} of {of} places are elsewhere{height}", found)
 
 
-def _starts(p_model: np.ndarray, p_enu_m: np.ndarray, sigmas_m: np.ndarray):
-    """Of triples' similarities the one with the least median residual, turned about the line along which the places
-    lie: GPS tells little of that turn where they lie on one."""
-    triples = list(combinations(range(len(p_model)), 3))
-    if len(triples) > _TRIPLES:
-        rng = np.random.default_rng(0)
-        triples = [rng.choice(len(p_model), 3, replace=False) for _ in range(_TRIPLES)]
-    candidates = [_closed(p_model[list(t)], p_enu_m[list(t)]) for t in triples] + [_closed(p_model, p_enu_m)]
-
-    def median(candidate) -> float:
-        s, R, t = candidate
-        return float(np.median(np.linalg.norm((s * p_model @ R.T + t - p_enu_m) / sigmas_m, axis=1)))
-
-    s, R, _ = min((c for c in candidates if c is not None), key=median)
-    middle_model, middle_enu = np.median(p_model, axis=0), np.median(p_enu_m, axis=0)
-    line = np.linalg.svd(p_enu_m - p_enu_m.mean(axis=0))[2][0]
-    for angle in np.radians([0, 60, 120, 180, 240, 300]):
-        turned = Rotation.from_rotvec(angle * line).as_matrix() @ R
-        yield s, turned, middle_enu - s * turned @ middle_model
+def _require_known(e: Evidence, found: Similarity) -> None:
+    if not found.scale_sigma < MOST_SCALE_SIGMA:
+        raise InputError(
+            f"GPS does not fix the scale: it is known to {found.scale_sigma:.0%} only; photographs further apart would "
+            "fix it"
+        )
+    level, north = np.degrees([found.level_sigma_rad, found.north_sigma_rad])
+    if level > np.degrees(MOST_LEVEL_SIGMA_RAD) or north > np.degrees(MOST_NORTH_SIGMA_RAD):
+        raise InputError(
+            f"neither GPS nor the pictures tell how the model is turned: level is known to {level:.0f} degrees, north "
+            f"to {north:.0f}{_line(e)}; gimbal angles, or photographs beside that line, would fix it"
+        )
 
 
-def _closed(p_model: np.ndarray, p_enu_m: np.ndarray):
-    """Scale, rotation and shift of least squares (Umeyama 1991); None where the places are one."""
-    a, b = p_model - p_model.mean(axis=0), p_enu_m - p_enu_m.mean(axis=0)
-    if not (np.square(a).sum() > 0.0 and np.square(b).sum() > 0.0):
-        return None
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt)) or 1.0])
-    R, s = U @ np.diag(sign) @ Vt, float((S * sign).sum() / np.square(a).sum())
-    if s <= 0.0:
-        return None
-    return s, R, p_enu_m.mean(axis=0) - s * R @ p_model.mean(axis=0)
+def _line(e: Evidence) -> str:
+    spread = np.linalg.svd(e.p_model - np.median(e.p_model, axis=0), compute_uv=False)
+    return ", because the photographs lie on a line" if spread[1] < 0.2 * spread[0] else ""
+
+
+def _require_one_answer(fits: List[Fitted], found: Similarity) -> None:
+    """Raises where another answer, well away, explains the photographs as well."""
+    bounds = 4.0 * max(found.level_sigma_rad, found.north_sigma_rad), 4.0 * found.scale_sigma
+    for other in fits[1:]:
+        if other.cost < fits[0].cost + _SAME_COST and _apart(other.pose, fits[0].pose, *bounds):
+            raise InputError(
+                "GPS and angles agree with two answers alike: "
+                f"{_told(fits[0])} or {_told(other)}; more photographs with right GPS would decide"
+            )
+
+
+def _told(f: Fitted) -> str:
+    wrong = int((f.weights.height < _RIGHT).sum() + (f.weights.angles < _RIGHT).sum())
+    return f"{f.pose.scale:.4g} m per unit with {wrong} places or angles wrong"
+
+
+def _similarity(e: Evidence, best: Fitted, middle: np.ndarray) -> Similarity:
+    pose = best.pose
+    residuals, outliers, heights, angles = _by_photograph(e, best)
+    return Similarity(
+        pose.scale, pose.R, pose.t - pose.scale * pose.R @ middle, residuals, outliers, heights, angles,
+        covariance(e, best), best.noise.gps, best.noise.model_m, pose.scale * e.extent,
+    )  # fmt: skip
+
+
+def _by_photograph(e: Evidence, best: Fitted):
+    residuals, wrong = np.full(e.p_model.shape, np.nan), np.zeros((3, len(e.p_model)), bool)
+    residuals[e.placed] = evidence.away_m(e, best.pose)
+    wrong[0, e.placed] = best.weights.height < _RIGHT
+    wrong[1, e.placed] = (best.weights.height < _RIGHT) & (best.weights.place >= _RIGHT)
+    wrong[2, e.angled] = best.weights.angles < _RIGHT
+    return (residuals, *wrong)
