@@ -40,7 +40,7 @@ def test_heic_that_is_called_jpg(tmp_path, wrong_input):
     write(tmp_path, block())
     (tmp_path / "DCIM" / "DJI_0003.JPG").write_bytes(b"\0\0\0\x18ftypheic" + b"\0" * 40)
     said = refusal(tmp_path, tmp_path / "out")
-    assert "DJI_0003.JPG: is heic (HEIC or alike), whatever its name; save it as JPEG" in said
+    assert "DJI_0003.JPG: is HEIC (iPhone), whatever its name; save it as JPEG" in said
     wrong_input(AREA, "HEIC named .JPG", "refused", said)
 
 

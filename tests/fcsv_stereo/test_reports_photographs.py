@@ -13,7 +13,8 @@ from fcsv_geometry import transforms
 from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
-from fcsv_stereo.photos.pictures import copy_upright, find
+from fcsv_stereo.photos.pictures import copy_upright
+from fcsv_stereo.photos.tags import read_tags
 from fcsv_stereo.pipeline import METHODS, load
 from fcsv_stereo.posed_pictures import load_pictures
 
@@ -297,7 +298,7 @@ def test_import_tells_what_is_no_photograph(tmp_path):
         folder.mkdir()
         (folder / name).write_bytes(data)
         with pytest.raises(InputError, match=f"{name}: {words}"):
-            find(folder)
+            read_tags(folder / name)
 
 
 @pytest.mark.parametrize("how", BREAKS)
@@ -305,7 +306,7 @@ def test_import_refuses_what_is_broken(tmp_path, how):
     """Also where the file would be copied as it is."""
     _, whole = photographs(tmp_path / "m", 2)
     (tmp_path / "x.jpg").write_bytes(whole)
-    (tags,) = find(tmp_path)
+    tags = read_tags(tmp_path / "x.jpg")
     (tmp_path / "x.jpg").write_bytes(spoil(whole, how))
     (tmp_path / "to").mkdir()
     with pytest.raises(InputError, match="x.jpg: "):

@@ -76,8 +76,8 @@ class MapInput:
     warnings: List[str] = field(default_factory=list)
     prior: Optional[PosePrior] = None
     clocks: Mapping[str, Any] = field(default_factory=dict)  # of sweeps, by vehicle (sweeps.ClockOffset)
-    origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)  # (3,): poses plus this are in home (local_origin)
     near: Optional[Any] = None  # frames of depth cameras (sessions.RecordedDepth); None: none were recorded
+    origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)  # (3,): poses plus this are in home (local_origin)
 
     def __post_init__(self):
         object.__setattr__(self, "kind", InputKind(self.kind))
