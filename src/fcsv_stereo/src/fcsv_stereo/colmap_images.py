@@ -182,11 +182,11 @@ def _contradiction(path: Path, lines: Sequence[_Line], composed: Sequence[_Line]
     other = [n for n in range(len(now)) if turned[n] > _STALE_RAD or moved[n] > _STALE_SHARE * spread + rounded]
     if not other:
         return ""
-    worst = max(other, key=lambda n: turned[n])
+    worst = max(other, key=lambda n: (turned[n], moved[n]))
+    by = f"{np.degrees(turned[worst]):.1f} degrees, {moved[worst] / spread:.1%} of the cameras' distance"
     return (
         f"{path.name} contradicts rigs.txt and frames.txt about {len(other)} of {len(now)} pictures "
-        f"({lines[worst].name}: {np.degrees(turned[worst]):.1f} degrees and {moved[worst]:.3g} of the model's units): "
-        "their poses are those of rigs.txt and frames.txt, as COLMAP reads them"
+        f"({lines[worst].name}: {by}): their poses are those of rigs.txt and frames.txt, as COLMAP reads them"
     )
 
 
