@@ -291,7 +291,7 @@ def test_one_broken_of_three_is_left_out_and_named(tmp_path, how, wrong_input):
 def test_import_tells_what_is_no_photograph(tmp_path):
     for name, data, words in (
         ("a.jpg", HEIC, "is HEIC"),
-        ("b.jpg", b"", "is empty"),
+        ("b.jpg", b"", "cannot be read"),
         ("c.jpg", b"x" * 99, "cannot be read"),
     ):
         folder = tmp_path / name[0]
@@ -396,4 +396,4 @@ def test_rounded_quaternions_far_from_the_origin(tmp_path, wrong_input):
         else:
             message = refused(folder)
             assert "more digits" in message
-            wrong_input("COLMAP models", "UTM with quaternions of six digits", "refused", message)
+            wrong_input("COLMAP models", "UTM with quaternions of six digits", "refused", message.split(" that ")[0])

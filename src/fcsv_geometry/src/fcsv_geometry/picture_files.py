@@ -101,7 +101,7 @@ def _require_picture(data: bytes, name: str) -> None:
     """Files of other kinds by their beginning. Raises PictureFileError."""
     if not data.strip(b"\0"):
         what = f"holds {len(data)} zero octets" if data else "is empty"
-        raise PictureFileError(f"{name}: {what} and cannot be read as a picture; copy it again")
+        raise PictureFileError(f"{name}: cannot be read as a picture, it {what}; copy it again")
     kind = next((k for begin, k in _NO_PICTURES.items() if data.startswith(begin)), None)
     if data[4:8] == b"ftyp":
         kind = _FTYP_KINDS.get(data[8:12], "a film")

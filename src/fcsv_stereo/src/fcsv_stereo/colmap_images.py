@@ -76,18 +76,27 @@ def same_name(name: str) -> str:
     return name[2:] if name.startswith("./") else name
 
 
-def _pose_lines(path: Path) -> Iterator[Tuple[int, str]]:
-    """The pose lines, told by what they hold: a line of points is numbers only, in threes, whatever stands between."""
+def _pose_lines(path: Path) -> List[Tuple[int, str]]:
+    """The first line of every picture, told by what it holds: a line of points is numbers only, in threes.
+
+    Such a line after an empty one is of points where every line end is doubled, else a pose that is cut.
+    """
     if not path.is_file():
         binary = path.with_suffix(".bin").is_file()
         how = "colmap model_converter --output_type TXT" if binary else "export them as COLMAP text"
         raise InputError(f"{path} is missing: photographs without poses cannot be mapped; {how}")
-    begun = False
+    poses: List[Tuple[int, str]] = []
+    after_gap, gap = [], True
     for number, line in data_lines(path):
         words = line.split()
-        if words and not (begun and len(words) % 3 == 0 and _are_numbers(words)):
-            begun = True
-            yield number, line
+        if not words:
+            gap = True
+        elif not (poses and len(words) % 3 == 0 and _are_numbers(words)):
+            poses.append((number, line))
+            gap = False
+        elif gap:
+            after_gap.append((number, line))
+    return poses if 2 * len(after_gap) >= len(poses) else sorted(poses + after_gap)
 
 
 def _are_numbers(words: Sequence[str]) -> bool:
@@ -182,11 +191,11 @@ def _contradiction(path: Path, lines: Sequence[_Line], composed: Sequence[_Line]
     other = [n for n in range(len(now)) if turned[n] > _STALE_RAD or moved[n] > _STALE_SHARE * spread + rounded]
     if not other:
         return ""
-    worst = max(other, key=lambda n: turned[n])
+    worst = max(other, key=lambda n: (turned[n], moved[n]))
+    by = f"{np.degrees(turned[worst]):.1f} degrees, {moved[worst] / spread:.1%} of the cameras' distance"
     return (
         f"{path.name} contradicts rigs.txt and frames.txt about {len(other)} of {len(now)} pictures "
-        f"({lines[worst].name}: {np.degrees(turned[worst]):.1f} degrees and {moved[worst]:.3g} of the model's units): "
-        "their poses are those of rigs.txt and frames.txt, as COLMAP reads them"
+        f"({lines[worst].name}: {by}): their poses are those of rigs.txt and frames.txt, as COLMAP reads them"
     )
 
 

@@ -115,11 +115,11 @@ class Reference:
     def is_level(self) -> bool:
         """Whether home's z may point up: photographs may have any world.
 
-        It does where it points up in the picture, to within 60 degrees; up or sideways, to within as much, it may in
-        pictures that look down or are stored on their side. It does not where it points along the view, or down.
+        It does where it points up in the picture, or at the camera as in pictures that look down, to within 60 degrees.
+        Sideways, down and along the view it does not.
         """
         right, down, ahead = self.T_home_cam[2, :3]
-        return bool(-down > 0.5 or max(-ahead, abs(right)) > max(down, ahead, 0.5))
+        return bool(-down > 0.5 or -ahead > max(abs(right), down, 0.5))
 
     @property
     def looks_down(self) -> bool:
