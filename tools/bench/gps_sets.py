@@ -56,7 +56,7 @@ class GpsSet:
 
     @property
     def kind(self) -> str:
-        return f"{self.layout}, {self.view}, {'angles' if self.R_enu_cam[0] is not None else 'no angles'}"
+        return f"{self.layout}, {'angles' if self.R_enu_cam[0] is not None else 'no angles'}"
 
 
 class Judged(NamedTuple):

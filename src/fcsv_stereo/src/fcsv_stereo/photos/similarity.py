@@ -16,7 +16,7 @@ FEWEST, MOST_SCALE_SIGMA = 3, 0.3
 #: Of a world that is refused: a map is read by what is level, less by where north is.
 MOST_LEVEL_SIGMA_RAD, MOST_NORTH_SIGMA_RAD = np.radians(10.0), np.radians(20.0)
 _SCORED, _REFINED, _TURNED = 60, 6, 2  # photographs that starts are scored with; starts that are improved
-_SAME_COST = 6.0  # two answers that differ by less explain the photographs alike
+_SAME_COST = 9.0  # two answers that differ by less explain the photographs alike
 _RIGHT = 0.5  # of a statement's probability
 _MIRRORS = {"longitude": np.array([-1.0, 1.0, 1.0]), "latitude": np.array([1.0, -1.0, 1.0])}
 
