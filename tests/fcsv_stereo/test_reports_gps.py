@@ -22,6 +22,7 @@ from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.command import table
 from fcsv_stereo.photos.gps import read_gps
+from fcsv_stereo.photos.tags import read_tags
 
 # ---- the reports ---------------------------------------------------------------------------------------------------
 
@@ -107,6 +108,24 @@ def test_wrong_gimbal_angles(tmp_path, wrong_input, angles, nadir):
         said = done.remarks["DJI_0002.JPG"]
     kind = {"0": "gimbal angles all 0", "roll 180": "gimbal roll of 180° in some", "yaw": "gimbal yaw wrong in some"}
     wrong_input(AREA, kind[angles], "left out and named", said)
+
+
+def test_gimbal_angles_that_are_all_wrong(tmp_path, wrong_input):
+    """Pitch of all -90 degrees, cameras that look 40 down: GPS of 2 m decides, though half would fit a tilted world."""
+    photos = with_angles(block(nadir=False, sigma_m=2.0))
+    for p in photos:
+        p.xmp["GimbalPitchDegree"] = "-90.0"
+    done = require_right(write(tmp_path, photos), tmp_path / "out", photos, 0.1, 9.0)
+    assert done.similarity.wrong_angles.all()
+    wrong_input(AREA, "gimbal pitch wrong in all", "left out and named", done.remarks["DJI_0000.JPG"])
+
+
+def test_portrait_without_a_tag(tmp_path, wrong_input):
+    """Its rows are upright, not level: GPS of 2 m decides, in two rows."""
+    photos = block(nadir=False, sigma_m=2.0)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    require_right(write(tmp_path, photos, lambda p: quarter), tmp_path / "out", photos, 0.1, 9.0)
+    wrong_input(AREA, "pictures held upright without EXIF orientation, in two rows", "read right")
 
 
 def test_whole_seconds(tmp_path, wrong_input):
@@ -229,6 +248,20 @@ def test_models_of_turned_pixels(tmp_path, wrong_input, orientation, R_upright_s
         write(tmp_path, photos, size=reports.SIZE[::-1])
     require_right(tmp_path, tmp_path / "out", photos)
     wrong_input(AREA, "EXIF orientation, a model of the pixels as shown or as stored", "read right")
+
+
+@pytest.mark.parametrize("angles", [False, True])
+@pytest.mark.parametrize("model_of", ["shown", "stored"])
+def test_pictures_upside_down(tmp_path, wrong_input, model_of, angles):
+    """Their size does not tell what the model is of; which way is up does. The copy's pixels are those of the model."""
+    photos = with_angles(block(nadir=False)) if angles else block(nadir=False)
+    for p in photos:
+        p.orientation = 3
+    half = np.diag([-1.0, -1.0, 1.0]) if model_of == "stored" else np.eye(3)
+    require_right(write(tmp_path, photos, lambda p: half), tmp_path / "out", photos)
+    kept = read_tags(tmp_path / "out" / "images" / photos[0].name).orientation
+    assert kept == (3 if model_of == "stored" else 1)
+    wrong_input(AREA, "EXIF orientation 3, a model of the pixels as shown or as stored", "read right")
 
 
 def test_a_model_of_other_pixels(tmp_path, wrong_input):

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files with GPS as cards, phones and strangers name them: read by name and folder, or named in a sentence."""
 
+import unicodedata
+
 import pytest
-from support.gps_reports import AREA, block, refusal, require_right, sexagesimal, write
+from support.gps_reports import AREA, block, imported, refusal, require_right, sexagesimal, write
 
 from fcsv_stereo import colmap, fcsv_command
 
@@ -53,3 +55,37 @@ def test_the_command_says_what_it_left_out(tmp_path, capsys):
     assert fcsv_command.main([*map(str, arguments)]) == 0
     said = capsys.readouterr().out
     assert "DJI_0000.JPG" in said and "km from the others" in said and "extra.JPG: left out: no pose" in said
+
+
+def test_letters_that_macos_has_taken_apart(tmp_path, wrong_input):
+    """The model's names have an accent apart from its letter, the card's have not: the same photographs."""
+    photos = block()
+    for i, p in enumerate(photos):
+        p.name = f"Pre\u0301s {i}.JPG"
+    write(tmp_path, photos)
+    for p in photos:
+        (tmp_path / "DCIM" / p.name).rename(tmp_path / "DCIM" / unicodedata.normalize("NFC", p.name))
+    require_right(tmp_path, tmp_path / "out", photos)
+    assert len(colmap.read_photographs(tmp_path / "out").configurations) == 9
+    wrong_input(AREA, "names decomposed by macOS in the model", "read right")
+
+
+@pytest.mark.parametrize("name, words", [
+    ("../DJI_0000.JPG", "lies outside"), ("DJI_0001.JPG", "two poses of DJI_0001.JPG"),
+    ("DJI_0099.JPG", "DJI_0099.JPG, which is not among the photographs"),
+])  # fmt: skip
+def test_names_that_no_photograph_has(tmp_path, wrong_input, name, words):
+    write(tmp_path, block())
+    images = tmp_path / "model" / "images.txt"
+    images.write_text(images.read_text().replace("DJI_0000.JPG", name))
+    said = refusal(tmp_path, tmp_path / "out")
+    assert words in said
+    wrong_input(AREA, "a model's name outside the folder, twice, or of no photograph", "refused", words)
+
+
+def test_a_file_that_is_no_picture_and_that_no_model_needs(tmp_path, wrong_input):
+    write(tmp_path, block())
+    (tmp_path / "DCIM" / "torn.JPG").write_bytes(b"\0" * 100)
+    done = imported(tmp_path, tmp_path / "out")
+    assert done.left_out == {"torn.JPG": "cannot be read as a picture"}
+    wrong_input(AREA, "a file that is no picture, without a pose", "left out and named", "cannot be read as a picture")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sets of GPS-tagged photographs drawn at random: is the truth within what import_photos states, and what is refused?
 
-PYTHONPATH=tools .venv/bin/python -m bench.gps_sets [--sets 500] [--seed 1]
+tools/run gps-sets [--sets 500] [--seed 1]
 
 No pictures: places, angles and a model's poses are drawn, and the fit is that of import_photos. Refused without need is
 a set of which an observer who knows what is wrong and how large the errors are would know scale, level and north to
@@ -56,7 +56,7 @@ class GpsSet:
 
     @property
     def kind(self) -> str:
-        return f"{self.layout}, {self.view}, {'angles' if self.R_enu_cam[0] is not None else 'no angles'}"
+        return f"{self.layout}, {'angles' if self.R_enu_cam[0] is not None else 'no angles'}"
 
 
 class Judged(NamedTuple):

@@ -17,7 +17,7 @@ SHARED_ANGLE_SIGMAS = np.radians([1.5, 1.5, 5.0])
 #: Where no angles are known: people and gimbals hold a camera's rows level to that, each and all alike.
 LEVEL_SIGMA, SHARED_LEVEL_SIGMA = np.sin(np.radians(5.0)), np.sin(np.radians(2.0))
 #: Cost at which a statement counts as wrong, above that of the usual scatter: place (2), height (1), angles (3), level.
-_WRONG_PLACE, _WRONG_HEIGHT, _WRONG_ANGLES, _WRONG_LEVEL = 17.0, 14.0, 19.0, 10.0
+_WRONG_PLACE, _WRONG_HEIGHT, _WRONG_ANGLES, _WRONG_LEVEL = 17.0, 14.0, 12.0, 9.0
 _HEIGHT_ALONE = 3.0  # further cost of a height that is wrong where the rest of the place is right: seldom
 #: Cameras without known angles seldom look up: cost of one that looks at the zenith; from 30 degrees on.
 _ZENITH_COST, _LOOKS_UP = 6.0, 0.5

@@ -31,7 +31,7 @@ def by_model(folder: Path, photographs: Sequence[str], names: List[str]) -> Dict
             composed.setdefault(name, []).append(key)
     found: Dict[str, str] = {}
     for name in names:
-        _require_writable(folder, name)
+        _require_inside(folder, name)
         wanted = _composed(name)
         exact = [k for k in photographs if k == name] or [k for k in photographs if _composed(k) == wanted]
         keys = exact or composed.get(wanted) or composed.get(PurePosixPath(wanted).name, [])
@@ -54,9 +54,7 @@ def _composed(name: str) -> str:
     return unicodedata.normalize("NFC", name)
 
 
-def _require_writable(folder: Path, name: str) -> None:
+def _require_inside(folder: Path, name: str) -> None:
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts:
         raise InputError(f"the model has a pose of {name}, which lies outside {folder}; give names relative to it")
-    if name != name.strip() or "\n" in name or "\r" in name:
-        raise InputError(f"the model has a pose of {name!r}: images.txt holds no such name; rename the photograph")

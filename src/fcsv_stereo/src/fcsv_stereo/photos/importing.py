@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.photos.models import Model, read_model, write_model
 from fcsv_stereo.photos.placing import Photograph, place
 from fcsv_stereo.photos.posing import CameraKey, pose, require_pycolmap
-from fcsv_stereo.photos.similarity import FEWEST, Similarity
+from fcsv_stereo.photos.similarity import FEWEST, SAME_COST, Similarity
 from fcsv_stereo.photos.tags import Tags, read_tags
 
 #: How good structure from motion is, apart from its scale (one standard deviation). Measured: docs/photographs.md.
@@ -81,7 +81,9 @@ def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions]
         cameras, posed = (
             _posed(tags, made / "images", options) if model is None else _copied(tags, made / "images", model)
         )
-        placed = place([_photograph(p, tags[p.name], cameras[p.camera_id], model is None) for p in posed])
+        placed, turned = _placed(tags, cameras, posed) if model else (place(_upright(tags, posed, set(tags))), [])
+        for name in turned:
+            _turn(tags[name], made / "images" / name)
         at_home = [PosedImage(p.name, p.camera_id, placed.similarity.pose(p.T_home_cam)) for p in posed]
         write_model(made, cameras, at_home)
         priors.write_priors(made / priors.FILE, _sigmas(at_home), placed.similarity.scale_sigma)
@@ -143,17 +145,45 @@ def _posed(tags: Dict[str, Tags], images: Path, options: ImportOptions) -> Model
     return pose(images, groups)
 
 
-def _photograph(p: PosedImage, tags: Tags, camera: PinholeCamera, copied_upright: bool) -> Photograph:
-    """Raises InputError where the camera is not of this picture's size."""
-    upright = copied_upright or _is_of_turned_pixels(p, tags, camera)
-    R_model_cam = p.T_home_cam[:3, :3] @ (np.eye(3) if upright else pictures.R_stored_upright(tags))
-    return Photograph(
-        p.name, tags.camera, p.T_home_cam[:3, 3], R_model_cam, tags.gps, tags.R_enu_cam, tags.no_gps, tags.no_angles
-    )
+def _placed(tags: Dict[str, Tags], cameras: Dict[int, PinholeCamera], posed: List[PosedImage]):
+    """(Placed, names of photographs whose pixels are to be turned): of pictures that are as wide turned as stored, the
+    model is of their stored pixels unless GPS and angles clearly agree better with those that are shown."""
+    shown = {p.name for p in posed if _is_of_turned_pixels(p, tags[p.name], cameras[p.camera_id])}
+    unclear = [n for n in tags if tags[n].orientation != 1 and tags[n].size == pictures.upright_size(tags[n], 0)]
+    if not unclear:
+        return place(_upright(tags, posed, shown)), []
+    turned = place(_upright(tags, posed, shown | set(unclear)))
+    try:
+        stored = place(_upright(tags, posed, shown))
+    except InputError:
+        return turned, unclear
+    return (turned, unclear) if turned.similarity.cost + SAME_COST < stored.similarity.cost else (stored, [])
+
+
+def _upright(tags: Dict[str, Tags], posed: List[PosedImage], shown: Set[str]) -> List[Photograph]:
+    """``shown``: those of whose shown pixels the model is; of the others it is of the stored ones."""
+    found = []
+    for p in posed:
+        t, R = tags[p.name], p.T_home_cam[:3, :3]
+        R_model_cam = R if p.name in shown else R @ pictures.R_stored_upright(t)
+        found.append(
+            Photograph(p.name, t.camera, p.T_home_cam[:3, 3], R_model_cam, t.gps, t.R_enu_cam, t.no_gps, t.no_angles)
+        )
+    return found
+
+
+def _turn(tags: Tags, target: Path) -> None:
+    """The photograph's copy with its pixels as they are shown."""
+    target.unlink()
+    pictures.copy_upright(tags, target.parent, 0)
+    (target.parent / tags.path.name).rename(target)
 
 
 def _is_of_turned_pixels(p: PosedImage, tags: Tags, camera: PinholeCamera) -> bool:
-    """Whether a model is of the picture as it is shown, not as it is stored; of square ones it is of these."""
+    """Whether a model is of the picture as it is shown, not as it is stored, by its camera's size.
+
+    Raises InputError where it is of neither.
+    """
     size, stored, shown = (camera.width, camera.height), tags.size, pictures.upright_size(tags, 0)
     if size not in (stored, shown):
         raise InputError(

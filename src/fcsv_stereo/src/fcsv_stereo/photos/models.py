@@ -43,6 +43,8 @@ def write_model(folder: Path, cameras: Dict[int, PinholeCamera], posed: List[col
     (folder / "cameras.txt").write_text("\n".join([*lines, ""]))
     lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME (T_cam_home, m), then a line of 2D points: none"]
     for number, p in enumerate(posed, 1):
+        if p.name != p.name.strip() or len(p.name.splitlines()) != 1:
+            raise InputError(f"{p.name!r}: images.txt holds no such name; rename the photograph")
         T_cam_home = transforms.invert(p.T_home_cam)
         x, y, z, w = transforms.quaternion_xyzw(T_cam_home)
         pose = " ".join(f"{v:.12g}" for v in (w, x, y, z, *T_cam_home[:3, 3]))

@@ -16,7 +16,7 @@ FEWEST, MOST_SCALE_SIGMA = 3, 0.3
 #: Of a world that is refused: a map is read by what is level, less by where north is.
 MOST_LEVEL_SIGMA_RAD, MOST_NORTH_SIGMA_RAD = np.radians(10.0), np.radians(20.0)
 _SCORED, _REFINED, _TURNED = 60, 6, 2  # photographs that starts are scored with; starts that are improved
-_SAME_COST = 6.0  # two answers that differ by less explain the photographs alike
+SAME_COST = 9.0  # two answers that differ by less explain the photographs alike
 _RIGHT = 0.5  # of a statement's probability
 _MIRRORS = {"longitude": np.array([-1.0, 1.0, 1.0]), "latitude": np.array([1.0, -1.0, 1.0])}
 
@@ -29,7 +29,7 @@ class Similarity:
     whose height alone is wrong), ``wrong_angles``. ``covariance`` (7, 7): logarithm of the scale, turn (rad) and shift
     (m) in east, north, up, at the middle of the photographs. ``gps_factor``: how large GPS's errors are against what
     is said of them; ``model_sigma_m``: the model's own error; ``extent_m``: about the
-    median distance of two photographs.
+    median distance of two photographs. ``cost``: how badly all agrees, to be compared with that of the same set.
     """
 
     scale: float
@@ -43,6 +43,7 @@ class Similarity:
     gps_factor: float
     model_sigma_m: float
     extent_m: float
+    cost: float
 
     @property
     def scale_sigma(self) -> float:
@@ -157,8 +158,8 @@ def _require_not_mirrored(e: Evidence, best: Fitted, found: Similarity) -> None:
         mirrored = Evidence(e.p_model, e.p_enu_m * mirror, e.sigmas_m, e.steps_m, e.R_model_cam, e.R_enu_cam)
         costs[name] = _fits(mirrored)[0].cost
     least = min(costs, key=costs.get)
-    if costs[least] + _SAME_COST < best.cost:
-        alike = abs(costs["longitude"] - costs["latitude"]) < _SAME_COST
+    if costs[least] + SAME_COST < best.cost:
+        alike = abs(costs["longitude"] - costs["latitude"]) < SAME_COST
         which = "longitude or of latitude" if alike else least
         raise ContradictionError(
             f"GPS's places are the mirror image of the poses: the reference of {which} (GPSLongitudeRef E or W, "
@@ -197,7 +198,7 @@ def _require_one_answer(fits: List[Fitted], found: Similarity) -> None:
     """Raises where another answer, well away, explains the photographs as well."""
     bounds = 4.0 * max(found.level_sigma_rad, found.north_sigma_rad), 4.0 * found.scale_sigma
     for other in fits[1:]:
-        if other.cost < fits[0].cost + _SAME_COST and _apart(other.pose, fits[0].pose, *bounds):
+        if other.cost < fits[0].cost + SAME_COST and _apart(other.pose, fits[0].pose, *bounds):
             raise InputError(
                 "GPS and angles agree with two answers alike: "
                 f"{_told(fits[0])} or {_told(other)}; more photographs with right GPS would decide"
@@ -214,7 +215,7 @@ def _similarity(e: Evidence, best: Fitted, middle: np.ndarray) -> Similarity:
     residuals, outliers, heights, angles = _by_photograph(e, best)
     return Similarity(
         pose.scale, pose.R, pose.t - pose.scale * pose.R @ middle, residuals, outliers, heights, angles,
-        covariance(e, best), best.noise.gps, best.noise.model_m, pose.scale * e.extent,
+        covariance(e, best), best.noise.gps, best.noise.model_m, pose.scale * e.extent, best.cost,
     )  # fmt: skip
 
 
