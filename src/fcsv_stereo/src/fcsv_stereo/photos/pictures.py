@@ -3,6 +3,7 @@
 
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import List, Tuple
 
@@ -44,7 +45,9 @@ def find(folder: Path) -> List[Tags]:
 def _tags(path: Path) -> Tags:
     """Raises InputError that says what the file is instead of a photograph."""
     try:
-        return read_tags(path)
+        tags = read_tags(path)
+        lying_tiff = tags.orientation >= 5 and path.suffix.lower() in (".tif", ".tiff")
+        return replace(tags, size=read_picture(path).size) if lying_tiff else tags  # Pillow says the turned size
     except InputError as error:
         try:
             read_picture(path)
