@@ -7,13 +7,15 @@ import unicodedata
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from support.spoilt_pictures import BREAKS, HEIC, grain, spoil, with_orientation
 
 from fcsv_geometry import transforms
+from fcsv_geometry.picture_files import read_picture
 from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
-from fcsv_stereo.photos.pictures import copy_upright
+from fcsv_stereo.photos.pictures import copy_upright, upright_size
 from fcsv_stereo.photos.tags import read_tags
 from fcsv_stereo.pipeline import METHODS, load
 from fcsv_stereo.posed_pictures import load_pictures
@@ -299,6 +301,22 @@ def test_import_tells_what_is_no_photograph(tmp_path):
         (folder / name).write_bytes(data)
         with pytest.raises(InputError, match=f"{name}: {words}"):
             read_tags(folder / name)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_import_turns_tiff_once(tmp_path, orientation):
+    """Pillow turns TIFF as it reads it, and says the size of the turned picture."""
+    (tmp_path / "to").mkdir()
+    image = grain((32, 48))
+    tifffile.imwrite(tmp_path / "a.tif", image, extratags=[(274, "H", 1, orientation, True)])
+    tags = read_tags(tmp_path / "a.tif")
+    assert tags.size == (48, 32) and tags.orientation == orientation
+    if orientation in (2, 4, 5, 7):
+        return  # mirrored ones are refused
+    copy_upright(tags, tmp_path / "to", 0)
+    found, stored = (read_picture(tmp_path / folder / "a.tif") for folder in ("to", "."))
+    assert found.orientation == 1 and np.array_equal(found.pixels, stored.turned())
+    assert upright_size(tags, 0) == found.size
 
 
 @pytest.mark.parametrize("how", BREAKS)

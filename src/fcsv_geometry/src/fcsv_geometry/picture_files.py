@@ -150,13 +150,9 @@ def _problem(data: bytes) -> Optional[str]:
 
     try:
         with _quiet(), Image.open(io.BytesIO(data)) as image:
-            if image.format == "PNG":
-                image.verify()  # the checksum of every part
-        with _quiet(), Image.open(io.BytesIO(data)) as image:
-            image.load()
-    except UnidentifiedImageError:
-        return None
-    except Image.DecompressionBombError:
+            check = image.verify if image.format == "PNG" else image.load  # PNG has a checksum in every part
+            check()
+    except (UnidentifiedImageError, Image.DecompressionBombError):
         return None
     except (OSError, SyntaxError, ValueError) as error:
         words = str(error)

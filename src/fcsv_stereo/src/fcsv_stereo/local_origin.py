@@ -20,8 +20,9 @@ def with_local_origin(given: MapInput) -> MapInput:
     """The same input where it stands near home's origin; else with poses relative to ``origin_m`` near its cameras."""
     pictures = [p for c in given.configurations for p in (*c.references, *c.others)]
     places = np.array([p.T_home_cam[:3, 3] for p in pictures])
-    away_m = np.linalg.norm(places - places[0], axis=1)
-    baseline_m = float(np.median(away_m[away_m > 0.0])) if away_m.any() else 0.0
+    away_m = np.sort(np.linalg.norm(places - places[0], axis=1))
+    away_m = away_m[away_m > 0.0]
+    baseline_m = float(away_m[(len(away_m) - 1) // 2]) if len(away_m) else 0.0
     if not np.abs(places).max() > _FAR_BASELINES * baseline_m > 0.0:
         return given
     step = 10.0 ** max(0.0, np.ceil(np.log10(baseline_m)))

@@ -54,6 +54,8 @@ def read_tags(path: Path) -> Tags:
         raise InputError(_no_picture(path)) from error
     inner, dji = exif.get_ifd(_EXIF), _dji(xmp.encode() if isinstance(xmp, str) else bytes(xmp))
     orientation = exif.get(ORIENTATION, 1)
+    if orientation in range(5, 9) and path.suffix.lower() in (".tif", ".tiff"):
+        size = _stored_size(path)  # Pillow says that of the turned picture
     camera = " ".join(str(exif.get(t, "")).strip("\0 ") for t in (_MAKE, _MODEL)).strip()
     gps, no_gps = read_gps(exif.get_ifd(_GPS), dji)
     R_enu_cam, no_angles = _attitude(dji)
@@ -61,6 +63,14 @@ def read_tags(path: Path) -> Tags:
         path, size, orientation if orientation in range(1, 9) else 1, camera, _focal_px(inner, dji, size), gps,
         R_enu_cam, no_gps, no_angles,
     )  # fmt: skip
+
+
+def _stored_size(path: Path) -> Tuple[int, int]:
+    """Raises InputError."""
+    try:
+        return read_picture(path).size
+    except PictureFileError as error:
+        raise InputError(str(error)) from error
 
 
 def _no_picture(path: Path) -> str:
