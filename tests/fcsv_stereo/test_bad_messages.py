@@ -443,6 +443,19 @@ def test_what_the_control_pc_told_wrongly_is_named(session, topic, change, words
         read_session(session)
 
 
+@pytest.mark.parametrize("change, words", [
+    (put("pose.covariance", [NAN] * 36), "holds NaN"), (put(_P, NAN), "pose is not finite"), (ahead(60.0), "its stamp is"),
+])  # fmt: skip
+def test_a_single_bad_camera_pose_is_left_out_and_named(tmp_path, change, words):
+    covariance = np.diag([0.01**2] * 3 + [0.003**2] * 3)
+    session = write_session(tmp_path / "session", covariance=covariance)
+    spoil(session / "control.bag", "uav2/camera_pose", one(15, change))
+    given = read_session(session)
+    (line,) = given.warnings
+    assert "topic /uav2/camera_pose: 1 message is left out: " in line and words in line
+    assert all(p.covariance is not None for p in pictures(given).values())
+
+
 # ---- anything ------------------------------------------------------------------------------------
 
 

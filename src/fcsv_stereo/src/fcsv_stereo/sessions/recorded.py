@@ -86,6 +86,10 @@ class _Pass:
     def finish(self) -> None:
         """From single messages to trajectories, cameras and covariances."""
         recorded, left_out = self.recorded, self.recorded.left_out
+        serving = {samples.topic for samples in self.samples.values()}
+        for said in self.no_covariance:
+            if said[0] in serving:  # where none serves, unknown_warning says so
+                left_out.add(*said)
         for (vehicle, name), samples in self.samples.items():
             if name == ODOMETRY:
                 recorded.tracks.update(
@@ -156,6 +160,8 @@ class _Pass:
             _, covariance = camera_covariance(message, vehicle)
         except InputError as error:  # the map can do without, and says so
             self.recorded.covariances[vehicle].refused = str(error)
+            said = (f"/{vehicle}/{_CAMERA_POSE}", seconds(message.header.stamp), str(error))
+            self.no_covariance.append(said)
             return None
         return turned(covariance, pose_to_transform(message.pose.pose)[:3, :3].T)
 
