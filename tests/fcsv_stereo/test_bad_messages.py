@@ -444,7 +444,8 @@ def test_what_the_control_pc_told_wrongly_is_named(session, topic, change, words
 
 
 @pytest.mark.parametrize("change, words", [
-    (put("pose.covariance", [NAN] * 36), "holds NaN"), (put(_P, NAN), "pose is not finite"), (ahead(60.0), "its stamp is"),
+    (put("pose.covariance", [NAN] * 36), "holds NaN"), (put(_P, NAN), "pose is not finite"),
+    (ahead(60.0), "its stamp is"),
 ])  # fmt: skip
 def test_a_single_bad_camera_pose_is_left_out_and_named(tmp_path, change, words):
     covariance = np.diag([0.01**2] * 3 + [0.003**2] * 3)

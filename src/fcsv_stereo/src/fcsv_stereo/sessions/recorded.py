@@ -64,14 +64,16 @@ def read_recorded(bags: List[Path], warnings: List[str]) -> Recorded:
 
 @dataclass
 class _Pass:
+    """``samples`` are by vehicle and name below it, ``cameras`` of camera_info that was read before.
+
+    ``no_covariance`` are topic, stamp and why.
+    """
+
     recorded: Recorded
     warnings: List[str]
-    samples: Dict[Tuple[str, str], Stamped] = field(
-        default_factory=dict
-    )  # by vehicle and name below it
-    cameras: Dict[tuple, PinholeCamera] = field(
-        default_factory=dict
-    )  # of camera_info that was read already
+    samples: Dict[Tuple[str, str], Stamped] = field(default_factory=dict)
+    cameras: Dict[tuple, PinholeCamera] = field(default_factory=dict)
+    no_covariance: List[Tuple[str, float, str]] = field(default_factory=list)
 
     def read(self, path: Path) -> None:
         """Of a bag that cannot be read on, what came before."""
