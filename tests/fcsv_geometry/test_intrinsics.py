@@ -42,9 +42,9 @@ def test_what_the_docstrings_say():
     ("principal point 0, 0", matrix(cx=0.0, cy=0.0), "was it never set? The middle is 319.5, 239.5"),
     ("principal point with one coordinate 0", matrix(cx=0.0), "on its border"),
     ("principal point far outside", matrix(cx=-3000.0), "far outside of it"),
-    ("principal point of a picture of twice the size", matrix(1200.0, 1200.0, 639.5, 479.5), "on its border"),
-    ("principal point of a picture of 1.5 times the size", matrix(900.0, 900.0, 479.5, 359.5), "is K of a picture of 960x720?"),
-    ("principal point of a picture of half the size", matrix(300.0, 300.0, 159.5, 119.5), "is K of a picture of 320x240?"),
+    ("K of a picture of twice the size", matrix(1200.0, 1200.0, 639.5, 479.5), "on its border"),
+    ("K of a picture of 1.5 times the size", matrix(900.0, 900.0, 479.5, 359.5), "is K of a picture of 960x720?"),
+    ("K of a picture of half the size", matrix(300.0, 300.0, 159.5, 119.5), "is K of a picture of 320x240?"),
     ("cx and cy exchanged", matrix(cx=239.5, cy=319.5), "are cx and cy exchanged"),
     ("focal length in metres", matrix(0.0043, 0.0043), "is it in metres?"),
     ("focal length in mm", matrix(4.3, 4.3), "is it in mm"),
@@ -64,7 +64,7 @@ def test_a_matrix_that_is_no_cameras(name, wrong, words, wrong_input):
 
 
 @pytest.mark.parametrize("given, model, words", [
-    ([0.1], "plumb_bob", "D has 1 coefficients where plumb_bob has 5 (k1, k2, p1, p2, k3); OpenCV takes 4, 5, 8, 12 or 14"),
+    ([0.1], "plumb_bob", "D has 1 coefficients where plumb_bob has 5 (k1, k2, p1, p2, k3); OpenCV takes 4,"),
     ([0.1, 0.2], "plumb_bob", "D has 2 coefficients"),
     ([0.1, 0.2, 0.3], "plumb_bob", "D has 3 coefficients"),
     ([0.1, 0.2, 0.0], "plumb_bob", "D has 3 coefficients"),
@@ -90,7 +90,8 @@ def test_coefficients_that_nobody_can_tell(given, model, words, wrong_input):
     ([], "", [0.0] * 5), ([], "plumb_bob", [0.0] * 5), ([0.0], "plumb_bob", [0.0] * 5), ([0.0] * 3, "", [0.0] * 5),
     ([0.0] * 6, "plumb_bob", [0.0] * 5), ([0.0] * 8, "rational_polynomial", [0.0] * 5), ([0.0] * 14, "none", [0.0] * 5),
     (D[:4], "plumb_bob", [*D[:4], 0.0]), (D, "plumb_bob", D), ([*D, 0, 0, 0], "plumb_bob", D),
-    ([*D, 0, 0, 0], "rational_polynomial", D), (D, "rational_polynomial", D), (D[:4], "rational_polynomial", [*D[:4], 0.0]),
+    ([*D, 0, 0, 0], "rational_polynomial", D), (D, "rational_polynomial", D),
+    (D[:4], "rational_polynomial", [*D[:4], 0.0]),
     ([*D, 0.01, 0.02, 0.03], "rational_polynomial", [*D, 0.01, 0.02, 0.03]),
     ([*D, 0.01, 0.0, 0.0], "rational_polynomial", [*D, 0.01, 0.0, 0.0]), ([*D, 0], "plumb_bob", D),
 ])  # fmt: skip
@@ -126,7 +127,8 @@ def test_a_rational_polynomial_comes_through_camera_info():
     (640, 480, 12800.0, 12800.0, 319.5, 239.5, "20 times the picture's larger side"),  # a telephoto
     (640, 480, 120.0, 120.0, 319.5, 239.5, "0.188 times"), (640, 480, 600.0, 800.0, 319.5, 239.5, "fy 800"),  # squeezed
     (640, 480, 600.0, 1200.0, 319.5, 239.5, "fy 1200"),  # an anamorphic lens
-    (640, 480, 600.0, 600.0, 130.0, 239.5, "far from the middle"), (640, 480, 600.0, 600.0, 319.5, 700.0, "far from the middle"),
+    (640, 480, 600.0, 600.0, 130.0, 239.5, "far from the middle"),
+    (640, 480, 600.0, 600.0, 319.5, 700.0, "far from the middle"),
     (640, 600, 600.0, 600.0, 319.5, 299.5, ""), (480, 640, 600.0, 600.0, 239.5, 319.5, ""),
 ])  # fmt: skip
 def test_plausible_cameras_are_read_and_rare_ones_are_said(width, height, fx, fy, cx, cy, rare):

@@ -181,17 +181,22 @@ def test_a_message_whose_bytes_are_none_of_its_type(session, right, wrong_input)
     lines = said(given)
     assert len(lines) == 2 and all("1 message is left out: its bytes are no " in line for line in lines), lines
     same_but(given, right, lost=1)
-    wrong_input(AREA, "one message cut short in a bag that is whole", "left out and named", "its bytes are no message of its type")
+    wrong_input(
+        AREA,
+        "one message cut short in a bag that is whole",
+        "left out and named",
+        "its bytes are no message of its type",
+    )
 
 
 WRONG_ALL = [
-    ("camera_info that is never calibrated", INFO, put("K", [0.0] * 9), f"{INFO}: none of its 4 messages can be used: "),
+    ("camera_info that is never calibrated", INFO, put("K", [0.0] * 9), f"{INFO}: none of its 4 messages can be used"),
     ("camera_info that alternates between two cameras", INFO, None, "intrinsics differ from message to message"),
     ("odometry of NaN alone", ODOMETRY, put(_P, NAN), f"{ODOMETRY}: none of its 60 messages can be used: "),
     ("odometry with stamps of 0 alone", ODOMETRY, stamp(0.0), "all stamps are 0: does the driver fill header.stamp?"),
     ("odometry with a stamp that stands still", ODOMETRY, stamp(T0), "all stamps stand still at 1000.000"),
     ("odometry whose clock is 100 s ahead", ODOMETRY, ahead(100.0), "4 pictures have no odometry at their stamp"),
-    ("pictures with stamps of 0 alone", RAW, stamp(0.0), f"{RAW}: all stamps are 0: does the driver fill header.stamp?"),
+    ("pictures with stamps of 0 alone", RAW, stamp(0.0), f"{RAW}: all stamps are 0: does the driver fill"),
     ("pictures with a stamp that stands still", RAW, stamp(T0 + 0.3), f"{RAW}: all stamps stand still at 1000.300"),
     ("pictures whose clock is 100 s ahead", RAW, ahead(100.0), "is its clock 99 s ahead?"),
     ("pictures whose clock is 100 s behind", RAW, ahead(-100.0), "is its clock 99 s behind?"),
@@ -223,7 +228,7 @@ def test_no_pictures_and_pictures_that_nobody_reads(session, wrong_input):
     wrong_input(AREA, "pictures of image_transport's theora alone", "refused", words)
 
 
-# ---- compressed pictures ----------------------------------------------------------------------------------------------
+# ---- compressed pictures -------------------------------------------------------------------------
 
 
 def encoded(image, suffix, words="bgr8; {} compressed bgr8"):
@@ -287,7 +292,7 @@ def test_a_single_bad_compressed_picture(session, right, suffix, spoilt, words, 
     wrong_input(AREA, "one compressed picture that is cut short or none", "left out and named", words)
 
 
-# ---- cameras that change ----------------------------------------------------------------------------------------------
+# ---- cameras that change -------------------------------------------------------------------------
 
 SMALL = replace(CAMERA, width=240, height=180, fx=0.75 * CAMERA.fx, fy=0.75 * CAMERA.fy, cx=119.5, cy=89.5)
 ZOOMED = replace(CAMERA, fx=1.25 * CAMERA.fx, fy=1.25 * CAMERA.fy)
@@ -318,7 +323,9 @@ def test_a_camera_that_changes_is_used_each_for_its_pictures(session, camera, tm
     assert cameras == [CAMERA, CAMERA, camera, camera]
     if camera is ZOOMED:
         return
-    document = pipeline.run(session, tmp_path / "map", "joint", pipeline.METHODS["joint"].options(), None, lambda *_: None)
+    document = pipeline.run(
+        session, tmp_path / "map", "joint", pipeline.METHODS["joint"].options(), None, lambda *_: None
+    )
     depth = np.load(tmp_path / "map" / "depth.npy")
     assert 19.5 < np.nanmedian(depth) < 20.5 and any("the camera changes at" in w for w in document["warnings"])
     wrong_input(AREA, "a camera whose zoom or resolution changes for good", "read, with a warning",
@@ -342,7 +349,7 @@ def test_a_driver_that_estimates_its_camera_anew_is_believed(session):
     assert said(given) == [] and focal == sorted(set(focal)) and len(focal) == 4
 
 
-# ---- clocks, copies, depth --------------------------------------------------------------------------------------------
+# ---- clocks, copies, depth -----------------------------------------------------------------------
 
 
 def test_a_clock_that_jumps_back_is_told(session, wrong_input):
@@ -358,7 +365,9 @@ def test_a_clock_that_jumps_back_is_told(session, wrong_input):
 def test_a_bag_copied_twice_into_one_folder_counts_once(session, right, name, listed, wrong_input):
     shutil.copy(session / "uav1.bag", session / name)
     if listed:
-        (session / "session.yaml").write_text(f"bags: {{uav1: uav1.bag, a: '{name}', uav2: uav2.bag, c: control.bag}}\n")
+        (session / "session.yaml").write_text(
+            f"bags: {{uav1: uav1.bag, a: '{name}', uav2: uav2.bag, c: control.bag}}\n"
+        )
     else:
         (session / "session.yaml").unlink()
     given = read_session(session)
@@ -390,7 +399,12 @@ def test_a_cut_bag_with_compressed_chunks_is_repaired(session, compression, wron
     given = read_session(session)
     assert any("uav2.bag was not closed or is damaged: repaired, " in w for w in given.warnings), given.warnings
     assert 1 <= len(given.configurations[0].others) < 4 and len(given.configurations[0].references) == 4
-    wrong_input(AREA, f"a cut bag with chunks of {compression}", "read, with a warning", "was not closed or is damaged: repaired")
+    wrong_input(
+        AREA,
+        f"a cut bag with chunks of {compression}",
+        "read, with a warning",
+        "was not closed or is damaged: repaired",
+    )
 
 
 def test_parts_of_a_session_without_a_description_are_read_in_order(session, right):
@@ -421,7 +435,7 @@ def test_a_single_bad_depth_frame_is_left_out_and_named(session):
     ("/home", put("home_in_odom.position.x", NAN), "topic /home: the newest message is none"),
     ("/mission/capture", put("configuration.baseline_m", NAN), "its configuration has a baseline of nan m"),
     ("/mission/capture", put("stop", conversions.header(1.0, "").stamp), "its window ends at 1.000, before it begins"),
-    ("/calibration", lambda m: setattr(m.links[0].child_odom_in_parent_odom.position, "x", NAN), "topic /calibration: the"),
+    ("/calibration", lambda m: put("child_odom_in_parent_odom.position.x", NAN)(m.links[0]), "topic /calibration: the"),
 ])  # fmt: skip
 def test_what_the_control_pc_told_wrongly_is_named(session, topic, change, words):
     spoil(session / "control.bag", topic, one(0, change))
@@ -429,7 +443,21 @@ def test_what_the_control_pc_told_wrongly_is_named(session, topic, change, words
         read_session(session)
 
 
-# ---- anything ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("change, words", [
+    (put("pose.covariance", [NAN] * 36), "holds NaN"), (put(_P, NAN), "pose is not finite"),
+    (ahead(60.0), "its stamp is"),
+])  # fmt: skip
+def test_a_single_bad_camera_pose_is_left_out_and_named(tmp_path, change, words):
+    covariance = np.diag([0.01**2] * 3 + [0.003**2] * 3)
+    session = write_session(tmp_path / "session", covariance=covariance)
+    spoil(session / "control.bag", "uav2/camera_pose", one(15, change))
+    given = read_session(session)
+    (line,) = given.warnings
+    assert "topic /uav2/camera_pose: 1 message is left out: " in line and words in line
+    assert all(p.covariance is not None for p in pictures(given).values())
+
+
+# ---- anything ------------------------------------------------------------------------------------
 
 
 def corruption(draw, topic):

@@ -9,6 +9,8 @@ import pytest
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.sessions import read_session
 
+NONE = "topic /uav1/camera/color/camera_info: none of its 42 messages can be used: uav1.bag: "
+
 
 @pytest.fixture
 def report(shared_data, tmp_path):
@@ -44,8 +46,8 @@ def same_but(given, right, lost=0):
 
 
 @pytest.mark.parametrize("name, words", [
-    ("b02a_K_garbage", "/camera/color/camera_info: none of its 42 messages can be used: uav1.bag: focal length is 1e-310 px"),
-    ("b03b_D3", "/camera/color/camera_info: none of its 42 messages can be used: uav1.bag: distortion D has 3 coefficients"),
+    ("b02a_K_garbage", f"{NONE}focal length is 1e-310 px"),
+    ("b03b_D3", f"{NONE}distortion D has 3 coefficients"),
 ])  # fmt: skip
 def test_cameras_that_nobody_can_tell_are_refused_by_name(report, name, words):
     with pytest.raises(InputError) as error:
@@ -57,7 +59,7 @@ def test_cameras_that_nobody_can_tell_are_refused_by_name(report, name, words):
     ("c01_odo_nan1", 0, "topic /uav1/odometry/body: 1 message is left out: uav1.bag: pose is not finite"),
     ("c05_odo_future60_1", 0, "topic /uav1/odometry/body: 1 message is left out: its stamp is 60.0 s after"),
     ("e_badone", 1, "topic /uav1/camera/color/image_raw: 1 message is left out: uav1.bag: image has 13400 bytes"),
-    ("i_first_other_f", 0, "topic /uav1/camera/color/camera_info: 1 message is left out: intrinsics of this message alone"),
+    ("i_first_other_f", 0, "topic /uav1/camera/color/camera_info: 1 message is left out: intrinsics of"),
 ])  # fmt: skip
 def test_a_single_bad_message_is_left_out_and_named(report, right, name, lost, words):
     given = read_session(report(name))

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pinhole camera with Brown-Conrady distortion ("plumb_bob", "rational_polynomial"). Pixel centres are at whole numbers."""
+"""The pinhole camera with distortion ("plumb_bob", "rational_polynomial").
+
+Pixel centres are at whole numbers.
+"""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache

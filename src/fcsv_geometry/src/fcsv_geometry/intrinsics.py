@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether intrinsics can be a camera's: one rule for camera_info, calibration files and COLMAP's models.
+"""Whether intrinsics can be a camera's: one rule for camera_info, calibration files and COLMAP.
 
-``camera_of_matrix`` is for readers of K and D, ``require_plausible`` for readers of fx, fy, cx, cy, and ``doubts`` says
-what is rare but possible. Cameras that are computed from others (crops, resized) are not asked.
+``camera_of_matrix`` is for readers of K and D, ``require_plausible`` for readers of fx, fy, cx, cy,
+and ``doubts`` says what is rare but possible. Cameras that are computed from others (cropped,
+resized) are not checked.
 """
 
 from typing import List, Optional, Sequence, Tuple
@@ -17,7 +18,10 @@ _LEAST_FOCAL, _MOST_FOCAL = 0.15, 100.0
 #: what is read with a warning: 90 % of all cameras have 0.5 to 3
 _RARE_FOCAL = (0.25, 10.0)
 _MOST_ASPECT, _RARE_ASPECT = 2.1, 1.1  # fx to fy; an anamorphic lens has 2
-_MIDDLE, _FAR = (0.25, 0.75), (-1.0, 2.0)  # share of width or height: where principal points are, and never are
+_MIDDLE, _FAR = (
+    (0.25, 0.75),
+    (-1.0, 2.0),
+)  # share of width or height: where principal points are, and never are
 _BORDER = 0.01
 _ALIKE = 0.05  # share of the picture
 _OTHER_SIZE = 0.2
@@ -31,8 +35,10 @@ _BROWN, _RATIONAL = "plumb_bob", "rational_polynomial"
 _NUMBERS = ", ".join(map(str, COEFFICIENTS[:-1])) + f" or {COEFFICIENTS[-1]}"
 
 
-def camera_of_matrix(width: int, height: int, K: Sequence[float], D: Sequence[float], model: str) -> PinholeCamera:
-    """From a 3x3 camera matrix (row by row), distortion coefficients in OpenCV's order and ROS's name of their model.
+def camera_of_matrix(
+    width: int, height: int, K: Sequence[float], D: Sequence[float], model: str
+) -> PinholeCamera:
+    """From a 3x3 matrix (row by row), coefficients in OpenCV's order and ROS's name of their model.
 
     Raises GeometryError that says what is wrong and what is likely meant.
     """
@@ -61,19 +67,26 @@ def doubts(camera: PinholeCamera) -> List[str]:
     """What is rare about a plausible camera, in words; empty: nothing."""
     found, share = [], max(camera.fx, camera.fy) / max(camera.width, camera.height)
     if not _RARE_FOCAL[0] <= share <= _RARE_FOCAL[1]:
-        found.append(f"focal length {camera.fx:.6g} px is {share:.3g} times the picture's larger side")
+        found.append(
+            f"focal length {camera.fx:.6g} px is {share:.3g} times the picture's larger side"
+        )
     if _ratio(camera.fx, camera.fy) > _RARE_ASPECT:
         found.append(f"fx is {camera.fx:.6g} px and fy {camera.fy:.6g} px")
     at = _principal_point_share(camera)
-    if min(camera.width, camera.height) > _TOY_PX and not all(_MIDDLE[0] <= s <= _MIDDLE[1] for s in at):
-        found.append(f"principal point {_point(camera)} is far from the middle of {camera.width}x{camera.height}")
+    if min(camera.width, camera.height) > _TOY_PX and not all(
+        _MIDDLE[0] <= s <= _MIDDLE[1] for s in at
+    ):
+        found.append(
+            f"principal point {_point(camera)} is far from the middle of "
+            f"{camera.width}x{camera.height}"
+        )
     return found
 
 
 def coefficients(D: Sequence[float], model: str) -> Tuple[float, ...]:
     """Distortion coefficients as OpenCV takes them: 5, 8, 12 or 14. Raises GeometryError.
 
-    Zeros are no distortion, however many; zeros at the end change nothing, and missing ones are zero.
+    Zeros are no distortion, however many. Zeros at the end change nothing, missing ones are zero.
 
     >>> coefficients([0.1, -0.2, 0, 0, 0, 0, 0, 0], "rational_polynomial")
     (0.1, -0.2, 0.0, 0.0, 0.0)
@@ -84,11 +97,13 @@ def coefficients(D: Sequence[float], model: str) -> Tuple[float, ...]:
         raise GeometryError(f"distortion D holds NaN or infinity: {given}")
     if name in _FISHEYE:
         raise GeometryError(
-            f"distortion model '{model}' is of a fisheye; only pinhole cameras are known: undistort the pictures first "
-            "(cv2.fisheye.undistortImage) and give the new K"
+            f"distortion model '{model}' is of a fisheye; only pinhole cameras are known: undistort "
+            "the pictures first (cv2.fisheye.undistortImage) and give the new K"
         )
     if name not in (*_UNNAMED, _BROWN, _RATIONAL):
-        raise GeometryError(f"distortion model '{model}' is not known, only {_BROWN} and {_RATIONAL}")
+        raise GeometryError(
+            f"distortion model '{model}' is not known, only {_BROWN} and {_RATIONAL}"
+        )
     values = list(given)
     while values and values[-1] == 0.0:
         values.pop()
@@ -96,12 +111,13 @@ def coefficients(D: Sequence[float], model: str) -> Tuple[float, ...]:
         raise GeometryError(f"D has values, but the distortion model is '{model}': is it {_BROWN}?")
     if values and len(given) not in COEFFICIENTS and not 4 <= len(values) <= 5:
         raise GeometryError(
-            f"distortion D has {len(given)} coefficients where {_BROWN} has 5 (k1, k2, p1, p2, k3); OpenCV takes "
-            f"{_NUMBERS}: write 0 for those that it lacks"
+            f"distortion D has {len(given)} coefficients where {_BROWN} has 5 "
+            f"(k1, k2, p1, p2, k3); OpenCV takes {_NUMBERS}: write 0 for those that it lacks"
         )
     if len(values) > 5 and name == _BROWN:
         raise GeometryError(
-            f"distortion D has {len(given)} coefficients where {_BROWN} has 5: is the distortion model {_RATIONAL}?"
+            f"distortion D has {len(given)} coefficients where {_BROWN} has 5: "
+            f"is the distortion model {_RATIONAL}?"
         )
     count = next(n for n in COEFFICIENTS if n >= max(5, len(values)))
     return tuple(values + [0.0] * (count - len(values)))
@@ -123,11 +139,15 @@ def _entries(K: np.ndarray) -> Tuple[float, float, float, float]:
     if (K == np.eye(3)).all() or (K == 1.0).all():
         raise GeometryError(f"camera is not calibrated ({said}): calibrate it (calibrate_camera)")
     if not cx and not cy and (k20 or k21):
-        raise GeometryError(f"K is transposed, with cx and cy in the bottom row ({said}): it is written row by row")
+        raise GeometryError(
+            f"K is transposed, with cx and cy in the bottom row ({said}): it is written row by row"
+        )
     if max(map(abs, (k10, k20, k21, k22 - 1.0))) > 1e-6:
         raise GeometryError(f"{said}: it is no camera matrix (fx 0 cx, 0 fy cy, 0 0 1)")
     if abs(skew) > 1e-3 * abs(fx):
-        raise GeometryError(f"K has a skew of {skew:.6g} ({said}); only pixels with a right angle are known")
+        raise GeometryError(
+            f"K has a skew of {skew:.6g} ({said}); only pixels with a right angle are known"
+        )
     return fx, fy, cx, cy
 
 
@@ -137,7 +157,7 @@ def _focal_problem(camera: PinholeCamera) -> Optional[str]:
     for f in (camera.fx, camera.fy):
         said = f"focal length is {f:.6g} px in a picture of {width}x{height}"
         if f in _UNKNOWN_FOCAL:
-            return f"{said}: this number stands for a focal length that is not known; calibrate the camera"
+            return f"{said}: it stands for a focal length that is not known; calibrate the camera"
         if f > _MOST_FOCAL * side:
             return f"{said}: no camera sees so little; focal lengths are in px"
         if f < _LEAST_FOCAL * side:
@@ -163,7 +183,8 @@ def _ratio(a: float, b: float) -> float:
 def _aspect_problem(camera: PinholeCamera) -> Optional[str]:
     if _ratio(camera.fx, camera.fy) <= _MOST_ASPECT:
         return None
-    return f"fx is {camera.fx:.6g} px and fy {camera.fy:.6g} px: no camera has such pixels; is one of them mistyped?"
+    said = f"fx is {camera.fx:.6g} px and fy {camera.fy:.6g} px"
+    return f"{said}: no camera has such pixels; is one of them mistyped?"
 
 
 def _point(camera: PinholeCamera) -> str:
@@ -203,11 +224,12 @@ def _distortion_problem(camera: PinholeCamera) -> Optional[str]:
     """Half way to the corners, which every calibration has seen."""
     if not any(camera.distortion):
         return None
-    corners = np.array([[-0.25 * u * camera.width / camera.fx, -0.25 * v * camera.height / camera.fy, 1.0]
-                        for u in (-1, 1) for v in (-1, 1)])  # fmt: skip
+    half = 0.25 * np.array([camera.width / camera.fx, camera.height / camera.fy])
+    corners = np.array([[u * half[0], v * half[1], 1.0] for u in (-1, 1) for v in (-1, 1)])
     with np.errstate(all="ignore"):
         seen = (camera.project(corners) - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
         factors = np.sum(seen * corners[:, :2], axis=1) / np.sum(corners[:, :2] ** 2, axis=1)
     if np.isfinite(factors).all() and _BENT[0] < factors.min() and factors.max() < _BENT[1]:
         return None
-    return f"distortion {[float(f'{d:.6g}') for d in camera.distortion]} folds the picture: D is not this camera's"
+    said = [float(f"{d:.6g}") for d in camera.distortion]
+    return f"distortion {said} folds the picture: D is not this camera's"

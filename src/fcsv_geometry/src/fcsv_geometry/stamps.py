@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which stamps of a recorded topic can be believed: single wrong ones, clocks that jump back, clocks that stand still.
+"""Which stamps of a recorded topic can be believed: single wrong ones, clocks that jump or stand still.
 
 Stamps come in the order in which the messages were recorded.
 """
@@ -11,14 +11,19 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 _JUMP_S = 1.0  # a step forward that begins a new stretch
-_FEW, _FEW_SHARE = 2, 0.02  # messages in a row, and their share, that are single wrong ones and no jump of a clock
+_FEW, _FEW_SHARE = (
+    2,
+    0.02,
+)  # messages in a row, and their share, that are single wrong ones and no jump of a clock
 _MINOR = 0.1  # of two stretches of one time, the one with so few messages of the other's is wrong
 
 
 @dataclass
 class StampOrder:
-    """``kept`` are indices in order of stamp. ``left_out`` says why of each other one; ``jumps`` are (before, after), s,
-    where the clock went back."""
+    """``kept`` are indices in order of stamp, ``left_out`` says of each other one why.
+
+    ``jumps`` are the stamps (before, after), s, where the clock went back.
+    """
 
     kept: List[int]
     left_out: Dict[int, str] = field(default_factory=dict)
@@ -41,8 +46,10 @@ def stuck(stamps_s: Sequence[float]) -> str:
 
 
 def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> StampOrder:
-    """The fewest are left out so that the others rise. Where a clock went back, both stretches are kept but for the time
-    that they share, which nobody can tell apart. A first or last stamp that is ``alone_s`` from its neighbour is wrong.
+    """The fewest are left out so that the others rise.
+
+    Where a clock went back, both stretches are kept but for the time that they share, which nobody
+    can tell apart. A first or last stamp that is ``alone_s`` from its neighbour is wrong.
 
     >>> found = in_order([1.0, 1.1, 61.2, 1.3, 1.4])
     >>> found.kept, found.left_out
@@ -68,7 +75,7 @@ def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> Stam
 
 
 def _longest_rise(stamps: Sequence[float]) -> List[int]:
-    """Indices of a longest strictly rising subsequence (patience sorting); of several, one of near neighbours."""
+    """Indices of a longest rising subsequence (patience sorting); of several, a steady one."""
     tails: List[float] = []
     piles: List[List[int]] = []  # by place in the rise; stamps fall within a pile
     for i, s in enumerate(stamps):
@@ -117,12 +124,18 @@ def _stretches(stamps: Sequence[float], indices: Sequence[int]) -> List[List[int
     return stretches
 
 
-def _without_shared(stamps: Sequence[float], stretches: List[List[int]], found: StampOrder) -> List[int]:
+def _without_shared(
+    stamps: Sequence[float], stretches: List[List[int]], found: StampOrder
+) -> List[int]:
     """In order of stamp, without the time of which two stretches claim to be."""
     spans = [(stamps[s[0]], stamps[s[-1]]) for s in stretches]
     kept: List[int] = []
     for k, stretch in enumerate(stretches):
-        rivals = [spans[j] for j, other in enumerate(stretches) if j != k and len(other) >= _MINOR * len(stretch)]
+        rivals = [
+            spans[j]
+            for j, other in enumerate(stretches)
+            if j != k and len(other) >= _MINOR * len(stretch)
+        ]
         for i in stretch:
             if any(first <= stamps[i] <= last for first, last in rivals):
                 found.left_out[i] = "is of a time that the clock counts twice"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which intrinsics belong to a picture, from all camera_info of its topic.
 
-Single messages that differ from those before and after them are left out. Where the camera really changes (zoom,
-resolution), each picture has those of its own time, and a warning says so.
+Single messages that differ from those before and after them are left out. Where the camera really
+changes (zoom, resolution), each picture has those of its own time, and a warning says so.
 """
 
 import bisect
@@ -17,7 +17,9 @@ from fcsv_geometry.stamps import in_order, stuck
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.stamped import Stamped
 
-_ALIKE = 0.005  # of focal length and width: what a driver that estimates its camera anew makes of it
+_ALIKE = (
+    0.005  # of focal length and width: what a driver that estimates its camera anew makes of it
+)
 _ALIKE_D = 0.02
 _ODD = (1, 2)  # messages in a row that are single wrong ones: of fewer than 8 messages, of more
 _MANY = 8
@@ -90,18 +92,22 @@ def _alike(a: PinholeCamera, b: PinholeCamera) -> bool:
         return False
     focal = np.allclose((a.fx, a.fy), (b.fx, b.fy), rtol=_ALIKE, atol=0.0)
     middle = np.allclose((a.cx, a.cy), (b.cx, b.cy), rtol=0.0, atol=_ALIKE * a.width)
-    return bool(focal and middle and np.allclose(a.distortion, b.distortion, rtol=0.0, atol=_ALIKE_D))
+    return bool(
+        focal and middle and np.allclose(a.distortion, b.distortion, rtol=0.0, atol=_ALIKE_D)
+    )
 
 
 def _words(camera: PinholeCamera) -> str:
+    focal = f"focal length {camera.fx:.6g}, {camera.fy:.6g} px"
     middle = f"principal point {camera.cx:.6g}, {camera.cy:.6g}"
-    return f"{camera.width}x{camera.height}, focal length {camera.fx:.6g}, {camera.fy:.6g} px, {middle}"
+    return f"{camera.width}x{camera.height}, {focal}, {middle}"
 
 
 def _odd(camera: PinholeCamera, other) -> str:
     """Why a message is left out."""
     if other is None:
-        return f"intrinsics differ from message to message ({_words(camera)}): do two nodes publish them?"
+        said = f"intrinsics differ from message to message ({_words(camera)})"
+        return f"{said}: do two nodes publish them?"
     same = _words(camera) == _words(other)
     of = f"distortion {list(camera.distortion)} where it is {list(other.distortion)}" if same else (
         f"{_words(camera)} where the others have {_words(other)}"
@@ -111,8 +117,11 @@ def _odd(camera: PinholeCamera, other) -> str:
 
 def _changes(kept: List[Infos]) -> List[str]:
     """In words, where a camera changed for good."""
-    return [
-        f"the camera changes at stamp {b[0][0]:.3f} from {_words(a[-1][1])} to {_words(b[0][1])}: each picture is mapped "
-        "with the intrinsics of its own time"
-        for a, b in zip(kept, kept[1:]) if not _alike(a[-1][1], b[0][1])
-    ]  # fmt: skip
+    return [_changed(a[-1][1], *b[0]) for a, b in zip(kept, kept[1:]) if not _alike(a[-1][1], b[0][1])]
+
+
+def _changed(before: PinholeCamera, stamp_s: float, after: PinholeCamera) -> str:
+    return (
+        f"the camera changes at stamp {stamp_s:.3f} from {_words(before)} to {_words(after)}: "
+        "each picture is mapped with the intrinsics of its own time"
+    )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Single messages that are left out of a session, by topic, reason and stamp; the rest of their topic is used."""
+"""Single messages of a session that are left out, by topic, reason and stamp."""
 
 import re
 from typing import Dict, List, Tuple
@@ -21,7 +21,11 @@ class LeftOut:
 
     def only_reason(self, topic: str) -> str:
         """Why no message of a topic serves, where none does; empty: none was left out."""
-        found = [(len(stamps_s), reason) for (t, _), (reason, stamps_s) in self._found.items() if t == topic]
+        found = [
+            (len(stamps_s), reason)
+            for (t, _), (reason, stamps_s) in self._found.items()
+            if t == topic
+        ]
         if not found:
             return ""
         return f"none of its {sum(n for n, _ in found)} messages can be used: {max(found)[1]}"
@@ -38,7 +42,9 @@ class LeftOut:
 
 
 def _line(topic: str, reason: str, stamps_s: List[float]) -> str:
-    named = ", ".join(f"{s:.3f}" for s in stamps_s[:_MOST]) + (", ..." if len(stamps_s) > _MOST else "")
+    named = ", ".join(f"{s:.3f}" for s in stamps_s[:_MOST]) + (
+        ", ..." if len(stamps_s) > _MOST else ""
+    )
     one = len(stamps_s) == 1
     many = "1 message is" if one else f"{len(stamps_s)} messages are"
     return f"topic {topic}: {many} left out: {reason} (stamp{'' if one else 's'} {named})"

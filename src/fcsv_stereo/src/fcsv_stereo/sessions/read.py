@@ -15,7 +15,7 @@ from fcsv_stereo.pose_covariance import turned, unknown_warning
 from fcsv_stereo.sessions.depth import RecordedDepth
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.messages import window_of
-from fcsv_stereo.sessions.pictures import PicturesSeen, PictureSource, read_pictures
+from fcsv_stereo.sessions.pictures import PictureSource, PicturesSeen, read_pictures
 from fcsv_stereo.sessions.reasons import why_no_pictures
 from fcsv_stereo.sessions.recorded import Recorded, lacks, read_recorded
 from fcsv_stereo.sessions.told import CALIBRATION, CAPTURE, HOME
@@ -58,7 +58,9 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
     }
     for topic, (value, meaning) in needed.items():
         if topic != CAPTURE and recorded.told.newest_is_refused(topic):
-            raise InputError(f"{path}: topic {topic}: the newest message is none; an earlier one is of other frames{because}")
+            raise InputError(
+                f"{path}: topic {topic}: the newest message is none; an earlier one is of other frames{because}"
+            )
         if not value:
             meaning = f"{meaning}, or control.bag is not in the session and no vehicle heard it by radio"
             raise InputError(f"{path}: topic {topic} is missing: {meaning}{because}")

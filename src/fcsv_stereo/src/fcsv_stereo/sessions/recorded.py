@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bags of a session hold but for pictures, in one pass; single messages that are none are left out."""
+"""What the bags of a session hold but for pictures, in one pass, without single wrong messages."""
 
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ from fcsv_stereo.sessions.tracks import track_of
 
 INFO, ODOMETRY, _CAMERA_POSE = "camera/color/camera_info", "odometry/body", "camera_pose"
 TF_STATIC = "/tf_static"
-#: what is read but for pictures: topics of the control PC, then those of a vehicle, with their types
+#: topics that are read and their types: of the control PC, then of a vehicle
 _TYPES = {**TYPES, TF_STATIC: "tf2_msgs/TFMessage"}
 _VEHICLE_TYPES = {
     INFO: "sensor_msgs/CameraInfo", ODOMETRY: "nav_msgs/Odometry",
@@ -37,7 +37,7 @@ _SAME_MOUNT = 1e-6
 
 @dataclass
 class Recorded:
-    """By vehicle: its cameras by time, trajectory, T_body_cam and covariances; and what the control PC told."""
+    """By vehicle its cameras, trajectory, T_body_cam and covariances; what the control PC told."""
 
     bags: List[Path]
     told: Told = field(default_factory=Told)
@@ -46,7 +46,9 @@ class Recorded:
     cameras: Dict[str, CameraTimeline] = field(default_factory=dict)
     depth_cameras: Dict[str, CameraTimeline] = field(default_factory=dict)
     tracks: Dict[str, Trajectory] = field(default_factory=dict)
-    covariances: Dict[str, KnownCovariances] = field(default_factory=lambda: defaultdict(KnownCovariances))
+    covariances: Dict[str, KnownCovariances] = field(
+        default_factory=lambda: defaultdict(KnownCovariances)
+    )
     topics: Set[str] = field(default_factory=set)
     left_out: LeftOut = field(default_factory=LeftOut)
 
@@ -62,15 +64,23 @@ def read_recorded(bags: List[Path], warnings: List[str]) -> Recorded:
 
 @dataclass
 class _Pass:
+    """``samples`` are by vehicle and name below it, ``cameras`` of camera_info that was read before.
+
+    ``no_covariance`` are topic, stamp and why.
+    """
+
     recorded: Recorded
     warnings: List[str]
-    samples: Dict[Tuple[str, str], Stamped] = field(default_factory=dict)  # by vehicle and name below it
-    cameras: Dict[tuple, PinholeCamera] = field(default_factory=dict)  # of camera_info that was read already
+    samples: Dict[Tuple[str, str], Stamped] = field(default_factory=dict)
+    cameras: Dict[tuple, PinholeCamera] = field(default_factory=dict)
+    no_covariance: List[Tuple[str, float, str]] = field(default_factory=list)
 
     def read(self, path: Path) -> None:
         """Of a bag that cannot be read on, what came before."""
         try:
-            for topic, message in reading.messages(path, lambda t, kind: self._wanted(path, t, kind), self._broken):
+            for topic, message in reading.messages(
+                path, lambda t, kind: self._wanted(path, t, kind), self._broken
+            ):
                 self._take(path, topic, message)
         except BagError as error:
             self.warnings.append(f"{error}; what follows there is left out")
@@ -78,18 +88,26 @@ class _Pass:
     def finish(self) -> None:
         """From single messages to trajectories, cameras and covariances."""
         recorded, left_out = self.recorded, self.recorded.left_out
+        serving = {samples.topic for samples in self.samples.values()}
+        for said in self.no_covariance:
+            if said[0] in serving:  # where none serves, unknown_warning says so
+                left_out.add(*said)
         for (vehicle, name), samples in self.samples.items():
             if name == ODOMETRY:
-                recorded.tracks.update((vehicle, t) for t in track_of(samples, left_out, self.warnings))
+                recorded.tracks.update(
+                    (vehicle, t) for t in track_of(samples, left_out, self.warnings)
+                )
             elif name == _CAMERA_POSE:
-                for stamp_s, covariance in samples.in_order(np.array_equal, left_out, self.warnings):
+                for stamp_s, covariance in samples.in_order(
+                    np.array_equal, left_out, self.warnings
+                ):
                     recorded.covariances[vehicle].add(stamp_s, covariance)
             else:
                 cameras = recorded.cameras if name == INFO else recorded.depth_cameras
                 cameras.update((vehicle, c) for c in timeline(samples, left_out, self.warnings))
 
     def _wanted(self, path: Path, topic: str, kind: str) -> bool:
-        """Whether a topic is read. Raises InputError where something else was recorded under its name."""
+        """Whether a topic is read. Raises InputError where its name holds another type."""
         self.recorded.topics.add(topic)
         vehicle, _, name = topic.strip("/").partition("/")
         expected = _TYPES.get(topic) or (_VEHICLE_TYPES.get(name) if vehicle else None)
@@ -98,7 +116,9 @@ class _Pass:
         return expected is not None
 
     def _broken(self, topic: str, recorded_s: float, why: str) -> None:
-        self.recorded.left_out.add(topic, recorded_s, f"its bytes are no message of its type ({why})")
+        self.recorded.left_out.add(
+            topic, recorded_s, f"its bytes are no message of its type ({why})"
+        )
 
     def _take(self, path: Path, topic: str, message) -> None:
         vehicle, _, name = topic.strip("/").partition("/")
@@ -127,37 +147,50 @@ class _Pass:
             self.samples.setdefault((vehicle, name), Stamped(topic)).add(path, stamp_s, value)
 
     def _camera(self, message) -> PinholeCamera:
-        lower = [getattr(message, n) if hasattr(message, n) else getattr(message, n.lower()) for n in "KD"]
+        lower = [
+            getattr(message, n) if hasattr(message, n) else getattr(message, n.lower())
+            for n in "KD"
+        ]
         key = (message.width, message.height, message.distortion_model, *(tuple(v) for v in lower))
         if key not in self.cameras:
             self.cameras[key] = camera_from_info(message)
         return self.cameras[key]
 
     def _covariance(self, message, vehicle: str):
-        """About the camera's axes: a pair before a tracker flies in another home than its session's."""
+        """About the camera's axes: a pair ahead of a tracker flies in another home."""
         try:
             _, covariance = camera_covariance(message, vehicle)
         except InputError as error:  # the map can do without, and says so
             self.recorded.covariances[vehicle].refused = str(error)
+            said = (f"/{vehicle}/{_CAMERA_POSE}", seconds(message.header.stamp), str(error))
+            self.no_covariance.append(said)
             return None
         return turned(covariance, pose_to_transform(message.pose.pose)[:3, :3].T)
 
     def _take_extrinsics(self, message) -> None:
         for t in message.transforms:
             vehicle = t.header.frame_id.split("/")[0]
-            if (t.header.frame_id, t.child_frame_id) != (frames.base_link(vehicle), frames.camera_optical(vehicle)):
+            if (t.header.frame_id, t.child_frame_id) != (
+                frames.base_link(vehicle),
+                frames.camera_optical(vehicle),
+            ):
                 continue
             T_body_cam = transform_from_msg(t.transform)
             before = self.recorded.T_body_cam.setdefault(vehicle, T_body_cam)
             if not np.allclose(before, T_body_cam, rtol=0.0, atol=_SAME_MOUNT):
-                said = f"{TF_STATIC} has several transforms from {t.header.frame_id} to {t.child_frame_id}"
-                self.warnings += [w for w in [f"{said}: the last one is used"] if w not in self.warnings]
+                named = f"{t.header.frame_id} to {t.child_frame_id}"
+                said = f"{TF_STATIC} has several transforms from {named}"
+                self.warnings += [
+                    w for w in [f"{said}: the last one is used"] if w not in self.warnings
+                ]
                 self.recorded.T_body_cam[vehicle] = T_body_cam
 
 
 def _stamp_s(message) -> float:
     """Of a message, or of the first transform in it."""
-    return seconds(message.header.stamp if hasattr(message, "header") else message.transforms[0].header.stamp)
+    return seconds(
+        message.header.stamp if hasattr(message, "header") else message.transforms[0].header.stamp
+    )
 
 
 def lacks(vehicle: str, recorded: Recorded) -> str:
@@ -170,6 +203,6 @@ def lacks(vehicle: str, recorded: Recorded) -> str:
     for topic, words, found in needed:
         if vehicle not in found:
             why = recorded.left_out.only_reason(topic)
-            missing = "is missing: is the bag of {} in the session, and whole?".format(vehicle)
+            missing = f"is missing: is the bag of {vehicle} in the session, and whole?"
             return f"topic {words or topic}{': ' + why if why else ' ' + missing}"
     return ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one topic of a session says, stamp by stamp, over all bags: in order of time, without what cannot be right."""
+"""What one topic of a session says over all bags, in order of stamp, without wrong stamps."""
 
 from dataclasses import dataclass, field
 from typing import Any, Callable, List, Optional, Tuple
@@ -12,7 +12,7 @@ _ALONE_S = 10.0  # odometry comes all the time: a first or last stamp so far awa
 
 @dataclass
 class Stamped:
-    """``entries`` are (bag, stamp, value) as they were recorded; ``bag`` is any name that sorts nowhere."""
+    """``entries`` are (bag, stamp, value) as they were recorded."""
 
     topic: str
     entries: List[Tuple[Any, float, Any]] = field(default_factory=list)
@@ -21,8 +21,10 @@ class Stamped:
         """The next of a bag."""
         self.entries.append((bag, stamp_s, value))
 
-    def recorded(self, same: Callable[[Any, Any], bool], warnings: List[str]) -> List[Tuple[float, Any]]:
-        """(stamp, value) as recorded, bag after bag by their time; what two bags hold alike counts once."""
+    def recorded(
+        self, same: Callable[[Any, Any], bool], warnings: List[str]
+    ) -> List[Tuple[float, Any]]:
+        """(stamp, value) as recorded, bag after bag; what two bags hold alike counts once."""
         entries = self._bag_after_bag()
         first = {}
         kept, twice = [], set()
@@ -32,13 +34,16 @@ class Stamped:
                 twice.add((str(known_bag), str(bag)))
             else:
                 kept.append((stamp_s, value))
-        warnings += [f"{b} holds what {a} holds of {self.topic}: counted once" for a, b in sorted(twice)]
+        warnings += [
+            f"{b} holds what {a} holds of {self.topic}: counted once" for a, b in sorted(twice)
+        ]
         return kept
 
     def in_order(
-        self, same: Callable[[Any, Any], bool], left_out: LeftOut, warnings: List[str], alone_s: Optional[float] = _ALONE_S
+        self, same: Callable[[Any, Any], bool], left_out: LeftOut, warnings: List[str],
+        alone_s: Optional[float] = _ALONE_S,
     ) -> List[Tuple[float, Any]]:  # fmt: skip
-        """(stamp, value) in order of time. Single wrong stamps are left out; a clock that goes back is a warning."""
+        """(stamp, value) in order of time, without single wrong stamps; a jump back is a warning."""
         recorded = self.recorded(same, warnings)
         stamps = [s for s, _ in recorded]
         why = stuck(stamps)
@@ -50,8 +55,8 @@ class Stamped:
         for i in sorted(found.left_out):
             left_out.add(self.topic, stamps[i], f"its stamp {found.left_out[i]}")
         warnings += [
-            f"topic {self.topic}: the clock jumps back by {before - after:.3f} s after {before:.3f}; the time that it "
-            "counts twice is left out" for before, after in found.jumps
+            f"topic {self.topic}: the clock jumps back by {before - after:.3f} s after {before:.3f}; "
+            "the time that it counts twice is left out" for before, after in found.jumps
         ]  # fmt: skip
         return [recorded[i] for i in found.kept]
 

@@ -26,7 +26,7 @@ class Told:
     _refused_s: Dict[str, float] = field(default_factory=dict)  # stamp of the newest by topic
 
     def take(self, bag: Path, topic: str, message) -> None:
-        """A message of ``TYPES`` from a bag; bags of one machine come in order. Raises GeometryError where it is none."""
+        """A message of ``TYPES`` from a bag; bags of one machine come in order. Raises GeometryError if it is none."""
         try:
             _CHECKS[topic](message)
         except GeometryError:

@@ -11,6 +11,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import BagError, FcsvError, GeometryError
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.stamps import in_order, stuck
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.errors import TrackingError
 
@@ -73,13 +74,19 @@ def camera(paths: Sequence[Path], topic: str) -> PinholeCamera:
 
 
 def odometry(paths: Sequence[Path], topic: str, gap_s: float = 0.1) -> Trajectory:
-    """The track of an Odometry topic; what is no pose is an error, what goes back in time is passed over."""
-    track = Trajectory(gap_s=gap_s)
+    """The track of an Odometry topic; what is no pose is an error, a wrong stamp costs its own message alone."""
+    poses = []
     for _, message in messages(paths, [topic]):
         try:
-            track.add(seconds(message.header.stamp), conversions.pose_to_transform(message.pose.pose))
+            poses.append((seconds(message.header.stamp), conversions.pose_to_transform(message.pose.pose)))
         except GeometryError as error:
             raise TrackingError(f"topic {topic}: {error}") from error
-    if not len(track):
+    if not poses:
         raise TrackingError(f"{paths[0]}: topic {topic} is missing")
+    stamps_s = [s for s, _ in poses]
+    if len(poses) > 1 and stuck(stamps_s):
+        raise TrackingError(f"{paths[0]}: topic {topic}: all stamps {stuck(stamps_s)}")
+    track = Trajectory(gap_s=gap_s)
+    for i in in_order(stamps_s).kept:
+        track.add(*poses[i])
     return track
