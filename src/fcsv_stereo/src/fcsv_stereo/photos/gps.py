@@ -52,14 +52,14 @@ def read_gps(exif, dji: Dict[str, float]) -> Tuple[Optional[Gps], str]:
 
 
 def with_steps(places: Sequence[Gps]) -> List[Gps]:
-    """The same places, of one camera, with the steps in which all of them are written.
+    """The same places, of one camera, with the steps in which each is written, and in which all heights are.
 
     >>> with_steps([Gps(48.0, 11.0 + 1 / 3600, 5.5), Gps(48.0 + 1 / 3600, 11.0, 6.7)])[0].step_m
     30.922
     """
-    step_m = round(step_deg(*(v for p in places for v in (p.latitude_deg, p.longitude_deg))) * _M_PER_DEGREE, 3)
+    steps_m = [round(step_deg(p.latitude_deg, p.longitude_deg) * _M_PER_DEGREE, 3) for p in places]
     height_step_m = _step(_STEPS_M, _EXACT_M, *(p.height_m for p in places))
-    return [replace(p, step_m=step_m, height_step_m=height_step_m) for p in places]
+    return [replace(p, step_m=s, height_step_m=height_step_m) for p, s in zip(places, steps_m)]
 
 
 def step_deg(*values_deg: float) -> float:

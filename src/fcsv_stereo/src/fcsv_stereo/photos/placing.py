@@ -47,12 +47,12 @@ def place(photographs: Sequence[Photograph]) -> Placed:
     origin = _middle([p.gps for p in photographs if p.gps])
     try:
         found = _fit(photographs, origin)
+        origin = next(p.gps for p, wrong in zip(photographs, found.outliers) if p.gps and not wrong)
+        found = _fit(photographs, origin)
     except ContradictionError as error:
         _require_not_exchanged(photographs)
         raise InputError(f"{error}{_contradicting(photographs, error.similarity, origin)}") from error
-    first = next(p.gps for p, wrong in zip(photographs, found.outliers) if p.gps and not wrong)
-    found = _fit(photographs, first)
-    return Placed(found, first, _remarks(photographs, found, first))
+    return Placed(found, origin, _remarks(photographs, found, origin))
 
 
 def _with_steps(photographs: Sequence[Photograph]) -> List[Photograph]:
@@ -114,12 +114,8 @@ def _contradicting(photographs: Sequence[Photograph], found: Similarity, origin:
         names.setdefault(_why(photographs[i], i, found, origin), []).append(photographs[i].name)
     told = [f"{', '.join(of)} ({why})" for why, of in list(names.items())[:_NAMED]]
     more = sum(map(len, list(names.values())[_NAMED:]))
-    return (
-        ": "
-        + "; ".join(told)
-        + (f"; and {more} more" if more else "")
-        + ". Correct the tags, or take the wrong ones away"
-    )
+    and_more = f"; and {more} more" if more else ""
+    return f": {'; '.join(told)}{and_more}. Correct the tags, or take the wrong ones away"
 
 
 def _remarks(photographs: Sequence[Photograph], found: Similarity, origin: Gps) -> Dict[str, str]:

@@ -18,6 +18,7 @@ MOST_LEVEL_SIGMA_RAD, MOST_NORTH_SIGMA_RAD = np.radians(10.0), np.radians(20.0)
 _SCORED, _REFINED, _TURNED = 60, 6, 2  # photographs that starts are scored with; starts that are improved
 SAME_COST = 9.0  # two answers that differ by less explain the photographs alike
 _RIGHT = 0.5  # of a statement's probability
+_DOUBTFUL = 0.3  # share of wrong statements, or sine of how far cameras look up, from which mirror images are tried
 _MIRRORS = {"longitude": np.array([-1.0, 1.0, 1.0]), "latitude": np.array([1.0, -1.0, 1.0])}
 
 
@@ -148,10 +149,9 @@ def _apart(a: Pose, b: Pose, turn_rad: float = np.radians(8.0), log_scale: float
 
 def _require_not_mirrored(e: Evidence, best: Fitted, found: Similarity) -> None:
     """E for W, or N for S, in all photographs: their places are mirrored, and a flat model fits them upside down."""
-    w = best.weights
-    doubtful = (w.place < _RIGHT).mean() > 0.3 or (len(w.angles) and (w.angles < _RIGHT).mean() > 0.3)
-    up = (best.pose.R @ e.R_model_cam[~e.angled])[:, 2, 2]
-    if not doubtful and not (len(up) and np.median(up) > 0.3):
+    w, up = best.weights, (best.pose.R @ e.R_model_cam[~e.angled])[:, 2, 2]
+    doubtful = any(len(of) and (of < _RIGHT).mean() > _DOUBTFUL for of in (w.place, w.angles, w.level))
+    if not doubtful and not (len(up) and np.median(up) > _DOUBTFUL):
         return
     costs = {}
     for name, mirror in _MIRRORS.items():
