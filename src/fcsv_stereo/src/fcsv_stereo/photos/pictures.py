@@ -14,6 +14,8 @@ from fcsv_geometry.picture_files import read_picture
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.tags import ORIENTATION, Tags
 
+#: Make, model, XMP, EXIF, GPS: TIFF's other tags tell how the old file stores its pixels.
+_KEPT_OF_TIFF = {0x010F, 0x0110, 0x02BC, 0x8769, 0x8825}
 _QUALITY = 95  # of JPEG: what is lost is below the noise of matching
 #: R_stored_upright by EXIF orientation: how the axes of the upright picture lie in the stored one (not of mirrored).
 _UPRIGHT = {
@@ -59,6 +61,8 @@ def copy_upright(tags: Tags, folder: Path, longest_px: int) -> None:
             upright = ImageOps.exif_transpose(image)
             if size != upright.size:
                 upright = upright.resize(size, Image.LANCZOS)
+            for tag in set(exif) - _KEPT_OF_TIFF if _is_tiff(target) else ():
+                del exif[tag]
             exif[ORIENTATION] = 1
             upright.save(target, exif=exif.tobytes(), **({"quality": _QUALITY} if _is_jpeg(target) else {}))
     except (OSError, SyntaxError, ValueError) as error:
@@ -73,6 +77,10 @@ def focal_px(tags: Tags, longest_px: int):
         return None
     share = math.hypot(*upright_size(tags, longest_px)) / math.hypot(*tags.size)
     return round(tags.focal_px * share, 3)
+
+
+def _is_tiff(path: Path) -> bool:
+    return path.suffix.lower() in (".tif", ".tiff")
 
 
 def _is_jpeg(path: Path) -> bool:
