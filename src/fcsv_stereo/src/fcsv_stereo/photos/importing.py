@@ -152,7 +152,10 @@ def _placed(tags: Dict[str, Tags], cameras: Dict[int, PinholeCamera], posed: Lis
     unclear = [n for n in tags if tags[n].orientation != 1 and tags[n].size == pictures.upright_size(tags[n], 0)]
     if not unclear:
         return place(_upright(tags, posed, shown)), []
-    turned = place(_upright(tags, posed, shown | set(unclear)))
+    try:
+        turned = place(_upright(tags, posed, shown | set(unclear)))
+    except InputError:
+        return place(_upright(tags, posed, shown)), []
     try:
         stored = place(_upright(tags, posed, shown))
     except InputError:

@@ -161,9 +161,10 @@ def _require_not_mirrored(e: Evidence, best: Fitted, found: Similarity) -> None:
     if costs[least] + SAME_COST < best.cost:
         alike = abs(costs["longitude"] - costs["latitude"]) < SAME_COST
         which = "longitude or of latitude" if alike else least
+        or_so = "" if e.angled.any() else ", or all pictures are upside down without EXIF's orientation"
         raise ContradictionError(
             f"GPS's places are the mirror image of the poses: the reference of {which} (GPSLongitudeRef E or W, "
-            "GPSLatitudeRef N or S) is wrong in all photographs; correct it (exiftool)",
+            f"GPSLatitudeRef N or S) is wrong in all photographs{or_so}; correct it (exiftool)",
             replace(found, outliers=np.zeros_like(found.outliers)),
         )
 
