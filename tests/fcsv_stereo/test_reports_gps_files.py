@@ -71,7 +71,7 @@ def test_letters_that_macos_has_taken_apart(tmp_path, wrong_input):
 
 
 @pytest.mark.parametrize("name, words", [
-    ("../DJI_0000.JPG", "lies outside"), ("DJI_0001.JPG", "two poses of DJI_0001.JPG"),
+    ("../DJI_0000.JPG", "lies outside"), ("DJI_0001.JPG", "DJI_0001.JPG stands there already, in line 2"),
     ("DJI_0099.JPG", "DJI_0099.JPG, which is not among the photographs"),
 ])  # fmt: skip
 def test_names_that_no_photograph_has(tmp_path, wrong_input, name, words):
@@ -87,5 +87,5 @@ def test_a_file_that_is_no_picture_and_that_no_model_needs(tmp_path, wrong_input
     write(tmp_path, block())
     (tmp_path / "DCIM" / "torn.JPG").write_bytes(b"\0" * 100)
     done = imported(tmp_path, tmp_path / "out")
-    assert done.left_out == {"torn.JPG": "cannot be read as a picture"}
+    assert done.left_out == {"torn.JPG": "cannot be read as a picture, it holds 100 zero octets; copy it again"}
     wrong_input(AREA, "a file that is no picture, without a pose", "left out and named", "cannot be read as a picture")

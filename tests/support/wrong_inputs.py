@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/wrong_inputs.md: kinds of wrong input and what happens to each, written by the tests that assert it.
 
-A test takes the fixture ``wrong_input`` and calls it once per kind, after its assertions. An ordinary run fails where the
-page lacks the row; ``tools/run wrong-inputs`` runs these tests alone and writes the page.
+A test takes the fixture ``wrong_input`` and calls it once per kind, after its assertions. An ordinary run fails where
+the page lacks the row; ``tools/run wrong-inputs`` runs these tests alone and writes the page.
 """
 
 import json
@@ -22,8 +22,8 @@ OUTCOMES = ("read right", "read, with a warning", "left out and named", "correct
 
 _HEAD = """# Wrong inputs, and what happens to each
 
-Written by `tools/run wrong-inputs` from the tests that assert each row. The last column is what is printed, or a part of
-it. "Read right": the result is that of the right input. "Left out and named": the rest is used.
+Written by `tools/run wrong-inputs` from the tests that assert each row. The last column is what is printed, or a part
+of it. "Read right": the result is that of the right input. "Left out and named": the rest is used.
 """
 _FOLDERS = re.compile(r"(?:/[\w.+-]+)+/(?=[\w.+-])")
 
@@ -72,7 +72,8 @@ class Recorder:
         self._record(PROPERTY, json.dumps(asdict(row)))
         if not self._writes:
             text = PAGE.read_text() if PAGE.exists() else ""
-            assert row.line in text.splitlines(), f"docs/{PAGE.name} lacks: {row.line}\n(write it: tools/run wrong-inputs)"
+            lacking = f"docs/{PAGE.name} lacks: {row.line}\n(write it: tools/run wrong-inputs)"
+            assert row.line in text.splitlines(), lacking
 
 
 class Writer:
