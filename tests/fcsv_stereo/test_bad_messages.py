@@ -159,7 +159,8 @@ def test_a_single_frozen_stamp(session, right, wrong_input):
     (line,) = said(given)
     assert f"topic /uav1/{RAW}: 1 message is left out: its stamp is that of the message before" in line
     same_but(given, right, lost=1)
-    wrong_input(AREA, "one picture with the stamp of the one before", "left out and named", line.split(" (stamp")[0])
+    words = "its stamp is that of the message before"
+    wrong_input(AREA, "one picture with the stamp of the one before", "left out and named", words)
 
 
 def garbled(bag_path, topic_end, number):
@@ -192,7 +193,7 @@ def test_a_message_whose_bytes_are_none_of_its_type(session, right, wrong_input)
 WRONG_ALL = [
     ("camera_info that is never calibrated", INFO, put("K", [0.0] * 9), f"{INFO}: none of its 4 messages can be used"),
     ("camera_info that alternates between two cameras", INFO, None, "intrinsics differ from message to message"),
-    ("odometry of NaN alone", ODOMETRY, put(_P, NAN), f"{ODOMETRY}: none of its 60 messages can be used: "),
+    ("odometry of NaN alone", ODOMETRY, put(_P, NAN), f"{ODOMETRY}: none of its 60 messages can be used"),
     ("odometry with stamps of 0 alone", ODOMETRY, stamp(0.0), "all stamps are 0: does the driver fill header.stamp?"),
     ("odometry with a stamp that stands still", ODOMETRY, stamp(T0), "all stamps stand still at 1000.000"),
     ("odometry whose clock is 100 s ahead", ODOMETRY, ahead(100.0), "4 pictures have no odometry at their stamp"),
@@ -200,7 +201,7 @@ WRONG_ALL = [
     ("pictures with a stamp that stands still", RAW, stamp(T0 + 0.3), f"{RAW}: all stamps stand still at 1000.300"),
     ("pictures whose clock is 100 s ahead", RAW, ahead(100.0), "is its clock 99 s ahead?"),
     ("pictures whose clock is 100 s behind", RAW, ahead(-100.0), "is its clock 99 s behind?"),
-    ("pictures that are all cut short", RAW, shorter, f"{RAW}: 4 messages are left out: "),
+    ("pictures that are all cut short", RAW, shorter, f"{RAW}: 4 messages are left out"),
 ]  # fmt: skip
 
 
@@ -211,7 +212,7 @@ def test_what_is_wrong_all_the_time_has_a_sentence_of_its_own(session, name, top
     with pytest.raises(InputError) as error:
         read_session(session)
     assert words in str(error.value) and "\n" not in str(error.value), str(error.value)
-    wrong_input(AREA, name, "refused", words)
+    wrong_input(AREA, name, "refused", words.split(": ", 1)[-1] if words[:6] in (RAW[:6], ODOMETRY[:6]) else words)
 
 
 def test_no_pictures_and_pictures_that_nobody_reads(session, wrong_input):
@@ -220,12 +221,12 @@ def test_no_pictures_and_pictures_that_nobody_reads(session, wrong_input):
     words = f"no picture of uav2 was recorded: topics /uav2/{RAW} and /uav2/{RAW}/compressed are missing"
     with pytest.raises(InputError, match=words):
         read_session(session)
-    wrong_input(AREA, "no pictures of a vehicle", "refused", words)
+    wrong_input(AREA, "no pictures of a vehicle", "refused", "no picture of uav2 was recorded")
     retyped(other / "uav2.bag", RAW, RAW + "/theora", lambda m: compressed(m, b"", "theora"))
     words = f"of uav2 only /uav2/{RAW}/theora was recorded, which is not read: record /uav2/{RAW}"
     with pytest.raises(InputError, match=words):
         read_session(other)
-    wrong_input(AREA, "pictures of image_transport's theora alone", "refused", words)
+    wrong_input(AREA, "pictures of image_transport's theora alone", "refused", "was recorded, which is not read")
 
 
 # ---- compressed pictures -------------------------------------------------------------------------

@@ -16,7 +16,8 @@ CAMERA = PinholeCamera(640, 480, 600.0, 601.0, 320.0, 238.0, (0.05, -0.1, 0.001,
 @pytest.mark.parametrize("values, words", [
     ("600 600 0 0", "was it never set? The middle is 319.5, 239.5"), ("0.004 0.004 320 240", "is it in metres?"),
     ("65535 65535 320 240", "stands for a focal length that is not known"), ("600 600 240 320", "exchanged"),
-    ("600 nan 320 240", "not finite"), ("600 100 320 240", "no camera has such pixels"), ("1 1 0.5 0.5", "share of the"),
+    ("600 nan 320 240", "not finite"), ("600 100 320 240", "no camera has such pixels"),
+    ("1 1 0.5 0.5", "share of the"),
 ])  # fmt: skip
 def test_a_camera_of_colmap_that_is_none(tmp_path, values, words):
     (tmp_path / "cameras.txt").write_text(f"# comment\n1 PINHOLE 640 480 {values}\n")

@@ -15,6 +15,8 @@ _FEW, _FEW_SHARE = (
     2,
     0.02,
 )  # messages in a row, and their share, that are single wrong ones and no jump of a clock
+_STUCK = 0.9  # share of the messages with one stamp
+_SINCE_START_S = 10.0  # simulated time begins at 0: such stamps are none of it
 _MINOR = 0.1  # of two stretches of one time, the one with so few messages of the other's is wrong
 
 
@@ -33,12 +35,12 @@ class StampOrder:
 def stuck(stamps_s: Sequence[float]) -> str:
     """Why none of the stamps can be used; empty: they can.
 
-    >>> stuck([0.0, 0.0, 0.0]), stuck([5.0, 5.0, 5.0, 5.25])
+    >>> stuck([0.0, 0.0, 0.0]), stuck([5.0, 5.0, 5.0])
     ('are 0: does the driver fill header.stamp?', 'stand still at 5.000')
     """
     values, counts = np.unique(np.asarray(stamps_s, float), return_counts=True)
     most = int(np.argmax(counts)) if len(values) else 0
-    if not len(values) or (len(values) > 1 and 2 * counts[most] <= len(stamps_s)):
+    if not len(values) or counts[most] < _STUCK * len(stamps_s):
         return ""
     if values[most] == 0.0:
         return "are 0: does the driver fill header.stamp?"
@@ -57,8 +59,10 @@ def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> Stam
     """
     stamps = [float(s) for s in stamps_s]
     found = StampOrder([])
-    rising = _longest_rise(stamps)
-    for run in _runs(sorted(set(range(len(stamps))) - set(rising))):
+    _leave_out_empty(stamps, found)
+    believed = [i for i in range(len(stamps)) if i not in found.left_out]
+    rising = [believed[k] for k in _longest_rise([stamps[i] for i in believed])]
+    for run in _runs(sorted(set(believed) - set(rising))):
         if len(run) <= max(_FEW, _FEW_SHARE * len(stamps)):
             found.left_out.update({i: _why(stamps, i, rising) for i in run})
     left = [i for i in range(len(stamps)) if i not in found.left_out]
@@ -72,6 +76,16 @@ def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> Stam
             found.jumps.append((stamps[a[-1]], stamps[b[0]]))
     found.kept = _without_shared(stamps, stretches, found) if found.jumps else left
     return found
+
+
+def _leave_out_empty(stamps: Sequence[float], found: StampOrder) -> None:
+    """Zeros, and those that repeat the one before."""
+    wall_time = bool(stamps) and float(np.median(stamps)) > _SINCE_START_S
+    for i, stamp_s in enumerate(stamps):
+        if wall_time and stamp_s == 0.0:
+            found.left_out[i] = "is 0"
+        elif i and stamp_s == stamps[i - 1]:
+            found.left_out[i] = "is that of the message before"
 
 
 def _longest_rise(stamps: Sequence[float]) -> List[int]:
@@ -106,8 +120,6 @@ def _why(stamps: Sequence[float], i: int, kept: Sequence[int]) -> str:
     k = bisect.bisect_left(kept, i)
     beside = [stamps[kept[j]] for j in (k - 1, k) if 0 <= j < len(kept)]
     off_s = min((stamps[i] - b for b in beside), key=abs) if beside else 0.0
-    if stamps[i] == 0.0:
-        return "is 0"
     if off_s == 0.0:
         return "is that of the message before"
     return f"is {abs(off_s):.1f} s {'after' if off_s > 0.0 else 'before'} its neighbours"

@@ -53,15 +53,15 @@ class RecordedDepth:
         Single frames that are none are left out. Raises InputError where all are none, naming topic, bag and why.
         """
         lost: Dict[str, int] = {}
-        thinning, left_out, count = Thinning(), LeftOut(), 0
+        thinning, left_out, given = Thinning(), LeftOut(), 0
         for bag in self.bags:
             try:
                 for frame in self._of_bag(bag, thinning, lost, left_out):
-                    count += 1
+                    given += 1
                     yield frame
             except BagError as error:
                 self.warnings.append(f"{error}; the depth frames that follow there are left out")
-        if left_out.warnings() and not count:
+        if left_out.warnings() and not given:
             raise InputError("; ".join(left_out.warnings()))
         self.warnings.extend(left_out.warnings())
         for vehicle, count in lost.items():
