@@ -2,7 +2,7 @@
 """What must be well for the mission to go on. Texts hold no numbers that change: they are shown until they change."""
 
 from itertools import combinations
-from typing import Iterator, List, Tuple
+from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -25,6 +25,21 @@ _RECORDED = ("WAIT_VEHICLES", *FLOWN)
 _BEFORE_SIGHT = ("WAIT_VEHICLES", "TAKE_OFF", "COLUMN")  # people fly: a tracker on the ground sees nobody there yet
 _CALIBRATED = ("MOVE_HOME", "SET_HOME", *FLOWN)
 _BATTERY_KNOWN = ("WAIT_VEHICLES", *FLOWN)
+
+
+#: What is said of a vehicle that flies without a position: in LOITER and GUIDED it would follow a wrong one.
+LOST_POSITION = "lost its position: land it by hand in ALT_HOLD, keep away from it"
+
+
+def lost(snapshot: Optional[Snapshot]) -> str:
+    """Why nobody is calibrated or handed over now: who lost its position, and what to do; "" where nobody did."""
+    views = {} if snapshot is None else snapshot.vehicles
+    names = [n for n, v in views.items() if v.lost]
+    if not names:
+        return ""
+    flies = any(views[n].armed for n in names)
+    then = "land it by hand in ALT_HOLD, or abort" if flies else "abort; it is known again after its next take-off"
+    return f"{' and '.join(names)} lost its position: {then}"
 
 
 def problems(mission: Mission, phase: str, snapshot: Snapshot) -> List[str]:
@@ -65,6 +80,8 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         return
     if not view.connected:
         yield Pause.LOST, "no flight controller"
+    if view.lost and (view.armed or phase in _IN_THE_AIR):
+        yield Pause.LOST, LOST_POSITION if view.armed else "lost its position, and lies where nobody knows: abort"
     if phase in FLOWN and view.guarded:
         yield Pause.LOST, f"its guardian: {view.guarded}"
     if phase in _RECORDED:
