@@ -43,7 +43,7 @@ class CalmCheck:
         self._bounds, self._places = bounds, dict(places)
         self._looks = 0
         self._counts: Dict[Tuple[str, str], int] = {}
-        self._worst: Dict[Tuple[str, str], Unmet] = {}
+        self._latest: Dict[Tuple[str, str], Unmet] = {}
         self._said_s = -math.inf
         self.said = ""  # the bound that is missed most now; "" where none is
 
@@ -54,7 +54,7 @@ class CalmCheck:
         for each in unmet:
             key = each.vehicle, each.what
             self._counts[key] = self._counts.get(key, 0) + 1
-            self._worst[key] = max(self._worst.get(key, each), each, key=lambda u: u.share)
+            self._latest[key] = each
         if not unmet:
             self.said = ""
         elif not self.said or snapshot.now_s - self._said_s >= _SAID_S:
@@ -63,11 +63,11 @@ class CalmCheck:
 
     @property
     def in_the_way(self) -> str:
-        """What was not met most often, and by how much at worst; "" where all was met."""
+        """What was not met most often, and by how much when it last was not; "" where all was met."""
         if not self._counts:
             return ""
         key = max(self._counts, key=self._counts.get)
-        return f"{self._worst[key]} (so in {self._counts[key] / self._looks:.0%} of the time)"
+        return f"{self._latest[key]} (in {self._counts[key] / self._looks:.0%} of the time)"
 
     def error_m(self, snapshot: Snapshot) -> float:
         """Largest distance (m) of a camera from its place."""
