@@ -98,11 +98,11 @@ class Controller:
             acc[k] = 2.2 * error + integral[k] + ahead * step / dt_s
         return self._from_acceleration(acc, yaw_rate_rps, estimate)
 
-    def to_lean(self, roll_rad, pitch_rad, yaw_rate_rps, climb_mps, climb_now_mps, dt_s):
-        """Lean angles from the sticks with a held climb rate (ALT_HOLD)."""
+    def to_lean(self, roll_rad, pitch_rad, yaw_rate_rps, climb_mps, climb_now_mps, dt_s, climb_mps2: float = 0.0):
+        """Lean angles from the sticks with a held climb rate (ALT_HOLD), which changes by ``climb_mps2``."""
         error = climb_mps - climb_now_mps
         self._v_integral[2] = _clip(self._v_integral[2] + 0.8 * error * dt_s, -3.0, 3.0)
-        acc_z = 2.2 * error + self._v_integral[2]
+        acc_z = 2.2 * error + self._v_integral[2] + climb_mps2
         self._v_target = [0.0, 0.0, 0.0]
         thrust = self._hover * (1.0 + acc_z / _G) / max(0.5, math.cos(roll_rad) * math.cos(pitch_rad))
         return roll_rad, pitch_rad, yaw_rate_rps, _clip(thrust, 0.05, 1.0)

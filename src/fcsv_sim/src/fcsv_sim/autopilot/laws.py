@@ -9,7 +9,7 @@ import numpy as np
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.controller import Controller, WayLimits
 from fcsv_sim.autopilot.estimator import Estimator
-from fcsv_sim.autopilot.sticks import LoiterVelocity, StickParameters, beyond_dead
+from fcsv_sim.autopilot.sticks import Climb, LoiterVelocity, StickParameters, beyond_dead
 
 _RC_LOST_S = 1.0
 _VELOCITY_TIMEOUT_S = 3.0
@@ -24,7 +24,7 @@ class FlightLaws:
         self.estimator, self.controller = estimator, controller
         self.mode = modes.STABILIZE
         self.stick_parameters = StickParameters()
-        self._loiters = LoiterVelocity()
+        self._loiters, self._climb = LoiterVelocity(), Climb()
         self._flying = False
         self._sticks: Sequence[float] = (0.0, 0.0, -1.0, 0.0)  # roll, pitch, throttle, yaw
         self._rc_s: Optional[float] = None
@@ -55,6 +55,7 @@ class FlightLaws:
             self._target_m += self.estimator.v_ext_mps * 0.5
         self._slowing_mps = self.estimator.v_ext_mps[:2].tolist() if self._flying else [0.0, 0.0]
         self._loiters.begin((self._slowing_mps[0], self._slowing_mps[1]))
+        self._climb.begin(float(self.estimator.v_ext_mps[2]) if self._flying else 0.0)
         self._target_yaw_rad = self.estimator.yaw_ext_rad
         self._target_v, self._takeoff_m = None, None
         self._hold_alt_m = self.estimator.baro_m
@@ -82,18 +83,28 @@ class FlightLaws:
             beyond_dead(roll), beyond_dead(pitch), beyond_dead(yaw), self.stick_parameters.lean_rad
         )
 
+    def _climbs(self, throttle: float, now_mps: float, dt_s: float) -> float:
+        """Climb rate (m/s) of the throttle stick; 0 while it is let go."""
+        wanted_mps = self.stick_parameters.climb_rate(throttle)
+        if not wanted_mps:
+            self._climb.begin(now_mps)
+            return 0.0
+        return self._climb.step(self.stick_parameters, wanted_mps, dt_s)
+
     def _alt_hold(self, roll, pitch, throttle, yaw, dt_s):
         lean_roll, lean_pitch, yaw_rate = self._leans(roll, pitch, yaw)
-        climb = self.stick_parameters.climb_rate(throttle)
+        climb = self._climbs(throttle, self._climb_mps, dt_s)
         self._hold_alt_m = self.estimator.baro_m if climb else self._hold_alt_m
         climb = climb or min(1.0, max(-1.0, self._hold_alt_m - self.estimator.baro_m))
-        return self.controller.to_lean(lean_roll, lean_pitch, yaw_rate, climb, self._climb_mps, dt_s)
+        command = (lean_roll, lean_pitch, yaw_rate, climb, self._climb_mps, dt_s)
+        return self.controller.to_lean(*command, climb_mps2=self._climb.mps2)
 
     def _loiter(self, roll, pitch, throttle, yaw, dt_s):
         sticks, estimate = self.stick_parameters, self.estimator
         _, _, yaw_rate = self._leans(0.0, 0.0, yaw)
-        v = [*self._loiters.step(sticks, roll, pitch, estimate.yaw_ext_rad, dt_s), sticks.climb_rate(throttle)]
+        v = [*self._loiters.step(sticks, roll, pitch, estimate.yaw_ext_rad, dt_s)]
         here, up_mps = estimate.p_ext_m.tolist(), float(estimate.v_ext_mps[2])
+        v.append(self._climbs(throttle, up_mps, dt_s))
         for k in (0, 1):  # the target flies ahead, but not away
             ahead_m = float(self._target_m[k]) + v[k] * dt_s - here[k]
             self._target_m[k] = here[k] + min(2.0, max(-2.0, ahead_m))

@@ -63,6 +63,7 @@ DEFAULTS: Dict[str, Tuple[float, int]] = {
     "THR_DZ": (40, INT16),
     "PILOT_SPEED_UP": (250, INT16),
     "PILOT_SPEED_DN": (0, INT16),
+    "PILOT_ACCEL_Z": (250, INT16),
     "ANGLE_MAX": (3000, INT16),
     "LOIT_SPEED": (300, REAL32),
     "LOIT_ACC_MAX": (330, REAL32),

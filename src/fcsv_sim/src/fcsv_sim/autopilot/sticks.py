@@ -9,6 +9,7 @@ from typing import Dict, List, Tuple
 _G = 9.81
 _LEVEL_DEAD = 0.04  # RC1_DZ, RC2_DZ and RC4_DZ: 20 of 500 us
 _LEANS_S = 0.15  # so long the attitude takes to follow a stick
+_CLIMB_MPS3 = 5.0  # PSC_JERK_Z
 _BRAKE_PER_S = 1.0  # half of PSC_VELXY_P: braking per speed
 
 
@@ -26,6 +27,7 @@ class StickParameters:
     brake_mps3: float = 5.0
     loiter_lean_rad: float = math.radians(20.0)  # LOIT_ANG_MAX 0: two thirds of ANGLE_MAX
     lean_rad: float = math.radians(30.0)
+    climb_mps2: float = 2.5  # PILOT_ACCEL_Z
 
     @classmethod
     def of(cls, parameters: Dict[str, Tuple[float, int]]) -> "StickParameters":
@@ -38,6 +40,7 @@ class StickParameters:
             max(0.2, 0.01 * value("LOIT_SPEED")), max(1.0, 0.01 * value("LOIT_ACC_MAX")), value("LOIT_BRK_DELAY"),
             0.01 * value("LOIT_BRK_ACCEL"), max(0.1, 0.01 * value("LOIT_BRK_JERK")),
             math.radians(value("LOIT_ANG_MAX") or 2.0 / 3.0 * lean_deg), math.radians(lean_deg),
+            max(0.5, 0.01 * value("PILOT_ACCEL_Z")),
         )  # fmt: skip
 
     def climb_rate(self, throttle: float) -> float:
@@ -54,6 +57,25 @@ class StickParameters:
 def beyond_dead(stick: float, dead: float = _LEVEL_DEAD) -> float:
     """-1..1 of what a stick is beyond its dead band."""
     return 0.0 if abs(stick) <= dead else math.copysign((abs(stick) - dead) / (1.0 - dead), stick)
+
+
+class Climb:
+    """The climb rate (m/s) that a stick brings about, eased in and out; ``mps2``: how it changes now."""
+
+    def __init__(self):
+        self.begin(0.0)
+
+    def begin(self, mps: float) -> None:
+        """From this one, without acceleration."""
+        self._mps, self.mps2 = mps, 0.0
+
+    def step(self, p: StickParameters, wanted_mps: float, dt_s: float) -> float:
+        """Towards ``wanted_mps``."""
+        most_mps2 = min(p.climb_mps2, math.sqrt(2.0 * _CLIMB_MPS3 * abs(wanted_mps - self._mps)))
+        wanted_mps2 = math.copysign(most_mps2, wanted_mps - self._mps)
+        self.mps2 += min(_CLIMB_MPS3 * dt_s, max(-_CLIMB_MPS3 * dt_s, wanted_mps2 - self.mps2))
+        self._mps += self.mps2 * dt_s
+        return self._mps
 
 
 class LoiterVelocity:
