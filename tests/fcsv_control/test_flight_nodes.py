@@ -256,7 +256,9 @@ def a_reset_of_a_metre_that_was_announced_is_adopted(pc, here):
     pc.jump_m[0] = 1.0
     pc.set_points.clear()
     until(lambda: pc.at(here + [1.0, 0.0, 0.0]), what="the autopilot in the new frame")
-    until(lambda: np.isclose(pc.set_points[-1].pose.position.x, here[0] + 1.0, atol=0.3), what="the target, moved along")
+    until(
+        lambda: np.isclose(pc.set_points[-1].pose.position.x, here[0] + 1.0, atol=0.3), what="the target, moved along"
+    )
     end_s = time.monotonic() + 3.0
     until(lambda: time.monotonic() > end_s, what="three seconds")
     assert pc.state.mode == "GUIDED" and pc.state.armed and pc.at(here + [1.0, 0.0, 0.0])

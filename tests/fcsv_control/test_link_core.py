@@ -396,7 +396,9 @@ def test_foreign_heartbeats_with_the_autopilots_ids_change_nothing(line, wrong_i
     [told] = [r.getMessage() for r in caplog.records if "autopilot's ids" in r.getMessage()]
     assert line.core.heard.identities.imitated(line.now_s, 1) == told
     assert line.core.heard.identities.imitated(line.now_s + 6.0, 1) == ""
-    wrong_input("Autopilot", f"heartbeat of another program with the autopilot's ids: {name}", "left out and named", told)
+    wrong_input(
+        "Autopilot", f"heartbeat of another program with the autopilot's ids: {name}", "left out and named", told
+    )
 
 
 @pytest.mark.parametrize("kind, autopilot", [(M.MAV_TYPE_ONBOARD_CONTROLLER, 8), (2, M.MAV_AUTOPILOT_GENERIC), (6, 8)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters that MAVROS is given are parameters that MAVROS 1.21 reads: an unknown one it ignores without a word."""
+"""MAVROS is given parameters that MAVROS 1.21 reads: an unknown one it ignores without a word."""
 
 import pytest
 import yaml

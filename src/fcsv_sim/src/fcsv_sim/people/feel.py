@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a pilot gets the velocity that he wants out of a vehicle whose sticks he does not know: he pushes more where it is
-too slow, and learns where the dead band of the throttle ends."""
+"""How a pilot gets the velocity that he wants out of a vehicle whose sticks he does not know: he pushes more where
+it is too slow, and learns where the dead band of the throttle ends."""
 
 import math
 from typing import Sequence, Tuple
@@ -49,6 +49,13 @@ def level(wanted_mps: Sequence[float], seen_mps: Sequence[float]) -> Tuple[float
 def _push(wanted_mps: float, seen_mps: float) -> float:
     stick = wanted_mps / _LOITER_MPS + _PER_MPS * (wanted_mps - seen_mps)
     return 0.0 if abs(stick) < _LEAST else math.copysign(_LEVEL_DEAD + (1.0 - _LEVEL_DEAD) * abs(stick), stick)
+
+
+def deflection(value: float, dead: float) -> float:
+    """A deflection that gets over the dead band, or none."""
+    if abs(value) < dead / 3:
+        return 0.0
+    return _clip(math.copysign(max(abs(value), dead + 0.01), value))
 
 
 def _clip(value: float) -> float:

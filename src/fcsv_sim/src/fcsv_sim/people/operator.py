@@ -243,7 +243,9 @@ class Pilot:
             roll=_clip(roll + self._shake[0]),
             pitch=_clip(pitch + self._shake[1]),
             throttle=throttle,
-            yaw=deflection(0.8 * heading_rad / _YAW_STICK_RPS, 0.05) if abs(heading_rad) > np.radians(1.5) else 0.0,
+            yaw=feel.deflection(0.8 * heading_rad / _YAW_STICK_RPS, 0.05)
+            if abs(heading_rad) > np.radians(1.5)
+            else 0.0,
         )
 
 
@@ -252,13 +254,6 @@ def in_body(xy: np.ndarray, sight: Sight) -> Tuple[float, float]:
     yaw = transforms.yaw(sight.T_world_body)
     c, s = math.cos(yaw), math.sin(yaw)
     return c * xy[0] + s * xy[1], -s * xy[0] + c * xy[1]
-
-
-def deflection(value: float, dead: float) -> float:
-    """A deflection that gets over the dead band, or none."""
-    if abs(value) < dead / 3:
-        return 0.0
-    return _clip(math.copysign(max(abs(value), dead + 0.01), value))
 
 
 def _clip(value: float) -> float:
