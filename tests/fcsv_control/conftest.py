@@ -116,7 +116,8 @@ class Flight:
             T_home_cam[:3, 3] += v.push_m
             views[name] = VehicleView(
                 pose_age_s=max(age, v.pose_age_s), speed_mps=speed, height_m=v.height_m, state_age_s=age,
-                connected=True, armed=v.armed and v.heard_once, mode=v.mode if v.heard_once else "", sees_front_s=v.sees_front_s,
+                connected=True, armed=v.armed and v.heard_once, mode=v.mode if v.heard_once else "",
+                sees_front_s=v.sees_front_s,
                 T_home_cam=T_home_cam if self.home_known else None, battery_share=v.battery_share,
                 recorder_age_s=0.5, recorder_problem=v.recorder_problem,
                 pictures=len(self.pictures[name]), lost=v.lost,
