@@ -96,7 +96,7 @@ class UdpLine:
         if message.get_type() == "BAD_DATA" or message.get_srcComponent() != _M.MAV_COMP_ID_AUTOPILOT1:
             return False
         if message.get_type() == "HEARTBEAT" and not firmware.is_vehicles(message):
-            return False  # of a program that speaks with an autopilot's ids
+            return True  # of a program with an autopilot's ids: it is named, and does not move in
         system, now_s = message.get_srcSystem(), time.monotonic()
         home = self._homes.get(system)
         if home is not None and home[0] != peer and now_s - home[1] < _HOME_LASTS_S:
