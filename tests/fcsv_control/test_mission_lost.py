@@ -62,20 +62,28 @@ def test_before_the_column_too_where_it_flies(flight, phase):
 
 
 @pytest.mark.parametrize("phase, step", [("COLUMN", "calibrate"), ("MOVE_HOME", "set_home"), ("SET_HOME", "execute")])
-@pytest.mark.parametrize("armed", [True, False])
-def test_calibrate_set_home_and_execute_are_refused(flight, phase, step, armed):
+def test_calibrate_set_home_and_execute_are_refused(flight, phase, step):
     """Before, both were calibrated and the other one was handed over to GUIDED."""
     f = up_to(flight(mission()), phase)
-    f.fleet["uav2"].lost, f.fleet["uav2"].armed = True, armed
+    f.fleet["uav2"].lost = True
     f.wait(2.0)
     answers = [f.machine.proceed(step)] + ([f.machine.execute([])] if step == "execute" else [])
     for refusal in answers:
         assert "uav2 lost its position" in refusal and "abort" in refusal
         assert "LOITER" not in refusal and "GUIDED" not in refusal
     assert f.machine.phase == phase and not f.machine.wants
-    f.fleet["uav2"].lost, f.fleet["uav2"].armed = False, True
+    f.fleet["uav2"].lost = False
     f.wait(2.0)
     assert f.machine.proceed(step) == ""
+
+
+@pytest.mark.parametrize("phase", _BY_HAND)
+def test_once_it_is_down_everybody_lands(flight, phase):
+    """Nobody knows where it lies, and without it nothing is flown: before, the others stayed up for 300 s."""
+    f = up_to(flight(mission()), phase)
+    f.fleet["uav2"].lost, f.fleet["uav2"].armed = True, False
+    f.wait(0.3)
+    assert f.machine.phase == "LAND" and f.machine.detail == "uav2: lost its position and is down: landing everybody"
 
 
 @pytest.mark.parametrize("phase, back", [("CALIBRATE", "COLUMN"), ("SET_HOME", "MOVE_HOME")])

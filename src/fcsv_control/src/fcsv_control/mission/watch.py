@@ -64,8 +64,11 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
     for name, view in snapshot.vehicles.items():
         if phase in _IN_THE_AIR and view.battery_share < mission.empty_battery_share:
             raise MissionError(f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody")
-        if phase == "CONFIGURATIONS" and view.state_age_s <= STATE_STALE_S and not view.armed:
+        down = view.state_age_s <= STATE_STALE_S and not view.armed
+        if phase == "CONFIGURATIONS" and down:
             raise MissionError(f"{name}: motors are off: landing everybody")
+        if phase in _IN_THE_AIR and down and view.lost:
+            raise MissionError(f"{name}: lost its position and is down: landing everybody")
         if phase in FLOWN and view.sighted_off:
             raise MissionError(f"{name}: {view.sighted_off}: landing everybody")
 
