@@ -37,6 +37,9 @@ class FakeVehicle:
     recorder_problem: str = ""
     refuses: Dict[str, str] = field(default_factory=dict)  # order kind -> reason
     landed_at: Optional[np.ndarray] = None
+    turned_deg: float = 0.0  # off the heading that it was told
+    pose_age_s: float = 0.05
+    lost: bool = False  # its position, as its guardian says
 
     @property
     def p_home_cam(self) -> np.ndarray:
@@ -108,13 +111,16 @@ class Flight:
             v.heard_once |= v.heard
             age = 0.05 if v.heard else 60.0 if v.heard_once else float("inf")
             T_home_cam = v.T_home_body @ T_BODY_CAM
+            R_turned = transforms.from_xyz_yaw(np.zeros(3), np.radians(v.turned_deg))[:3, :3]
+            T_home_cam[:3, :3] = R_turned @ T_home_cam[:3, :3]
             T_home_cam[:3, 3] += v.push_m
             views[name] = VehicleView(
-                pose_age_s=age, speed_mps=speed, height_m=v.height_m, state_age_s=age, connected=True,
-                armed=v.armed and v.heard_once, mode=v.mode if v.heard_once else "", sees_front_s=v.sees_front_s,
+                pose_age_s=max(age, v.pose_age_s), speed_mps=speed, height_m=v.height_m, state_age_s=age,
+                connected=True, armed=v.armed and v.heard_once, mode=v.mode if v.heard_once else "",
+                sees_front_s=v.sees_front_s,
                 T_home_cam=T_home_cam if self.home_known else None, battery_share=v.battery_share,
                 recorder_age_s=0.5, recorder_problem=v.recorder_problem,
-                pictures=len(self.pictures[name]),
+                pictures=len(self.pictures[name]), lost=v.lost,
             )  # fmt: skip
         known = {n: v.T_home_odom for n, v in self.fleet.items()} if self.home_known else {}
         return Snapshot(self.now_s, views, known, dict.fromkeys(self.fleet, T_BODY_CAM), self.recorder, self.clock_set)

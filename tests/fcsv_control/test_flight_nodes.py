@@ -20,6 +20,7 @@ from fcsv_geometry.flight_limits import FlightBounds
 from fcsv_sim.machines.machines import free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
+RELAYED = "odometry/vision_pose"  # what the odometry says, before the test passes it on
 NAME = "f_one"  # not uav1: other tests may use that on the same master
 until = within(20.0)
 
@@ -103,6 +104,21 @@ class ControlPc:
 
         return {line.name: (line.state.word, line.what) for line in lines_of(self.check)}.get(name)
 
+    def relay_poses(self):
+        """Of the odometry, on their way to the flight link: ``jump_m`` elsewhere."""
+        import rospy
+        from geometry_msgs.msg import PoseStamped
+
+        self.jump_m = np.zeros(3)
+        on = rospy.Publisher(f"/{NAME}/mavros/vision_pose/pose", PoseStamped, queue_size=1, tcp_nodelay=True)
+
+        def moved(message):
+            for axis, off_m in zip("xyz", self.jump_m):
+                setattr(message.pose.position, axis, getattr(message.pose.position, axis) + off_m)
+            on.publish(message)
+
+        self.heard += [rospy.Subscriber(f"/{NAME}/{RELAYED}", PoseStamped, moved, queue_size=1, tcp_nodelay=True), on]
+
     def close(self):
         for each in self.heard:
             each.unregister()
@@ -121,7 +137,7 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
     start_node("fcsv_sim", "vehicle", ns=NAME,
                params={**simulated, "mavlink_port": port, "rc_port": 0, "ready_s": 2.0})  # fmt: skip
     tracker = start_node("fcsv_sim", "t265", ns=NAME, params=simulated)
-    start_node("fcsv_tracking", "odometry", ns=NAME, params=both)
+    start_node("fcsv_tracking", "odometry", ns=NAME, params=both, remaps={"mavros/vision_pose/pose": RELAYED})
     line, link = {"fcu_url": f"udpin:127.0.0.1:{port}", "autopilot_profile": str(PROFILE_FILE)}, None
     if request.param == "mavlink":
         start_node("fcsv_control", "flight_link", ns=NAME, params={**both, **line})
@@ -139,6 +155,7 @@ def vehicle(request, root, start_node, ros_master, tmp_path):
     start_node("fcsv_control", "vehicle_check", ns=NAME, params={"vehicle": NAME})
     try:
         pc = ControlPc()
+        pc.relay_poses()
         pc.tracker, pc.by_mavros = tracker, request.param == "mavros"
         yield pc
         pc.close()
@@ -204,6 +221,7 @@ def test_flights_by_command_a_landing_that_overtakes_and_a_dead_tracker(vehicle,
     assert (stamps_s[-1] - stamps_s[0]) / 10 == pytest.approx(0.1, abs=0.02)  # 10 Hz
     assert np.allclose(pc.set_points[-1].pose.position.x, above[0] + 2.0)
     the_check_shows_what_this_vehicle_lacks(pc, ros_master)
+    a_reset_of_a_metre_that_was_announced_is_adopted(pc, above + [2.0, 1.0, 0.5])
     if pc.by_mavros:
         a_mavros_that_hangs_is_ended_and_starts_again(pc)
     landing_overtakes_what_waits(pc)
@@ -227,6 +245,24 @@ def the_check_shows_what_this_vehicle_lacks(pc, ros_master):
     command = ros_master.run(["rosrun", "fcsv_control", "flight_check"], "flight_check")
     until(lambda: command.returncode is not None, what="the table")
     assert command.returncode == 2 and "flight check: RED, 5 of 18 lines not green" in command.tail(60)
+
+
+def a_reset_of_a_metre_that_was_announced_is_adopted(pc, here):
+    """The autopilot ignores poses for 1.08 s. Before, the feed check compared meanwhile, and it was landed."""
+    import rospy
+    from std_srvs.srv import Trigger
+
+    assert rospy.ServiceProxy(f"/{NAME}/flight_link/odometry_reset", Trigger)().success
+    pc.jump_m[0] = 1.0
+    pc.set_points.clear()
+    until(lambda: pc.at(here + [1.0, 0.0, 0.0]), what="the autopilot in the new frame")
+    until(
+        lambda: np.isclose(pc.set_points[-1].pose.position.x, here[0] + 1.0, atol=0.3), what="the target, moved along"
+    )
+    end_s = time.monotonic() + 3.0
+    until(lambda: time.monotonic() > end_s, what="three seconds")
+    assert pc.state.mode == "GUIDED" and pc.state.armed and pc.at(here + [1.0, 0.0, 0.0])
+    assert not any("apart" in t or "runs off" in t for t in pc.texts), pc.texts
 
 
 def a_mavros_that_hangs_is_ended_and_starts_again(pc):

@@ -8,10 +8,12 @@ os.environ.setdefault("MAVLINK20", "1")
 import numpy as np
 import pytest
 from pymavlink import mavutil
+from support.autopilots import MUST, PROFILE
 
 from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.core import STOP_REPEAT_S, LinkCore, LinkParameters
 from fcsv_control.flight.listener import STREAMS_HZ, BarometerHeard, PoseHeard, StateHeard, TextHeard
+from fcsv_control.flight.profile import NOTHING
 from fcsv_control.flight.requests import Outcome
 
 M = mavutil.mavlink
@@ -22,8 +24,8 @@ STEP_S = 0.02
 class Line:
     """A core and the time; ``autopilot`` speaks to it as ArduCopter does."""
 
-    def __init__(self):
-        self.core = LinkCore(LinkParameters())
+    def __init__(self, profile=NOTHING):
+        self.core = LinkCore(LinkParameters(), profile)
         self.encoder = M.MAVLink(None)
         self.now_s, self.sent = 100.0, []
         self.beat(STABILIZE)
@@ -34,9 +36,23 @@ class Line:
         header.srcSystem, header.srcComponent = 1, 1
         self.core.take(self.now_s, message)
 
-    def beat(self, mode, armed=False):
+    def beat(self, mode, armed=False, status=M.MAV_STATE_STANDBY):
         base = (M.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0) | M.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        self.hear("heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, mode, 3)
+        self.hear("heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA, base, mode, status)
+
+    def set_up(self):
+        """Origin, parameters and pre-arm are known."""
+        for name, value in MUST.items():
+            self.hear("param_value", name.encode(), value, 9, 1, 0)
+        self.hear("ekf_status_report", 0x33F, *[0.0] * 5)
+        self.hear("gps_global_origin", 350000000, 1350000000, 10000, 0)
+        self.hear("sys_status", 0, 0, 0x10000000, *[0] * 10)
+        return self
+
+    @property
+    def known(self):
+        core = self.core
+        return core.origin_set(self.now_s), core.heard.parameters.known, core.state.prearm_ok
 
     def acknowledge(self, message, result=0):
         self.hear("command_ack", message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())
@@ -301,3 +317,116 @@ def test_streams_are_asked_for_in_one_order_in_every_process():
     """A set of names has another order in each process: rehearsed flights differed by it, with one seed."""
     asked = [int(m.param1) for m in Line().run(0.5) if m.get_type() == "COMMAND_LONG" and m.command == 511]
     assert len(asked) >= 6 and asked == [getattr(M, f"MAVLINK_MSG_ID_{name}") for name in sorted(STREAMS_HZ)]
+
+
+ALL_KNOWN, NOTHING_KNOWN = (True, True, True), (False, False, None)
+
+
+def test_a_heartbeat_that_says_booting_makes_unknown_what_was_known_at_once(line):
+    """And while it boots nothing that it says of its sensors counts."""
+    line = Line(PROFILE).set_up()
+    assert line.known == ALL_KNOWN
+    line.now_s += 0.5
+    line.beat(GUIDED, status=M.MAV_STATE_BOOT)
+    assert line.known == NOTHING_KNOWN and line.core.connected(line.now_s)
+    asked = {m.get_type() for m in line.run(0.5)}
+    assert "PARAM_REQUEST_READ" not in asked and "SET_GPS_GLOBAL_ORIGIN" not in asked
+    line.set_up()
+    assert line.known[0] is False and line.known[2] is None
+    line.beat(STABILIZE, status=M.MAV_STATE_BOOT)
+    for ask in (lambda: line.core.set_mode(line.now_s, "GUIDED"), lambda: line.core.arm(line.now_s, True)):
+        with pytest.raises(CommandRefused, match="the autopilot is still starting"):
+            ask()
+    line.core.set_mode(line.now_s, "LAND")  # what stops is asked for all the same
+    line.beat(STABILIZE)
+    assert {"PARAM_REQUEST_READ"} < {m.get_type() for m in line.run(0.5)}
+    assert line.set_up().known == ALL_KNOWN
+
+
+@pytest.mark.parametrize("gap_s, before", [(1.9, ALL_KNOWN), (2.7, NOTHING_KNOWN), (8.0, NOTHING_KNOWN)])
+def test_a_gap_of_heartbeats_makes_unknown_what_was_known(gap_s, before):
+    """At once, not only with the next heartbeat; a lost heartbeat or two do not."""
+    line = Line(PROFILE).set_up()
+    for _ in range(int(round(gap_s / STEP_S))):
+        line.run(STEP_S)
+        line.hear("gps_global_origin", 350000000, 1350000000, 10000, 0)
+    assert line.known[1:] == before[1:], "while it is silent"
+    line.beat(GUIDED, armed=True)
+    assert line.known[1:] == before[1:], "and at its first heartbeat"
+    assert line.core.state.armed and line.set_up().known == ALL_KNOWN
+
+
+def test_a_gap_that_this_process_slept_through_counts_at_the_next_heartbeat():
+    line = Line(PROFILE).set_up()
+    line.now_s += 4.0
+    line.beat(GUIDED)
+    assert line.known == NOTHING_KNOWN
+
+
+@pytest.mark.parametrize("name, kind, autopilot", [
+    ("companion", M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_INVALID),
+    ("companion as ArduPilot", M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
+    ("script, INVALID", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_INVALID),
+    ("script, GENERIC", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_GENERIC),
+    ("script, GENERIC of type GENERIC", M.MAV_TYPE_GENERIC, M.MAV_AUTOPILOT_GENERIC),
+    ("gimbal", M.MAV_TYPE_GIMBAL, M.MAV_AUTOPILOT_INVALID),
+    ("gimbal as ArduPilot", M.MAV_TYPE_GIMBAL, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
+    ("ground station", M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID),
+    ("ADS-B", M.MAV_TYPE_ADSB, M.MAV_AUTOPILOT_INVALID),
+    ("ADS-B as ArduPilot", M.MAV_TYPE_ADSB, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
+    ("camera", M.MAV_TYPE_CAMERA, M.MAV_AUTOPILOT_GENERIC),
+    ("another airframe", M.MAV_TYPE_HEXAROTOR, M.MAV_AUTOPILOT_ARDUPILOTMEGA),
+    ("PX4", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_PX4),
+])  # fmt: skip
+def test_foreign_heartbeats_with_the_autopilots_ids_change_nothing(line, wrong_input, name, kind, autopilot, caplog):
+    """Before, "armed GUIDED" became "disarmed STABILIZE", or all that the vehicle said was dropped."""
+    line.beat(GUIDED, armed=True)
+    line.core.events()
+    for _ in range(8):
+        line.now_s += 0.4
+        line.beat(GUIDED, armed=True)
+        line.hear("heartbeat", kind, autopilot, 0, STABILIZE, 0)
+        line.hear("attitude", 5, 0.1, 0.2, 0.3, 0, 0, 0)
+        line.hear("local_position_ned", 5, 1.0, 2.0, -3.0, 0, 0, 0)
+    state = line.core.state
+    assert state.armed and state.mode == "GUIDED" and state.system_status == 3
+    assert not line.core.heard.foreigner and not line.core.heard.strangers
+    assert sum(isinstance(e, PoseHeard) for e in line.core.events()) == 8
+    line.core.set_mode(line.now_s, "LAND")
+    [told] = [r.getMessage() for r in caplog.records if "autopilot's ids" in r.getMessage()]
+    assert line.core.heard.identities.imitated(line.now_s, 1) == told
+    assert line.core.heard.identities.imitated(line.now_s + 6.0, 1) == ""
+    wrong_input(
+        "Autopilot", f"heartbeat of another program with the autopilot's ids: {name}", "left out and named", told
+    )
+
+
+@pytest.mark.parametrize("kind, autopilot", [(M.MAV_TYPE_ONBOARD_CONTROLLER, 8), (2, M.MAV_AUTOPILOT_GENERIC), (6, 8)])
+def test_a_script_that_speaks_before_the_autopilot_is_not_taken_for_it(kind, autopilot):
+    line = Line.__new__(Line)
+    line.core, line.encoder, line.now_s, line.sent = LinkCore(LinkParameters()), M.MAVLink(None), 100.0, []
+    line.hear("heartbeat", kind, autopilot, 0, STABILIZE, 0)
+    assert not line.core.connected(line.now_s)
+    line.beat(GUIDED, armed=True)
+    line.hear("heartbeat", kind, autopilot, 0, STABILIZE, 0)
+    assert line.core.connected(line.now_s) and line.core.state.armed and not line.core.heard.foreigner
+
+
+@pytest.mark.parametrize("system, component", [(1, 154), (1, 191), (1, 156), (255, 190), (2, 191), (1, 0)])
+def test_heartbeats_of_other_components_and_systems_change_nothing(line, system, component):
+    line.beat(GUIDED, armed=True)
+    for kind, autopilot in ((2, 3), (18, 3), (26, 8), (6, 8), (2, 12)):
+        message = line.encoder.heartbeat_encode(kind, autopilot, 0, STABILIZE, 0)
+        message.get_header().srcSystem, message.get_header().srcComponent = system, component
+        line.core.take(line.now_s, message)
+    assert line.core.state.armed and line.core.state.mode == "GUIDED"
+    assert not line.core.heard.foreigner and not line.core.heard.strangers
+
+
+def test_a_vehicle_that_was_flashed_is_met_again_after_its_silence(line):
+    line.beat(GUIDED)
+    line.now_s += 3.5
+    line.hear("heartbeat", M.MAV_TYPE_QUADROTOR, M.MAV_AUTOPILOT_PX4, 0, 0, 3)
+    assert line.core.heard.foreigner.startswith("PX4 with system id 1 speaks")
+    line.beat(STABILIZE)
+    assert not line.core.heard.foreigner and line.core.connected(line.now_s)

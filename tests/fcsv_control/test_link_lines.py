@@ -173,6 +173,22 @@ def test_a_second_autopilot_with_the_same_id_is_refused_aloud_until_the_first_is
     assert until(lambda: other.speak(mode=9) or link.state.mode == "LAND", 5.0)  # the first is silent: it was replaced
 
 
+def test_a_script_with_the_autopilots_ids_does_not_take_its_address(udp):
+    """It speaks first, from another port, and goes on: before, the autopilot was refused as a second one."""
+    link, autopilot = udp
+    script, ours = autopilot(1), autopilot(1)
+    says = script.encoder.heartbeat_encode(M.MAV_TYPE_ONBOARD_CONTROLLER, M.MAV_AUTOPILOT_INVALID, 0, 0, 4)
+    script.beat = lambda mode=0: says.pack(script.encoder)
+    for _ in range(20):
+        script.speak()
+        time.sleep(0.01)
+    assert not link.connected
+    assert until(lambda: script.speak() or ours.speak() or (link.connected and link.imitated))
+    link.send_pose(time.monotonic(), np.eye(4))
+    assert until(lambda: script.speak() or ours.speak() or "VISION_POSITION_ESTIMATE" in ours.heard)
+    assert script.heard == [] and link.state.mode == "GUIDED"
+
+
 def test_random_bytes_on_the_port_end_nothing(udp):
     link, autopilot = udp
     ours, random = autopilot(1), np.random.default_rng(2)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 
 STEP_S = 0.02
+LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS = 3.0, 2.5, 1.5  # of the whole stick
 LAG_S = 0.4  # how fast the velocity follows the stick
 WIND_MPS2 = 0.3  # in ALT_HOLD nothing holds against it but the pilot
 

@@ -18,6 +18,7 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight.core import LinkCore, LinkParameters
+from fcsv_control.flight.feed_check import FeedCheck
 from fcsv_control.flight.listener import EstimateMoved, PoseHeard, TextHeard
 from fcsv_control.flight.signing import read_key
 from fcsv_control.flight.state import MODES
@@ -53,18 +54,19 @@ class Loop:
 
     def __init__(self, **parameters):
         self._parameters = LinkParameters(**parameters)
-        self.system = self._parameters.target_system or 1
+        self.system, self.check = self._parameters.target_system or 1, None
         self.restart()
         self.t, self.offset_m, self.feed_hz, self.target = 0.0, np.zeros(3), 30.0, None
         self.beside = None  # a loop for which time passes as well
         self.moved, self.texts, self.estimate = [], [], None
-        self.check, self.tracker = None, lambda T, _s: T  # a FeedCheck between the tracker's poses and the core
+        self.tracker = lambda T, _s: T  # and ``check``, a FeedCheck, between the tracker's poses and the core
         self._random = np.random.default_rng(5)
         self._feed_s = self._aimed_s = -math.inf
 
     def restart(self):
         """As a link that was killed and started again: it knows nothing of before."""
         self.core = LinkCore(self._parameters, PROFILE)
+        self.check = None if self.check is None else FeedCheck()
 
     def pilot_sets(self, mode):
         """A mode that somebody else asks for: the ground station, which is heard whatever SYSID_ENFORCE says."""
@@ -112,10 +114,31 @@ class Loop:
     def _believed(self, T):
         if self.check is None:
             return True
-        if self.core.state.armed and self.core.state.landed is False:
-            return self.check.judge(self.t, self.t, T)
-        self.check.on_ground()
-        return True
+        state = self.core.state
+        believed = self.check.passes(self.t, self.t, T, state.armed, state.in_the_air)
+        if believed and self.check.came_back:
+            self.core.note_reset()
+        return believed
+
+    def checked(self):
+        """With the feed check in the loop, as the flight link has it, and a tracker with a T265's noise."""
+        self.check, self.tracker = FeedCheck(), lambda T, _s: self.noisy(T)
+        return self
+
+    @property
+    def doubt(self):
+        return "" if self.check is None else self.check.doubt
+
+    def doubt_awaited(self):
+        """A doubt, which a test waited for; what comes after is not judged."""
+        doubt, self.check = self.check.doubt, None
+        return doubt
+
+    def announce_reset(self):
+        """As the flight link's service ``odometry_reset``."""
+        self.core.note_reset()
+        if self.check is not None:
+            self.check.begin_again()
 
     def noisy(self, T):
         """As a T265 that hovers: 1.5 mm and 0.03 deg."""

@@ -185,8 +185,7 @@ class LinkCore:
         if self._heard.foreigner:  # its modes have other numbers: not even LAND is one
             raise CommandRefused(f"mode {name} refused: {self._heard.foreigner}")
         if name not in STOPPING:
-            self._require_one_autopilot(f"mode {name}")
-            self._require_awake(now_s, f"mode {name}")
+            self._require_ready(now_s, f"mode {name}")
         if name == "GUIDED":
             self._require_parameters()
         ask = (now_s, _M.MAV_CMD_DO_SET_MODE, (1, MODES[name]), f"mode {name}", lambda s: s.mode == name)
@@ -203,8 +202,7 @@ class LinkCore:
         if self._heard.foreigner:
             raise CommandRefused(f"{what} refused: {self._heard.foreigner}")
         if value:
-            self._require_one_autopilot(what)
-            self._require_awake(now_s, what)
+            self._require_ready(now_s, what)
         number = _M.MAV_CMD_COMPONENT_ARM_DISARM
         return self._requests.ask(now_s, number, (float(value),), what, lambda s: s.armed == value)
 
@@ -220,6 +218,14 @@ class LinkCore:
         take_off = TakeOff(now_s, altitude_m, self._heard, self._requests, self._parameters.command_timeout_s)
         self._take_off.append(take_off)
         return take_off
+
+    def _require_ready(self, now_s: float, what: str) -> None:
+        """Raises CommandRefused where it is not said which of several autopilots is ours, where this process stood
+        still, or where the autopilot is still starting."""
+        self._require_one_autopilot(what)
+        self._require_awake(now_s, what)
+        if self.state.booting:
+            raise CommandRefused(f"{what} refused: the autopilot is still starting")
 
     def _require_one_autopilot(self, what: str) -> None:
         """Raises CommandRefused where it is not said which of several autopilots is ours."""

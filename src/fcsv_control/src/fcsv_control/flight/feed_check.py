@@ -21,7 +21,8 @@ from fcsv_geometry.config import require_positive
 
 _CLOCK_STEP_S = 0.15  # between the sender's clock and ours
 _GAP_S = 0.5  # silence after which nothing of before counts
-_SETTLE_S = 1.5  # so long the autopilot's filter needs after one
+_SETTLE_S = 1.5  # so long the autopilot's filter needs after one, or after a reset that was announced:
+_IGNORES_S = 1.08  # with VISO_TYPE 2 ArduCopter ignores poses for so long, and adopts the next one
 _HEARS_S = 1.5  # until a link that was just started has heard from the autopilot
 
 Vector = Tuple[float, float, float]
@@ -61,15 +62,22 @@ class FeedCheck:
         self._way: Deque[Tuple[float, Vector, Vector]] = deque()  # time, way by velocity (m, odom), velocity
         self._estimate: Optional[Vector] = None
         self._skew_s = 0.0
-        self._settled_s = -math.inf
+        self._settled_s = self._adopted_s = self._new_frame_s = -math.inf
+        self._announced = False
         self._height = HeightCheck(self._rules.height)
         self._scene = SceneCheck(self._rules.scene)
         self._first_s: Optional[float] = None
         self.came_back = False
-        self.begin_again()
+        self._clear()
 
     def begin_again(self) -> None:
-        """The odometry frame was begun anew: nothing of before counts."""
+        """The odometry frame was begun anew, and the autopilot is told so: nothing of before counts. Estimate and feed
+        are compared again once the autopilot has adopted the new frame. The first pose in it may come a little later
+        than the announcement."""
+        self._clear()
+        self._announced = True
+
+    def _clear(self) -> None:
         self._clock_s: Optional[float] = None
         self._gaps = 0
         self._samples: Deque[Tuple[float, Tuple[float, ...]]] = deque()  # stamp; position, forward and left axes (9,)
@@ -85,7 +93,8 @@ class FeedCheck:
 
     def on_ground(self) -> None:
         """Not flying: nothing of before counts, and the height of the ground is here."""
-        self.begin_again()
+        self._clear()
+        self._announced = False
         self._height.on_ground()
 
     def waits(self, now_s: float, in_the_air: Optional[bool]) -> bool:
@@ -127,6 +136,17 @@ class FeedCheck:
             elif self._rules.scene.one_way_lands:
                 self.doubt = self.doubt or said
 
+    def passes(
+        self, now_s: float, stamp_s: float, T_odom_body: np.ndarray, armed: bool, in_the_air: Optional[bool]
+    ) -> bool:
+        """Whether a pose may go to the autopilot. On the ground there is nothing to feel; ``in_the_air`` None: the
+        autopilot has not said."""
+        if armed and in_the_air:
+            return self.judge(now_s, stamp_s, T_odom_body)
+        self.came_back = False
+        (self._clear if in_the_air is None else self.on_ground)()
+        return True
+
     def judge(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
         """Whether a pose of a flying vehicle may go to the autopilot. ``came_back``: it is the first after a silence
         and elsewhere, so that the autopilot must be told of a reset. It would take the step for flight, and meet the
@@ -136,6 +156,9 @@ class FeedCheck:
         a gap, begin anew.
         """
         gap = self._continue(now_s, stamp_s)
+        if self._announced:
+            self._announced = False
+            self._adopted_s, self._new_frame_s = now_s + _SETTLE_S, now_s + _IGNORES_S
         rows = T_odom_body.tolist()
         p_m = (rows[0][3], rows[1][3], rows[2][3])
         self.came_back = gap and apart_m(p_m, self._estimate) > self._rules.returns_m
@@ -145,7 +168,7 @@ class FeedCheck:
         self._samples.append((stamp_s, pose))
         while self._samples[0][0] < stamp_s - self._rules.frozen_s - 0.05:
             self._samples.popleft()
-        believed = not repeats and self._explained(stamp_s, p_m)
+        believed = not repeats and (self._explained(stamp_s, p_m) or self._is_new_frame(now_s, stamp_s, p_m))
         if believed:
             self._withheld_since_s = None
         elif self._withheld_since_s is None:
@@ -168,7 +191,7 @@ class FeedCheck:
                 self._gaps += 1
             if abs(step_s - arrived_s) > _CLOCK_STEP_S or not 0.0 < step_s < _GAP_S:
                 doubt, gaps = self.doubt, self._gaps
-                self.begin_again()
+                self._clear()
                 self.doubt, self._gaps = doubt, gaps
         self._clock_s, self._skew_s = stamp_s, now_s - stamp_s
         return gap
@@ -192,6 +215,14 @@ class FeedCheck:
         while len(self._believed) > 2 and self._believed[1][0] <= stamp_s - r.horizon_s:
             self._believed.popleft()
         return True
+
+    def _is_new_frame(self, now_s: float, stamp_s: float, p_m: Vector) -> bool:
+        """Whether a pose that is elsewhere is the first one in a frame that was announced a moment ago; once."""
+        if now_s >= self._new_frame_s:
+            return False
+        self._new_frame_s = -math.inf
+        self._believed.clear()
+        return self._explained(stamp_s, p_m)
 
     def _way_at(self, at_s: float) -> Tuple[Vector, Vector]:
         """Way (m) and velocity (m/s) at a time of our clock, by the velocities heard."""
@@ -233,7 +264,7 @@ class FeedCheck:
 
     def _apart(self, now_s: float, p_m: Vector) -> str:
         r = self._rules
-        if not self._way or now_s < self._settled_s:
+        if not self._way or now_s < max(self._settled_s, self._adopted_s):
             return ""
         distance_m = apart_m(p_m, self._estimate)
         if not distance_m > r.apart_m + r.apart_lag_s * math.hypot(*self._way[-1][2]):

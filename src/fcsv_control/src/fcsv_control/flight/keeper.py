@@ -16,6 +16,8 @@ _PERIOD_S = {
     HEARTBEAT: 1.0, STREAMS: 0.1, ASK_ORIGIN: 1.0, SET_ORIGIN: 1.0, PARAMETER: 0.1, VERSION: 2.0, TIMESYNC: 1.0,
 }  # fmt: skip
 _SILENT_S = 2.0
+_GAP_S = 2.5  # between heartbeats, of which two come a second: the autopilot may have been restarted meanwhile
+_ONCE_STARTED = frozenset({ASK_ORIGIN, SET_ORIGIN, PARAMETER})  # what an autopilot that boots answers is not kept
 _BOOT_BACK_MS = 1000
 
 
@@ -26,6 +28,7 @@ class ConnectionKeeper:
         self._streams: Dict[str, float] = dict.fromkeys(streams, float("-inf"))
         self._asked_s: Dict[str, float] = {}
         self._heartbeat_s: Optional[float] = None
+        self._booting = self._forgotten = False
         self._boot_ms: Optional[int] = None
         self._next_s = dict.fromkeys(_PERIOD_S, float("-inf"))
         self._origin_s = float("-inf")
@@ -41,16 +44,28 @@ class ConnectionKeeper:
 
     def origin(self, now_s: float, lasts: bool) -> None:
         """The autopilot reported an origin; ``lasts``: its filter has begun, so that it is not lost again."""
-        if lasts:
+        if lasts and not self._forgotten:
             self._origin_s = now_s
 
-    def heartbeat(self, now_s: float) -> bool:
-        """A heartbeat came; whether it is the first one, or the first after a silence."""
-        began = not self.connected(now_s)
-        self._heartbeat_s = now_s
+    def heartbeat(self, now_s: float, booting: bool) -> bool:
+        """A heartbeat came, of an autopilot that is still ``booting`` or not; whether nothing of before counts: it is
+        the first one, the first after a gap, or the first that says so."""
+        silent = self._heartbeat_s is None or now_s - self._heartbeat_s > _GAP_S
+        began = silent or (booting and not self._booting)
+        same_firmware = self.version_known and self.connected(now_s) and not booting
+        self._heartbeat_s, self._booting, self._forgotten = now_s, booting, False
         if began:
             self.begin_again()
+            self.version_known = same_firmware
         return began
+
+    def fell_silent(self, now_s: float) -> bool:
+        """Whether nothing of before counts from now on, because no heartbeat has come for too long; once. Asked for
+        again it is with the next heartbeat."""
+        if self._forgotten or self._heartbeat_s is None or now_s - self._heartbeat_s <= _GAP_S:
+            return False
+        self._forgotten, self._origin_s = True, float("-inf")
+        return True
 
     def stream(self, now_s: float, name: str, boot_ms: Optional[int] = None) -> bool:
         """A message of a stream came; whether its time since boot went back, that is, it was rebooted."""
@@ -99,7 +114,7 @@ class ConnectionKeeper:
     def _wanted(self, now_s: float, name: str) -> bool:
         if name == HEARTBEAT:
             return True  # also before anything is heard: on some links it must speak first
-        if not self.connected(now_s):
+        if not self.connected(now_s) or (self._booting and name in _ONCE_STARTED):
             return False
         if name == STREAMS:
             return bool(self._stopped(now_s))

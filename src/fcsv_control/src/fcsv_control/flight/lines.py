@@ -14,6 +14,7 @@ from typing import Deque, Dict, Optional, Tuple
 
 from pymavlink import mavutil
 
+from fcsv_control.flight import firmware
 from fcsv_control.flight.parser import Parser, Sender
 from fcsv_control.flight.signing import Signing
 
@@ -94,6 +95,8 @@ class UdpLine:
         """Whether a message comes from where its system id lives; a new id moves in."""
         if message.get_type() == "BAD_DATA" or message.get_srcComponent() != _M.MAV_COMP_ID_AUTOPILOT1:
             return False
+        if message.get_type() == "HEARTBEAT" and not firmware.is_vehicles(message):
+            return True  # of a program with an autopilot's ids: it is named, and does not move in
         system, now_s = message.get_srcSystem(), time.monotonic()
         home = self._homes.get(system)
         if home is not None and home[0] != peer and now_s - home[1] < _HOME_LASTS_S:

@@ -107,6 +107,11 @@ class FlightLink:
         return self._core.heard.foreigner
 
     @property
+    def imitated(self) -> str:
+        """Which other program sends heartbeats as this autopilot, in a sentence; empty where none does."""
+        return self._core.heard.identities.imitated(time.monotonic(), self._core.heard.target)
+
+    @property
     def timesync(self) -> TimeSync:
         """How the autopilot's clock stands to ours, and how long the line takes."""
         return self._core.heard.timesync

@@ -11,6 +11,7 @@ from pymavlink import mavutil
 
 from fcsv_control.flight import conversion, firmware
 from fcsv_control.flight.height_check import height_m
+from fcsv_control.flight.identity import Identities
 from fcsv_control.flight.keeper import ConnectionKeeper
 from fcsv_control.flight.parameters import ParameterCheck
 from fcsv_control.flight.profile import Profile, Rule
@@ -104,6 +105,7 @@ class Listener:
         self.parameters = ParameterCheck(profile)
         self.strangers: Tuple[int, ...] = ()  # system ids of autopilots that are not ours
         self.foreign: Dict[int, str] = {}  # firmware that is not flown, by system id
+        self.identities = Identities()
         self.version = ""
         self.timesync = TimeSync()
         self.timesync_answers: List[Tuple[int, int]] = []
@@ -138,15 +140,16 @@ class Listener:
         kind = m.get_type()
         if kind == "BAD_DATA" or m.get_srcComponent() != _M.MAV_COMP_ID_AUTOPILOT1:
             return
-        if kind == "HEARTBEAT" and m.autopilot != _M.MAV_AUTOPILOT_INVALID and self._is_flown(m):
-            self._meet(m.get_srcSystem())
+        if kind == "HEARTBEAT":
+            if not self.identities.is_own(now_s, m):
+                return
+            if self._is_flown(m):
+                self._meet(m.get_srcSystem())
         if m.get_srcSystem() != self.target or self.target in self.foreign:
             return
         if self.keeper.stream(now_s, kind, getattr(m, "time_boot_ms", None)):
             _LOG.warning("flight controller was restarted: connecting again")
-            self.parameters.begin()
-            self.timesync.begin()
-            self.state = replace(self.state, ekf_flags=0)
+            self._forget()
         if kind not in self._handlers:
             self._handlers[kind] = getattr(self, "_on_" + kind.lower(), None)
         handler = self._handlers[kind]
@@ -154,9 +157,19 @@ class Listener:
             handler(now_s, m)
 
     def overdue(self, now_s: float) -> None:
-        """Pass on texts whose end got lost."""
+        """Time passed: texts whose end got lost are passed on, and what was known of an autopilot that has fallen
+        silent counts no more."""
         for text in self._texts.overdue(now_s):
             self._said(now_s, *text)
+        if self.keeper.fell_silent(now_s):
+            self._forget()
+
+    def _forget(self) -> None:
+        """What the autopilot said before it was silent, or restarted, counts no more: parameters, whether it may be
+        armed, and whether its filter runs. (The origin is the keeper's.) Mode and motors stay as they showed last."""
+        self.parameters.begin()
+        self.timesync.begin()
+        self.state = replace(self.state, ekf_flags=0, prearm_ok=None)
 
     def _is_flown(self, heartbeat) -> bool:
         """Whether it is an ArduCopter: others mean something else by the same modes and commands."""
@@ -178,9 +191,9 @@ class Listener:
 
     def _on_heartbeat(self, now_s: float, m) -> None:
         self.state = self.state.with_heartbeat(m)  # before "connected" is true: nobody sees it without a mode
-        if self.keeper.heartbeat(now_s):
+        if self.keeper.heartbeat(now_s, self.state.booting):
             _LOG.info("flight controller %d is there", self.target)
-            self.parameters.begin()
+            self._forget()
         self._events.append(StateHeard())
 
     def _on_extended_sys_state(self, _now_s: float, m) -> None:

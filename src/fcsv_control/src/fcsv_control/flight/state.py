@@ -50,9 +50,15 @@ class FlightState:
         return max((v for v in all_four if not math.isnan(v)), default=float("nan"))
 
     @property
+    def booting(self) -> bool:
+        """Whether the firmware itself is still starting: nothing that it says of its sensors counts yet."""
+        return self.system_status == _M.MAV_STATE_BOOT
+
+    @property
     def filter_runs(self) -> bool:
         """Whether the filter has begun: an origin that was set before that is lost."""
-        return bool(self.ekf_flags & _FILTER_RUNS) and not self.ekf_flags & _FILTER_NOT_BEGUN
+        begun = bool(self.ekf_flags & _FILTER_RUNS) and not self.ekf_flags & _FILTER_NOT_BEGUN
+        return begun and not self.booting
 
     def with_ekf(self, now_s: float, m) -> "FlightState":
         """After an EKF_STATUS_REPORT."""
@@ -92,7 +98,7 @@ class FlightState:
         """After a SYS_STATUS; what it does not know is NaN."""
         return replace(
             self,
-            prearm_ok=bool(m.onboard_control_sensors_health & _PREARM_BIT),
+            prearm_ok=None if self.booting else bool(m.onboard_control_sensors_health & _PREARM_BIT),
             voltage_v=m.voltage_battery / 1000.0 if m.voltage_battery != 65535 else float("nan"),
             current_a=m.current_battery / 100.0 if m.current_battery >= 0 else float("nan"),
             battery_share=m.battery_remaining / 100.0 if m.battery_remaining >= 0 else float("nan"),

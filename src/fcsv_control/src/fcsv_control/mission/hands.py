@@ -21,6 +21,7 @@ class Hands:
         self._asked: Dict[str, str] = {}  # modes that were asked for and do not show yet
         self._before: Dict[str, str] = {}  # and the modes from which
         self._ours: Dict[str, str] = {}  # modes that show and were asked for
+        self._lost: Set[str] = set()  # vehicles without a position
 
     def asked(self, name: str, mode: str, now: str) -> None:
         """The mission asks for a mode while the vehicle shows ``now``."""
@@ -40,16 +41,18 @@ class Hands:
 
     @property
     def all_given_back(self) -> bool:
-        """Whether every vehicle that was taken shows a mode in which pilots give back."""
-        return all(mode in GIVEN_BACK for mode in self.taken.values())
+        """Whether every vehicle that was taken shows a mode in which pilots give back, and has a position."""
+        return all(mode in GIVEN_BACK and name not in self._lost for name, mode in self.taken.items())
 
     def problems(self) -> List[str]:
         """A line for each vehicle that somebody else has, and what to do."""
-        return [
-            f"{name}: {mode} was not asked for by the mission; "
-            + ("confirm 'resume'" if mode in GIVEN_BACK else "give it back in LOITER or GUIDED, or abort")
-            for name, mode in self.taken.items()
-        ]
+        return [f"{n}: {mode} was not asked for by the mission; {self._then(n)}" for n, mode in self.taken.items()]
+
+    def _then(self, name: str) -> str:
+        """What its pilot is to do. Without a position LOITER and GUIDED would fly after a wrong one."""
+        if name in self._lost:
+            return "it lost its position: land it in ALT_HOLD, or abort"
+        return "confirm 'resume'" if self.taken[name] in GIVEN_BACK else "give it back in LOITER or GUIDED, or abort"
 
     def take_over(self, vehicles: Sequence[str], taken: Dict[str, str]) -> None:
         """After a restart: GUIDED was asked for, and ``taken`` was in a pilot's hands. Any other mode is a pilot's."""
@@ -69,6 +72,7 @@ class Hands:
 
     def see(self, snapshot: Snapshot) -> None:
         """What modes tell."""
+        self._lost = {name for name, view in snapshot.vehicles.items() if view.lost}
         for name, view in snapshot.vehicles.items():
             if view.state_age_s == float("inf"):
                 continue  # never heard

@@ -77,6 +77,8 @@ class MissionMachine(Operated):
         """The outcome of a service that was asked for; one that failed is waited for again."""
         if self.phase != {"calibrate": "CALIBRATE", "set_home": "SET_HOME"}[what]:
             return  # aborted meanwhile
+        lost = watch.lost(self._snapshot)
+        success, message = success and not lost, lost or message
         if what == "calibrate":
             self._enter(*(("MOVE_HOME", message, "set_home") if success else ("COLUMN", message)))
         else:

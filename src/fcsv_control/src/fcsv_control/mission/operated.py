@@ -3,6 +3,7 @@
 
 from typing import List, Optional, Sequence
 
+from fcsv_control.mission import watch
 from fcsv_control.mission.check_gate import OpenGate
 from fcsv_control.mission.flight_list import FlightList
 from fcsv_control.mission.hands import Hands
@@ -66,6 +67,9 @@ class Operated:
         now_s = 0.0 if self._snapshot is None else self._snapshot.now_s
         if now_s - self._confirmed_s < _CONFIRMED_ONCE_S:
             return "the step before was confirmed a moment ago; look at the vehicles, then confirm again"
+        lost = watch.lost(self._snapshot) if self.phase != "LAND" else ""
+        if lost:
+            return f"'{step}' is refused: {lost}"
         if not self.waits_for:
             return f"nothing is waited for in {self.phase}"
         if step != self.waits_for:
@@ -100,7 +104,7 @@ class Operated:
         wrong = [i for i in indices if not 0 <= i <= most]
         if wrong or len(set(indices)) != len(indices):
             return f"configurations are numbered 0..{most}, each once; got {list(indices)}"
-        if self.waits_for != "execute":
+        if self.waits_for != "execute" and not watch.lost(self._snapshot):
             return f"'execute' is not waited for in {self.phase}"
         before, self._indices = self._indices, list(indices) or None
         refusal = self.proceed("execute")

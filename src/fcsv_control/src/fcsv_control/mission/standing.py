@@ -8,8 +8,8 @@ from typing import Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
 
+from fcsv_control.mission.calm import CalmCheck
 from fcsv_control.mission.outbox import Outbox
-from fcsv_control.mission.places import heading_error_rad
 from fcsv_control.mission.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.stages import HOLDS, RECORDS
@@ -50,7 +50,7 @@ class Standing:
         self._record_s = max(c.record_s for c in listed)
         self._least_pictures = max(c.least_pictures for c in listed)
         self._title = " and ".join(c.title for c in listed)
-        self._places = places  # T_home_cam per vehicle
+        self._calm = CalmCheck(mission.settle, places)
         self._recorders = Recorders(outbox, list(places), mission.limits.recorder_s)
         self._last = last  # a disturbed recording counts: there is no further attempt
         self._started_s: Optional[float] = None
@@ -83,30 +83,15 @@ class Standing:
 
     def _settle(self, snapshot: Snapshot) -> Progress:
         self.detail = f"{' and '.join(self._movers)} settle{'s' * (len(self._movers) == 1)} at {self._title}"
-        if not self._calm(snapshot):
+        if not self._calm.look(snapshot):
+            self.detail += f": {self._calm.said}"
             self._calm_since_s = None
             late = snapshot.now_s - self._started_s > self._bounds.timeout_s
-            return self._give_up(f"not calm there: {self.detail}") if late else Progress.UNDER_WAY
+            return self._give_up(f"not calm there: {self._calm.in_the_way}") if late else Progress.UNDER_WAY
         self._calm_since_s = snapshot.now_s if self._calm_since_s is None else self._calm_since_s
         if snapshot.now_s - self._calm_since_s >= self._bounds.time_s:
             self._recorders.start(snapshot)
         return Progress.UNDER_WAY
-
-    def _calm(self, snapshot: Snapshot) -> bool:
-        b = self._bounds
-        views = [snapshot.vehicles[n] for n in self._places]
-        return (
-            self._error_m(snapshot) < b.position_m
-            and self._heading_error_rad(snapshot) < np.radians(b.heading_deg)
-            and all(v.speed_mps < b.speed_mps and v.pose_age_s < b.pose_age_s for v in views)
-        )
-
-    def _error_m(self, snapshot: Snapshot) -> float:
-        """Largest distance (m) of a camera from its place."""
-        return max(float(np.linalg.norm(snapshot.p_home_cam(n) - T[:3, 3])) for n, T in self._places.items())
-
-    def _heading_error_rad(self, snapshot: Snapshot) -> float:
-        return max(heading_error_rad(snapshot.vehicles[n].T_home_cam, T) for n, T in self._places.items())
 
     def _give_up(self, why: str) -> Progress:
         self.why = why
@@ -117,7 +102,9 @@ class Standing:
         recorders = self._recorders
         if recorders.started(snapshot):
             self._start_s, self._clock_set = snapshot.now_s + FIRST_PICTURE_S, snapshot.clock_set
-        elif recorders.refused:
+        elif not recorders.refused:
+            self.detail = f"recorders start for {self._title}"
+        else:
             self.detail = f"recorders do not start for {self._title}: {recorders.refused}"
             if recorders.given_up:
                 return self._give_up(f"recorders do not start: {recorders.refused}")
@@ -125,7 +112,7 @@ class Standing:
 
     def _watch(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
         if self._stop_s is None:
-            self._worst_m = max(self._worst_m, self._error_m(snapshot))
+            self._worst_m = max(self._worst_m, self._calm.error_m(snapshot))
             self.detail = f"recording {self._title}"
             self._stop_s = self._ended_s(snapshot)
         gust = self._worst_m > self._bounds.hold_m and not self._last

@@ -2,7 +2,7 @@
 """What must be well for the mission to go on. Texts hold no numbers that change: they are shown until they change."""
 
 from itertools import combinations
-from typing import Iterator, List, Tuple
+from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -27,6 +27,21 @@ _CALIBRATED = ("MOVE_HOME", "SET_HOME", *FLOWN)
 _BATTERY_KNOWN = ("WAIT_VEHICLES", *FLOWN)
 
 
+#: What is said of a vehicle that flies without a position: in LOITER and GUIDED it would follow a wrong one.
+LOST_POSITION = "lost its position: land it by hand in ALT_HOLD, keep away from it"
+
+
+def lost(snapshot: Optional[Snapshot]) -> str:
+    """Why nobody is calibrated or handed over now: who lost its position, and what to do; "" where nobody did."""
+    views = {} if snapshot is None else snapshot.vehicles
+    names = [n for n, v in views.items() if v.lost]
+    if not names:
+        return ""
+    flies = any(views[n].armed for n in names)
+    then = "land it by hand in ALT_HOLD, or abort" if flies else "abort; it is known again after its next take-off"
+    return f"{' and '.join(names)} lost its position: {then}"
+
+
 def problems(mission: Mission, phase: str, snapshot: Snapshot) -> List[str]:
     """Why the mission does not go on in this phase, one line each."""
     return [text for _, text in found(mission, phase, snapshot)]
@@ -49,8 +64,11 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
     for name, view in snapshot.vehicles.items():
         if phase in _IN_THE_AIR and view.battery_share < mission.empty_battery_share:
             raise MissionError(f"{name}: battery below {mission.empty_battery_share:.0%}: landing everybody")
-        if phase == "CONFIGURATIONS" and view.state_age_s <= STATE_STALE_S and not view.armed:
+        down = view.state_age_s <= STATE_STALE_S and not view.armed
+        if phase == "CONFIGURATIONS" and down:
             raise MissionError(f"{name}: motors are off: landing everybody")
+        if phase in _IN_THE_AIR and down and view.lost:
+            raise MissionError(f"{name}: lost its position and is down: landing everybody")
         if phase in FLOWN and view.sighted_off:
             raise MissionError(f"{name}: {view.sighted_off}: landing everybody")
 
@@ -65,6 +83,8 @@ def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tup
         return
     if not view.connected:
         yield Pause.LOST, "no flight controller"
+    if view.lost and (view.armed or phase in _IN_THE_AIR):
+        yield Pause.LOST, LOST_POSITION if view.armed else "lost its position, and lies where nobody knows: abort"
     if phase in FLOWN and view.guarded:
         yield Pause.LOST, f"its guardian: {view.guarded}"
     if phase in _RECORDED:

@@ -12,6 +12,7 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import LinkError
 from fcsv_control.flight import firmware
+from fcsv_control.flight.identity import Identities
 from fcsv_control.flight.signing import ticks
 from fcsv_control.flight.transport import Transport
 from fcsv_control.parameters.transfer import TRIES, NamedRead, Value, WholeRead, Write
@@ -19,6 +20,7 @@ from fcsv_control.parameters.transfer import TRIES, NamedRead, Value, WholeRead,
 _M = mavutil.mavlink
 _AUTOPILOT, _COMPANION = _M.MAV_COMP_ID_AUTOPILOT1, _M.MAV_COMP_ID_ONBOARD_COMPUTER4
 _POLL_S = 0.02
+_SECOND_S = 1.5  # after another firmware's heartbeat an ArduCopter's may come, which speaks once a second
 _COMPLAINS_S = 0.5  # at most, after what it does not take
 _ANY = _M.MAV_PARAM_TYPE_REAL32  # ArduPilot goes by its own
 
@@ -32,13 +34,17 @@ class Vehicle:
 
     def __init__(self, url: str, system: int = 0, patience_s: float = 10.0, key: Optional[bytes] = None):
         self.system, self.armed, self.firmware = system, False, ""
+        self._identities = Identities()
         self._line = Transport(url, key)
         self._encoder = _M.MAVLink(None)
         self._values: List[object] = []
         self.complaints: List[str] = []  # of its, about keys
         until_s = time.monotonic() + patience_s
-        while not self.firmware and time.monotonic() < until_s:
+        while self.firmware != firmware.COPTER and time.monotonic() < until_s:
+            before = self.firmware
             self._hear()
+            if self.firmware and not before:
+                until_s = min(until_s, time.monotonic() + _SECOND_S)
         if self.firmware != firmware.COPTER:
             self.close()
             who = f" with system id {system}" if system else ""
@@ -117,9 +123,9 @@ class Vehicle:
             m = self._line.receive(0.0)
 
     def _take(self, m) -> None:
-        beats = m.get_type() == "HEARTBEAT" and m.autopilot != _M.MAV_AUTOPILOT_INVALID
-        if beats and self.system in (0, m.get_srcSystem()):
-            self.system, self.firmware = m.get_srcSystem(), firmware.name_of(m)
+        system = m.get_srcSystem()
+        if m.get_type() == "HEARTBEAT" and self.system in (0, system) and self._identities.is_own(time.monotonic(), m):
+            self.system, self.firmware = system, firmware.name_of(m)
             self.armed = bool(m.base_mode & _M.MAV_MODE_FLAG_SAFETY_ARMED)
         elif m.get_type() == "PARAM_VALUE" and m.get_srcSystem() == self.system:
             self._values.append(m)

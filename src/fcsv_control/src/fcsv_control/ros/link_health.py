@@ -28,7 +28,7 @@ class LinkHealthReport:
 
     def __init__(self, name: str, odom: str, health: Health, transmitter: bool = True):
         self._name, self._odom, self._health = name, odom, health
-        self._gate, self._doubt = RateGate(_RATE_HZ), ""
+        self._gate, self._urgent = RateGate(_RATE_HZ), ()
         self._publisher = rospy.Publisher("flight_link/health", LinkHealth, queue_size=5)
         self._moved = rospy.Publisher("flight_link/estimate_moved", Vector3Stamped, queue_size=20)
         self._parameters = rospy.Publisher("flight_link/parameters", ParameterReport, queue_size=2, latch=True)
@@ -36,11 +36,13 @@ class LinkHealthReport:
         self._rc = rospy.Publisher("mavros/rc/in", RCIn, queue_size=5) if transmitter else None
 
     def publish(self, now_s: float, link: FlightLink, doubt: str) -> None:
-        """At 5 Hz, and at once where there is another ``doubt`` of the poses, however often it is called."""
-        if doubt == self._doubt and not self._gate.passes(now_s):
-            return
-        self._doubt = doubt
+        """At 5 Hz, and at once where there is another ``doubt`` of the poses, or where it is no longer known whether
+        the autopilot may be flown, however often it is called."""
         connected, s = link.snapshot()
+        urgent = (doubt, connected, link.origin_set, link.parameters.known, s.booting)
+        if urgent == self._urgent and not self._gate.passes(now_s):
+            return
+        self._urgent = urgent
         rate_hz, age_s, apart_m = link.feed_figures()
         wrong = link.parameters.wrong()
         self._publisher.publish(
@@ -89,6 +91,7 @@ class LinkHealthReport:
         health.problem("parameters", f"{name}: autopilot's parameters: {wrong}" if wrong else "")
         health.problem("advised", f"{name}: advised parameters: {weak}" if weak else "")
         health.problem("autopilots", f"{name}: a second autopilot, {others}, is on the line" if others else "")
+        health.problem("heartbeats", f"{name}: {link.imitated}" if link.imitated else "")
         restart = f"{name}: origin's altitude is 0, height runs away: restart the autopilot"
         health.problem("origin", restart if zero and not s.armed else "")
         for key, value in (

@@ -84,15 +84,11 @@ class PoseFeed:
                 self._health.tick("pose feed")
 
     def _believed(self, now_s: float, stamp_s: float, T_odom_body: np.ndarray) -> bool:
-        """Whether a pose agrees with what the autopilot feels. On the ground there is nothing to feel."""
+        """Whether a pose agrees with what the autopilot feels."""
         state = self._link.state
-        if state.armed and state.in_the_air:
-            believed = self._check.judge(now_s, stamp_s, T_odom_body)
-            if believed and self._check.came_back:
-                self._link.note_reset()
-        else:
-            (self._check.begin_again if state.in_the_air is None else self._check.on_ground)()
-            believed = True
+        believed = self._check.passes(now_s, stamp_s, T_odom_body, state.armed, state.in_the_air)
+        if believed and self._check.came_back:
+            self._link.note_reset()
         doubt = self._check.doubt or self._check.scene_says
         self._health.problem("tracker", f"{self._name}: {doubt}" if doubt else "")
         return believed

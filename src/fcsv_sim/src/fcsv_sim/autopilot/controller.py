@@ -10,9 +10,6 @@ from typing import Dict, List, Tuple
 
 from fcsv_geometry.rotations import wrap
 
-MAX_CLIMB_MPS = 2.5
-MAX_SINK_MPS = 1.5
-LOITER_SPEED_MPS = 3.0
 _RAMP_MPS2 = 3.0
 _MAX_LEAN_RAD = math.radians(30.0)
 _YAW_STICK_RPS = math.radians(100.0)
@@ -86,29 +83,33 @@ class Controller:
     def yaw_rate(self, yaw_rad: float, estimate) -> float:
         return _clip(2.0 * wrap(yaw_rad - estimate.yaw_ext_rad), -1.0, 1.0)
 
-    def to_velocity(self, v_ext_mps, yaw_rate_rps, estimate, dt_s: float, ramp_mps2: float = _RAMP_MPS2):
-        """Command towards a velocity (ext, m/s), the target ramped at the acceleration limit."""
+    def to_velocity(
+        self, v_ext_mps, yaw_rate_rps, estimate, dt_s: float, ramp_mps2: float = _RAMP_MPS2, ahead: float = 0.0
+    ):
+        """Command towards a velocity (ext, m/s), the target ramped at the acceleration limit; ``ahead``: share of the
+        target's own acceleration that is asked for before the velocity lacks it."""
         limit = ramp_mps2 * dt_s
         target, integral, acc = self._v_target, self._v_integral, [0.0, 0.0, 0.0]
         for k, (wanted, now) in enumerate(zip(v_ext_mps, estimate.v_ext_mps.tolist())):
-            target[k] += _clip(float(wanted) - target[k], -limit, limit)
+            step = _clip(float(wanted) - target[k], -limit, limit)
+            target[k] += step
             error = target[k] - now
             integral[k] = _clip(integral[k] + 0.8 * error * dt_s, -3.0, 3.0)
-            acc[k] = 2.2 * error + integral[k]
+            acc[k] = 2.2 * error + integral[k] + ahead * step / dt_s
         return self._from_acceleration(acc, yaw_rate_rps, estimate)
 
-    def to_lean(self, roll_rad, pitch_rad, yaw_rate_rps, climb_mps, climb_now_mps, dt_s):
-        """Lean angles from the sticks with a held climb rate (ALT_HOLD)."""
+    def to_lean(self, roll_rad, pitch_rad, yaw_rate_rps, climb_mps, climb_now_mps, dt_s, climb_mps2: float = 0.0):
+        """Lean angles from the sticks with a held climb rate (ALT_HOLD), which changes by ``climb_mps2``."""
         error = climb_mps - climb_now_mps
         self._v_integral[2] = _clip(self._v_integral[2] + 0.8 * error * dt_s, -3.0, 3.0)
-        acc_z = 2.2 * error + self._v_integral[2]
+        acc_z = 2.2 * error + self._v_integral[2] + climb_mps2
         self._v_target = [0.0, 0.0, 0.0]
         thrust = self._hover * (1.0 + acc_z / _G) / max(0.5, math.cos(roll_rad) * math.cos(pitch_rad))
         return roll_rad, pitch_rad, yaw_rate_rps, _clip(thrust, 0.05, 1.0)
 
-    def sticks(self, roll, pitch, yaw):
+    def sticks(self, roll, pitch, yaw, lean_rad: float = _MAX_LEAN_RAD):
         """Lean angles and yaw rate of sticks (-1..1); roll right, pitch forward, yaw right."""
-        return roll * _MAX_LEAN_RAD, pitch * _MAX_LEAN_RAD, -yaw * _YAW_STICK_RPS
+        return roll * lean_rad, pitch * lean_rad, -yaw * _YAW_STICK_RPS
 
     def _from_acceleration(self, acc, yaw_rate_rps, estimate):
         c, s = math.cos(estimate.yaw_ext_rad), math.sin(estimate.yaw_ext_rad)
@@ -117,10 +118,3 @@ class Controller:
         roll = _clip(math.atan2(-left * math.cos(pitch), _G), -_MAX_LEAN_RAD, _MAX_LEAN_RAD)
         thrust = self._hover * (1.0 + acc[2] / _G) / (math.cos(roll) * math.cos(pitch))
         return roll, pitch, yaw_rate_rps, _clip(thrust, 0.05, 1.0)
-
-
-def climb_rate(throttle: float) -> float:
-    """Climb rate (m/s) of the throttle stick; a dead band about the middle holds."""
-    if abs(throttle) < 0.1:
-        return 0.0
-    return throttle * (MAX_CLIMB_MPS if throttle > 0 else MAX_SINK_MPS)

@@ -199,7 +199,7 @@ class Autopilot(FlightLaws):
 
     def _wants_up(self) -> bool:
         if self.mode in (modes.STABILIZE, modes.ALT_HOLD, modes.LOITER):
-            return self._sticks[2] > 0.1
+            return self._sticks[2] > max(0.1, self.stick_parameters.throttle_dead)
         return False  # GUIDED lifts off by NAV_TAKEOFF alone
 
     # ---- rules ---------------------------------------------------------------------------------------------

@@ -2,19 +2,19 @@
 """How each mode is flown: from targets or sticks to the airframe's command."""
 
 import math
-from typing import List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_sim.autopilot import modes
-from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, Controller, climb_rate
+from fcsv_sim.autopilot.controller import Controller, WayLimits
 from fcsv_sim.autopilot.estimator import Estimator
+from fcsv_sim.autopilot.sticks import Climb, LoiterVelocity, StickParameters, beyond_dead
 
 _RC_LOST_S = 1.0
 _VELOCITY_TIMEOUT_S = 3.0
 _LAND_SPEED_MPS = 0.5
 _LAND_SPEED_HIGH_MPS = 1.2
-_DEADZONE = 0.05
 
 
 class FlightLaws:
@@ -23,6 +23,8 @@ class FlightLaws:
     def __init__(self, estimator: Estimator, controller: Controller):
         self.estimator, self.controller = estimator, controller
         self.mode = modes.STABILIZE
+        self.stick_parameters = StickParameters()
+        self._loiters, self._climb = LoiterVelocity(), Climb()
         self._flying = False
         self._sticks: Sequence[float] = (0.0, 0.0, -1.0, 0.0)  # roll, pitch, throttle, yaw
         self._rc_s: Optional[float] = None
@@ -34,6 +36,11 @@ class FlightLaws:
         self._hold_alt_m = 0.0
         self._climb_mps = 0.0
         self._slowing_mps: List[float] = [0.0, 0.0]  # LAND: what is left of the speed with which it began
+
+    def fly_by(self, parameters: Dict[str, Tuple[float, int]]) -> None:
+        """Parameters (value, type) by name: those that are known were read, or changed."""
+        self.controller.limits = WayLimits.of(parameters)
+        self.stick_parameters = StickParameters.of(parameters)
 
     def rc_alive(self, now_s: float) -> bool:
         return self._rc_s is not None and now_s - self._rc_s < _RC_LOST_S
@@ -47,6 +54,8 @@ class FlightLaws:
         if self._flying and self.mode == modes.BRAKE:
             self._target_m += self.estimator.v_ext_mps * 0.5
         self._slowing_mps = self.estimator.v_ext_mps[:2].tolist() if self._flying else [0.0, 0.0]
+        self._loiters.begin((self._slowing_mps[0], self._slowing_mps[1]))
+        self._climb.begin(float(self.estimator.v_ext_mps[2]) if self._flying else 0.0)
         self._target_yaw_rad = self.estimator.yaw_ext_rad
         self._target_v, self._takeoff_m = None, None
         self._hold_alt_m = self.estimator.baro_m
@@ -55,7 +64,7 @@ class FlightLaws:
         roll, pitch, throttle, yaw = self._sticks if self.rc_alive(now_s) else (0.0, 0.0, -0.6, 0.0)
         estimate, control = self.estimator, self.controller
         if self.mode == modes.STABILIZE:
-            lean = control.sticks(roll, pitch, yaw)
+            lean = self._leans(roll, pitch, yaw)
             return (*lean, min(1.0, max(0.0, 0.5 + 0.5 * throttle)))
         if self.mode == modes.ALT_HOLD:
             return self._alt_hold(roll, pitch, throttle, yaw, dt_s)
@@ -68,34 +77,52 @@ class FlightLaws:
         v = self._target_v if now_s - self._target_v_s < _VELOCITY_TIMEOUT_S else np.zeros(3)
         return control.to_velocity(v, control.yaw_rate(self._target_yaw_rad, estimate), estimate, dt_s)
 
+    def _leans(self, roll: float, pitch: float, yaw: float) -> Tuple[float, float, float]:
+        """Lean angles and yaw rate of sticks beyond their dead bands."""
+        return self.controller.sticks(
+            beyond_dead(roll), beyond_dead(pitch), beyond_dead(yaw), self.stick_parameters.lean_rad
+        )
+
+    def _climbs(self, throttle: float, now_mps: float, dt_s: float) -> float:
+        """Climb rate (m/s) of the throttle stick; 0 while it is let go."""
+        wanted_mps = self.stick_parameters.climb_rate(throttle)
+        if not wanted_mps:
+            self._climb.begin(now_mps)
+            return 0.0
+        return self._climb.step(self.stick_parameters, wanted_mps, dt_s)
+
     def _alt_hold(self, roll, pitch, throttle, yaw, dt_s):
-        lean_roll, lean_pitch, yaw_rate = self.controller.sticks(roll, pitch, yaw)
-        climb = climb_rate(throttle)
+        lean_roll, lean_pitch, yaw_rate = self._leans(roll, pitch, yaw)
+        climb = self._climbs(throttle, self._climb_mps, dt_s)
         self._hold_alt_m = self.estimator.baro_m if climb else self._hold_alt_m
         climb = climb or min(1.0, max(-1.0, self._hold_alt_m - self.estimator.baro_m))
-        return self.controller.to_lean(lean_roll, lean_pitch, yaw_rate, climb, self._climb_mps, dt_s)
+        command = (lean_roll, lean_pitch, yaw_rate, climb, self._climb_mps, dt_s)
+        return self.controller.to_lean(*command, climb_mps2=self._climb.mps2)
 
     def _loiter(self, roll, pitch, throttle, yaw, dt_s):
-        _, _, yaw_rate = self.controller.sticks(0.0, 0.0, yaw if abs(yaw) > _DEADZONE else 0.0)
-        c, s = math.cos(self.estimator.yaw_ext_rad), math.sin(self.estimator.yaw_ext_rad)
-        forward = pitch * LOITER_SPEED_MPS if abs(pitch) > _DEADZONE else 0.0
-        left = -roll * LOITER_SPEED_MPS if abs(roll) > _DEADZONE else 0.0
-        v = [c * forward - s * left, s * forward + c * left, climb_rate(throttle)]
-        for k, (p, v_now) in enumerate(zip(self.estimator.p_ext_m.tolist(), self.estimator.v_ext_mps.tolist())):
-            if v[k]:  # a released stick brakes before it holds
-                self._target_m[k] = p + (1.0, 1.0, 0.5)[k] * min(2.0, max(-2.0, v_now))
-            else:
-                v[k] = min(1.0, max(-1.0, float(self._target_m[k]) - p))
+        sticks, estimate = self.stick_parameters, self.estimator
+        _, _, yaw_rate = self._leans(0.0, 0.0, yaw)
+        v = [*self._loiters.step(sticks, roll, pitch, estimate.yaw_ext_rad, dt_s)]
+        here, up_mps = estimate.p_ext_m.tolist(), float(estimate.v_ext_mps[2])
+        v.append(self._climbs(throttle, up_mps, dt_s))
+        for k in (0, 1):  # the target flies ahead, but not away
+            ahead_m = float(self._target_m[k]) + v[k] * dt_s - here[k]
+            self._target_m[k] = here[k] + min(2.0, max(-2.0, ahead_m))
+            v[k] += min(1.0, max(-1.0, ahead_m))
+        if v[2]:  # a released stick brakes before it holds
+            self._target_m[2] = here[2] + 0.5 * min(2.0, max(-2.0, up_mps))
+        else:
+            v[2] = min(1.0, max(-1.0, float(self._target_m[2]) - here[2]))
         if yaw_rate == 0.0:
             yaw_rate = self.controller.yaw_rate(self._target_yaw_rad, self.estimator)
         else:
             self._target_yaw_rad = self.estimator.yaw_ext_rad
-        return self.controller.to_velocity(v, yaw_rate, self.estimator, dt_s)
+        return self.controller.to_velocity(v, yaw_rate, self.estimator, dt_s, sticks.loiter_mps2, ahead=1.0)
 
     def _land(self, now_s, roll, pitch, dt_s):
         sink = -(_LAND_SPEED_HIGH_MPS if self.estimator.baro_m > 3.0 else _LAND_SPEED_MPS)
         if not self._position_usable(now_s):
-            lean_roll, lean_pitch, _ = self.controller.sticks(roll, pitch, 0.0)
+            lean_roll, lean_pitch, _ = self._leans(roll, pitch, 0.0)
             return self.controller.to_lean(lean_roll, lean_pitch, 0.0, sink, self._climb_mps, dt_s)
         rate = self.controller.yaw_rate(self._target_yaw_rad, self.estimator)
         return self.controller.to_velocity((*self._stopped(dt_s), sink), rate, self.estimator, dt_s)

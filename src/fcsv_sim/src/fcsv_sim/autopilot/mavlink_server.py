@@ -12,7 +12,6 @@ from pymavlink import mavutil
 
 from fcsv_geometry import rotations
 from fcsv_sim.autopilot import modes, parameters
-from fcsv_sim.autopilot.controller import WayLimits
 from fcsv_sim.autopilot.core import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Autopilot
 from fcsv_sim.autopilot.fields import heading, ned, usable, whole
 
@@ -155,7 +154,7 @@ class MavlinkServer:
         self.signing = None if none else (bytes(m.secret_key), m.initial_timestamp)
 
     def _fly_by_parameters(self) -> None:
-        self._pilot.controller.limits = WayLimits.of(self._parameters)
+        self._pilot.fly_by(self._parameters)
 
     def _send_parameter(self, name: str) -> None:
         value, kind = self._parameters[name]

@@ -4,6 +4,10 @@
 from typing import Dict, Tuple
 
 REAL32, INT8, INT16, INT32 = 9, 2, 4, 6  # MAV_PARAM_TYPE
+#: How ArduCopter's own defaults differ in what the pilot's sticks do.
+STICKS_AS_DELIVERED = {
+    "THR_DZ": 100, "LOIT_SPEED": 1250, "LOIT_ACC_MAX": 500, "LOIT_BRK_DELAY": 1.0, "LOIT_ANG_MAX": 0,
+}  # fmt: skip
 _STREAM_GROUPS = ("RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3")
 #: name: (value, type)
 DEFAULTS: Dict[str, Tuple[float, int]] = {
@@ -56,6 +60,17 @@ DEFAULTS: Dict[str, Tuple[float, int]] = {
     "WPNAV_SPEED_DN": (150, REAL32),
     "WPNAV_ACCEL": (150, REAL32),
     "WPNAV_ACCEL_Z": (100, REAL32),
+    "THR_DZ": (40, INT16),
+    "PILOT_SPEED_UP": (250, INT16),
+    "PILOT_SPEED_DN": (0, INT16),
+    "PILOT_ACCEL_Z": (250, INT16),
+    "ANGLE_MAX": (3000, INT16),
+    "LOIT_SPEED": (300, REAL32),
+    "LOIT_ACC_MAX": (330, REAL32),
+    "LOIT_BRK_DELAY": (0.2, REAL32),
+    "LOIT_BRK_ACCEL": (250, REAL32),
+    "LOIT_BRK_JERK": (500, REAL32),
+    "LOIT_ANG_MAX": (20, REAL32),
     "FLTMODE_CH": (5, INT8),
     **{f"SR{port}_{group}": (0, INT16) for port in range(3) for group in _STREAM_GROUPS},
 }

@@ -12,12 +12,13 @@ from typing import Deque, Dict, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS
+from fcsv_sim.people import feel
 from fcsv_sim.people.around import beside, kept_clear
 
 _YAW_STICK_RPS = np.radians(100.0)
 _LEAN_RAD = np.radians(30.0)
 _REACTION_S = 0.3
+_AHEAD_S = 0.9  # he pushes so long before a movement that he plans: his reaction, and the vehicle's
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")
 _LAND_BY_HAND_S = 15.0  # a mission that lands gets so long to do it; then the pilot does
 _TOLD_S = 1.0  # who flies by hand lands when the mission says so, after a moment
@@ -88,6 +89,7 @@ class Pilot:
         self._airborne = False
         self._switch = "ALT_HOLD"
         self._shake = np.zeros(3)
+        self._feel = feel.Feel()
         self._screen_s = self._full_s = float("-inf")  # when the screen told a phase, and a battery that is not low
         self._landing_s: Optional[float] = None  # since when he lands by hand
         self._beside: Optional[np.ndarray] = None  # where, if not here
@@ -119,7 +121,7 @@ class Pilot:
             return Sticks(mode="ALT_HOLD")  # the switch may be at LOITER already: away and back
         if np.linalg.norm((self._beside - sight.T_world_body[:3, 3])[:2]) < _BESIDE_M:
             self._beside = None
-        return Sticks(mode="LAND") if self._beside is None else self._fly_to(self._beside, np.zeros(3), sight)
+        return Sticks(mode="LAND") if self._beside is None else self._fly_to(now_s, self._beside, np.zeros(3), sight)
 
     def goal(self, now_s: float, phase: str) -> Tuple[np.ndarray, np.ndarray]:
         """Position (m) and velocity (m/s), world, that the pilot aims at."""
@@ -175,8 +177,9 @@ class Pilot:
         if phase == "TAKE_OFF" and not (self._airborne and sight.mode == "LOITER"):
             return self._take_off(now_s, sight)
         if phase in _BY_HAND:
-            goal, v_goal = self.goal(now_s, phase)
-            return self._fly_to(goal, v_goal, sight)
+            goal, _ = self.goal(now_s - _REACTION_S, phase)  # as he sees it
+            _, v_goal = self.goal(now_s - _REACTION_S + _AHEAD_S, phase)
+            return self._fly_to(now_s, goal, v_goal, sight)
         if phase in ("LAND", "DONE", "ABORTED") and sight.mode != "LAND":
             patience_s = _LAND_BY_HAND_S if sight.mode == "GUIDED" else _TOLD_S
             if now_s - self._phase_since_s > patience_s:
@@ -220,27 +223,29 @@ class Pilot:
         forward, left = in_body(acc, sight)
         return _clip(-left / 9.81 / _LEAN_RAD), _clip(forward / 9.81 / _LEAN_RAD)
 
-    def _fly_to(self, goal: np.ndarray, v_goal: np.ndarray, sight: Sight) -> Sticks:
-        """Sticks in LOITER, where a stick is a velocity."""
+    def _fly_to(self, now_s: float, goal: np.ndarray, v_goal: np.ndarray, sight: Sight) -> Sticks:
+        """Sticks in LOITER, where a stick is a velocity, sooner or later."""
         error = goal - sight.T_world_body[:3, 3]
         v = v_goal + np.minimum(1.2, np.maximum(-1.2, 0.7 * error))
         if not v_goal.any():
             v[np.abs(error) < 0.08] = 0.0  # good enough: hands off
         v = kept_clear(v, sight.T_world_body[:3, 3], goal, sight.others)
-        climb = v[2] / (MAX_CLIMB_MPS if v[2] > 0 else MAX_SINK_MPS)
+        throttle = self._feel.throttle(now_s, float(v[2]), float(sight.v_world_mps[2]))
         if sight.mode in ("STABILIZE", "ALT_HOLD"):  # LOITER is refused without a position: there a stick is a lean
             forward, left = in_body(np.clip(1.5 * (v[:2] - sight.v_world_mps[:2]), -2.0, 2.0), sight)
             lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
             mode = "ALT_HOLD" if sight.mode == "STABILIZE" else "LOITER"
-            return Sticks(*lean, deflection(climb, 0.1), 0.0, mode)
-        forward, left = in_body(v[:2], sight)
+            return Sticks(*lean, throttle, 0.0, mode)
+        roll, pitch = feel.level(in_body(v[:2], sight), in_body(sight.v_world_mps[:2], sight))
         self._shake = 0.95 * self._shake + 0.004 * self._random.standard_normal(3)
         heading_rad = transforms.yaw(sight.T_world_body)
         return Sticks(
-            roll=deflection(-left / LOITER_SPEED_MPS + self._shake[0], 0.05),
-            pitch=deflection(forward / LOITER_SPEED_MPS + self._shake[1], 0.05),
-            throttle=deflection(climb, 0.1),
-            yaw=deflection(0.8 * heading_rad / _YAW_STICK_RPS, 0.05) if abs(heading_rad) > np.radians(1.5) else 0.0,
+            roll=_clip(roll + self._shake[0]),
+            pitch=_clip(pitch + self._shake[1]),
+            throttle=throttle,
+            yaw=feel.deflection(0.8 * heading_rad / _YAW_STICK_RPS, 0.05)
+            if abs(heading_rad) > np.radians(1.5)
+            else 0.0,
         )
 
 
@@ -249,13 +254,6 @@ def in_body(xy: np.ndarray, sight: Sight) -> Tuple[float, float]:
     yaw = transforms.yaw(sight.T_world_body)
     c, s = math.cos(yaw), math.sin(yaw)
     return c * xy[0] + s * xy[1], -s * xy[0] + c * xy[1]
-
-
-def deflection(value: float, dead: float) -> float:
-    """A deflection that gets over the dead band, or none."""
-    if abs(value) < dead / 3:
-        return 0.0
-    return _clip(math.copysign(max(abs(value), dead + 0.01), value))
 
 
 def _clip(value: float) -> float:

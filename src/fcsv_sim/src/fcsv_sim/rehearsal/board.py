@@ -142,16 +142,10 @@ class OnBoard:
             if self.check.waits(now_s, in_the_air):
                 self.watchdog.feed(now_s)
                 return
-            if in_the_air is None:
-                self.check.begin_again()
-            elif not (self.link.state.armed and in_the_air):
-                self.check.on_ground()
-            else:
-                believed = self.check.judge(now_s, stamp_s, T_odom_body)
-                if not believed:
-                    return
-                if self.check.came_back:
-                    self.link.note_reset()
+            if not self.check.passes(now_s, stamp_s, T_odom_body, self.link.state.armed, in_the_air):
+                return
+            if self.check.came_back:
+                self.link.note_reset()
             self.link.send_pose(stamp_s, T_odom_body)
             self.watchdog.feed(now_s)
 

@@ -7,8 +7,8 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_sim.autopilot.controller import LOITER_SPEED_MPS, MAX_CLIMB_MPS, MAX_SINK_MPS
-from fcsv_sim.people.operator import Sight, Sticks, deflection, in_body
+from fcsv_sim.people import feel
+from fcsv_sim.people.operator import Sight, Sticks, in_body
 
 _LEAN_RAD = math.radians(30.0)
 _G = 9.81
@@ -24,6 +24,7 @@ class HandsOn:
     def __init__(self, mode: str, p_world_m: np.ndarray, random: np.random.Generator, roams: bool, drops: bool):
         self._mode, self._here_m = mode, np.array(p_world_m, float)
         self._roams, self._drops = roams, drops
+        self._feel = feel.Feel()
         self._phase_rad = float(random.uniform(0.0, 2.0 * math.pi))
 
     def sticks(self, since_s: float, sight: Sight) -> Sticks:
@@ -36,10 +37,16 @@ class HandsOn:
             self._here_m[2] = max(1.0, float(sight.T_world_body[2, 3]))
             return Sticks(throttle=-1.0, mode=self._mode)
         error_m = self._goal_m(since_s) - sight.T_world_body[:3, 3]
+        up_mps, seen_mps = float(np.clip(0.7 * error_m[2], -1.0, 1.0)), float(sight.v_world_mps[2])
         if self._mode == "LOITER":
-            roll, pitch, throttle = _in_loiter(error_m, sight)
+            v = np.clip(0.7 * error_m[:2], -1.0, 1.0)
+            roll, pitch = feel.level(in_body(v, sight), in_body(sight.v_world_mps[:2], sight))
         else:
-            roll, pitch, throttle = _leaning(error_m, sight, self._mode == "STABILIZE")
+            roll, pitch = _leaning(error_m, sight)
+        if self._mode == "STABILIZE":
+            throttle = _thrust(up_mps, seen_mps)
+        else:
+            throttle = self._feel.throttle(since_s, up_mps, seen_mps)
         yaw_rad = transforms.yaw(sight.T_world_body)
         return Sticks(roll, pitch, throttle, float(np.clip(0.4 * yaw_rad, -0.3, 0.3)), self._mode)
 
@@ -51,22 +58,15 @@ class HandsOn:
         return self._here_m + _ROAM_M * way
 
 
-def _in_loiter(error_m: np.ndarray, sight: Sight) -> Tuple[float, float, float]:
-    v = np.clip(0.7 * error_m, -1.0, 1.0)
-    forward, left = in_body(v[:2], sight)
-    climb = v[2] / (MAX_CLIMB_MPS if v[2] > 0 else MAX_SINK_MPS)
-    return (
-        deflection(-left / LOITER_SPEED_MPS, 0.05), deflection(forward / LOITER_SPEED_MPS, 0.05), deflection(climb, 0.1)
-    )  # fmt: skip
-
-
-def _leaning(error_m: np.ndarray, sight: Sight, throttle_is_thrust: bool) -> Tuple[float, float, float]:
-    """ALT_HOLD and STABILIZE, where a stick is a lean."""
+def _leaning(error_m: np.ndarray, sight: Sight) -> Tuple[float, float]:
+    """Roll and pitch in ALT_HOLD and STABILIZE, where a stick is a lean."""
     acc = np.clip(1.0 * error_m[:2] - 1.8 * sight.v_world_mps[:2], -2.0, 2.0)
     forward, left = in_body(acc, sight)
     roll, pitch = (float(np.clip(a / _G / _LEAN_RAD, -1.0, 1.0)) for a in (-left, forward))
-    v = float(np.clip(0.7 * error_m[2], -1.0, 1.0))
-    if not throttle_is_thrust:
-        return roll, pitch, deflection(v / (MAX_CLIMB_MPS if v > 0 else MAX_SINK_MPS), 0.1)
-    up_mps2 = float(np.clip(1.5 * (v - sight.v_world_mps[2]), -3.0, 3.0))
-    return roll, pitch, float(np.clip(2.0 * _HOVER * (1.0 + up_mps2 / _G) - 1.0, -1.0, 1.0))
+    return roll, pitch
+
+
+def _thrust(wanted_mps: float, seen_mps: float) -> float:
+    """The throttle in STABILIZE, where it is a thrust."""
+    up_mps2 = float(np.clip(1.5 * (wanted_mps - seen_mps), -3.0, 3.0))
+    return float(np.clip(2.0 * _HOVER * (1.0 + up_mps2 / _G) - 1.0, -1.0, 1.0))
