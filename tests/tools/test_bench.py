@@ -133,13 +133,16 @@ def test_the_fields_metrics_stand_in_the_tables(scene):
     cells = {line.split("|")[1].strip(): line.split("|")[3].strip() for line in lines[2:]}
     assert cells["AUSE, H"] == f"{both.metrics.ause:.3f}"
     worst = rows[1].metrics.worst_group
-    assert (
-        cells["worst band of distance of any scene, in its interval of 90%, H"] == f"{worst.coverage:.1%} (0 to 50 m)"
-    )
+    said = cells["worst band of distance, in its interval of 90 %, H"]
+    assert said == f"{worst.coverage:.1%} ({worst.name})"
     refused = [measure.Figures(*[0.0] * 11)]
     assert measure.mean(refused).metrics is None
-    lines = tables.scene_tables({("joint", "H", "low"): [*rows, *refused]}, ["a", "b", "c"])
-    assert len({line.count("|") for line in lines if line.startswith("|")}) == 1
+    lines = tables.scene_tables({("joint", "H", n): [*rows, *refused] for n in ("low", "hi")}, ["a", "b", "c"])
+    at = lines.index("The field's metrics of the same maps:")
+    assert lines.count(lines[at]) == 1 and at < lines.index("### H, pose noise hi")
+    table = lines[at + 2 : at + 8]
+    assert len({line.count("|") for line in table}) == 1 and table[-2].startswith("| `joint`, c | – | –")
+    assert table[-1].split("|")[4].strip() == f"{both.metrics.ause:.3f}"
 
 
 def test_what_is_answered_is_judged_by_its_kind(scene, monkeypatch):

@@ -102,7 +102,7 @@ def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answere
             "Rows without a bound are the field's metrics (`fcsv_stereo/depth_metrics.py` defines them), of",
             "the answered pixels; `joint` answers all here (`--complete`). AUSE is 0 where sigma sorts the",
             "pixels as their errors do; the overconfident share is 20 % where sigma says nothing. The worst",
-            "band is one band of one scene.", "",
+            "band is the worst of all scenes' bands, not a mean.", "",
         ]  # fmt: skip
         lines += ["Rotation errors of the priors: " + "; ".join(
             f"noise {n}: median {np.median(e):.3f}°, worst {np.max(e):.3f}°" for n, e in priors.items()) + ".", "",

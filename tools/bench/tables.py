@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/benchmarks.md out of figures."""
 
-from typing import Callable, Dict, List, Optional, Sequence, Tuple, Union
+from typing import Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -9,15 +9,13 @@ from bench.colmap_poses import PosesFound
 from bench.growth import Sample, exponent
 from bench.measure import Figures, mean, ratio
 from bench.scenes import SceneName
-from fcsv_stereo.depth_metrics import GROUP_LEVEL, LEVELS, DepthMetrics
+from fcsv_stereo import depth_metrics
 
 #: method, list, noise -> figures by scene, in the scenes' order
 Results = Dict[Tuple[str, str, str], List[Figures]]
 BASE = "thesis"
-_LEVELS = ", ".join(f"{level:.0%}"[:-1] for level in LEVELS)
-_HEAD = ("", "within 10 %", "covered", "wrong of answered", "median error", "median 200–400 m", "mean error",
-         "within 3 %", "AUSE", f"errors in intervals of {_LEVELS} %", "sharpness", "worst band in its 90 %",
-         "overconfident", "rotation error, median", "worst", "seconds (of the processor)")  # fmt: skip
+_HEAD = ("", "within 10 %", "covered", "wrong of answered", "median error", "median 200–400 m",
+         "rotation error, median", "worst", "seconds", "of the processor")  # fmt: skip
 
 
 def requirement_table(results: Results, lists: Sequence[str], noises: Sequence[str]) -> List[str]:
@@ -41,8 +39,8 @@ def _requirements(lists, noises):
     def figure(name, text):
         return lambda mine, base: text(getattr(mean(mine), name))
 
-    def field(text):
-        return lambda mine, base: "–" if mean(mine).metrics is None else text(mean(mine).metrics)
+    def field(index):
+        return lambda mine, base: _field(mean(mine))[index]
 
     def times(mine, base):
         found = [ratio(mine, base, name) for name in ("seconds", "cpu_seconds")]
@@ -61,26 +59,30 @@ def _requirements(lists, noises):
         (f"errors within 1 sigma, {h}", "60–75 %", (h, low), figure("within_1_sigma", _percent)),
         (f"errors within 2 sigma, {h}", "90–97 %", (h, low), figure("within_2_sigma", _percent)),
         (f"within 10 %, {h}, noise {high}", "≥ 85 %", (h, high), figure("within_10", _percent)),
-        *((f"{title}, {h}", "", (h, low), field(text)) for title, text in _FIELD),
+        *((f"{title}, {h}", "", (h, low), field(i)) for i, title in enumerate(depth_metrics.TITLES)),
     ]
 
 
 def scene_tables(results: Results, scenes: Sequence[str]) -> List[str]:
-    """A table for each list and noise: methods by scene, and their mean."""
+    """A table for each list and noise: methods by scene, and their mean; of the first one the field's metrics, too."""
     lines: List[str] = []
-    for key in dict.fromkeys(k[1:] for k in results):
-        lines += [
-            "",
-            f"### {key[0]}, pose noise {key[1]}",
-            "",
-            "| " + " | ".join(_HEAD) + " |",
-            "|---" * len(_HEAD) + "|",
-        ]
-        for method in dict.fromkeys(k[0] for k in results):
-            rows = results.get((method, *key), [])
-            lines += [f"| `{method}`, {scene} | {_cells(f)} |" for scene, f in zip(scenes, rows)]
-            if len(rows) > 1:
-                lines.append(f"| **`{method}`, mean** | {_cells(mean(rows))} |")
+    keys = list(dict.fromkeys(k[1:] for k in results))
+    for key in keys:
+        lines += ["", f"### {key[0]}, pose noise {key[1]}", "", *_by_scene(results, scenes, key, _HEAD, _cells)]
+        if key == keys[0]:
+            head = ("", *depth_metrics.TITLES)
+            lines += ["", "The field's metrics of the same maps:", ""]
+            lines += _by_scene(results, scenes, key, head, lambda f: " | ".join(_field(f)))
+    return lines
+
+
+def _by_scene(results: Results, scenes: Sequence[str], key: Tuple[str, str], head, cells) -> List[str]:
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for method in dict.fromkeys(k[0] for k in results):
+        rows = results.get((method, *key), [])
+        lines += [f"| `{method}`, {scene} | {cells(f)} |" for scene, f in zip(scenes, rows)]
+        if len(rows) > 1:
+            lines.append(f"| **`{method}`, mean** | {cells(mean(rows))} |")
     return lines
 
 
@@ -133,18 +135,14 @@ def growth_table(samples: Sequence[Sample]) -> List[str]:
 def _cells(f: Figures) -> str:
     values = [
         _percent(f.within_10), _percent(f.covered), _percent(f.wrong_of_answered), _fine(f.median), _fine(f.median_far),
-        *("–" if f.metrics is None else text(f.metrics) for _, text in _FIELD), _degrees(f.rotation_median_deg),
-        _degrees(f.rotation_worst_deg), f"{_seconds(f.seconds)} ({_seconds(f.cpu_seconds)})",
+        _degrees(f.rotation_median_deg), _degrees(f.rotation_worst_deg), _seconds(f.seconds), _seconds(f.cpu_seconds),
     ]  # fmt: skip
     return " | ".join(values)
 
 
-def _intervals(m: DepthMetrics) -> str:
-    return ", ".join(f"{100 * share:.1f}" for _, share in m.interval_coverage) + "%"
-
-
-def _worst(m: DepthMetrics) -> str:
-    return "–" if m.worst_group is None else f"{_percent(m.worst_group.coverage)} ({m.worst_group.name})"
+def _field(f: Figures) -> Sequence[str]:
+    """The field's metrics, where there are any."""
+    return ["–"] * len(depth_metrics.TITLES) if f.metrics is None else f.metrics.cells()
 
 
 def _percent(x: float) -> str:
@@ -161,18 +159,6 @@ def _degrees(x: float) -> str:
 
 def _seconds(x: float) -> str:
     return "–" if np.isnan(x) else f"{x:.1f}"
-
-
-#: Title and cell of each metric of the field, in the columns' order.
-_FIELD: Sequence[Tuple[str, Callable[[DepthMetrics], str]]] = (
-    ("mean relative error", lambda m: _fine(m.mean_relative_error)),
-    ("within 3 %, of the answered", lambda m: _percent(m.within_3_percent)),
-    ("AUSE", lambda m: f"{m.ause:.3f}"),
-    (f"errors in intervals of {_LEVELS} %", _intervals),
-    ("sharpness: median of sigma over depth", lambda m: _fine(m.sharpness)),
-    (f"worst band of distance of any scene, in its interval of {GROUP_LEVEL:.0%}", _worst),
-    ("overconfident share", lambda m: _percent(m.overconfident_share)),
-)
 
 
 def _slope(x: Optional[float]) -> str:

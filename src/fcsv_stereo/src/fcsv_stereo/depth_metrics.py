@@ -21,6 +21,14 @@ INLIER = 0.03  # Robust MVD's bound
 GROUP_LEVEL = 0.9  # the interval by which the worst group is found
 LEAST_GROUP = 0.01  # of the pixels; of fewer, chance makes the worst group
 WORST_ERRORS, SUREST = 0.05, 0.2  # shares of the pixels that the overconfident share compares
+_LEVELS = ", ".join(f"{100 * level:.0f}" for level in LEVELS)
+
+#: What ``DepthMetrics.cells`` holds, in its order.
+TITLES = (
+    "mean relative error", "within 3 %, of the answered", "AUSE", f"errors in intervals of {_LEVELS} %",
+    "sharpness: median of sigma over depth", "worst band of distance, in its interval of 90 %",
+    "overconfident share",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,16 @@ class DepthMetrics:
     sharpness: float
     worst_group: Optional[GroupCoverage]
     overconfident_share: float
+
+    def cells(self) -> Tuple[str, ...]:
+        """For tables, by ``TITLES``."""
+        worst = self.worst_group
+        return (
+            f"{self.mean_relative_error:.2%}", f"{self.within_3_percent:.1%}", f"{self.ause:.3f}",
+            ", ".join(f"{100 * share:.1f}" for _, share in self.interval_coverage) + "%",
+            f"{self.sharpness:.2%}", "–" if worst is None else f"{worst.coverage:.1%} ({worst.name})",
+            f"{self.overconfident_share:.1%}",
+        )  # fmt: skip
 
     def to_dict(self) -> dict:
         """For report.json; levels in percent."""
