@@ -25,7 +25,7 @@ from bench.rectified import RectifiedCase
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = ROOT / "build" / "pandora"
 REQUIREMENTS = Path(__file__).resolve().parent / "requirements-pandora.txt"
-_INSTALL = "make bench ARGS=--install-pandora makes it"
+_INSTALL = "make bench ARGS=--install-pandora makes it, by Python 3.10 or newer"
 _MARGIN = 0.1
 _INVALID = 0b1111000011  # bits of its validity mask that call a pixel invalid; the others inform
 _LOW, _HIGH = 1, 2  # bands of its confidence measures; band 0 is ambiguity
