@@ -17,6 +17,7 @@ from support.scenes import CAMERA, given, texture, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_stereo import output
+from fcsv_stereo.depth_metrics import TITLES
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.report import cloud_view, evidence, figures, page, plain_words, sections, write_report
@@ -183,8 +184,11 @@ def test_a_seam_of_one_depth_for_all_pairs(scene, result):
 def test_the_page_has_every_section_and_says_what_is_new(result, tmp_path, monkeypatch):
     truth = true_depth(result.reference.T_home_cam)
     monkeypatch.setattr(page, "SECTIONS", [*page.SECTIONS, ("Another page", lambda data: [Paragraph("something new")])])
-    path = write_report(result, tmp_path, evaluate(result, None, truth), truth)
+    evaluation = evaluate(result, None, truth)
+    path = write_report(result, tmp_path, evaluation, truth)
     text = path.read_text()
+    for words in (*TITLES, *evaluation.metrics.cells()):
+        assert f"<td>{words}</td>" in text
     for title, _ in (s for s in page.SECTIONS if s[0] not in ("Points of interest", "Near field")):
         assert f">{title}</h2>" in text
     assert "something new" in text and text.count("<img src=") > 10 and "http:" not in text and "https:" not in text

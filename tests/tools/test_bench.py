@@ -118,6 +118,33 @@ def test_means_keep_the_worst_and_leave_out_what_is_not_known():
     assert "| 1.00 (1.00) | 0.33 (0.50) |" in ratio and sum("–" in r.split("|")[3] for r in rows) > 2
 
 
+def test_the_fields_metrics_stand_in_the_tables(scene):
+    """Normal errors of 0.2 m against sigma 0.2 m, for one scene; half of that sigma for the other."""
+    truth = scene.true_depth.astype(np.float32)
+    noise = np.random.default_rng(1).normal(0.0, 0.2, truth.shape).astype(np.float32)
+    maps = [result_of(scene, truth + noise, np.full_like(truth, s), scene.true_poses()) for s in (0.2, 0.1)]
+    rows = [measure.figures(m, scene, 1.0, 2.0) for m in maps]
+    both = measure.mean([*rows, measure.Figures(*[0.0] * 11)])  # the last one answered nothing
+    shares = dict(both.metrics.interval_coverage)
+    assert shares[0.9] == pytest.approx((0.9 + 0.589) / 2, abs=0.01)  # 1.645 sigma and 0.822 of the errors' own
+    assert both.metrics.worst_group == rows[1].metrics.worst_group
+    assert both.metrics.sharpness == pytest.approx(0.75 * rows[0].metrics.sharpness, rel=1e-3)
+    lines = tables.requirement_table({("joint", "H", "low"): rows}, ["H", "HV"], ["low", "high"])
+    cells = {line.split("|")[1].strip(): line.split("|")[3].strip() for line in lines[2:]}
+    assert cells["AUSE, H"] == f"{both.metrics.ause:.3f}"
+    worst = rows[1].metrics.worst_group
+    said = cells["worst band of distance, in its interval of 90 %, H"]
+    assert said == f"{worst.coverage:.1%} ({worst.name})"
+    refused = [measure.Figures(*[0.0] * 11)]
+    assert measure.mean(refused).metrics is None
+    lines = tables.scene_tables({("joint", "H", n): [*rows, *refused] for n in ("low", "hi")}, ["a", "b", "c"])
+    at = lines.index("The field's metrics of the same maps:")
+    assert lines.count(lines[at]) == 1 and at < lines.index("### H, pose noise hi")
+    table = lines[at + 2 : at + 8]
+    assert len({line.count("|") for line in table}) == 1 and table[-2].startswith("| `joint`, c | – | –")
+    assert table[-1].split("|")[4].strip() == f"{both.metrics.ause:.3f}"
+
+
 def test_what_is_answered_is_judged_by_its_kind(scene, monkeypatch):
     """A quarter agrees and is right, a quarter is by one pair and 20 % too far, the rest no pair supports."""
     truth = scene.true_depth.astype(np.float32)
@@ -158,10 +185,12 @@ def test_the_page(tmp_path, monkeypatch):
     small = partial(bench_main.shoot, size=(320, 240))
     monkeypatch.setattr(bench_main, "shoot", small)
     monkeypatch.setattr(colmap_poses, "missing", lambda: "COLMAP is not asked here")
+    monkeypatch.setattr(bench_main, "measure_pairs", lambda scenes: ["| pair |"])
     out = tmp_path / "benchmarks.md"
     assert main(["--scenes", "field:1", "--no-growth", "--out", str(out)]) == 0
     text = out.read_text()
-    for words in ("| figure (mean of the scenes) |", "field 1", "## COLMAP", "rotation error, worst", "noise 0.5°"):
+    for words in ("| figure (mean of the scenes) |", "field 1", "## COLMAP", "rotation error, worst", "noise 0.5°",
+                  "| AUSE, H 2, 4, 6, 8 m |", "## Pandora", "| pair |"):  # fmt: skip
         assert words in text
 
 

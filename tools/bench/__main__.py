@@ -11,14 +11,15 @@ from typing import List, Optional
 
 import numpy as np
 
-from bench import colmap_poses, growth, tables
+from bench import colmap_poses, growth, pandora_intervals, tables
 from bench.measure import measure, prior_errors_deg, run
+from bench.pairs import measure_pairs
 from bench.real import measure_answered, measure_real
 from bench.scenes import LISTS, NOISES, SCENES, VERTICAL, SceneName, shoot, smaller
 from fcsv_stereo.pipeline import METHODS
 
 _PLOT = "pictures/growth.png"
-_PAGE = ("methods", "colmap", "growth")
+_PAGE = ("methods", "colmap", "pandora", "growth")
 _PARTS = (*_PAGE, "answered", "real")
 
 
@@ -26,6 +27,8 @@ def main(argv: Optional[List[str]] = None) -> int:
     """Measure, print while it goes, write the page; parts of it alone are printed where no file is named."""
     args = _parse(argv)
     scenes = args.scenes or (SCENES[::4] if args.quick else SCENES)
+    if args.install_pandora:
+        pandora_intervals.install()
     results, priors, poses = {}, {}, []
     why_not = colmap_poses.missing()
     for name in scenes if {"methods", "colmap"} & args.parts else []:
@@ -38,13 +41,14 @@ def main(argv: Optional[List[str]] = None) -> int:
         if "colmap" in args.parts and why_not is None:
             poses.append((name, colmap_poses.colmap_on(scene), colmap_poses.ours_on(scene)))
             print(f"    COLMAP: {poses[-1][1]}\n    ours: {poses[-1][2]}", flush=True)
+    pairs = measure_pairs(scenes) if "pandora" in args.parts else []
     samples = growth.measure_growth(args.methods, args.quick) if "growth" in args.parts else []
     answered = measure_answered(scenes) if "answered" in args.parts else []
     real = measure_real() if "real" in args.parts else []
     out = Path(args.out) if args.out else None
     if samples:
         growth.plot(samples, (out.parent if out else Path("docs")) / _PLOT)
-    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, samples, answered, real)) + "\n"
+    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real)) + "\n"
     if out is None:
         print(page)
         return 0
@@ -75,7 +79,7 @@ def _warm_up(scene, methods: List[str]) -> None:
         run(method, small)
 
 
-def _page(args, scenes, results, priors, poses, why_not, samples, answered, real) -> List[str]:
+def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real) -> List[str]:
     names, noises = list(map(str, scenes)), list(map(str, NOISES))
     command = "make bench" + (f' ARGS="{" ".join(args.given)}"' if args.given else "")
     lens = "without" if args.clean else "with"
@@ -94,6 +98,12 @@ def _page(args, scenes, results, priors, poses, why_not, samples, answered, real
         ]  # fmt: skip
     if results:
         lines += [*tables.requirement_table(results, list(LISTS), noises), ""]
+        lines += [
+            "Rows without a bound are the field's metrics (`fcsv_stereo/depth_metrics.py` defines them), of",
+            "the answered pixels; `joint` answers all here (`--complete`). AUSE is 0 where sigma sorts the",
+            "pixels as their errors do; the overconfident share is 20 % where sigma says nothing. The worst",
+            "band is the worst of all scenes' bands, not a mean.", "",
+        ]  # fmt: skip
         lines += ["Rotation errors of the priors: " + "; ".join(
             f"noise {n}: median {np.median(e):.3f}°, worst {np.max(e):.3f}°" for n, e in priors.items()) + ".", "",
         ]  # fmt: skip
@@ -101,6 +111,8 @@ def _page(args, scenes, results, priors, poses, why_not, samples, answered, real
         lines += ["## COLMAP on the same eight pictures", ""]
         lines += [f"Left out: {why_not}."] if why_not else tables.pose_table(poses)
         lines.append("")
+    if pairs:
+        lines += ["## Pandora on the same rectified pairs", "", *pairs, ""]
     if results:
         lines += ["## Scene by scene", *tables.scene_tables(results, names), ""]
     if answered:
@@ -129,6 +141,8 @@ def _parse(argv):
     parser.add_argument("--methods", nargs="+", choices=sorted(METHODS), default=sorted(METHODS, reverse=True))
     parser.add_argument("--clean", action="store_true", help="pictures without the camera's noise and blur")
     parser.add_argument("--no-growth", action="store_true", help="leave time and memory against size out")
+    what = "make Pandora's environment first (build/pandora): it needs another numpy"
+    parser.add_argument("--install-pandora", action="store_true", help=what)
     parser.add_argument("--only", nargs="+", choices=_PARTS, help="these parts; printed, unless --out is given")
     parser.add_argument("--out", help="the page; docs/benchmarks.md, where all is measured")
     args = parser.parse_args(argv)

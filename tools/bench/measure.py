@@ -2,13 +2,14 @@
 """What a method makes of a scene, in figures."""
 
 import time
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from bench.scenes import Scene
 from fcsv_geometry import transforms
+from fcsv_stereo.depth_metrics import DepthMetrics
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.evaluation import band, evaluate
 from fcsv_stereo.model import ImageEntry, MapInput, MapResult
@@ -22,6 +23,7 @@ class Figures:
     """Of one map, or the mean of several: pixels with truth up to 400 m; rotation errors in degrees.
 
     ``seconds`` by the clock on the wall, ``cpu_seconds`` of all threads: what a shared machine does not stretch.
+    ``metrics``: those of the field; None where nothing is answered.
     """
 
     within_10: float
@@ -35,6 +37,7 @@ class Figures:
     rotation_worst_deg: float
     seconds: float
     cpu_seconds: float
+    metrics: Optional[DepthMetrics] = None
 
 
 def run(name: str, given: MapInput, options=None) -> Tuple[MapResult, float, float]:
@@ -65,7 +68,7 @@ def figures(result: MapResult, scene: Scene, seconds: float, cpu_seconds: float)
     return Figures(
         e.overall.within_10_percent, e.overall.coverage, e.overall.wrong_of_answered,
         np.nan if median is None else median, np.nan if far is None else far, e.within_1_sigma, e.within_2_sigma,
-        float(np.median(errors)), float(errors.max()), seconds, cpu_seconds,
+        float(np.median(errors)), float(errors.max()), seconds, cpu_seconds, e.metrics,
     )  # fmt: skip
 
 
@@ -88,13 +91,31 @@ def relative_rotations_deg(found: Dict[str, np.ndarray], reference: str, true: D
 
 def mean(rows: Sequence[Figures]) -> Figures:
     """Over scenes; the worst rotation error stays the worst, and a scene without a figure is left out of its mean."""
-    values = {}
+    values = {"metrics": mean_metrics([r.metrics for r in rows if r.metrics is not None])}
     for f in fields(Figures):
+        if f.name == "metrics":
+            continue
         column = np.array([getattr(r, f.name) for r in rows], float)
         known = column[np.isfinite(column)]
         pick = np.max if f.name == "rotation_worst_deg" else np.mean
         values[f.name] = float(pick(known)) if known.size else float("nan")
     return Figures(**values)
+
+
+def mean_metrics(rows: Sequence[DepthMetrics]) -> Optional[DepthMetrics]:
+    """Over scenes; the worst group stays the worst of all scenes' groups."""
+    if not rows:
+        return None
+    others = ("interval_coverage", "worst_group")
+    names = [f.name for f in fields(DepthMetrics) if f.name not in others]
+    shares = np.mean([[share for _, share in r.interval_coverage] for r in rows], axis=0)
+    levels = [level for level, _ in rows[0].interval_coverage]
+    worst = [r.worst_group for r in rows if r.worst_group is not None]
+    return replace(
+        rows[0], **{n: float(np.mean([getattr(r, n) for r in rows])) for n in names},
+        interval_coverage=tuple(zip(levels, shares.tolist())),
+        worst_group=min(worst, key=lambda g: g.coverage) if worst else None,
+    )  # fmt: skip
 
 
 def prior_errors_deg(given: MapInput, scene: Scene) -> List[float]:

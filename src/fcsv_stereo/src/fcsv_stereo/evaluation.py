@@ -6,6 +6,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from fcsv_stereo.depth_metrics import DepthMetrics, depth_metrics
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.truth import Truth
 
@@ -48,7 +49,11 @@ class Moving:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """``overall`` is the band up to ``most_m``; pose errors are of each picture relative to the reference."""
+    """``overall`` is the band up to ``most_m``; pose errors are of each picture relative to the reference.
+
+    ``metrics``: those of the field, of the pixels up to ``most_m`` that have a depth and a sigma;
+    None where there is none.
+    """
 
     most_m: float
     overall: Band
@@ -57,6 +62,7 @@ class Evaluation:
     within_2_sigma: float
     pose_errors: Dict[str, Tuple[float, float]]
     moving: Tuple[Moving, ...] = ()
+    metrics: Optional[DepthMetrics] = None
 
     def to_dict(self) -> dict:
         """For report.json, with the main figures on top."""
@@ -68,6 +74,7 @@ class Evaluation:
             "median_relative_error": self.overall.median_relative_error,
             "within_1_sigma": self.within_1_sigma,
             "within_2_sigma": self.within_2_sigma,
+            "metrics": None if self.metrics is None else self.metrics.to_dict(),
             "bands": [asdict(b) for b in self.bands],
             "pose_errors": {n: {"rotation_deg": r, "position_m": p} for n, (r, p) in self.pose_errors.items()},
             "moving": [asdict(m) for m in self.moving],
@@ -82,12 +89,23 @@ def evaluate(
     overall = band(result.depth, true_depth, (0.0, most_m))
     bands = [band(result.depth, true_depth, r) for r in BANDS_M if r[0] < most_m]
     judged = np.isfinite(result.depth) & (true_depth <= most_m)
-    error = np.abs(result.depth[judged] - true_depth[judged]) / np.maximum(result.sigma[judged], 1e-6)
+    sigma = np.maximum(result.sigma, 1e-6)
+    error = np.abs(result.depth[judged] - true_depth[judged]) / sigma[judged]
     shares = [float((error <= k).mean()) if error.size else 0.0 for k in (1.0, 2.0)]
+    stated = judged & np.isfinite(sigma)
+    depth, sigma, true = (a[stated] for a in (result.depth, sigma, true_depth))
+    metrics = depth_metrics(depth, sigma, true, by_distance(true, most_m))
     poses = {}
     if truth is not None:
         poses = {i.name: truth.relative_errors(result.reference, i) for i in result.images}
-    return Evaluation(most_m, overall, bands, shares[0], shares[1], poses, moving(result.depth, true_depth, on or {}))
+    on_movers = moving(result.depth, true_depth, on or {})
+    return Evaluation(most_m, overall, bands, *shares, poses, on_movers, metrics)
+
+
+def by_distance(true_depth: np.ndarray, most_m: float) -> Dict[str, np.ndarray]:
+    """Pixels (bool, shaped as ``true_depth``) of each band of distance (m), by name."""
+    bands = [r for r in BANDS_M if r[0] < most_m]
+    return {f"{a:.0f} to {b:.0f} m": (true_depth > a) & (true_depth <= b) for a, b in bands}
 
 
 def moving(depth: np.ndarray, true_depth: np.ndarray, on: Mapping[str, np.ndarray]) -> Tuple[Moving, ...]:

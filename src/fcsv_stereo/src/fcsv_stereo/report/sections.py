@@ -7,6 +7,7 @@ from typing import List, Optional, Sequence
 import numpy as np
 
 from fcsv_stereo.cloud_bounds import in_words
+from fcsv_stereo.depth_metrics import TITLES
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.model.kinds import WORDS, masks
@@ -229,6 +230,7 @@ def truth(data: ReportData) -> List[Part]:
             f"Errors within one predicted standard deviation: {e.within_1_sigma:.0%} (68 % is right), within two: "
             f"{e.within_2_sigma:.0%} (95 %)."
         ),
+        *([Table((), tuple(zip(TITLES, e.metrics.cells())))] if e.metrics is not None else []),
         *(Paragraph(f"{m.words[0].upper()}{m.words[1:]}.") for m in e.moving),
         Paragraph("Poses relative to the reference picture:"),
         Table(("picture", "rotation error", "position error"), turned),
