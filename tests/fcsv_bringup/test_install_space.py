@@ -5,7 +5,6 @@ import ast
 import os
 import re
 import subprocess
-from pathlib import Path
 
 import psutil
 import pytest
