@@ -32,6 +32,7 @@ MODELS = {
 
 _STORED = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))  # how JPEG and PNG files begin and end
+_ROUNDING = 1e-9  # of the largest number in two poses: what may be left of one place
 _TAIL = 1 << 18  # (octets) cameras write previews and notes behind the picture's end
 
 
@@ -206,6 +207,7 @@ def _configuration(reference: Picture, other: Picture) -> Configuration:
     if (reference.camera.width, reference.camera.height) != (other.camera.width, other.camera.height):
         raise InputError(f"{other.name} and {reference.name} have two sizes; one reference needs pictures of one size")
     configuration = Configuration.between(reference.T_home_cam, other.T_home_cam)
-    if configuration.baseline_m < 1e-6:
+    places = np.stack([p.T_home_cam[:3, 3] for p in (reference, other)])
+    if configuration.baseline_m <= _ROUNDING * float(np.abs(places).max()):
         raise InputError(f"{other.name} and {reference.name} were taken from one place: no baseline")
     return replace(configuration, name=f"{reference.name} with {other.name}")
