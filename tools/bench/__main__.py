@@ -15,12 +15,13 @@ from bench import colmap_poses, growth, pandora_intervals, tables
 from bench.measure import measure, prior_errors_deg, run
 from bench.pairs import measure_pairs
 from bench.real import measure_answered, measure_real
+from bench.rig_pairs import measure_rigs
 from bench.scenes import LISTS, NOISES, SCENES, VERTICAL, SceneName, shoot, smaller
 from fcsv_stereo.pipeline import METHODS
 
 _PLOT = "pictures/growth.png"
 _PAGE = ("methods", "colmap", "pandora", "growth")
-_PARTS = (*_PAGE, "answered", "real")
+_PARTS = (*_PAGE, "answered", "real", "rigs")
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -45,10 +46,11 @@ def main(argv: Optional[List[str]] = None) -> int:
     samples = growth.measure_growth(args.methods, args.quick) if "growth" in args.parts else []
     answered = measure_answered(scenes) if "answered" in args.parts else []
     real = measure_real() if "real" in args.parts else []
+    rigs = measure_rigs() if "rigs" in args.parts else []
     out = Path(args.out) if args.out else None
     if samples:
         growth.plot(samples, (out.parent if out else Path("docs")) / _PLOT)
-    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real)) + "\n"
+    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real, rigs)) + "\n"
     if out is None:
         print(page)
         return 0
@@ -79,7 +81,7 @@ def _warm_up(scene, methods: List[str]) -> None:
         run(method, small)
 
 
-def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real) -> List[str]:
+def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real, rigs) -> List[str]:
     names, noises = list(map(str, scenes)), list(map(str, NOISES))
     command = "make bench" + (f' ARGS="{" ".join(args.given)}"' if args.given else "")
     lens = "without" if args.clean else "with"
@@ -119,6 +121,8 @@ def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answere
         lines += ["## Answered without --complete, H 2, 4, 6, 8 m, pose noise 0.15° and 1%", "", *answered, ""]
     if real:
         lines += ["## Hard cases and real photographs", "", *real, ""]
+    if rigs:
+        lines += ["## Pairs of a stereo rig", "", *rigs, ""]
     if samples:
         lines += ["## Growth", "", f"![time and memory]({_PLOT})", "", *tables.growth_table(samples), ""]
         lines.append(

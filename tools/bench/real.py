@@ -11,8 +11,9 @@ from bench.photographs import measure_fountain, motorcycle
 from bench.scenes import HORIZONTAL, NOISES, SceneName, shoot
 from fcsv_stereo.errors import StereoError
 from fcsv_stereo.joint import Joint, JointOptions
-from fcsv_stereo.model import PosePrior
+from fcsv_stereo.model import RIG
 from fcsv_stereo.model.kinds import WORDS, masks, supported
+from fcsv_stereo.refinement import RefineOptions
 from fcsv_stereo.thesis import Thesis, ThesisOptions
 from fcsv_stereo.thesis.matchers import DisparityWindow
 
@@ -20,7 +21,7 @@ _PLACES = (("street", 11), ("village", 12), ("field", 13))
 _DRAWS = 20
 _SURE, _WRONG = 0.1, 0.1
 _MOST_M = 400.0
-_RECTIFIED = PosePrior(np.radians(0.01), 0.0002, 0.0)  # of a rig that was calibrated: 0.01 degrees, 0.2 mm
+RIG_OPTIONS = JointOptions(prior=RIG, refinement=RefineOptions(calibrated=True))  # as ``--rig`` makes them
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,14 @@ def measure_real() -> List[str]:
     for k, (world, seed) in enumerate(_PLACES):
         place, elsewhere = SceneName(world, seed), SceneName(*_PLACES[k - 1])
         for case in cases(place, elsewhere):
-            rows.append(_measured(case, str(place), by_kind))
+            rows.append(measured(case, str(place), by_kind))
             print(f"    {rows[-1]}", flush=True)
     pair = motorcycle()
     if pair is not None:
-        for place, options in (("priors of photographs", None), ("poses known", JointOptions(prior=_RECTIFIED))):
-            rows.append(_measured(pair, place, by_kind, options))
+        for place, options in (("priors of photographs", None), ("--rig", RIG_OPTIONS)):
+            rows.append(measured(pair, place, by_kind, options))
             print(f"    {rows[-1]}", flush=True)
-    lines = [*_table(rows), "", *_kind_table(by_kind), "", *measure_fountain()]
+    lines = [*table(rows), "", *_kind_table(by_kind), "", *measure_fountain()]
     print("\n".join(lines), flush=True)
     return [*lines, "", _refused()]
 
@@ -61,9 +62,9 @@ def measure_answered(scenes: Sequence[SceneName]) -> List[str]:
     for name in scenes:
         scene = shoot(name, HORIZONTAL)
         given, exact = scene.given(HORIZONTAL, NOISES[0]), scene.given(HORIZONTAL, EXACT)
-        rows.append(_measured(Case("as it is", given, scene.true_depth, exact), str(name), by_kind))
+        rows.append(measured(Case("as it is", given, scene.true_depth, exact), str(name), by_kind))
         print(f"    {rows[-1]}", flush=True)
-    return [*_table([*rows, _mean(rows)]), "", *_kind_table(by_kind)]
+    return [*table([*rows, _mean(rows)]), "", *_kind_table(by_kind)]
 
 
 def _mean(rows: Sequence[Row]) -> Row:
@@ -78,7 +79,8 @@ def _mean(rows: Sequence[Row]) -> Row:
     return Row("**mean**", f"{len(rows)} maps", *map(mean, names))
 
 
-def _measured(case: Case, place: str, by_kind: Dict[str, list], options: Optional[JointOptions] = None) -> Row:
+def measured(case: Case, place: str, by_kind: Dict[str, list], options: Optional[JointOptions] = None) -> Row:
+    """A case's map, held against its truth, into a row; its pixels by kind into ``by_kind``."""
     nan = float("nan")
     try:
         whole = Joint().map(case.given, replace(options or JointOptions(), complete=True))
@@ -131,7 +133,8 @@ def _refused() -> str:
     return f"Pictures of two different places, refused: {refused} of {_DRAWS}. " + "; ".join(told)
 
 
-def _table(rows: List[Row]) -> List[str]:
+def table(rows: List[Row]) -> List[str]:
+    """Markdown, a line each."""
     lines = [
         "| case | place | answered | wrong of it | of what agrees | sky, surely | within 1σ | 2σ "
         "| SGBM answered | wrong of it |",

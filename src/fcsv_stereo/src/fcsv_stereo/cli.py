@@ -15,7 +15,7 @@ from fcsv_stereo.cloud_bounds import CloudBounds
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
-from fcsv_stereo.model import AXES, PosePrior
+from fcsv_stereo.model import AXES, RIG, PosePrior
 from fcsv_stereo.products import PRODUCTS, parse_products
 from fcsv_stereo.rectify import Rectification
 from fcsv_stereo.refinement import RefineOptions
@@ -28,7 +28,7 @@ _OPTIONS_OF = {
     "thesis": ("matcher", "rectify", "disparity", "across_axes", *(f"trim_{k}" for k in (*AXES, "all"))),
     "joint": (
         "bars", "complete", "no_refine", "prior_rotation_deg", "prior_position_m", "prior_position_percent",
-        "prior_scale_percent", "refine_focal", "keep_camera", "refine_time_offset",
+        "prior_scale_percent", "rig", "refine_focal", "keep_camera", "refine_time_offset",
     ),
 }  # fmt: skip
 _EXAMPLES = """examples:
@@ -83,20 +83,21 @@ def _options(args) -> Union[JointOptions, ThesisOptions]:
 
 def _joint(args, threshold: ErrorThreshold) -> JointOptions:
     refinement = RefineOptions(
-        refine_focal=args.refine_focal, correct_camera=not args.keep_camera, refine_time_offset=args.refine_time_offset
-    )
+        refine_focal=args.refine_focal, correct_camera=not args.keep_camera, calibrated=args.rig,
+        refine_time_offset=args.refine_time_offset,
+    )  # fmt: skip
     prior = _prior(args)
     kept = {"complete": args.complete, "bars": args.bars}
     return JointOptions(not args.no_refine, refinement, threshold=threshold, prior=prior, **kept)
 
 
 def _prior(args) -> Optional[PosePrior]:
-    """What the user says of the poses; what he does not say stays as it is assumed."""
+    """What the user says of the poses; what he does not say stays as it is assumed, of a rig as of a rig."""
     rotation_deg, position_m, percent = args.prior_rotation_deg, args.prior_position_m, args.prior_position_percent
     scale_percent = args.prior_scale_percent
+    assumed = RIG if args.rig else PosePrior()
     if rotation_deg is None and position_m is None and percent is None and scale_percent is None:
-        return None
-    assumed = PosePrior()
+        return assumed if args.rig else None
     if position_m is None and percent is None:
         position_m, share = assumed.position_m, assumed.position_share
     else:
@@ -191,6 +192,12 @@ def _parser() -> argparse.ArgumentParser:
         help="joint: also match straight thin things (conductors, rails) by their edges, where the map has no depth",
     )  # fmt: skip
     parser.add_argument("--no-refine", action="store_true", help="joint: take the poses as they come")
+    parser.add_argument(
+        "--rig", action="store_true",
+        help="joint, photographs: of a calibrated stereo rig: intrinsics are known, poses to "
+        f"{math.degrees(RIG.rotation_rad):.2g} degrees and {100 * RIG.position_share:.2g} %% of the baseline per axis "
+        "(--prior-... says otherwise)",
+    )  # fmt: skip
     for name, words in (
         ("rotation-deg", "degrees, standard deviation per axis"),
         ("position-m", "m, standard deviation per axis"),
@@ -199,7 +206,8 @@ def _parser() -> argparse.ArgumentParser:
     ):
         parser.add_argument(
             f"--prior-{name}", type=float, metavar="X",
-            help=f"joint, photographs: how good the poses are ({words}); priors.csv says it for each",
+            help=f"joint, photographs: how good the poses are ({words}; by default 0.3 degrees, 1 %% of the distance "
+            "and 0.5 %% of the median distance); priors.csv says it for each",
         )  # fmt: skip
     parser.add_argument("--refine-focal", action="store_true", help="joint: also adjust the focal length")
     parser.add_argument(

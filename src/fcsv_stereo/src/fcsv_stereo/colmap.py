@@ -33,6 +33,7 @@ MODELS = {
 }
 #: A binary model that differs from the text by more is another one: rad, and a share of the cameras' distances.
 _OLD_RAD, _OLD_SHARE = 1e-3, 1e-2
+_ROUNDING = 1e-9  # of the largest number in two poses: what may be left of one place
 
 
 def is_model(folder: Path) -> bool:
@@ -143,6 +144,7 @@ def _configuration(reference: Picture, other: Picture) -> Configuration:
     if (reference.camera.width, reference.camera.height) != (other.camera.width, other.camera.height):
         raise InputError(f"{other.name} and {reference.name} have two sizes; one reference needs pictures of one size")
     configuration = Configuration.between(reference.T_home_cam, other.T_home_cam)
-    if configuration.baseline_m < 1e-6:
+    places = np.stack([p.T_home_cam[:3, 3] for p in (reference, other)])
+    if configuration.baseline_m <= _ROUNDING * float(np.abs(places).max()):
         raise InputError(f"{other.name} and {reference.name} were taken from one place: no baseline")
     return replace(configuration, name=f"{reference.name} with {other.name}")

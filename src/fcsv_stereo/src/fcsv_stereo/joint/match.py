@@ -40,6 +40,7 @@ class MatchOptions:
     threads: int = 2
     stretch: bool = False  # after the volume's size surfaces are interpolated, not chosen: quicker, edges less sharp
     adjust_poses: bool = False  # to the pictures, where covariances are given
+    poses_withhold: bool = True  # what poses' errors make of a depth speaks against it; else it is in its sigma alone
     keep_features: bool = False  # what each depth's evidence is judged by (HxWxF): to learn from
 
     def __post_init__(self):
@@ -123,11 +124,13 @@ def match_jointly(
             surfaces = _surfaces_between(pictures, surfaces, levels, scale, options, pool)
         pictures, fine = _at_full_size(pictures, surfaces, levels, known, options, pool)
     geometry = geometry_sigma(reference, pictures.others, pictures.covariances, fine)
-    sigma_w = np.hypot(matching_sigma(fine, known), geometry)
+    own_w = matching_sigma(fine, known)
+    sigma_w = np.hypot(own_w, geometry)
+    own_w = sigma_w if options.poses_withhold else own_w
     with ThreadPoolExecutor(options.threads) as pool:
         off = _off(reference, pictures, [suspicion.covariances[i] for i in used], fine) if suspicion else None
-        kind, columns = _judged(pictures, fine, sigma_w, known, options, pool, suspicion, off)
-    depth, sigma, support = _certain_depth(fine, sigma_w, reference.blank, options)
+        kind, columns = _judged(pictures, fine, own_w, known, options, pool, suspicion, off)
+    depth, sigma, support = _certain_depth(fine, sigma_w, own_w, reference.blank, options)
     if untold:
         sigma = np.hypot(sigma, depth * _off(reference, pictures, [untold[i] for i in used], fine))
     if suspicion:
@@ -277,13 +280,13 @@ def _enlarged(mask: np.ndarray, reference: Picture) -> np.ndarray:
 
 
 def _certain_depth(
-    fine: Fine, sigma_w: np.ndarray, blank: Optional[np.ndarray], options: MatchOptions
+    fine: Fine, sigma_w: np.ndarray, own_w: np.ndarray, blank: Optional[np.ndarray], options: MatchOptions
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depth and sigma (HxW float32, m) and support, where depth is certain enough and the camera saw something; sigma
-    of 1/w to first order."""
+    """Depth and sigma (HxW float32, m) and support, where depth is certain enough by the pixel's ``own_w`` (HxW, 1/m)
+    and the camera saw something; sigma of 1/w to first order."""
     w = np.maximum(fine.w, 1e-9)
     relative = sigma_w / w
-    none = ~(relative < options.most_relative_sigma)
+    none = ~(own_w / w < options.most_relative_sigma)
     if blank is not None:
         none |= blank
     depth, sigma = 1.0 / w, relative / w

@@ -34,7 +34,9 @@ from fcsv_stereo.model import (
     silent,
 )
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
-from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions, refine
+from fcsv_stereo.refinement import METRIC, KnownFeatures, RefinedPicture, RefineOptions, refine
+from fcsv_stereo.rig import rig_hint
+from fcsv_stereo.unit_of_length import in_metres, in_unit, unit_of
 
 _MONITORED_PIXELS = 640 * 480
 
@@ -87,12 +89,14 @@ class Joint(Method):
         self, given: MapInput, options: Optional[JointOptions] = None, progress: Progress = silent
     ) -> MapResult:  # fmt: skip
         """Match jointly; leave out what moved, doubt what an axis denies, refuse a map without evidence."""
-        options = options or JointOptions()
-        result = doubt_contradicted(given, leave_out_moved(given, map_joint(given, options, progress)))
+        options, unit_m = options or JointOptions(), unit_of(given)
+        given = in_unit(given, unit_m)
+        result = doubt_contradicted(given, leave_out_moved(given, _mapped(given, options, progress, unit_m)))
         if options.refine_poses:  # else who asks vouches for the poses
             require_evidence(result)
         result = result if options.complete else supported_only(result)
-        return with_bars(result, [p.pictures for p in result.pairs]) if options.bars else result
+        result = with_bars(result, [p.pictures for p in result.pairs]) if options.bars else result
+        return in_metres(result, unit_m)
 
     @property
     def quick(self) -> JointOptions:
@@ -131,15 +135,22 @@ class Joint(Method):
 
 def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> MapResult:
     """The map of all configurations in the first one's reference picture. Raises MatchingError where none matched."""
-    prior = _prior(given, options)
-    if prior is not None:
-        options = replace(options, refinement=replace(options.refinement, prior=prior))
+    unit_m = unit_of(given)
+    return in_metres(_mapped(in_unit(given, unit_m), options, progress, unit_m), unit_m)
+
+
+def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: float) -> MapResult:
+    """The map of an input in units of ``unit_m``; its ``options`` are in metres."""
     reference, others = choose_pictures(given.configurations)
+    prior = _prior(given, options, unit_m).in_scene([_apart(reference, o) for o in others])
+    options = replace(options, refinement=replace(options.refinement, prior=prior, unit_m=unit_m))
     warnings = list(given.warnings)
 
     started = time.perf_counter()
     progress("poses", 0, 3)
+    hint = rig_hint(reference, others) if _nothing_said(given, options) else []
     reference, refined, unseen = _refine(reference, others, options, warnings)
+    unseen = [*unseen, *hint]
     timing_s = {"refine": time.perf_counter() - started}
 
     started = time.perf_counter()
@@ -149,6 +160,8 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     warnings += [f"left out: {refined[i].picture.name}: {reason}" for i, reason in left_out.items()]
     pictures = [refined[i].picture for i in kept]
     matching = replace(options.matching, adjust_poses=options.refine_poses)
+    if given.kind is not InputKind.SESSION:  # one error of a pose is in all pixels: in sigma, not what a pixel is
+        matching = replace(matching, poses_withhold=False)
     scale = options.scale_of(reference.image.shape[0] * reference.image.shape[1])
     if scale < 1.0:
         reference, pictures = reference.shrunk(scale), [p.shrunk(scale) for p in pictures]
@@ -168,7 +181,7 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     progress("map", 2, 3)
     cloud = cloud_of(reference, found.depth, found.sigma, found.strongest)
     if not len(cloud):
-        why = why_no_depth(reference, pictures)
+        why = why_no_depth(reference, pictures, unit_m)
         raise MatchingError(f"no pixel of {reference.name} has a depth that can be relied on: {why}")
     configurations = [given.configurations[i].configuration for i in kept]
     pairs = _pairs(configurations, given.kind is InputKind.SESSION, reference, pictures, found, options)
@@ -180,16 +193,29 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     )
 
 
-def _prior(given: MapInput, options: JointOptions) -> Optional[PosePrior]:
-    """How good the poses are by the user's word, or the input's. Raises InputError where both say it."""
+def _apart(reference: Picture, other: Picture) -> float:
+    return float(np.linalg.norm(other.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]))
+
+
+def _prior(given: MapInput, options: JointOptions, unit_m: float) -> PosePrior:
+    """How good the poses are by the user's word, or the input's (in units of ``unit_m``), else the refinement's; of
+    photographs relative to the scene. Raises InputError where both say it."""
     if options.prior is None:
-        return given.prior
-    said = given.prior is not None or any(p.covariance is not None for c in given.configurations for p in c.others)
-    if given.kind is InputKind.SESSION or said:
+        prior = options.refinement.prior
+        assumed = PosePrior() if given.kind is not InputKind.SESSION and prior == METRIC else prior
+        return given.prior or assumed.in_unit(unit_m)
+    if not _nothing_said(given, replace(options, prior=None)):
         raise InputError(
-            "--prior-... is for photographs without priors.csv: sessions and priors.csv say how good their poses are"
+            "--prior-... and --rig are for photographs without priors.csv: sessions and priors.csv say how good their "
+            "poses are"
         )
-    return options.prior
+    return options.prior.in_unit(unit_m)
+
+
+def _nothing_said(given: MapInput, options: JointOptions) -> bool:
+    """Whether nobody says how good the poses of photographs are."""
+    known = any(p.covariance is not None for c in given.configurations for p in c.others)
+    return given.kind is not InputKind.SESSION and given.prior is None and not known and options.prior is None
 
 
 def choose_pictures(configurations: List[ConfigurationInput]) -> Tuple[Picture, List[Picture]]:

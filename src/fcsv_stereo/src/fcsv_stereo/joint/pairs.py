@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each pair contributed to a joint map: its share, its useful range, and its rectified view when asked for."""
 
+from dataclasses import replace
 from functools import cached_property
-from typing import List, Tuple
+from typing import Callable, List, Tuple
 
 import cv2
 import numpy as np
@@ -40,6 +41,15 @@ class JointPair:
         """The same pair with depth only where ``stays`` (HxW bool)."""
         depth = np.where(stays, self.depth, np.float32(np.nan))
         kept = JointPair(self.configuration, *self._pictures, depth, self.effective_range_m, self._level)
+        kept.match_rate, kept.candidates = self.match_rate, self.candidates
+        return kept
+
+    def in_metres(self, unit_m: float, picture_in_metres: Callable[[Picture], Picture]) -> "JointPair":
+        """The same pair, whose lengths are in units of ``unit_m``, with lengths in metres."""
+        configuration = replace(self.configuration, baseline_m=self.configuration.baseline_m * unit_m)
+        near_m, far_m = self.effective_range_m
+        depth, pictures = self.depth * np.float32(unit_m), map(picture_in_metres, self._pictures)
+        kept = JointPair(configuration, *pictures, depth, (near_m * unit_m, far_m * unit_m), self._level)
         kept.match_rate, kept.candidates = self.match_rate, self.candidates
         return kept
 

@@ -4,6 +4,6 @@
 from fcsv_stereo.model import PosePrior
 from fcsv_stereo.refinement.features import KnownFeatures
 from fcsv_stereo.refinement.refine import refine
-from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptions
+from fcsv_stereo.refinement.types import METRIC, RefinedPicture, Refinement, RefineOptions
 
-__all__ = ["KnownFeatures", "PosePrior", "RefineOptions", "RefinedPicture", "Refinement", "refine"]
+__all__ = ["KnownFeatures", "METRIC", "PosePrior", "RefineOptions", "RefinedPicture", "Refinement", "refine"]

@@ -32,7 +32,7 @@ def prior_of(a: View, b: View, distances_m: Tuple[float, float], prior: PosePrio
         sigmas = [float(np.sqrt(np.linalg.eigvalsh(covariance[i, i])[-1])) for i in (slice(3), slice(3, 6))]
         return PairPrior(T_a_b, *sigmas, covariance)
     sides = [d for d in distances_m if d > 0.0]
-    position_m = float(np.hypot.reduce([prior.position_sigma_m(d) for d in sides] or [prior.position_m]))
+    position_m = float(np.hypot.reduce([prior.position_sigma_m(d) for d in sides] or [prior.position_sigma_m(0.0)]))
     return PairPrior(T_a_b, prior.rotation_rad * float(np.sqrt(max(len(sides), 1))), position_m)
 
 
@@ -75,7 +75,7 @@ def _links(views, pairs, options: RefineOptions, pool: Executor) -> List[Link]:
         a, b = pair
         distances = (distance_m(views, a) if a else 0.0, max(distance_m(views, b), 1e-9))
         prior = prior_of(views[a], views[b], distances, options.prior)
-        return link(pair, views[a], views[b], prior, options.least_inliers)
+        return link(pair, views[a], views[b], prior, options.least_inliers, options.unit_m)
 
     return list(pool.map(one, pairs))
 

@@ -69,7 +69,8 @@ def _doubt(views: List[View], k: int, T_home_cam, options: RefineOptions) -> str
     away_m = float(np.linalg.norm(T_home_cam[:3, 3] - views[k].picture.T_home_cam[:3, 3]))
     allowed_m = _FARTHEST_SHARE * distance_m(views, k)
     if away_m > allowed_m and away_m > _position_surprise_m(views, k, options):
-        return f"the pictures put it {away_m:.2f} m from its prior, with a baseline of {distance_m(views, k):.2f} m"
+        put_m, baseline_m = away_m * options.unit_m, distance_m(views, k) * options.unit_m
+        return f"the pictures put it {put_m:.3g} m from its prior, with a baseline of {baseline_m:.3g} m"
     return ""
 
 
@@ -79,7 +80,7 @@ def surprise(views: List[View], k: int, refined: RefinedPicture, options: Refine
     if refined.correction_rad > _SURPRISE * prior_to_reference(views, k, options.prior).rotation_rad:
         words.append(f"rotation by {np.degrees(refined.correction_rad):.1f} degrees")
     if refined.correction_m > _position_surprise_m(views, k, options):
-        words.append(f"position by {refined.correction_m:.2f} m")
+        words.append(f"position by {refined.correction_m * options.unit_m:.3g} m")
     return f"its prior was wrong in {' and '.join(words)}; the pictures' own pose was taken" if words else ""
 
 

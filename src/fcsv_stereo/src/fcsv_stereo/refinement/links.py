@@ -64,11 +64,16 @@ class _Fit:
         return max(self.turned, self.displaced)
 
 
-def link(numbers: Tuple[int, int], a: View, b: View, prior: PairPrior, least: int) -> Link:
-    """The pose within the prior's band; where that fails, one found without the prior, if it is beyond doubt."""
+def link(numbers: Tuple[int, int], a: View, b: View, prior: PairPrior, least: int, unit_m: float = 1.0) -> Link:
+    """The pose within the prior's band; where that fails, one found without the prior, if it is beyond doubt.
+
+    Positions are in units of ``unit_m``."""
     baseline_m = float(np.linalg.norm(prior.T_a_b[:3, 3]))
     if baseline_m < 3.0 * prior.position_m:
-        reason = f"its baseline of {baseline_m:.2f} m is not longer than the error of its prior"
+        reason = (
+            f"its baseline of {baseline_m * unit_m:.3g} m is not three times as long as its prior is unsure "
+            f"({prior.position_m * unit_m:.2g} m): say so where it is better known (--prior-position-m, priors.csv)"
+        )
         return Link(*numbers, prior, prior.T_a_b, reason)
     for view in (a, b):
         if len(view.uv) < least:

@@ -39,12 +39,14 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
     pictures that cannot be compared at all.
     """
     _check(reference, others)
+    away_m = [float(np.linalg.norm(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3])) for o in others]
+    options = replace(options, prior=options.prior.in_scene(away_m or [1.0]))
     clock = _Clock()
     found = _adjusted([reference, *others], options, clock)
     words: List[str] = []
-    if options.correct_camera:
+    if options.correct_camera and not options.calibrated:
         found, words = _straightened(found, options, clock)
-    focal = focal_fit(found.consensus, _cameras(found))
+    focal = None if options.calibrated else focal_fit(found.consensus, _cameras(found))
     if focal is not None and focal.known and options.correct_camera:
         freed = replace(options, refine_focal=True, focal_sigma=ANY_FOCAL)
         found = replace(_adjusted(found.pictures, freed, clock), turns=found.turns)
@@ -121,7 +123,7 @@ def _doubted(found: _Adjustment, focal: FocalFit) -> _Adjustment:
 
 
 def _refinement(found: _Adjustment, words: List[str], options: RefineOptions, clock: "_Clock") -> Refinement:
-    consensus, views, direct = _with_systematic(found), found.views, found.direct
+    consensus, views, direct = _with_systematic(found, options.calibrated), found.views, found.direct
     refined = [_explained(judge(views, k, direct[k], consensus, options), views, k) for k in range(1, len(views))]
     clock.lap("adjust")
     warnings = [*found.unmoving, *words, *_warnings(refined, views, options)]
@@ -133,12 +135,15 @@ def _refinement(found: _Adjustment, words: List[str], options: RefineOptions, cl
     return Refinement(reference, refined, warnings, clock.laps_s, scale, offsets_s)
 
 
-def _with_systematic(found: _Adjustment) -> Consensus:
-    """With what errors that all points of a picture share may have made of the poses."""
+def _with_systematic(found: _Adjustment, calibrated: bool) -> Consensus:
+    """With what errors that all points of a picture share may have made of the poses; rows of a calibrated rig are not
+    in doubt."""
     consensus, turns = found.consensus, _turns(found)
     if consensus.adjusted is None or turns is None:
         return consensus
-    shared = systematic(consensus, _cameras(found)).covariance + (turns.covariance if found.turns else turns.if_left)
+    shared = systematic(consensus, _cameras(found)).covariance
+    if not calibrated:
+        shared = shared + (turns.covariance if found.turns else turns.if_left)
     return replace(consensus, adjusted=replace(consensus.adjusted, systematic=shared))
 
 

@@ -11,6 +11,7 @@ from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import Picture, PosePrior
 from fcsv_stereo.refinement.features import KnownFeatures
 
+METRIC = PosePrior(position_m=0.02)  # of pictures in metres of which nothing is said
 ANY_FOCAL = 0.05  # share by which a focal length may well be wrong: from a data sheet, of a lens at another zoom
 
 
@@ -18,21 +19,25 @@ ANY_FOCAL = 0.05  # share by which a focal length may well be wrong: from a data
 class RefineOptions:
     """Choices of the refinement; defaults suit the simulated flights and ordinary photographs."""
 
-    prior: PosePrior = field(default_factory=PosePrior)
+    prior: PosePrior = METRIC
     refine_focal: bool = False  # one scale of the focal length, common to all pictures
     correct_camera: bool = True  # a rolling shutter or a wrong focal length that the pictures show beyond doubt
+    calibrated: bool = False  # nobody doubts the cameras: no focal length, no rolling shutter is looked for
     refine_time_offset: bool = False  # one per vehicle besides the reference's
     time_offset_sigma_s: float = 0.1
     focal_sigma: float = 0.01  # of the prior of the focal length, as a share of it
     features: int = 3500  # corners in the reference picture, spread over it
     least_inliers: int = 25  # of a link; fewer, or fewer than 0.6 of it measured: a picture keeps its prior
     pair_others: bool = True  # also match the others with each other where the reference does not see
+    unit_m: float = 1.0  # the unit of the poses' positions, for what is said of them in metres
     known: Optional[KnownFeatures] = field(default=None, repr=False)  # of earlier ones, where pictures come again
     threads: int = 2
 
     def __post_init__(self):
         if self.features < 50 or self.least_inliers < 8 or self.threads < 1:
             raise InputError("refinement needs at least 50 features, 8 inliers and 1 thread")
+        if self.calibrated and self.refine_focal:
+            raise InputError("a calibrated rig (--rig) has its focal lengths; leave --refine-focal out")
         if not (self.time_offset_sigma_s > 0.0 and 0.0 < self.focal_sigma < 1.0):
             raise InputError("priors of time offset and focal length must be positive")
 

@@ -23,9 +23,9 @@ def require_evidence(result: MapResult) -> MapResult:
     )
 
 
-def why_no_depth(reference: Picture, others: Sequence[Picture]) -> str:
+def why_no_depth(reference: Picture, others: Sequence[Picture], unit_m: float = 1.0) -> str:
     """What keeps every pixel from a depth: pictures along the line of sight show too little parallax, else it is
-    texture."""
+    texture. Positions are in units of ``unit_m``."""
     view = reference.T_home_cam[:3, 2]
     ways = []
     for other in others:
@@ -34,7 +34,7 @@ def why_no_depth(reference: Picture, others: Sequence[Picture]) -> str:
         across_m = float(np.linalg.norm(way_m - view * (way_m @ view)))
         if across_m >= ENOUGH_EVIDENCE.least_across * length_m:
             return "too little texture"
-        ways.append(f"{other.name} {length_m:.2f} m, of these {across_m:.2f} m across it")
+        ways.append(f"{other.name} {length_m * unit_m:.3g} m, of these {across_m * unit_m:.3g} m across it")
     if not ways:
         return "no other picture"
     return f"the pictures lie along the line of sight ({'; '.join(ways)}): move the camera sideways or up"
