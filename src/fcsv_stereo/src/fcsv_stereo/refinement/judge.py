@@ -2,9 +2,10 @@
 """What became of a picture: its refined pose, or its prior and the reason."""
 
 from dataclasses import replace
-from typing import List, Tuple
+from typing import Dict, List, Tuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
@@ -18,6 +19,8 @@ from fcsv_stereo.refinement.types import RefinedPicture, RefineOptions
 
 _LEAST_GAIN = 0.7  # the rotation's standard deviation must shrink below this share of the prior's
 _FARTHEST_SHARE = 0.25  # of the baseline: a camera that far from its prior was not where its configuration says
+_ALL = 3  # pictures whose poses are contradicted at once: fewer may be so by chance
+_NOISY = 1.5  # times the median noise of the pictures
 _SURPRISE = 4.0  # standard deviations of an axis: a correction in three axes is longer once in a thousand times
 
 
@@ -81,6 +84,49 @@ def surprise(views: List[View], k: int, refined: RefinedPicture, options: Refine
     if refined.correction_m > _position_surprise_m(views, k, options):
         words.append(f"position by {refined.correction_m:.2f} m")
     return f"its prior was wrong in {' and '.join(words)}; the pictures' own pose was taken" if words else ""
+
+
+def all_wrong(views: List[View], refined: List[RefinedPicture], options: RefineOptions) -> str:
+    """In words, where the pictures contradict all poses at once; empty where they do not."""
+    if len(refined) < _ALL or not all(r.refined and surprise(views, k, r, options) for k, r in enumerate(refined, 1)):
+        return ""
+    turned_deg = np.degrees(max(r.correction_rad for r in refined))
+    moved_m = max(r.correction_m for r in refined)
+    return (
+        f"the pictures contradict the poses of all {len(refined)} others at once (rotation by up to {turned_deg:.1f} "
+        f"degrees, position by up to {moved_m:.2f} m): either poses are worse than stated, or the camera is not the "
+        "stated one (focal length, principal point, distortion); the pictures' own poses were taken: check the "
+        "calibration, or state larger errors of the poses"
+    )
+
+
+def contradicted(views: List[View], consensus: Consensus, options: RefineOptions) -> bool:
+    """Whether the poses of all pictures end far from their priors, of three or more."""
+    adjusted = consensus.adjusted
+    if adjusted is None or len(adjusted.order) < _ALL:
+        return False
+    return all(_away(views, k, adjusted.poses[k], options) > _SURPRISE for k in adjusted.order)
+
+
+def unclear(views: List[View], consensus: Consensus, direct: Dict[int, Link], options: RefineOptions) -> bool:
+    """Whether some picture was left out, ends far from its prior, or fits worse than the others."""
+    adjusted = consensus.adjusted
+    if adjusted is None or any(k not in adjusted.order for k in direct):
+        return True
+    noise_px = consensus.problem.noise_px
+    usual_px = float(np.median([noise_px[k] for k in adjusted.order]))
+    return any(
+        _away(views, k, adjusted.poses[k], options) > _SURPRISE or noise_px[k] > _NOISY * usual_px
+        for k in adjusted.order
+    )
+
+
+def _away(views: List[View], k: int, T_ref_cam: np.ndarray, options: RefineOptions) -> float:
+    """How far a pose ends from its prior, in the prior's standard deviations."""
+    prior = prior_to_reference(views, k, options.prior)
+    off = transforms.invert(prior.T_a_b) @ T_ref_cam
+    turned_rad = float(Rotation.from_matrix(off[:3, :3]).magnitude())
+    return max(turned_rad / prior.rotation_rad, float(np.linalg.norm(off[:3, 3])) / prior.position_m)
 
 
 def _position_surprise_m(views: List[View], k: int, options: RefineOptions) -> float:

@@ -27,6 +27,7 @@ class RefineOptions:
     features: int = 3500  # corners in the reference picture, spread over it
     least_inliers: int = 25  # of a link; fewer, or fewer than 0.6 of it measured: a picture keeps its prior
     pair_others: bool = True  # also match the others with each other where the reference does not see
+    most_turn_rad: Optional[float] = None  # of a camera between its first and last row; None: nothing tells it
     known: Optional[KnownFeatures] = field(default=None, repr=False)  # of earlier ones, where pictures come again
     threads: int = 2
 
