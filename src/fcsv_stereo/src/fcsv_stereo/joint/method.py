@@ -35,6 +35,7 @@ from fcsv_stereo.model import (
 )
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
 from fcsv_stereo.refinement import KnownFeatures, RefinedPicture, RefineOptions, refine
+from fcsv_stereo.refinement.turning import most_turn_rad
 
 _MONITORED_PIXELS = 640 * 480
 
@@ -134,6 +135,8 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
     prior = _prior(given, options)
     if prior is not None:
         options = replace(options, refinement=replace(options.refinement, prior=prior))
+    refinement = replace(options.refinement, most_turn_rad=most_turn_rad(given))
+    options = replace(options, refinement=refinement)
     reference, others = choose_pictures(given.configurations)
     warnings = list(given.warnings)
 

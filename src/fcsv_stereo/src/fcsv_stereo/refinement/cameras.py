@@ -10,8 +10,10 @@ from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
+from fcsv_stereo.errors import InputError
 from fcsv_stereo.refinement.adjustment import Adjustment, Clock, adjusted, with_cameras
-from fcsv_stereo.refinement.focal import FocalFit, fitted, focal_fit, is_known
+from fcsv_stereo.refinement.directions import turned_baselines
+from fcsv_stereo.refinement.focal import FocalFit, fitted, focal_fit
 from fcsv_stereo.refinement.judge import contradicted, unclear
 from fcsv_stereo.refinement.own_focal import odd_focals
 from fcsv_stereo.refinement.rolling_shutter import ReadoutTurns, could_turn, readout_turns, straightened
@@ -20,6 +22,7 @@ from fcsv_stereo.refinement.types import ANY_FOCAL, RefineOptions
 _ROUNDS = 3
 _SETTLED = 0.02  # share: a smaller change is linear enough to need no new links
 _STRAIGHTENINGS = 2
+_LESS_NOISE = 0.95  # times the noise of the pictures as they came: straightened ones fit each other better
 
 
 @dataclass(frozen=True)
@@ -30,47 +33,58 @@ class Mended:
     found: Adjustment
     words: List[str] = field(default_factory=list)
     focal: Optional[FocalFit] = None
-    blamed: Dict[int, str] = field(default_factory=dict)  # by picture: what is wrong with its camera
 
 
 def mended(found: Adjustment, options: RefineOptions, clock: Clock) -> Mended:
-    """Single focal lengths, the common one, and a rolling shutter, in this order; each is only said where
-    ``correct_camera`` is off."""
-    found, words, blamed = _own_focals(found, options, clock)
-    focal = focal_fit(found.consensus, found.cameras, contradicted(found.views, found.consensus, options))
-    taken = _common_focal(found, focal, options, clock) if options.correct_camera else None
-    if taken is not None:
-        found, focal = taken, None
-        words.append(f"{_change_words(found)}: it was taken; calibrate the camera, or --keep-camera")
+    """Single focal lengths, the common one, and a rolling shutter, in this order; without ``correct_camera`` focal
+    lengths are only said."""
+    found, words = _own_focals(found, options, clock)
+    found, focal, taken = _common_focal(found, options, clock)
     if options.correct_camera:
-        found, more = _straightened(found, options, clock)
-        words = more + words
-        if more and taken is None:
-            focal = focal_fit(found.consensus, found.cameras, contradicted(found.views, found.consensus, options))
-    if focal is not None and focal.words:
+        found, rows = _straightened(found, options, clock)
+        words += rows
+        if rows and not taken:
+            found, focal, taken = _common_focal(found, options, clock)
+    turned = turned_baselines(found.views, found.consensus, options)
+    words += [turned] if turned else []
+    if taken:
+        words.append(f"{taken}: it was taken; calibrate the camera, or --keep-camera")
+    elif focal is not None and focal.words:
         words.append(f"{focal.words}: calibrate the camera, or map with --refine-focal")
-    return Mended(found, words, focal, blamed)
+    return Mended(found, words, focal)
 
 
-def _own_focals(
-    found: Adjustment, options: RefineOptions, clock: Clock
-) -> Tuple[Adjustment, List[str], Dict[int, str]]:  # fmt: skip
-    """With the focal length of a picture that is not the others', where some picture did not come out clear."""
-    if len(found.pictures) < 3 or not unclear(found.views, found.consensus, found.direct, options):
-        return found, [], {}
-    factors = odd_focals(found.views, options)
+def _own_focals(found: Adjustment, options: RefineOptions, clock: Clock) -> Tuple[Adjustment, List[str]]:
+    """With the focal length of a picture that is not the others', where some picture did not come out clear. Raises
+    InputError where focal lengths contradict each other and no majority tells which are wrong."""
+    if not unclear(found.views, found.consensus, found.direct, options):
+        return found, []
+    odd = odd_focals(found.views, options)
     clock.lap("match")
-    if not factors:
-        return found, [], {}
-    blamed = {k: f"its focal length is {_length(f)} than the given one" for k, f in factors.items()}
-    if options.correct_camera:
-        found = adjusted(with_cameras(found.pictures, factors), options, clock)
-    what = "it was taken; calibrate this camera, or --keep-camera" if options.correct_camera else "calibrate this camera"
-    words = [
-        f"{found.pictures[k].name}: against the other pictures {blamed[k]} (another lens, zoom or size of picture): {what}"
-        for k in factors
+    names = [p.name for p in found.pictures]
+    if odd.factors and not odd.outvoted:
+        words = _disagreeing(names, odd.factors)
+        if options.correct_camera:
+            raise InputError(words)
+        return found, [words]
+    advice = "calibrate this camera"
+    if odd.factors and options.correct_camera:
+        found = adjusted(with_cameras(found.pictures, odd.factors), options, clock)
+        advice = "it was taken; calibrate this camera, or --keep-camera"
+    return found, [
+        f"{names[k]}: against the other pictures its focal length is {_length(f)} than the given one "
+        f"(another lens, zoom or size of picture): {advice}"
+        for k, f in odd.factors.items()
     ]
-    return found, words, blamed
+
+
+def _disagreeing(names: List[str], factors: Dict[int, float]) -> str:
+    against = ", ".join(f"{names[k]} {_length(f)}" for k, f in factors.items())
+    return (
+        f"{', '.join(names[k] for k in factors)}: the stated focal lengths do not fit those of {names[0]} (as the "
+        f"pictures show it, {against}), and no majority tells which are wrong: calibrate the cameras, or --keep-camera "
+        "maps with them as they are"
+    )
 
 
 def _length(factor: float) -> str:
@@ -78,30 +92,37 @@ def _length(factor: float) -> str:
 
 
 def _common_focal(
-    found: Adjustment, focal: Optional[FocalFit], options: RefineOptions, clock: Clock
-) -> Optional[Adjustment]:  # fmt: skip
-    """With the focal length of all cameras free, and links by cameras that have it; None where the pictures do not
-    contradict the given one, or do not tell it well enough in the end."""
-    if focal is None or not focal.evident or options.refine_focal:
-        return None
-    freed = replace(options, refine_focal=True, focal_sigma=ANY_FOCAL)
+    found: Adjustment, options: RefineOptions, clock: Clock
+) -> Tuple[Adjustment, Optional[FocalFit], str]:  # fmt: skip
+    """With the focal length that the pictures tell, and words about it; as it was, with the doubt, where they do not
+    contradict the given one or do not tell it well enough."""
+    doubted = contradicted(found.views, found.consensus, options)
+    focal = focal_fit(found.consensus, found.cameras, doubted)
+    if focal is None or not focal.evident or not options.correct_camera:
+        return found, focal, ""
     scale = 1.0 + focal.change if abs(focal.change) > ANY_FOCAL else 1.0
     for _ in range(_ROUNDS):
-        pictures = with_cameras(found.pictures, dict.fromkeys(range(len(found.pictures)), scale))
-        again = replace(adjusted(pictures, freed, clock), focal_scale=scale)
-        if again.consensus.adjusted is None:
-            return None
+        again = _with_focal(found, scale, options, clock)
+        if again is None:
+            break
         change, sigma = fitted(again.consensus, again.cameras)
         total = scale * (1.0 + change)
         if abs(change) <= (_SETTLED if scale != 1.0 else ANY_FOCAL):
-            return again if is_known(total - 1.0, sigma) else None
+            fit = replace(focal, change=total - 1.0, sigma=sigma, probability=1.0)
+            return (again, None, fit.words) if fit.known else (found, focal, "")
         scale = total
-    return None
+    return found, focal, ""
 
 
-def _change_words(found: Adjustment) -> str:
-    change, sigma = fitted(found.consensus, found.cameras)
-    return FocalFit(found.focal_scale * (1.0 + change) - 1.0, sigma, 1.0, np.zeros((0, 0))).words
+def _with_focal(found: Adjustment, scale: float, options: RefineOptions, clock: Clock) -> Optional[Adjustment]:
+    """Links by cameras with focal lengths ``scale`` times the given ones, and the rest of it free."""
+    pictures = with_cameras(found.pictures, dict.fromkeys(range(len(found.pictures)), scale))
+    again = adjusted(pictures, _with_free_focal(options), clock)
+    return None if again.consensus.adjusted is None else replace(again, focal_scale=scale, turns=found.turns)
+
+
+def _with_free_focal(options: RefineOptions) -> RefineOptions:
+    return options if options.refine_focal else replace(options, refine_focal=True, focal_sigma=ANY_FOCAL)
 
 
 def _straightened(found: Adjustment, options: RefineOptions, clock: Clock) -> Tuple[Adjustment, List[str]]:
@@ -109,14 +130,14 @@ def _straightened(found: Adjustment, options: RefineOptions, clock: Clock) -> Tu
     given, first = found.pictures, found
     if not could_turn(given, options.most_turn_rad):
         return found, []
+    freed = found.consensus.problem is not None and found.consensus.problem.focal_sigma > 0.0
     for _ in range(_STRAIGHTENINGS):
         turns = turns_of(found)
         if turns is None or not (found.turns or turns.sure):
             break
         pictures = [straightened(p, turns.turns_rad[k]) if k in turns.turns_rad else p for k, p in enumerate(given)]
-        freed = found.consensus.problem.focal_sigma > 0.0
-        again = replace(options, refine_focal=True, focal_sigma=ANY_FOCAL) if freed and not options.refine_focal else options
-        found = replace(adjusted(pictures, again, clock), turns=turns, focal_scale=found.focal_scale)
+        again = adjusted(pictures, _with_free_focal(options) if freed else options, clock)
+        found = replace(again, turns=turns, focal_scale=found.focal_scale)
     if found.turns is None or not _better(first, found):
         return first, []
     words = (
@@ -138,9 +159,6 @@ def _better(before: Adjustment, after: Adjustment) -> bool:
 def _noise_px(consensus) -> float:
     noise_px = consensus.problem.noise_px
     return float(np.median([noise_px[k] for k in consensus.adjusted.order]))
-
-
-_LESS_NOISE = 0.95
 
 
 def turns_of(found: Adjustment) -> Optional[ReadoutTurns]:

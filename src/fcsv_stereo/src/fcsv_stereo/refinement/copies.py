@@ -30,8 +30,8 @@ def without_copies(
             if k != kept:
                 name = views[kept].picture.name
                 reason = (
-                    f"it shows no parallax against {name}: pixel for pixel it is the same picture, under another name "
-                    "and pose (a copy, or one that was taken from the same place)"
+                    f"pixel for pixel it is the same picture as {name} and shows no parallax against it: a copy under "
+                    "another name and pose, or one that was taken from the same place"
                 )
                 out[k] = replace(direct[k], reason=reason, same_place=True)
     left_out = {k for k in out if out[k] is not direct[k]}

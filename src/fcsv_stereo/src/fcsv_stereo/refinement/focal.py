@@ -50,7 +50,7 @@ class FocalFit:
     @property
     def known(self) -> bool:
         """Well enough to take it."""
-        return is_known(self.change, self.sigma)
+        return self.sigma <= _KNOWN and self.evident
 
     @property
     def evident(self) -> bool:
@@ -77,7 +77,7 @@ class FocalFit:
     @property
     def words(self) -> str:
         """What the pictures say; empty where they say nothing against the given one."""
-        if abs(self.change) < _LEAST or self.probability < _PERHAPS:
+        if abs(self.change) < _LEAST or self.probability < _PERHAPS or self.sigma >= _NOTHING:
             return ""
         which = "longer" if self.change > 0 else "shorter"
         fit = "fit" if self.probability >= _LIKELY else "perhaps fit"
@@ -111,11 +111,6 @@ def fitted(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[flo
     free = consensus.adjusted
     fields = systematic(consensus, cameras)
     return free.focal_scale - 1.0, min(float(np.hypot(free.focal_sigma, fields.focal_sigma)), ANY_FOCAL)
-
-
-def is_known(change: float, sigma: float) -> bool:
-    """Whether a change (share) that is known so well is to be taken."""
-    return sigma <= _KNOWN and abs(change) >= max(_LEAST, _SURE * sigma)
 
 
 def _doubt(change: float, sigma: float, odds: float) -> Tuple[float, float]:

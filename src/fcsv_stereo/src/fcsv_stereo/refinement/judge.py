@@ -2,7 +2,7 @@
 """What became of a picture: its refined pose, or its prior and the reason."""
 
 from dataclasses import replace
-from typing import Dict, List, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
+from fcsv_stereo.refinement.adjust import Adjusted
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.features import View
 from fcsv_stereo.refinement.geometry import epipolar_error
@@ -20,6 +21,7 @@ from fcsv_stereo.refinement.types import RefinedPicture, RefineOptions
 _LEAST_GAIN = 0.7  # the rotation's standard deviation must shrink below this share of the prior's
 _FARTHEST_SHARE = 0.25  # of the baseline: a camera that far from its prior was not where its configuration says
 _ALL = 3  # pictures whose poses are contradicted at once: fewer may be so by chance
+_WRONG_FOCAL = 0.5  # probability
 _NOISY = 1.5  # times the median noise of the pictures
 _SURPRISE = 4.0  # standard deviations of an axis: a correction in three axes is longer once in a thousand times
 
@@ -46,14 +48,22 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
         told, untold = _prior(views, k, options), of_scale(arm_m, options.prior.scale_sigma)
         nan = float("nan")
         kept = RefinedPicture(views[k].picture, prior_T, False, reason, compared, nan, nan, told, untold)
-        return replace(kept, in_pixels=in_pixels)
+        kept = replace(kept, in_pixels=in_pixels)
+        return _with_doubt(kept, views[0], adjusted, k) if _focal_is_wrong(adjusted, k) else kept
     before, after, inliers = _epipolar(views, k, consensus)
     camera = scaled(views[k].picture.camera, adjusted.focal_scale)
     picture = replace(views[k].picture, T_home_cam=T_home_cam, camera=camera)
     found = RefinedPicture(picture, prior_T, True, "", inliers, before, after, told, untold)
-    if adjusted.doubted is None:
-        return found
-    return replace(found, doubted=_own(views[0], adjusted, k, adjusted.doubted), focal_doubt=adjusted.focal_doubt)
+    return found if adjusted.doubted is None else _with_doubt(found, views[0], adjusted, k)
+
+
+def _focal_is_wrong(adjusted: Optional[Adjusted], k: int) -> bool:
+    """Whether the pictures speak against the focal length: depths are wrong by it, whatever pose is taken."""
+    return adjusted is not None and k in adjusted.order and adjusted.focal_doubt > _WRONG_FOCAL
+
+
+def _with_doubt(refined: RefinedPicture, reference: View, adjusted: Adjusted, k: int) -> RefinedPicture:
+    return replace(refined, doubted=_own(reference, adjusted, k, adjusted.doubted), focal_doubt=adjusted.focal_doubt)
 
 
 def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:

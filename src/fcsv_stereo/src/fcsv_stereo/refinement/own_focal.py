@@ -33,6 +33,15 @@ class Scale:
     sigma: float
 
 
+@dataclass(frozen=True)
+class OddFocals:
+    """By number the ``factors`` of the focal lengths of pictures that differ from the others; ``outvoted`` where most
+    pictures agree, so that these are the wrong ones."""
+
+    factors: Dict[int, float]
+    outvoted: bool
+
+
 def relative_scale(a: View, b: View, prior: PairPrior, least: int) -> Optional[Scale]:
     """Of b against a; None where their features do not tell it, 0 where they do not contradict the stated one."""
     baseline_m = float(np.linalg.norm(prior.T_a_b[:3, 3]))
@@ -55,20 +64,18 @@ def relative_scale(a: View, b: View, prior: PairPrior, least: int) -> Optional[S
     return Scale(log, sigma) if as_stated - cost > _MARGIN else Scale(0.0, sigma)
 
 
-def odd_focals(views: List[View], options: RefineOptions) -> Dict[int, float]:
-    """By number the factor of the focal length of pictures that differ from what most have in common."""
+def odd_focals(views: List[View], options: RefineOptions) -> OddFocals:
+    """Of pictures whose focal length differs from what most have in common."""
     found = {0: Scale(0.0, 0.0)}
     for k in range(1, len(views)):
         prior = prior_to_reference(views, k, options.prior)
         scale = relative_scale(views[0], views[k], prior, options.least_inliers)
         if scale is not None:
             found[k] = scale
-    if len(found) < 3:
-        return {}
-    common = float(np.median([s.log for s in found.values()]))
+    common = float(np.median([s.log for s in found.values()])) if len(found) > 2 else 0.0
     off = {k: s.log - common for k, s in found.items()}
     odd = {k: float(np.exp(v)) for k, v in off.items() if abs(v) > max(_LEAST, 5.0 * found[k].sigma)}
-    return odd if 2 * len(odd) < len(found) else {}
+    return OddFocals(odd, 2 * len(odd) < len(found))
 
 
 def _finished(prior, rays_a, rays_b, focal_px, noise_px, T_a_b, log, cost):

@@ -41,15 +41,14 @@ def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinemen
     judged = [judge(views, k, direct[k], consensus, options) for k in range(1, len(views))]
     refined = [_explained(r, views, k) for k, r in enumerate(judged, 1)]
     clock.lap("adjust")
-    warnings = [*found.unmoving, *best.words, *_warnings(refined, views, best, options)]
-    scale, offsets_s = found.focal_scale, {}
+    warnings = [*found.unmoving, *best.words, *_warnings(refined, views, options)]
+    rest, offsets_s = 1.0, {}
     if consensus.adjusted is not None:
-        scale *= consensus.adjusted.focal_scale
+        rest = consensus.adjusted.focal_scale
         offsets_s = {m.vehicle: s for m, s in zip(consensus.moving, consensus.adjusted.time_offsets_s)}
-    rest = consensus.adjusted.focal_scale if consensus.adjusted is not None else 1.0
     reference = replace(found.pictures[0], camera=scaled(found.pictures[0].camera, rest))
     unseen = [focal.unseen] if focal is not None and focal.unseen else []
-    return Refinement(reference, refined, warnings, clock.laps_s, scale, offsets_s, unseen)
+    return Refinement(reference, refined, warnings, clock.laps_s, found.focal_scale * rest, offsets_s, unseen)
 
 
 def _doubted(best: Mended) -> Adjustment:
@@ -88,11 +87,9 @@ def _explained(refined: RefinedPicture, views: List[View], k: int) -> RefinedPic
     return replace(refined, reason=f"{refined.reason}; {seen}") if seen else refined
 
 
-def _warnings(
-    refined: List[RefinedPicture], views: List[View], best: Mended, options: RefineOptions
-) -> List[str]:  # fmt: skip
+def _warnings(refined: List[RefinedPicture], views: List[View], options: RefineOptions) -> List[str]:
     """In plain words: pictures that keep their prior, and priors that were wrong."""
-    together = all_wrong(views, refined, options) if best.found.focal_scale == 1.0 else ""
+    together = all_wrong(views, refined, options)
     out = [together] if together else []
     for k, r in enumerate(refined, 1):
         if not r.refined:
