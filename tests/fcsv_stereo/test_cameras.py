@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras that are not what is stated for them: found and said, left out by name, or in sigma; no pose is blamed for it.
+"""Cameras that are not what is stated for them: found and said, refused, or in sigma; no pose is blamed for it.
 
 Drawn boards; the figures of rendered scenes are tools/bench_cameras.py's (docs/refinement.md).
 """
@@ -14,6 +14,7 @@ from support import boards, faulty
 from support.boards import with_prior
 
 from fcsv_geometry import transforms
+from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions, map_joint
 from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput
 from fcsv_stereo.refinement import PosePrior, RefineOptions, refine
@@ -83,6 +84,18 @@ def test_the_reference_with_another_focal_length(turning):
     result = refine(pictures[0], pictures[1:], OPTIONS)
     assert any(w.startswith("0.png: against the other") for w in result.warnings), result.warnings
     assert result.reference.camera.fx == pytest.approx(faulty.CAMERA.fx, rel=0.005) and not blamed(result)
+
+
+@pytest.mark.parametrize("how, factor", [("turning", 0.8), ("still", 1.1)])
+def test_a_pair_whose_focal_lengths_contradict_each_other_is_refused(how, factor, request, wrong_input):
+    """Nothing tells which of both is wrong; --keep-camera maps and says it."""
+    first, *_, last = as_stated(request.getfixturevalue(how), (1.0, 1.0, 1.0, 1.0, factor))
+    with pytest.raises(InputError, match=r"4\.png: the stated focal lengths do not fit those of 0\.png") as error:
+        refine(first, [last], OPTIONS)
+    kept = refine(first, [last], replace(OPTIONS, correct_camera=False))
+    assert str(error.value) in kept.warnings
+    message = re.sub(r"\d[\d.]*% (longer|shorter)", "...% longer", str(error.value))
+    wrong_input("Cameras", "a pair whose focal lengths contradict each other", "refused", message)
 
 
 def test_an_odd_focal_length_is_said_where_cameras_are_kept(still):
@@ -171,9 +184,9 @@ def by_rows(turning):
 def test_rows_are_straightened_only_where_the_camera_can_have_turned(by_rows):
     """The same pictures: no odometry, odometry that turns, odometry that says that nothing did."""
     pictures = as_stated(by_rows)
-    for most_turn_rad, expected in ((None, True), (0.01, True), (0.0005, False)):
-        result = refine(pictures[0], pictures[1:], replace(OPTIONS, most_turn_rad=most_turn_rad))
-        assert straightened(result) == expected, (most_turn_rad, result.warnings)
+    for turn_rad, expected in ((None, True), (0.01, True), (0.0005, False)):
+        result = refine(pictures[0], pictures[1:], replace(OPTIONS, most_turn_rad=turn_rad))
+        assert straightened(result) == expected, (turn_rad, result.warnings)
 
 
 def test_a_rectified_pair_is_never_straightened(still):
@@ -189,6 +202,7 @@ def test_a_rectified_pair_is_never_straightened(still):
 @pytest.mark.parametrize("rate_deg_s, expected_deg", [(0.0, 0.0), (5.0, 0.25)])
 def test_what_odometry_tells_of_a_turn(still, rate_deg_s, expected_deg):
     """Of 0.1 s between pictures; nothing of pictures that are alone, and nothing of photographs."""
+
     def recorded(p):
         turns = [transforms.from_xyz_rpy([0, 0, 0], [0, np.radians(rate_deg_s) * 0.1 * i, 0]) for i in range(4)]
         return [replace(p, stamp_s=0.1 * i, T_home_cam=p.T_home_cam @ T) for i, T in enumerate(turns)]

@@ -10,7 +10,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Picture
 from fcsv_stereo.refinement.consensus import Consensus, adjust_robustly
 from fcsv_stereo.refinement.copies import without_copies
-from fcsv_stereo.refinement.features import View, prepare
+from fcsv_stereo.refinement.features import View, prepare, rays_of
 from fcsv_stereo.refinement.graph import link_all, start_poses
 from fcsv_stereo.refinement.links import Link
 from fcsv_stereo.refinement.rolling_shutter import ReadoutTurns
@@ -56,10 +56,30 @@ class Adjustment:
 
 def adjusted(pictures: List[Picture], options: RefineOptions, clock: Clock) -> Adjustment:
     """Features, links, tracks and the robust adjustment; copies of a picture have no say."""
+    look = prepare if options.known is None else options.known.prepare
     with ThreadPoolExecutor(options.threads) as pool:
-        look = prepare if options.known is None else options.known.prepare
         views = list(pool.map(lambda p: look(p, _SIFT_FEATURES), pictures))
-        clock.lap("features")
+    clock.lap("features")
+    return _adjusted_views(views, options, clock)
+
+
+def with_cameras(found: Adjustment, factors: Dict[int, float], options: RefineOptions, clock: Clock) -> Adjustment:
+    """Linked, tracked and adjusted again, with focal lengths of some pictures multiplied, by number."""
+    views = [_with_focal(v, factors[k]) if k in factors else v for k, v in enumerate(found.views)]
+    return replace(_adjusted_views(views, options, clock), turns=found.turns)
+
+
+def _with_focal(view: View, factor: float) -> View:
+    def scaled(camera: PinholeCamera) -> PinholeCamera:
+        return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
+
+    camera, picture = scaled(view.camera), replace(view.picture, camera=scaled(view.picture.camera))
+    return replace(view, picture=picture, camera=camera, rays=rays_of(camera, view.uv))
+
+
+def _adjusted_views(views: List[View], options: RefineOptions, clock: Clock) -> Adjustment:
+    pictures = [v.picture for v in views]
+    with ThreadPoolExecutor(options.threads) as pool:
         direct, between = link_all(views, options, pool)
         direct, between = without_copies(views, direct, between, options)
         trusted = [l for l in direct.values() if not l.reason] + between
@@ -72,14 +92,3 @@ def adjusted(pictures: List[Picture], options: RefineOptions, clock: Clock) -> A
     consensus = adjust_robustly(views, found, trusted, starts, moving, options)
     clock.lap("adjust")
     return Adjustment(pictures, views, direct, consensus, unmoving)
-
-
-def with_cameras(pictures: List[Picture], factors: Dict[int, float]) -> List[Picture]:
-    """Focal lengths of some pictures multiplied, by number."""
-
-    def changed(k: int, p: Picture) -> Picture:
-        factor = factors.get(k, 1.0)
-        camera = replace(p.camera, fx=p.camera.fx * factor, fy=p.camera.fy * factor)
-        return p if factor == 1.0 else replace(p, camera=camera)
-
-    return [changed(k, p) for k, p in enumerate(pictures)]

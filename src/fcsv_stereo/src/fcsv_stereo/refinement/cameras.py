@@ -69,7 +69,7 @@ def _own_focals(found: Adjustment, options: RefineOptions, clock: Clock) -> Tupl
         return found, [words]
     advice = "calibrate this camera"
     if odd.factors and options.correct_camera:
-        found = adjusted(with_cameras(found.pictures, odd.factors), options, clock)
+        found = with_cameras(found, odd.factors, options, clock)
         advice = "it was taken; calibrate this camera, or --keep-camera"
     return found, [
         f"{names[k]}: against the other pictures its focal length is {_length(f)} than the given one "
@@ -116,9 +116,9 @@ def _common_focal(
 
 def _with_focal(found: Adjustment, scale: float, options: RefineOptions, clock: Clock) -> Optional[Adjustment]:
     """Links by cameras with focal lengths ``scale`` times the given ones, and the rest of it free."""
-    pictures = with_cameras(found.pictures, dict.fromkeys(range(len(found.pictures)), scale))
-    again = adjusted(pictures, _with_free_focal(options), clock)
-    return None if again.consensus.adjusted is None else replace(again, focal_scale=scale, turns=found.turns)
+    factors = dict.fromkeys(range(len(found.pictures)), scale)
+    again = with_cameras(found, factors, _with_free_focal(options), clock)
+    return None if again.consensus.adjusted is None else replace(again, focal_scale=scale)
 
 
 def _with_free_focal(options: RefineOptions) -> RefineOptions:

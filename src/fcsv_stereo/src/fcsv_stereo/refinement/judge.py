@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.model import Picture
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
 from fcsv_stereo.refinement.adjust import Adjusted
 from fcsv_stereo.refinement.consensus import Consensus
@@ -47,14 +48,20 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
         arm_m = prior_T[:3, 3] - views[0].picture.T_home_cam[:3, 3]
         told, untold = _prior(views, k, options), of_scale(arm_m, options.prior.scale_sigma)
         nan = float("nan")
-        kept = RefinedPicture(views[k].picture, prior_T, False, reason, compared, nan, nan, told, untold)
+        picture = _with_common_focal(views[k].picture, adjusted)
+        kept = RefinedPicture(picture, prior_T, False, reason, compared, nan, nan, told, untold)
         kept = replace(kept, in_pixels=in_pixels)
         return _with_doubt(kept, views[0], adjusted, k) if _focal_is_wrong(adjusted, k) else kept
     before, after, inliers = _epipolar(views, k, consensus)
-    camera = scaled(views[k].picture.camera, adjusted.focal_scale)
-    picture = replace(views[k].picture, T_home_cam=T_home_cam, camera=camera)
+    picture = replace(_with_common_focal(views[k].picture, adjusted), T_home_cam=T_home_cam)
     found = RefinedPicture(picture, prior_T, True, "", inliers, before, after, told, untold)
     return found if adjusted.doubted is None else _with_doubt(found, views[0], adjusted, k)
+
+
+def _with_common_focal(picture: Picture, adjusted: Optional[Adjusted]) -> Picture:
+    """With the focal length that was adjusted for all, also of a picture that had no part in it."""
+    scale = 1.0 if adjusted is None else adjusted.focal_scale
+    return picture if scale == 1.0 else replace(picture, camera=scaled(picture.camera, scale))
 
 
 def _focal_is_wrong(adjusted: Optional[Adjusted], k: int) -> bool:

@@ -13,6 +13,7 @@ from fcsv_stereo.refinement.cameras import Mended, mended, turns_of
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.features import View
 from fcsv_stereo.refinement.judge import all_wrong, judge, scaled, surprise
+from fcsv_stereo.refinement.rolling_shutter import could_turn
 from fcsv_stereo.refinement.symptoms import symptom
 from fcsv_stereo.refinement.systematic import systematic
 from fcsv_stereo.refinement.types import RefinedPicture, Refinement, RefineOptions
@@ -25,9 +26,9 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
 
     Features are matched in the bands that the priors leave, corners tracked from the depths of these, and all poses
     adjusted at once with their priors, from which alone scale comes. A picture about which too little is known keeps
-    its prior and says why. Where ``correct_camera``, a rolling shutter and a wrong focal length that the pictures show
+    its prior and says why. Where ``correct_camera``, a rolling shutter and wrong focal lengths that the pictures show
     beyond doubt are taken out of them, and a warning says so: pictures come back straightened. Raises InputError for
-    pictures that cannot be compared at all.
+    pictures that cannot be compared at all, or whose focal lengths contradict each other.
     """
     _check(reference, others)
     clock = Clock()
@@ -37,7 +38,7 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
 
 def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinement:
     found, focal = best.found, best.focal
-    consensus, views, direct = _with_systematic(_doubted(best)), found.views, found.direct
+    consensus, views, direct = _with_systematic(_doubted(best), options), found.views, found.direct
     judged = [judge(views, k, direct[k], consensus, options) for k in range(1, len(views))]
     refined = [_explained(r, views, k) for k, r in enumerate(judged, 1)]
     clock.lap("adjust")
@@ -60,12 +61,16 @@ def _doubted(best: Mended) -> Adjustment:
     return replace(found, consensus=replace(found.consensus, adjusted=doubted))
 
 
-def _with_systematic(found: Adjustment) -> Consensus:
+def _with_systematic(found: Adjustment, options: RefineOptions) -> Consensus:
     """With what errors that all points of a picture share may have made of the poses."""
     consensus, turns = found.consensus, turns_of(found)
     if consensus.adjusted is None or turns is None:
         return consensus
-    shared = systematic(consensus, found.cameras).covariance + (turns.covariance if found.turns else turns.if_left)
+    shared = systematic(consensus, found.cameras).covariance
+    if found.turns:
+        shared = shared + turns.covariance
+    elif could_turn(found.pictures, options.most_turn_rad):
+        shared = shared + turns.if_left
     return replace(consensus, adjusted=replace(consensus.adjusted, systematic=shared))
 
 
