@@ -241,3 +241,15 @@ def test_a_pair_of_one_picture(turning):
     assert not r.refined and "the same picture as 0.png" in r.reason
     for other in turning[1:]:  # no others are
         assert "the same picture" not in refine(turning[0], [other], OPTIONS).others[0].reason
+
+
+def test_a_place_that_is_wrong_before_a_flat_scene_is_no_focal_length():
+    """A wall, seen from 1 m nearer than stated: it looks as a longer lens does, and stays a wrong place."""
+    wall = [boards.Board((15.0, 0.0, 0.0), (20.0, 15.0), 3)]
+    pictures = [
+        faulty.shot(f"{k}.png", boards.pose((x, -y, 0.0), (0.0, 0.0, 2.0 * k)), wall)
+        for k, (x, y) in enumerate(((0.0, 0.0), (0.0, 1.0), (1.0, 2.0), (0.0, 3.0)))
+    ]
+    pictures[2] = with_prior(pictures[2], (-1.0, 0.0, 0.0))
+    result = refine(pictures[0], pictures[1:], OPTIONS)
+    assert not any("its focal length" in w for w in result.warnings), result.warnings

@@ -77,7 +77,7 @@ class FocalFit:
     @property
     def words(self) -> str:
         """What the pictures say; empty where they say nothing against the given one."""
-        if abs(self.change) < _LEAST or self.probability < _PERHAPS or self.sigma >= _NOTHING:
+        if abs(self.change) < max(_LEAST, self.sigma) or self.probability < _PERHAPS:
             return ""
         which = "longer" if self.change > 0 else "shorter"
         fit = "fit" if self.probability >= _LIKELY else "perhaps fit"

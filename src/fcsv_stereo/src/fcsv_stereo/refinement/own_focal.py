@@ -19,6 +19,7 @@ from fcsv_stereo.refinement.types import RefineOptions
 _TRIED = np.exp(np.linspace(-0.3, 0.3, 13))  # scales: 0.74 to 1.35
 _WIDE_SHARE = 0.16  # of the picture's half height that a band is wide: what a scale of 1.3 does to most matches
 _TURN_RAD, _POSITION_SHARE = np.radians(2.0), 0.03  # priors may be as wrong beside
+_ANYWHERE_SHARE = 0.5  # of the baseline
 _LEAST = 0.02  # a smaller difference is told by no pair beyond doubt
 _MARGIN = 25.0  # drop of twice the robust cost, at which a scale is taken for one
 _LEAST_SHARE = 0.3  # of the matches must agree
@@ -56,12 +57,20 @@ def relative_scale(a: View, b: View, prior: PairPrior, least: int) -> Optional[S
     for scale in _TRIED:
         T, error_px = fit_pair(wide, rays_a, _scaled(rays_b, 1.0 / scale), f * scale, band_px, b.noise_px)
         fits.append((_cost(error_px, b.noise_px) + _prior_cost(wide, T), T, scale))
-    as_stated = fits[len(_TRIED) // 2][0]
+    as_stated = min(fits[len(_TRIED) // 2][0], _moved_instead(wide, rays_a, rays_b, b, band_px))
     cost, T, scale = min(fits, key=lambda fit: fit[0])
     log, sigma, share, cost = _finished(wide, rays_a, rays_b, f, b.noise_px, T, float(np.log(scale)), cost)
     if share < _LEAST_SHARE or share * len(matches) < least:
         return None
     return Scale(log, sigma) if as_stated - cost > _MARGIN else Scale(0.0, sigma)
+
+
+def _moved_instead(prior: PairPrior, rays_a, rays_b, b: View, band_px: float) -> float:
+    """Cost of the stated focal length where the place may be anywhere near: before a flat scene, that of a camera which
+    stood nearer looks like that of a longer lens."""
+    anywhere = PairPrior(prior.T_a_b, prior.rotation_rad, _ANYWHERE_SHARE * float(np.linalg.norm(prior.T_a_b[:3, 3])))
+    T, error_px = fit_pair(anywhere, rays_a, rays_b, b.camera.fx, band_px, b.noise_px)
+    return _cost(error_px, b.noise_px) + _prior_cost(anywhere, T)
 
 
 def odd_focals(views: List[View], options: RefineOptions) -> OddFocals:
