@@ -17,6 +17,7 @@ from fcsv_stereo.refinement.types import RefineOptions
 _LEAST_PICTURES = 3
 _IMPROBABLE = 25.0  # squared standard deviations that the turn must explain
 _LEAST_SHARE = 0.6  # of what the positions are off that it must explain
+_USUAL_RAD = 0.1  # standard deviation: principal points are off by up to a tenth of the focal length
 _LEAST_RAD = np.radians(0.5)
 
 
@@ -31,8 +32,8 @@ def turned_baselines(views: List[View], consensus: Consensus, options: RefineOpt
         p_m, sigma_m = prior.T_a_b[:3, 3], prior.position_m
         rows.append(_cross(p_m) / -sigma_m)
         off.append((adjusted.poses[k][:3, 3] - p_m) / sigma_m)
-    A, b = np.vstack(rows), np.concatenate(off)
-    turn = np.linalg.lstsq(A, b, rcond=1e-2)[0]
+    A, b = np.vstack(rows)[:, :2], np.concatenate(off)  # a shift of the picture is a turn about its x and y
+    turn = np.linalg.solve(A.T @ A + np.eye(2) / _USUAL_RAD**2, A.T @ b)
     before, after = float(b @ b), float(np.sum(np.square(b - A @ turn)))
     angle_rad = float(np.linalg.norm(turn))
     if before - after < max(_IMPROBABLE, _LEAST_SHARE * before) or angle_rad < _LEAST_RAD:

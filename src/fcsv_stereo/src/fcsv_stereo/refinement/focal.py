@@ -24,7 +24,7 @@ from fcsv_stereo.refinement.types import ANY_FOCAL
 
 _LEAST = 0.015  # a smaller change moves depth by less than poses do
 _ODDS = 0.25  # that it is wrong, before the pictures tell: data sheets and EXIF tags are off by per cents
-_ODDS_IF_CONTRADICTED = 4.0  # the same, where the pictures contradict the poses of all of them at once
+_ODDS_IF_CONTRADICTED = 1.0  # the same, where the pictures contradict the poses of all of them at once
 #: By how much wrong ones are off: shares of them, and standard deviations. Some are of another lens or size of picture.
 _WRONG = ((0.85, ANY_FOCAL), (0.15, 0.15))
 _PERHAPS, _LIKELY = 0.35, 0.6  # probabilities, for a warning: a single pair shows 5 % by 2 to 3 standard deviations
