@@ -12,7 +12,6 @@ import numpy as np
 
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.refinement.adjustment import Adjustment, Clock, adjusted, with_cameras
-from fcsv_stereo.refinement.directions import turned_baselines
 from fcsv_stereo.refinement.focal import FocalFit, fitted, focal_fit
 from fcsv_stereo.refinement.judge import contradicted, unclear
 from fcsv_stereo.refinement.own_focal import odd_focals
@@ -45,8 +44,6 @@ def mended(found: Adjustment, options: RefineOptions, clock: Clock) -> Mended:
         words += rows
         if rows and not taken:
             found, focal, taken = _common_focal(found, options, clock)
-    turned = turned_baselines(found.views, found.consensus, options)
-    words += [turned] if turned else []
     if taken:
         words.append(f"{taken}: it was taken; calibrate the camera, or --keep-camera")
     elif focal is not None and focal.words:
