@@ -106,7 +106,7 @@ def test_an_odd_focal_length_is_said_where_cameras_are_kept(still):
 
 @pytest.mark.parametrize("factor, off", [(0.8, 1.0), (1.11, 1.0), (1.2, 1.0), (1.114, 4.0), (0.89, 4.0)])
 def test_a_focal_length_that_is_far_off_in_all_pictures_of_a_turning_camera(turning, factor, off, wrong_input):
-    """It is found, no shutter and no single pose is blamed. One is 585 px stated for 525, with poses 0.6 degrees off."""
+    """It is found, no shutter and no single pose is blamed. One is 585 px for 525, poses 0.6 degrees off."""
     pictures = as_stated(turning, factor, off)
     result = refine(pictures[0], pictures[1:], OPTIONS)
     said = [w for w in result.warnings if "the pictures fit a focal length" in w]
