@@ -35,6 +35,7 @@ from fcsv_stereo.model import (
 )
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
 from fcsv_stereo.refinement import METRIC, KnownFeatures, RefinedPicture, RefineOptions, refine
+from fcsv_stereo.refinement.turning import most_turn_rad
 from fcsv_stereo.rig import rig_hint
 from fcsv_stereo.unit_of_length import in_metres, in_unit, unit_of
 
@@ -143,7 +144,8 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     """The map of an input in units of ``unit_m``; its ``options`` are in metres."""
     reference, others = choose_pictures(given.configurations)
     prior = _prior(given, options, unit_m).in_scene([_apart(reference, o) for o in others])
-    options = replace(options, refinement=replace(options.refinement, prior=prior, unit_m=unit_m))
+    refinement = replace(options.refinement, prior=prior, unit_m=unit_m, most_turn_rad=most_turn_rad(given))
+    options = replace(options, refinement=refinement)
     warnings = list(given.warnings)
 
     started = time.perf_counter()

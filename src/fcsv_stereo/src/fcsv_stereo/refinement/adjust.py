@@ -14,6 +14,7 @@ from fcsv_stereo.refinement.structure import Observations, Structure
 from fcsv_stereo.refinement.time_offset import Motion
 
 _PRIOR_KERNEL = 4.0  # standard deviations from which a prior pulls no harder: one of them may be wrong
+_MOST_DAMPING = 1e12  # the normal matrix has entries of 1e7; with less the step would not become short
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ def adjust(problem: Problem, starts: Dict[int, np.ndarray], rho: np.ndarray) -> 
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(25)
     params.setRelativeErrorTol(1e-5)
+    params.setlambdaUpperBound(_MOST_DAMPING)
     result = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     poses, scale = _poses(result, order), _scale(result, with_focal)
     structure.settle(poses, scale)

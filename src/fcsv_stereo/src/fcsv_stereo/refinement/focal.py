@@ -11,7 +11,7 @@ rotation tells it. ``unseen`` says what they leave open.
 """
 
 from dataclasses import dataclass, replace
-from typing import Dict, Optional
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,6 +24,9 @@ from fcsv_stereo.refinement.types import ANY_FOCAL
 
 _LEAST = 0.015  # a smaller change moves depth by less than poses do
 _ODDS = 0.25  # that it is wrong, before the pictures tell: data sheets and EXIF tags are off by per cents
+_ODDS_IF_CONTRADICTED = 1.0  # the same, where the pictures contradict the poses of all of them at once
+#: By how much wrong ones are off: shares of them, and standard deviations. Some are of another lens or size of picture.
+_WRONG = ((0.85, ANY_FOCAL), (0.15, 0.15))
 _PERHAPS, _LIKELY = 0.35, 0.6  # probabilities, for a warning: a single pair shows 5 % by 2 to 3 standard deviations
 _SURE = 5.0  # standard deviations, to take it
 _KNOWN = 0.01  # share to which several pictures tell it
@@ -47,7 +50,12 @@ class FocalFit:
     @property
     def known(self) -> bool:
         """Well enough to take it."""
-        return self.sigma <= _KNOWN and abs(self.change) >= max(_LEAST, _SURE * self.sigma)
+        return self.sigma <= _KNOWN and self.evident
+
+    @property
+    def evident(self) -> bool:
+        """Whether the given one is beyond doubt wrong, however well the right one is known."""
+        return abs(self.change) >= max(_LEAST, _SURE * self.sigma)
 
     @property
     def unseen(self) -> str:
@@ -56,7 +64,7 @@ class FocalFit:
         They would where one that comes out a standard deviation too near to the given one is still said.
         """
         least = max(ANY_FOCAL - self.sigma, 0.0)
-        if self.words or replace(self, change=least, probability=_probability(least, self.sigma)).words:
+        if self.words or replace(self, change=least, probability=_doubt(least, self.sigma, _ODDS)[0]).words:
             return ""
         known = f"is known from these pictures to +-{self.sigma:.1%} only"
         how = known if self.sigma < _NOTHING else "cannot be known from these pictures"
@@ -69,7 +77,7 @@ class FocalFit:
     @property
     def words(self) -> str:
         """What the pictures say; empty where they say nothing against the given one."""
-        if abs(self.change) < _LEAST or self.probability < _PERHAPS:
+        if abs(self.change) < max(_LEAST, self.sigma) or self.probability < _PERHAPS:
             return ""
         which = "longer" if self.change > 0 else "shorter"
         fit = "fit" if self.probability >= _LIKELY else "perhaps fit"
@@ -77,8 +85,11 @@ class FocalFit:
         return f"the pictures {fit} a focal length {length}"
 
 
-def focal_fit(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Optional[FocalFit]:
-    """None where nothing was adjusted, or the focal length was refined; ``cameras`` (by picture) are the features'.
+def focal_fit(
+    consensus: Consensus, cameras: Dict[int, PinholeCamera], contradicted: bool = False
+) -> Optional[FocalFit]:
+    """None where nothing was adjusted, or the focal length was refined; ``cameras`` (by picture) are the features',
+    ``contradicted``: the pictures contradict the poses of all of them.
 
     One more adjustment from the poses that were found, with the focal length free. Three pictures or more tell it well
     (0.2 % in a town), a single pair hardly (2 %). The probability is by the ratio of densities at no change, beforehand
@@ -89,17 +100,31 @@ def focal_fit(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Option
         return None
     loose = replace(problem, focal_sigma=ANY_FOCAL)
     free = adjust(loose, found.poses, found.rho)
-    fields = systematic(replace(consensus, adjusted=free, problem=loose), cameras)
-    change, sigma = free.focal_scale - 1.0, min(float(np.hypot(free.focal_sigma, fields.focal_sigma)), ANY_FOCAL)
-    probability = _probability(change, sigma)
+    change, sigma = fitted(replace(consensus, adjusted=free, problem=loose), cameras)
+    probability, square = _doubt(change, sigma, _ODDS_IF_CONTRADICTED if contradicted else _ODDS)
     step = _looks_like(free)
-    return FocalFit(change, sigma, probability, probability * (change**2 + sigma**2) * np.outer(step, step))
+    return FocalFit(change, sigma, probability, probability * square * np.outer(step, step))
 
 
-def _probability(change: float, sigma: float) -> float:
-    """That the given one is wrong, where the pictures fit one that is changed by ``change +- sigma``."""
-    favour = _ODDS * sigma / ANY_FOCAL * np.exp(min(0.5 * (change / sigma) ** 2, 500.0))
-    return float(favour / (1.0 + favour))
+def fitted(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[float, float]:
+    """Change of the focal length that was adjusted, and its standard deviation, shares."""
+    free = consensus.adjusted
+    fields = systematic(consensus, cameras)
+    return free.focal_scale - 1.0, min(float(np.hypot(free.focal_sigma, fields.focal_sigma)), ANY_FOCAL)
+
+
+def _doubt(change: float, sigma: float, odds: float) -> Tuple[float, float]:
+    """Probability that the given one is wrong, and the mean square of the change if it is, where the pictures fit
+    ``change +- sigma`` with ANY_FOCAL beforehand."""
+    told = max(sigma**-2 - ANY_FOCAL**-2, 0.0)
+    favours, squares = [], []
+    for share, usual in _WRONG:
+        variance = 1.0 / (told + usual**-2)
+        mean = change / sigma**2 * variance
+        favours.append(share * variance**0.5 / usual * np.exp(min(0.5 * mean**2 / variance, 500.0)))
+        squares.append(mean**2 + variance)
+    favour = odds * float(np.sum(favours))
+    return favour / (1.0 + favour), float(np.average(squares, weights=favours))
 
 
 def _looks_like(free: Adjusted) -> np.ndarray:

@@ -2,13 +2,16 @@
 """What became of a picture: its refined pose, or its prior and the reason."""
 
 from dataclasses import replace
-from typing import List, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.model import Picture
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
+from fcsv_stereo.refinement.adjust import Adjusted
 from fcsv_stereo.refinement.consensus import Consensus
 from fcsv_stereo.refinement.features import View
 from fcsv_stereo.refinement.geometry import epipolar_error
@@ -18,6 +21,9 @@ from fcsv_stereo.refinement.types import RefinedPicture, RefineOptions
 
 _LEAST_GAIN = 0.7  # the rotation's standard deviation must shrink below this share of the prior's
 _FARTHEST_SHARE = 0.25  # of the baseline: a camera that far from its prior was not where its configuration says
+_ALL = 3  # pictures whose poses are contradicted at once: fewer may be so by chance
+_WRONG_FOCAL = 0.5  # probability
+_NOISY = 1.5  # times the median noise of the pictures
 _SURPRISE = 4.0  # standard deviations of an axis: a correction in three axes is longer once in a thousand times
 
 
@@ -42,15 +48,29 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
         arm_m = prior_T[:3, 3] - views[0].picture.T_home_cam[:3, 3]
         told, untold = _prior(views, k, options), of_scale(arm_m, options.prior.scale_sigma)
         nan = float("nan")
-        kept = RefinedPicture(views[k].picture, prior_T, False, reason, compared, nan, nan, told, untold)
-        return replace(kept, in_pixels=in_pixels)
+        picture = _with_common_focal(views[k].picture, adjusted)
+        kept = RefinedPicture(picture, prior_T, False, reason, compared, nan, nan, told, untold)
+        kept = replace(kept, in_pixels=in_pixels)
+        return _with_doubt(kept, views[0], adjusted, k) if _focal_is_wrong(adjusted, k) else kept
     before, after, inliers = _epipolar(views, k, consensus)
-    camera = scaled(views[k].picture.camera, adjusted.focal_scale)
-    picture = replace(views[k].picture, T_home_cam=T_home_cam, camera=camera)
+    picture = replace(_with_common_focal(views[k].picture, adjusted), T_home_cam=T_home_cam)
     found = RefinedPicture(picture, prior_T, True, "", inliers, before, after, told, untold)
-    if adjusted.doubted is None:
-        return found
-    return replace(found, doubted=_own(views[0], adjusted, k, adjusted.doubted), focal_doubt=adjusted.focal_doubt)
+    return found if adjusted.doubted is None else _with_doubt(found, views[0], adjusted, k)
+
+
+def _with_common_focal(picture: Picture, adjusted: Optional[Adjusted]) -> Picture:
+    """With the focal length that was adjusted for all, also of a picture that had no part in it."""
+    scale = 1.0 if adjusted is None else adjusted.focal_scale
+    return picture if scale == 1.0 else replace(picture, camera=scaled(picture.camera, scale))
+
+
+def _focal_is_wrong(adjusted: Optional[Adjusted], k: int) -> bool:
+    """Whether the pictures speak against the focal length: depths are wrong by it, whatever pose is taken."""
+    return adjusted is not None and k in adjusted.order and adjusted.focal_doubt > _WRONG_FOCAL
+
+
+def _with_doubt(refined: RefinedPicture, reference: View, adjusted: Adjusted, k: int) -> RefinedPicture:
+    return replace(refined, doubted=_own(reference, adjusted, k, adjusted.doubted), focal_doubt=adjusted.focal_doubt)
 
 
 def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
@@ -82,6 +102,49 @@ def surprise(views: List[View], k: int, refined: RefinedPicture, options: Refine
     if refined.correction_m > _position_surprise_m(views, k, options):
         words.append(f"position by {refined.correction_m * options.unit_m:.3g} m")
     return f"its prior was wrong in {' and '.join(words)}; the pictures' own pose was taken" if words else ""
+
+
+def all_wrong(views: List[View], refined: List[RefinedPicture], options: RefineOptions) -> str:
+    """In words, where the pictures contradict all poses at once; empty where they do not."""
+    if len(refined) < _ALL or not all(r.refined and surprise(views, k, r, options) for k, r in enumerate(refined, 1)):
+        return ""
+    turned_deg = np.degrees(max(r.correction_rad for r in refined))
+    moved_m = max(r.correction_m for r in refined) * options.unit_m
+    return (
+        f"the pictures contradict the poses of all {len(refined)} others at once (rotation by up to {turned_deg:.1f} "
+        f"degrees, position by up to {moved_m:.3g} m): either poses are worse than stated, or the camera is not the "
+        "stated one (focal length, principal point, distortion); the pictures' own poses were taken: check the "
+        "calibration, or state larger errors of the poses"
+    )
+
+
+def contradicted(views: List[View], consensus: Consensus, options: RefineOptions) -> bool:
+    """Whether the poses of all pictures end far from their priors, of three or more."""
+    adjusted = consensus.adjusted
+    if adjusted is None or len(adjusted.order) < _ALL:
+        return False
+    return all(_away(views, k, adjusted.poses[k], options) > _SURPRISE for k in adjusted.order)
+
+
+def unclear(views: List[View], consensus: Consensus, direct: Dict[int, Link], options: RefineOptions) -> bool:
+    """Whether some picture was left out, ends far from its prior, or fits worse than the others."""
+    adjusted = consensus.adjusted
+    if adjusted is None or any(k not in adjusted.order for k in direct):
+        return True
+    noise_px = consensus.problem.noise_px
+    usual_px = float(np.median([noise_px[k] for k in adjusted.order]))
+    return any(
+        _away(views, k, adjusted.poses[k], options) > _SURPRISE or noise_px[k] > _NOISY * usual_px
+        for k in adjusted.order
+    )
+
+
+def _away(views: List[View], k: int, T_ref_cam: np.ndarray, options: RefineOptions) -> float:
+    """How far a pose ends from its prior, in the prior's standard deviations."""
+    prior = prior_to_reference(views, k, options.prior)
+    off = transforms.invert(prior.T_a_b) @ T_ref_cam
+    turned_rad = float(Rotation.from_matrix(off[:3, :3]).magnitude())
+    return max(turned_rad / prior.rotation_rad, float(np.linalg.norm(off[:3, 3])) / prior.position_m)
 
 
 def _position_surprise_m(views: List[View], k: int, options: RefineOptions) -> float:

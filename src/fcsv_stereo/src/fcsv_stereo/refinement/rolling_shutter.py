@@ -8,7 +8,7 @@ Rows are those of the undistorted picture.
 """
 
 from dataclasses import dataclass, replace
-from typing import Dict, Optional, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -22,8 +22,9 @@ from fcsv_stereo.refinement.types import ANY_FOCAL
 
 _TURN_SIGMA_RAD = np.radians(0.1)  # a vehicle that holds turns by 5 deg/s, and a picture is read in 20 ms
 _ODDS = 0.1  # that rows are read late, before the residuals tell: cameras for this work have global shutters
-_SURE = 0.9  # 18 narrow pairs through lenses with 0.2 px of distortion left: 0.8 at most; rolling shutters: 0.99 and up
+_MARGIN = 20.0  # twice the logarithm of the ratio of evidences: twice what Kass and Raftery (1995) call very strong
 _LEAST_PX = 0.5
+_STILL_RAD = np.radians(0.02)  # stated rotations that differ by less are one
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class ReadoutTurns:
 
     ``probability`` is that there are any, ``most_px`` what the largest of them moves, first row against last.
     ``covariance`` (6n, 6n) is what is to be added to that of the adjusted poses, because the turns are not known
-    exactly; ``step`` (6n,) by how much the poses move where the turns are taken out.
+    exactly; ``step`` (6n,) by how much the poses move where the turns are taken out. ``margin`` is twice the logarithm
+    of how much likelier the residuals are with turns than without.
     """
 
     turns_rad: Dict[int, np.ndarray]
@@ -40,11 +42,12 @@ class ReadoutTurns:
     most_px: float
     covariance: np.ndarray
     step: np.ndarray
+    margin: float
 
     @property
     def sure(self) -> bool:
         """Whether the pictures show it."""
-        return self.probability >= _SURE and self.most_px > _LEAST_PX
+        return self.margin >= _MARGIN and self.most_px > _LEAST_PX
 
     @property
     def if_left(self) -> np.ndarray:
@@ -66,7 +69,7 @@ def readout_turns(
     H, g, n = _normal(consensus, cameras)
     pictures = [0, *adjusted.order]
     held, turns = n + 1, slice(n + 1, n + 1 + 3 * len(pictures))
-    probability, field_px = _compared(H, g, held, turns)
+    probability, field_px, margin = _compared(H, g, held, turns)
     for i, k in enumerate(pictures):
         at = slice(held + 3 * i, held + 3 * i + 3)
         g[at] += before.get(k, np.zeros(3)) * _TURN_SIGMA_RAD**-2
@@ -80,7 +83,21 @@ def readout_turns(
     found = {k: before.get(k, np.zeros(3)) + step[held + 3 * i : held + 3 * i + 3] for i, k in enumerate(pictures)}
     most_px = max(float(np.linalg.norm(t)) * cameras[k].fx for k, t in found.items())
     moved = step[:n] + (without @ g[others])[:n]
-    return ReadoutTurns(found, probability, most_px, (covariance - _placed(without, others, len(H)))[:n, :n], moved)
+    grown = (covariance - _placed(without, others, len(H)))[:n, :n]
+    return ReadoutTurns(found, probability, most_px, grown, moved, margin)
+
+
+def could_turn(pictures: Sequence[Picture], most_turn_rad: Optional[float]) -> bool:
+    """Whether the cameras can have turned while their rows were read, by what is known without the pixels.
+
+    By ``most_turn_rad`` (between first and last row), where a recording of poses tells it. Else by the stated poses:
+    pictures with one rotation are of a rig, a tripod or rectified.
+    """
+    if most_turn_rad is not None:
+        return most_turn_rad * pictures[0].camera.fx > _LEAST_PX
+    R = pictures[0].T_home_cam[:3, :3]
+    turned = [np.linalg.norm(cv2.Rodrigues(R.T @ p.T_home_cam[:3, :3])[0]) for p in pictures[1:]]
+    return max(turned, default=0.0) > _STILL_RAD
 
 
 def _normal(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[np.ndarray, np.ndarray, int]:
@@ -117,8 +134,8 @@ def _normal(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[np
     return H, g, n
 
 
-def _compared(H: np.ndarray, g: np.ndarray, held: int, turns: slice) -> Tuple[float, float]:
-    """Probability of turns, against smooth fields alone, and the size of the fields beside turns (px).
+def _compared(H: np.ndarray, g: np.ndarray, held: int, turns: slice) -> Tuple[float, float, float]:
+    """Probability of turns, against smooth fields alone, the size of the fields beside turns (px), and the margin.
 
     Both kinds explain the gradient of turns and fields, poses and focal length (the first ``held``) being free to
     follow. In the directions that residuals show, scaled to unit information, the gradient has the covariance
@@ -140,7 +157,8 @@ def _compared(H: np.ndarray, g: np.ndarray, held: int, turns: slice) -> Tuple[fl
     against, favour = float(without.sum()), _ODDS * float(with_turns.sum())
     own = np.exp(likely[1] - likely[1].max())
     field_px = float(np.sqrt(own @ np.square(fields.SIZES_PX) / own.sum()))
-    return favour / (favour + against), field_px
+    margin = 2.0 * float(np.log(max(favour / _ODDS, 1e-300)) - np.log(max(against, 1e-300)))
+    return favour / (favour + against), field_px, margin
 
 
 def _likely(y: np.ndarray, covariance: np.ndarray, of_fields: np.ndarray) -> np.ndarray:

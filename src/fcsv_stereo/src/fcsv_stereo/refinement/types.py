@@ -30,6 +30,7 @@ class RefineOptions:
     least_inliers: int = 25  # of a link; fewer, or fewer than 0.6 of it measured: a picture keeps its prior
     pair_others: bool = True  # also match the others with each other where the reference does not see
     unit_m: float = 1.0  # the unit of the poses' positions, for what is said of them in metres
+    most_turn_rad: Optional[float] = None  # of a camera between its first and last row; None: nothing tells it
     known: Optional[KnownFeatures] = field(default=None, repr=False)  # of earlier ones, where pictures come again
     threads: int = 2
 
