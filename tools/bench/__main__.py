@@ -11,7 +11,7 @@ from typing import List, Optional
 
 import numpy as np
 
-from bench import colmap_poses, growth, tables
+from bench import colmap_poses, growth, large, tables
 from bench.measure import measure, prior_errors_deg, run
 from bench.real import measure_answered, measure_real
 from bench.scenes import LISTS, NOISES, SCENES, VERTICAL, SceneName, shoot, smaller
@@ -19,7 +19,7 @@ from fcsv_stereo.pipeline import METHODS
 
 _PLOT = "pictures/growth.png"
 _PAGE = ("methods", "colmap", "growth")
-_PARTS = (*_PAGE, "answered", "real")
+_PARTS = (*_PAGE, "answered", "real", "large")
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -41,10 +41,11 @@ def main(argv: Optional[List[str]] = None) -> int:
     samples = growth.measure_growth(args.methods, args.quick) if "growth" in args.parts else []
     answered = measure_answered(scenes) if "answered" in args.parts else []
     real = measure_real() if "real" in args.parts else []
+    waited = large.measure_large(args.quick) if "large" in args.parts else []
     out = Path(args.out) if args.out else None
     if samples:
         growth.plot(samples, (out.parent if out else Path("docs")) / _PLOT)
-    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, samples, answered, real)) + "\n"
+    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, samples, answered, real, waited)) + "\n"
     if out is None:
         print(page)
         return 0
@@ -75,7 +76,7 @@ def _warm_up(scene, methods: List[str]) -> None:
         run(method, small)
 
 
-def _page(args, scenes, results, priors, poses, why_not, samples, answered, real) -> List[str]:
+def _page(args, scenes, results, priors, poses, why_not, samples, answered, real, waited) -> List[str]:
     names, noises = list(map(str, scenes)), list(map(str, NOISES))
     command = "make bench" + (f' ARGS="{" ".join(args.given)}"' if args.given else "")
     lens = "without" if args.clean else "with"
@@ -112,6 +113,9 @@ def _page(args, scenes, results, priors, poses, why_not, samples, answered, real
         lines.append(
             "Dotted: linear growth from the first point. Memory: the run's peak, less what the process had before."
         )
+    if waited:
+        lines += ["", "## What a user waits", "", *large.large_table(waited), ""]
+        lines.append("`fcsv map` of photographs from reading them to the report; memory is the process's peak.")
     return lines
 
 

@@ -29,6 +29,7 @@ _VERTEX = np.dtype([
 _COLUMNS = (("x", "y", "z"), ("red", "green", "blue"))
 _PLY_NAMES = {"<f4": "float", "|u1": "uchar"}
 _MOST_HEADER_BYTES = 4096
+_AT_A_TIME = 1 << 18  # points: clouds of large pictures
 _HEADER = re.compile(
     rb"ply\r?\nformat binary_little_endian 1\.0\r?\n((?:comment[^\n]*\n)*)element vertex (\d+)\r?\n"
     rb"((?:property [^\n]*\n)*)end_header\r?\n"
@@ -86,18 +87,23 @@ def write_ply(cloud: Cloud, path: Path) -> None:
 
     Raises OutputError where the disk does not take it.
     """
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n{_properties()}end_header\n"
+    try:
+        with path.open("wb") as file:
+            file.write(head.encode())
+            for i in range(0, len(cloud), _AT_A_TIME):
+                file.write(_vertices(cloud[i : i + _AT_A_TIME]).tobytes())
+    except OSError as error:
+        raise OutputError(in_words(error, path)) from error
+
+
+def _vertices(cloud: Cloud) -> np.ndarray:
     vertices = np.empty(len(cloud), _VERTEX)
     for columns, values in zip(_COLUMNS, (cloud.points_home_m, cloud.colors)):
         for name, column in zip(columns, values.T):
             vertices[name] = column
     vertices["sigma"], vertices["baseline"] = cloud.sigma_m, cloud.baseline_index
-    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n{_properties()}end_header\n"
-    try:
-        with path.open("wb") as file:
-            file.write(head.encode())
-            file.write(vertices.tobytes())
-    except OSError as error:
-        raise OutputError(in_words(error, path)) from error
+    return vertices
 
 
 def _properties() -> str:

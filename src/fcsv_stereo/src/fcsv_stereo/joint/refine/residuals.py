@@ -2,8 +2,8 @@
 """How each pair's picture differs from the reference at a map of inverse depth, and how that changes with it."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from typing import Tuple
+from dataclasses import dataclass, fields, replace
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -19,16 +19,21 @@ _BAND = RESIDUALS.band_rows
 
 @dataclass(frozen=True)
 class Residuals:
-    """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local mean (grey levels), its
-    ``slope`` by inverse depth (grey levels times metres), ``speed`` (px of movement times metres), ``seen`` (1 or 0)
+    """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local mean (grey levels; None
+    where it was let go), its ``slope`` by inverse depth (grey levels times metres), ``speed`` (px of movement times metres), ``seen`` (1 or 0)
     and ``trust`` (0 to 1, low where the pair does not look like the reference: occluded or mismatched).
     """
 
-    difference: np.ndarray
+    difference: Optional[np.ndarray]
     slope: np.ndarray
     speed: np.ndarray
     seen: np.ndarray
     trust: np.ndarray
+
+    def rows(self, rows: slice) -> "Residuals":
+        """The same of a part of the rows."""
+        parts = (getattr(self, f.name) for f in fields(self))
+        return Residuals(*(None if p is None else p[:, rows] for p in parts))
 
 
 def detail(found: Views) -> Views:

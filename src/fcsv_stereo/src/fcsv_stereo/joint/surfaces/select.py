@@ -73,7 +73,8 @@ def _aggregate(grey: np.ndarray, given: Candidates, cost: np.ndarray, pool: Thre
     for job in jobs:
         job.result()
     for_rows(pool, grey.shape[0], lambda y0, y1: _horizontal(*planes, y0, y1, down))
-    return down + up
+    down += up
+    return down
 
 
 @njit(cache=True, nogil=True, fastmath=True)
