@@ -22,7 +22,7 @@ from fcsv_stereo.model import Cloud, ImageEntry, MapInput, MapResult, Picture, R
 from fcsv_stereo.products.exchange import write_colmap
 
 #: Width, height, by how much the drawn picture is enlarged to it, and pictures.
-SETS = ((1280, 853, 1, 8), (3000, 2000, 2, 3), (6000, 4000, 4, 3))
+SETS = ((1280, 853, 1, 8), (6000, 4000, 4, 3))
 _NOISE_GREY = 2.0
 
 

@@ -22,7 +22,7 @@ from fcsv_stereo.joint.refine.subpixel import Fine, refine
 from fcsv_stereo.joint.surfaces.colour import settled
 from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
 from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
-from fcsv_stereo.joint.views import Views, colours, rgb, seen_by_any
+from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
 from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
 from fcsv_stereo.model import Picture
@@ -258,7 +258,7 @@ def _with_adjusted_poses(
 
 def _finer(pictures: Pictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor) -> np.ndarray:
     """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated and settled."""
-    image = rgb(pictures.reference, found.shape)
+    image = colours(pictures.reference, found.shape, np.int16)  # half the memory
     if not stretch:
         return choose_surfaces(found, coarser, image, pool)
     w = stretched(coarser.w, found.shape)

@@ -81,14 +81,9 @@ def grey(picture: Picture) -> np.ndarray:
     return as_grey(picture.image).astype(np.float32)
 
 
-def rgb(picture: Picture, shape: Tuple[int, int]) -> np.ndarray:
-    """HxWx3 uint8 at a reduced size."""
-    return cv2.resize(as_rgb(picture.image), shape[::-1], interpolation=cv2.INTER_AREA)
-
-
-def colours(picture: Picture, shape: Tuple[int, int]) -> np.ndarray:
-    """HxWx3 float32 at a reduced size, 0 to 255."""
-    return rgb(picture, shape).astype(np.float32)
+def colours(picture: Picture, shape: Tuple[int, int], kind=np.float32) -> np.ndarray:
+    """HxWx3 float32, or of another ``kind`` of signed number, at a reduced size, 0 to 255."""
+    return cv2.resize(as_rgb(picture.image), shape[::-1], interpolation=cv2.INTER_AREA).astype(kind)
 
 
 def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Iterable[np.ndarray]) -> Views:

@@ -69,7 +69,7 @@ def sigma(result: MapResult):
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 3.2))
     if values.size:
         log_histogram(left, values, max(values.min(), 1e-4), values.max() * 1.001, 70)
-        right.hist(np.minimum(share, 20.0), 80, (0.0, 20.0), color="#3a6ea5")
+        right.hist(np.minimum(share, 20.0), bins=80, range=(0.0, 20.0), color="#3a6ea5")
         right.axvline(float(np.median(share)), color="#c0392b", ls="--", lw=1)
     left.set_xscale("log")
     if values.size:

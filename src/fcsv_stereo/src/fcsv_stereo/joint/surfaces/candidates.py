@@ -8,7 +8,7 @@ of the nearest known places along sixteen directions.
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -39,14 +39,14 @@ class Candidates:
 
     ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (two of N, 1/m per px, along u and v) its plane's;
     ``source`` the coarser pixel (row times width plus column) that the plane is from, -1 where it is the own place and
-    not known. ``step`` (1/m) is the inverse depth that moves a pixel by little in the fastest pair.
+    not known (None: let go). ``step`` (1/m) is the inverse depth that moves a pixel by little in the fastest pair.
     """
 
     start: np.ndarray
     count: np.ndarray
     w: np.ndarray
     slope: Tuple[np.ndarray, np.ndarray]
-    source: np.ndarray
+    source: Optional[np.ndarray]
     step: np.float32
 
 

@@ -116,7 +116,7 @@ def _alike(image, offsets, candidates, y0, y1, mask, scale):
                 c = min(max(x + offsets[k, 1], 0), width - 1)
                 step = np.float32(0.0)
                 for i in range(3):
-                    step += abs(np.float32(image[y, x, i]) - np.float32(image[r, c, i]))
+                    step += abs(image[y, x, i] - image[r, c, i])
                 if step < most:
                     bits |= np.uint32(1) << np.uint32(k)
                     count += 1

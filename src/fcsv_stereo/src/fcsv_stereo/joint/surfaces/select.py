@@ -7,7 +7,7 @@ its colour decide. The candidates' costs are aggregated along eight paths as in 
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Tuple
 
 import cv2
@@ -49,6 +49,7 @@ def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadP
     cost = evidence(found, in_front, shown, given, image, pool)
     add_likeness(image, coarser.w.shape, given, pool, cost)
     add_leaving(coarser.w, given, cost)
+    given = replace(given, source=None)  # of no use any more, and as large as the pictures
     total = _aggregate(found.reference, given, cost, pool)
     best = np.empty(found.shape, np.float32)
     _pick(given.start, given.count, given.w, total, best)
