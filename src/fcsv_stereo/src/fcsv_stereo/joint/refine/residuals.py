@@ -63,11 +63,20 @@ def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residual
     def run(i: int) -> None:
         _compare(found, i, w, out.difference[i], out.slope[i], out.speed[i], out.seen[i])
         out.difference[i] -= _local_mean(out.difference[i], out.seen[i])
-        unlike_here = mean_unlike(out.difference[i]) / contrast
-        np.divide(out.seen[i], np.square(1.0 + np.square(unlike_here / RESIDUALS.unlike)), out=out.trust[i])
+        _trust(mean_unlike(out.difference[i]), contrast, out.seen[i], out.trust[i])
 
     list(pool.map(run, range(len(found))))
     return out
+
+
+def _trust(unlike_here: np.ndarray, contrast: np.ndarray, seen: np.ndarray, out: np.ndarray) -> None:
+    """In ``unlike_here``, which is written over: large pictures."""
+    unlike_here /= contrast
+    unlike_here /= np.float32(RESIDUALS.unlike)
+    np.square(unlike_here, out=unlike_here)
+    unlike_here += np.float32(1.0)
+    np.square(unlike_here, out=unlike_here)
+    np.divide(seen, unlike_here, out=out)
 
 
 def _contrast(image: np.ndarray) -> np.ndarray:
@@ -104,9 +113,15 @@ def _compare(found: Views, i: int, w: np.ndarray, *arrays: np.ndarray) -> None:
 def _local_mean(difference: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """HxW float32, grey levels: by how much exposures differ there. What differs much more than most tells less of it:
     it is another surface."""
-    weight = seen / (1.0 + np.square(difference / np.float32(RESIDUALS.exposure_grey)))
+    weight = difference / np.float32(RESIDUALS.exposure_grey)
+    np.square(weight, out=weight)  # in place: large pictures
+    weight += np.float32(1.0)
+    np.divide(seen, weight, out=weight)
     window = (RESIDUALS.mean_px,) * 2
-    return cv2.blur(weight * difference, window) / np.maximum(cv2.blur(weight, window), np.float32(1e-3))
+    mean = cv2.blur(weight * difference, window)
+    weight = cv2.blur(weight, window)
+    mean /= np.maximum(weight, np.float32(1e-3), out=weight)
+    return mean
 
 
 def support_bits(r: Residuals, least_trust: float) -> np.ndarray:
