@@ -71,7 +71,7 @@ def _measured(width: int, height: int, enlarged: int, pictures: int) -> Waited:
 
 
 def write_photographs(given: MapInput, enlarged: int, folder: Path) -> None:
-    """The pictures ``enlarged`` times, with the noise of a sensor, and their poses (``fcsv_stereo.colmap`` reads it)."""
+    """The pictures ``enlarged`` times, with the noise of a sensor, and their poses, as COLMAP's text model."""
     first = given.configurations[0].references[0]
     pictures = [_enlarged(p, enlarged) for p in (first, *(c.others[0] for c in given.configurations))]
     entries = [ImageEntry(p.name, p.vehicle, 0.0, p.T_home_cam, p.T_home_cam) for p in pictures]

@@ -75,7 +75,8 @@ def depth(image: np.ndarray, title: str, label: str = "m"):
     known = image[np.isfinite(image) & (image > 0)]
     low, high = np.percentile(known, [1, 99]) if known.size else (1.0, 10.0)
     figure, axes = plt.subplots(figsize=(7.2, 4.9))
-    drawn = axes.imshow(_drawn_values(image), cmap=_with_none(DEPTH_MAP), norm=LogNorm(max(low, 1e-3), max(high, low * 1.01)))
+    norm = LogNorm(max(low, 1e-3), max(high, low * 1.01))
+    drawn = axes.imshow(_drawn_values(image), cmap=_with_none(DEPTH_MAP), norm=norm)
     axes.set_title(title, fontsize=10)
     axes.axis("off")
     bar = figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)

@@ -89,7 +89,8 @@ def adjust(
     for _ in range(iterations):
         at = sample(now)
         jobs = [
-            pool.submit(_pair, reference, o, i, found, here, contrast, at, known, sample) for i, o in enumerate(pictures)
+            pool.submit(_pair, reference, o, i, found, here, contrast, at, known, sample)
+            for i, o in enumerate(pictures)
         ]
         middles = now[tuple(corners.T + _CELL // 2)]
         H, g, energy, solve_w, weight = _reduced([job.result() for job in jobs], middles)
@@ -209,8 +210,8 @@ def _pair(
     weight *= np.minimum(1.0, POSE_ALIGNMENT.huber_grey / np.maximum(np.abs(difference), 1e-6))
     H, g, cells, sums = np.zeros((6, 6)), np.zeros(6), np.zeros((len(sample.cells), 8)), np.zeros(2)
     _sum(
-        sample.corners, sample.cells, weight.astype(np.float32), difference, *slopes, x, y, p, w, K, T[:3, 3], other.T_home_cam[:3, :3],
-        H, g, cells, sums,
+        sample.corners, sample.cells, weight.astype(np.float32), difference, *slopes, x, y, p, w, K, T[:3, 3],
+        other.T_home_cam[:3, :3], H, g, cells, sums,
     )  # fmt: skip
     return H, g, cells, sums
 
