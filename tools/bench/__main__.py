@@ -114,7 +114,7 @@ def _page(args, scenes, results, priors, poses, why_not, samples, answered, real
             "Dotted: linear growth from the first point. Memory: the run's peak, less what the process had before."
         )
     if waited:
-        lines += ["", "## What a user waits", "", *large.large_table(waited), ""]
+        lines += [*([""] if samples else []), "## What a user waits", "", *large.large_table(waited), ""]
         lines.append("`fcsv map` of photographs from reading them to the report; memory is the process's peak.")
     return lines
 
