@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is far, matched again at full size: edges and depths get better, nothing is found that was not chosen."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
 from fcsv_stereo.joint.views import Views
+from fcsv_stereo.joint.volume import far_rematch
 from fcsv_stereo.joint.volume.far_rematch import _strips, sharpened
 from fcsv_stereo.joint.volume.winner import coarse
 
@@ -101,4 +104,15 @@ def test_what_no_pair_sees_stays_as_it_is(pool):
     true, found = world()
     found.projections[:, 2] = 1e4
     better, where = sharpened(found, true, CELLS, pool)
+    assert np.array_equal(better, true) and not where.any()
+
+
+def test_rows_in_which_no_other_picture_shows_the_far_are_left(pool, monkeypatch):
+    """Half of each row is far, but beyond both pictures' edges: photographs that converge on something near."""
+    true, found = world()
+    beside = found.projections.copy()
+    beside[:, 2] += 0.6 * SIZE[1]
+    true[:, : SIZE[1] // 2] = NEAR
+    monkeypatch.setattr(far_rematch, "coarse", None)
+    better, where = sharpened(replace(found, projections=beside), true, CELLS, pool)
     assert np.array_equal(better, true) and not where.any()

@@ -8,6 +8,7 @@ import pytest
 from support import scenes
 
 from fcsv_geometry import transforms
+from fcsv_stereo.joint.refine import pose_alignment
 from fcsv_stereo.joint.refine.pose_alignment import _corners, adjust
 from fcsv_stereo.joint.refine.residuals import detail
 from fcsv_stereo.joint.views import grey, views
@@ -84,3 +85,20 @@ def test_cells_are_bounded_and_reach_everywhere(shape):
     assert 1000 < len(corners) <= 20000 and (corners + 4 <= shape).all()
     gaps = [np.diff(np.unique(corners[:, i])).max() for i in (0, 1)]
     assert (corners.min(axis=0) == 0).all() and (corners.max(axis=0) + 2 * np.array(gaps) + 4 > shape).all()
+
+
+@pytest.mark.parametrize("most_cells", [1200, 600, 300])
+def test_cells_that_lie_apart_are_compared_as_in_the_whole_picture(most_cells, pool, monkeypatch):
+    """Of a large picture only the cells and the windows about them are looked at."""
+    reference, _, given, w = scene()
+    monkeypatch.setattr(pose_alignment, "POSE_ALIGNMENT", replace(pose_alignment.POSE_ALIGNMENT, most_cells=most_cells))
+    pictures, covariances, now = adjusted(reference, given, w, pool)
+    cells = _corners(w.shape)
+    whole = pose_alignment._Sample(*map(np.arange, w.shape), cells, cells, True)
+    assert not pose_alignment._Sample.of(cells, w.shape).whole
+    monkeypatch.setattr(pose_alignment._Sample, "of", lambda *_: whole)
+    expected, sure, then = adjusted(reference, given, w, pool)
+    for a, b in zip(pictures, expected):
+        np.testing.assert_allclose(a.T_home_cam, b.T_home_cam, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(covariances, sure, rtol=1e-6)
+    np.testing.assert_allclose(now, then, rtol=1e-6)

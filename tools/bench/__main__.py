@@ -11,7 +11,7 @@ from typing import List, Optional
 
 import numpy as np
 
-from bench import colmap_poses, growth, pandora_intervals, tables
+from bench import colmap_poses, growth, large, pandora_intervals, tables
 from bench.measure import measure, prior_errors_deg, run
 from bench.pairs import measure_pairs
 from bench.real import measure_answered, measure_real
@@ -21,7 +21,7 @@ from fcsv_stereo.pipeline import METHODS
 
 _PLOT = "pictures/growth.png"
 _PAGE = ("methods", "colmap", "pandora", "growth")
-_PARTS = (*_PAGE, "answered", "real", "rigs")
+_PARTS = (*_PAGE, "answered", "real", "rigs", "large")
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -47,10 +47,12 @@ def main(argv: Optional[List[str]] = None) -> int:
     answered = measure_answered(scenes) if "answered" in args.parts else []
     real = measure_real() if "real" in args.parts else []
     rigs = measure_rigs() if "rigs" in args.parts else []
+    waited = large.measure_large(args.quick) if "large" in args.parts else []
     out = Path(args.out) if args.out else None
     if samples:
         growth.plot(samples, (out.parent if out else Path("docs")) / _PLOT)
-    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real, rigs)) + "\n"
+    measured = (pairs, samples, answered, real, rigs, waited)
+    page = "\n".join(_page(args, scenes, results, priors, poses, why_not, *measured)) + "\n"
     if out is None:
         print(page)
         return 0
@@ -81,7 +83,7 @@ def _warm_up(scene, methods: List[str]) -> None:
         run(method, small)
 
 
-def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real, rigs) -> List[str]:
+def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answered, real, rigs, waited) -> List[str]:
     names, noises = list(map(str, scenes)), list(map(str, NOISES))
     command = "make bench" + (f' ARGS="{" ".join(args.given)}"' if args.given else "")
     lens = "without" if args.clean else "with"
@@ -128,6 +130,9 @@ def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answere
         lines.append(
             "Dotted: linear growth from the first point. Memory: the run's peak, less what the process had before."
         )
+    if waited:
+        lines += [*([""] if samples else []), "## What a user waits", "", *large.large_table(waited), ""]
+        lines.append("`fcsv map` of photographs from reading them to the report; memory is the process's peak.")
     return lines
 
 

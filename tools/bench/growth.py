@@ -116,13 +116,13 @@ def _child(path: str, method: str, steps: str) -> None:
     options = None if steps == "-" else _with_steps(method, int(steps))
     run(method, smaller(given, max(1, given.configurations[0].references[0].camera.width // 320)), options)
     Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here on
-    before_mib = _status_mib("VmRSS")
+    before_mib = status_mib("VmRSS")
     _, seconds, cpu_seconds = run(method, given, options)
-    memory_mib = _status_mib("VmHWM") - before_mib
+    memory_mib = status_mib("VmHWM") - before_mib
     print(json.dumps({"seconds": seconds, "cpu_seconds": cpu_seconds, "memory_mib": memory_mib}))
 
 
-def _status_mib(key: str) -> float:
+def status_mib(key: str) -> float:
     """A figure of this process's memory (not getrusage's: its peak is that of whoever started the process)."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(key + ":"):

@@ -107,10 +107,12 @@ class PinholeCamera:
         uv = np.ascontiguousarray(uv_px, dtype=float).reshape(-1, 1, 2)
         return cv2.undistortPoints(uv, self.K, np.array(self.distortion)).reshape(-1, 2)
 
-    def rays(self) -> np.ndarray:
-        """Directions (height, width, 3), z = 1, optical frame, of every pixel's centre (distortion included)."""
-        u, v = np.meshgrid(np.arange(self.width, dtype=float), np.arange(self.height, dtype=float))
-        xy = self.normalize(np.stack([u, v], -1)).reshape(self.height, self.width, 2)
+    def rays(self, step: int = 1, rows: slice = slice(None)) -> np.ndarray:
+        """Directions (height, width, 3), z = 1, optical frame, of every ``step``-th pixel's centre (distortion
+        included), of these only some ``rows``."""
+        across, down = (np.arange(0, n, step, dtype=float) for n in (self.width, self.height))
+        u, v = np.meshgrid(across, down[rows])
+        xy = self.normalize(np.stack([u, v], -1)).reshape(*u.shape, 2)
         return np.concatenate([xy, np.ones_like(xy[..., :1])], -1)
 
 

@@ -17,6 +17,7 @@ from fcsv_stereo.model import CloudCut, MapResult
 #: (docs/products.md#what-a-cloud-leaves-out).
 DEFAULT_SIGMA = ErrorThreshold(0.2, True)
 _AUTO, _NONE = "auto", "none"
+_AT_A_TIME = 1 << 18  # points: clouds of large pictures
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def bound_cloud(result: MapResult, bounds: CloudBounds) -> MapResult:
     """
     cloud = result.cloud
     range_m = held_range_m(result) if bounds.range_m == _AUTO else bounds.range_m
-    depth_m = transforms.apply(transforms.invert(result.reference.T_home_cam), cloud.points_home_m.astype(float))[:, 2]
+    depth_m = _depth_m(result)
     far, unsure = np.zeros((2, len(cloud)), bool)
     if range_m is not None:
         far = depth_m > range_m
@@ -98,6 +99,16 @@ def bound_cloud(result: MapResult, bounds: CloudBounds) -> MapResult:
         )
     cloud = replace(cloud, **{f.name: getattr(cloud, f.name)[kept] for f in fields(cloud)})
     return replace(result, cloud=cloud, cut=cut, warnings=warnings)
+
+
+def _depth_m(result: MapResult) -> np.ndarray:
+    """(N,) of the cloud's points along the reference's optical axis."""
+    T_cam_home, points = transforms.invert(result.reference.T_home_cam), result.cloud.points_home_m
+    out = np.empty(len(points))
+    for i in range(0, len(points), _AT_A_TIME):
+        part = slice(i, i + _AT_A_TIME)
+        out[part] = transforms.apply(T_cam_home, points[part].astype(float))[:, 2]
+    return out
 
 
 def in_words(cut: CloudCut) -> str:

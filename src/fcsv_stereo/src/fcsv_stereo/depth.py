@@ -11,6 +11,8 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Cloud, Picture, Reference, as_rgb
 from fcsv_stereo.rectify import RectifiedPair
 
+_BAND = 256  # rows at a time: large pictures
+
 
 def depth_from_disparity(pair: RectifiedPair, disparity: np.ndarray) -> np.ndarray:
     """z (m, NaN where none) in the reference's rectified view.
@@ -31,9 +33,10 @@ def depth_from_disparity(pair: RectifiedPair, disparity: np.ndarray) -> np.ndarr
     return z.astype(np.float32)
 
 
-def points_from_depth(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Points (H,W,3) in the camera's frame; NaN where there is no depth."""
+def points_from_depth(depth: np.ndarray, K: np.ndarray, first_row: int = 0) -> np.ndarray:
+    """Points (H,W,3) in the camera's frame; NaN where there is no depth. ``depth`` begins at a row of its picture."""
     v, u = np.indices(depth.shape, dtype=np.float32)
+    v += np.float32(first_row)
     return np.stack([(u - K[0, 2]) / K[0, 0] * depth, (v - K[1, 2]) / K[1, 1] * depth, depth], axis=-1)
 
 
@@ -41,11 +44,15 @@ def cloud_of(view: Union[Picture, Reference], depth: np.ndarray, sigma: np.ndarr
     """The points of a view at which there is a depth; ``depth``, ``sigma`` (m, NaN where none) and ``source`` (which
     pair) are HxW."""
     known = np.isfinite(depth)
-    points_cam = points_from_depth(depth, view.camera.K)[known]
-    points_home = points_cam @ view.T_home_cam[:3, :3].T + view.T_home_cam[:3, 3]
-    return Cloud(
-        points_home.astype(np.float32), as_rgb(view.image)[known], sigma[known], source[known].astype(np.uint8)
-    )
+    parts = [_points_home(view, depth, y, known) for y in range(0, len(depth), _BAND)]
+    return Cloud(np.concatenate(parts), as_rgb(view.image)[known], sigma[known], source[known].astype(np.uint8))
+
+
+def _points_home(view: Union[Picture, Reference], depth: np.ndarray, y: int, known: np.ndarray) -> np.ndarray:
+    """(N,3) float32 of a band of rows from ``y`` on, where ``known`` (HxW bool)."""
+    band = slice(y, y + _BAND)
+    points_cam = points_from_depth(depth[band], view.camera.K, y)[known[band]]
+    return transforms.apply(view.T_home_cam, points_cam).astype(np.float32)
 
 
 def pixels_of(

@@ -33,6 +33,7 @@ _COLUMNS = (("x", "y", "z"), ("red", "green", "blue"))
 _PLY_NAMES = {"<f4": "float", "|u1": "uchar"}
 _MOST_HEADER_BYTES = 4096
 _ORIGIN = re.compile(rb"\ncomment origin_m (\S+) (\S+) (\S+)")
+_AT_A_TIME = 1 << 18  # points: clouds of large pictures
 _HEADER = re.compile(
     rb"ply\r?\nformat binary_little_endian 1\.0\r?\n((?:comment[^\n]*\n)*)element vertex (\d+)\r?\n"
     rb"((?:property [^\n]*\n)*)end_header\r?\n"
@@ -90,19 +91,24 @@ def write_ply(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None
 
     Raises OutputError where the disk does not take it.
     """
-    vertices = np.empty(len(cloud), _VERTEX)
-    for columns, values in zip(_COLUMNS, (cloud.points_home_m, cloud.colors)):
-        for name, column in zip(columns, values.T):
-            vertices[name] = column
-    vertices["sigma"], vertices["baseline"] = cloud.sigma_m, cloud.baseline_index
     comment = f"comment {origin_line(origin_m)}\n" if np.any(origin_m) else ""
     head = f"ply\nformat binary_little_endian 1.0\n{comment}element vertex {len(cloud)}\n{_properties()}end_header\n"
     try:
         with path.open("wb") as file:
             file.write(head.encode())
-            file.write(vertices.tobytes())
+            for i in range(0, len(cloud), _AT_A_TIME):
+                file.write(_vertices(cloud[i : i + _AT_A_TIME]).tobytes())
     except OSError as error:
         raise OutputError(in_words(error, path)) from error
+
+
+def _vertices(cloud: Cloud) -> np.ndarray:
+    vertices = np.empty(len(cloud), _VERTEX)
+    for columns, values in zip(_COLUMNS, (cloud.points_home_m, cloud.colors)):
+        for name, column in zip(columns, values.T):
+            vertices[name] = column
+    vertices["sigma"], vertices["baseline"] = cloud.sigma_m, cloud.baseline_index
+    return vertices
 
 
 def _properties() -> str:

@@ -49,8 +49,8 @@ def in_metres(result: MapResult, unit_m: float) -> MapResult:
     cloud = Cloud(cloud.points_home_m * unit, cloud.colors, cloud.sigma_m * unit, cloud.baseline_index)
     reference = replace(result.reference, T_home_cam=_moved(result.reference.T_home_cam, unit_m))
     images = [_entry(i, unit_m) for i in result.images]
-    pairs = [p.in_metres(unit_m, lambda q: _picture(q, 1.0 / unit_m)) for p in result.pairs]
     depth, sigma = result.depth * unit, result.sigma * unit
+    pairs = [p.in_metres(unit_m, lambda q: _picture(q, 1.0 / unit_m), depth) for p in result.pairs]
     return replace(result, reference=reference, images=images, pairs=pairs, depth=depth, sigma=sigma, cloud=cloud)
 
 

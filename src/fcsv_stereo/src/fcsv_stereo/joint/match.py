@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.joint.checks.evidence import chance_of_wrong, doubt, features, standing_out
 from fcsv_stereo.joint.checks.kinds import infinite, kinds
-from fcsv_stereo.joint.checks.reliability import confirmed, relied_on, trusted
+from fcsv_stereo.joint.checks.reliability import confirmed, is_certain, relied_on, trusted
 from fcsv_stereo.joint.checks.sigma import geometry_sigma, matching_sigma
 from fcsv_stereo.joint.checks.sky import in_the_skyline, sky
 from fcsv_stereo.joint.pictures import Pictures, usable
@@ -77,9 +77,10 @@ class JointDepth:
 
     @property
     def strongest(self) -> np.ndarray:
-        """HxW index into ``used`` of the pair that tells most about each pixel's depth."""
+        """HxW index (uint8) into ``used`` of the pair that tells most about each pixel's depth."""
         r = self.fine.residuals
-        return (r.trust * r.speed + 1e-6 * r.speed).argmax(axis=0)
+        rows = zip(r.trust.swapaxes(0, 1), r.speed.swapaxes(0, 1))  # one by one: large pictures
+        return np.array([(trust * speed + 1e-6 * speed).argmax(axis=0) for trust, speed in rows], np.uint8)
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def match_jointly(
     poses = [covariances[i] for i in used] if covariances else None
     pictures = Pictures.of(reference, [others[i] for i in used], poses, options.adjust_poses)
     pictures = replace(pictures, in_pixels=[in_pixels[i] if in_pixels else None for i in used])
-    first, *between = _scales(pictures.greys[0].size, options)
+    first, *between = _scales(pictures.shape[0] * pictures.shape[1], options)
     with ThreadPoolExecutor(options.threads) as pool:
         pictures, rough = _match_roughly(pictures, first / 2.0, options, pool)
         pictures, surfaces, levels = _match_in_volume(pictures, rough, first, options, pool)
@@ -157,7 +158,8 @@ def _judged(
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     here = residuals(small, w, pool)
     out = standing_out(small, w, here, full, pool)
-    contrast = cv2.blur(np.abs(without_mean(pictures.greys[0])), (RESIDUALS.window_px,) * 2)
+    grey = pictures.grey(0)
+    contrast = cv2.blur(np.abs(without_mean(grey)), (RESIDUALS.window_px,) * 2)
     columns = features(fine, sigma_w, known, out, contrast)
     kept = np.stack(list(columns), axis=-1) if options.keep_features else None
     doubts = doubt(columns if kept is None else np.moveaxis(kept, -1, 0))
@@ -165,7 +167,7 @@ def _judged(
         doubts += (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(off)
     colour = colours(pictures.reference, small.shape)
     heaven = infinite(w, here, colour, ~seen_by_any(small, 0.0), full)
-    bright = pictures.greys[0] > np.median(pictures.greys[0])
+    bright = grey > np.median(grey)
     kind = kinds(doubts, out, fine.residuals, contrast, heaven, bright)
     moves_px = fine.w * fine.residuals.speed.max(axis=0)
     kind[in_the_skyline(kind == Kind.SKY, supported(kind), moves_px, pictures.reference.image)] = Kind.SKY
@@ -209,7 +211,7 @@ def _match_in_volume(
     match = coarse(found, nearest, highest_level(rough.match, rough.found), options.most_levels, pool)
     w, r = match.w, residuals(found, match.w, pool)
     known = trusted(match, found, r)
-    pictures = replace(pictures, greys=same_exposure(pictures.greys, found, w, r, pool))
+    pictures = replace(pictures, exposures=same_exposure(found, w, r, pool))
     if pictures.prior:
         pictures, w = _with_adjusted_poses(pictures, detail(pictures.views(scale)), w, known, pool)
         found = found.with_poses(pictures.reference, pictures.others)
@@ -239,7 +241,7 @@ def _at_full_size(
     if not options.stretch:
         w, again = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
     if pictures.prior:
-        certain = known & relied_on(found, w, residuals(found, w, pool))[1]
+        certain = known & is_certain(found, w, residuals(found, w, pool))
         pictures, w = _with_adjusted_poses(pictures, detail(found), w, certain, pool)
         found = found.with_poses(pictures.reference, pictures.others)
     step = _level_sizes(w, levels) * np.where(again, np.float32(FAR_REMATCH.finer), 1.0)
@@ -259,11 +261,11 @@ def _with_adjusted_poses(
 
 def _finer(pictures: Pictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor) -> np.ndarray:
     """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated and settled."""
-    image = colours(pictures.reference, found.shape)
+    image = colours(pictures.reference, found.shape, np.int16)  # half the memory
     if not stretch:
         return choose_surfaces(found, coarser, image, pool)
     w = stretched(coarser.w, found.shape)
-    full = found.shape == pictures.greys[0].shape
+    full = found.shape == pictures.shape
     settles = not full or w.size <= MATCH.settled_pixels  # at a large full size it costs more than it mends
     return settled(image, w, pool) if settles else w
 

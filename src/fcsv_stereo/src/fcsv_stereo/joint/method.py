@@ -273,10 +273,10 @@ def _pairs(
     for bit, i in enumerate(found.used):
         configuration = configurations[i]
         agrees = found.agrees(bit)
-        depth = np.where(agrees, found.depth, np.nan).astype(np.float32)
         near_m = nearest_useful_m(found.depth, agrees, found.fine.residuals.seen[bit] > 0)
         far_m = farthest(max(configuration.baseline_m, 1e-6), reference.camera.fx, options.threshold)
-        pairs.append(JointPair(configuration, reference, others[i], depth, (min(near_m, far_m), far_m), level))
+        range_m = min(near_m, far_m), far_m
+        pairs.append(JointPair(configuration, reference, others[i], found.depth, agrees, range_m, level))
     return pairs
 
 

@@ -10,19 +10,23 @@ from fcsv_stereo.joint.tuning import MATCH
 from fcsv_stereo.joint.views import Views, grey, inverse_depths, views
 from fcsv_stereo.model import Picture
 
+Exposure = Tuple[float, float]
+
 
 @dataclass(frozen=True)
 class Pictures:
     """The reference and those that are matched with it.
 
-    ``greys`` are HxW float32 at full size, the reference's first, exposures made alike once they are known.
+    ``exposures`` are by each picture, the reference's first, the gain and offset that make its grey like the
+    reference's, None before they are known. Grey pictures are made when they are needed: large ones are as large as
+    all else.
     ``covariances`` (6x6; rad in camera axes, m in home's) are those of the others' poses, None where not given.
     ``prior`` is what poses may be adjusted by; None where they are taken as they are. ``in_pixels``: see ``adjust``.
     """
 
     reference: Picture
     others: List[Picture]
-    greys: List[np.ndarray]
+    exposures: List[Optional[Exposure]]
     covariances: List[Optional[np.ndarray]]
     prior: Optional[List[np.ndarray]] = None
     in_pixels: Optional[List[Optional[np.ndarray]]] = None
@@ -32,11 +36,21 @@ class Pictures:
         """``covariances`` may be None; poses are adjusted only where every one of them is given."""
         given = list(covariances) if covariances else [None] * len(others)
         prior = given if adjust_poses and all(c is not None for c in given) else None
-        return cls(reference, others, [grey(p) for p in (reference, *others)], given, prior)
+        return cls(reference, others, [None] * (1 + len(others)), given, prior)
 
     def views(self, scale: float) -> Views:
         """At ``scale`` of the full size."""
-        return views(self.reference, self.others, scale, self.greys)
+        return views(self.reference, self.others, scale, map(self.grey, range(1 + len(self.others))))
+
+    def grey(self, i: int) -> np.ndarray:
+        """HxW float32 at full size of picture i, 0: the reference; exposures made alike."""
+        image, exposure = grey((self.reference, *self.others)[i]), self.exposures[i]
+        return image if exposure is None else exposure[0] * image + exposure[1]
+
+    @property
+    def shape(self) -> Tuple[int, int]:
+        """Of the reference."""
+        return self.reference.image.shape[:2]
 
     def posed(self, others: List[Picture], covariances: List[np.ndarray]) -> "Pictures":
         """The same pictures with other poses."""
@@ -55,7 +69,7 @@ def usable(reference: Picture, others: Sequence[Picture]) -> Tuple[List[int], Di
     some = [i for i in range(len(others)) if i not in left_out]
     if some:
         pictures = [others[i] for i in some]
-        found = views(reference, pictures, MATCH.overlap_scale, [grey(p) for p in (reference, *pictures)])
+        found = views(reference, pictures, MATCH.overlap_scale, map(grey, (reference, *pictures)))
         for pair, i in enumerate(some):
             if len(inverse_depths(found.only(pair), MATCH.overlap_step_px, MATCH.overlap_levels)) < MATCH.least_levels:
                 left_out[i] = f"{others[i].name} does not overlap {reference.name}"

@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Sequence, Tuple
+from typing import Callable, Dict, Iterable, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -45,6 +45,16 @@ class Views:
         """By how many pixels a pixel moves per 1/m of inverse depth in the pair in which it moves fastest (px m)."""
         return float(np.hypot(self.projections[:, 9], self.projections[:, 10]).max())
 
+    @cached_property
+    def _made(self) -> Dict[str, np.ndarray]:
+        return {}
+
+    def once(self, name: str, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """What ``make`` gives of the reference, made once and kept with it."""
+        if name not in self._made:
+            self._made[name] = make()
+        return self._made[name]
+
     def __len__(self) -> int:
         return len(self.others)
 
@@ -71,22 +81,23 @@ def grey(picture: Picture) -> np.ndarray:
     return as_grey(picture.image).astype(np.float32)
 
 
-def colours(picture: Picture, shape: Tuple[int, int]) -> np.ndarray:
-    """HxWx3 float32 at a reduced size, 0 to 255."""
-    return cv2.resize(as_rgb(picture.image), shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+def colours(picture: Picture, shape: Tuple[int, int], kind=np.float32) -> np.ndarray:
+    """HxWx3 float32, or of another ``kind`` of signed number, at a reduced size, 0 to 255."""
+    return cv2.resize(as_rgb(picture.image), shape[::-1], interpolation=cv2.INTER_AREA).astype(kind)
 
 
-def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Sequence[np.ndarray]) -> Views:
-    """At ``scale`` of the full size; ``greys`` are the full-size grey pictures, the reference's first."""
-    small = [_resize(g, scale) for g in greys]
-    shape = np.max([g.shape for g in small[1:]], axis=0)
-    stack = np.zeros((len(others), *shape), np.float32)
-    for s, g in zip(stack, small[1:]):
+def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Iterable[np.ndarray]) -> Views:
+    """At ``scale`` of the full size; ``greys`` are the full-size grey pictures, the reference's first, taken one by
+    one."""
+    small = (_resize(g, scale) for g in greys)
+    first = next(small)
+    sizes = np.array([_size(o.image.shape[:2], scale) for o in others], np.int64).reshape(-1, 2)
+    stack = np.zeros((len(others), *sizes.max(axis=0)), np.float32)
+    for s, g in zip(stack, small):
         s[: g.shape[0], : g.shape[1]] = g
-    K = camera_matrix(reference.camera, small[0].shape)
-    sizes = np.array([g.shape for g in small[1:]], np.int64).reshape(-1, 2)
+    K = camera_matrix(reference.camera, first.shape)
     falling = -reference.T_home_cam[2, :3] @ np.linalg.inv(K)
-    return Views(small[0], stack, sizes, projections(reference, others, small[0].shape, sizes), falling)
+    return Views(first, stack, sizes, projections(reference, others, first.shape, sizes), falling)
 
 
 def projections(reference: Picture, others: Sequence[Picture], shape: Tuple[int, int], sizes: np.ndarray) -> np.ndarray:
@@ -133,8 +144,11 @@ def seen_by_any(found: Views, w: float) -> np.ndarray:
 def _resize(image: np.ndarray, scale: float) -> np.ndarray:
     if scale == 1.0:
         return image
-    size = [max(1, int(round(n * scale))) for n in image.shape[::-1]]
-    return cv2.resize(image, tuple(size), interpolation=cv2.INTER_AREA)
+    return cv2.resize(image, _size(image.shape, scale)[::-1], interpolation=cv2.INTER_AREA)
+
+
+def _size(shape: Tuple[int, int], scale: float) -> Tuple[int, ...]:
+    return tuple(max(1, int(round(n * scale))) for n in shape)
 
 
 def camera_matrix(camera: PinholeCamera, shape: Tuple[int, int]) -> np.ndarray:

@@ -25,6 +25,7 @@ _ODDS = 0.1  # that rows are read late, before the residuals tell: cameras for t
 _MARGIN = 20.0  # twice the logarithm of the ratio of evidences: twice what Kass and Raftery (1995) call very strong
 _LEAST_PX = 0.5
 _STILL_RAD = np.radians(0.02)  # stated rotations that differ by less are one
+_BAND = 128  # rows at a time: large pictures
 
 
 @dataclass(frozen=True)
@@ -186,12 +187,17 @@ def _time(camera: PinholeCamera, rays: np.ndarray) -> np.ndarray:
 
 def straightened(picture: Picture, turn_rad: np.ndarray) -> Picture:
     """As if all rows had been read with the middle one. What it did not see at the edges is repeated from there."""
-    camera = picture.camera
-    ray, row = camera.rays(), np.arange(camera.height, dtype=float)[:, None]
+    bands = [slice(y, y + _BAND) for y in range(0, picture.camera.height, _BAND)]
+    places = [np.concatenate(of) for of in zip(*(_places(picture.camera, turn_rad, band) for band in bands))]
+    return replace(picture, image=cv2.remap(picture.image, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _places(camera: PinholeCamera, turn_rad: np.ndarray, rows: slice) -> Tuple[np.ndarray, np.ndarray]:
+    """Column and row (float32) at which some ``rows`` of the straightened picture were read."""
+    ray, row = camera.rays(rows=rows), np.arange(camera.height, dtype=float)[rows, None]
     for _ in range(2):  # the row in which a point was read depends on the turn by then
         time = (row + 0.5) / camera.height - 0.5
         seen = ray - np.cross(time[..., None] * turn_rad, ray)  # Exp(-time turn) for a small turn
         column = seen[..., 0] / seen[..., 2] * camera.fx + camera.cx
         row = seen[..., 1] / seen[..., 2] * camera.fy + camera.cy
-    places = column.astype(np.float32), row.astype(np.float32)
-    return replace(picture, image=cv2.remap(picture.image, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+    return column.astype(np.float32), row.astype(np.float32)

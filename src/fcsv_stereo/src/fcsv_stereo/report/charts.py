@@ -8,7 +8,7 @@ import numpy as np
 
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.report.evidence import PairEvidence, correction
-from fcsv_stereo.report.figures import round_numbers
+from fcsv_stereo.report.figures import log_histogram, round_numbers
 
 #: of a run, in their order
 STEPS = ("load", "refine", "match", "fuse", "near", "write")
@@ -68,8 +68,8 @@ def sigma(result: MapResult):
     values, share = result.sigma[known], result.sigma[known] / result.depth[known] * 100.0
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 3.2))
     if values.size:
-        left.hist(values, bins=np.geomspace(max(values.min(), 1e-4), values.max() * 1.001, 70), color="#3a6ea5")
-        right.hist(np.minimum(share, 20.0), bins=np.linspace(0, 20, 81), color="#3a6ea5")
+        log_histogram(left, values, max(values.min(), 1e-4), values.max() * 1.001, 70)
+        right.hist(np.minimum(share, 20.0), bins=80, range=(0.0, 20.0), color="#3a6ea5")
         right.axvline(float(np.median(share)), color="#c0392b", ls="--", lw=1)
     left.set_xscale("log")
     if values.size:

@@ -25,7 +25,7 @@ def cloud_view(result: MapResult) -> CloudView:
     import plotly.graph_objects as go
 
     cloud, T_view_cam = result.cloud, T_view_home(result)
-    keep = np.sort(np.random.default_rng(0).permutation(len(cloud))[:MOST_POINTS])
+    keep = np.sort(np.random.default_rng(0).choice(len(cloud), min(MOST_POINTS, len(cloud)), replace=False))
     points = transforms.apply(T_view_cam, cloud.points_home_m[keep].astype(float))
     points = (np.round(points / _STEP_M) * _STEP_M).astype(np.float32)
     colours = [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in cloud.colors[keep]]
@@ -61,4 +61,4 @@ def _script() -> str:
 
 def _packed(text: str) -> str:
     """gzip in base64, the same for the same text."""
-    return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()

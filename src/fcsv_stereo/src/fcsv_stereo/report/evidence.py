@@ -2,7 +2,7 @@
 """What the report states beyond the map, measured from the result: overlap, epipolar offset, seams, corrections."""
 
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -33,6 +33,7 @@ class PairEvidence:
     points: int
     carried_m: Optional[Tuple[float, float]]
     found: Optional[float] = None
+    followed: Optional[Tuple[np.ndarray, np.ndarray]] = None
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,9 @@ class Seam:
 def pair_evidence(result: MapResult, index: int) -> PairEvidence:
     """All about one pair of the map."""
     p = result.pairs[index]
-    offsets, looked_for = epipolar_offsets(p), len(corners(p))
+    start = corners(p)
+    there, looked_for = followed(p, start), len(start)
+    offsets = there[1][:, 1 - _along(p)]
     found = len(offsets) / looked_for if looked_for >= _LEAST_LOOKED_FOR else None
     enough = len(offsets) >= 20
     # beyond three robust deviations it is a wrong correspondence
@@ -67,7 +70,7 @@ def pair_evidence(result: MapResult, index: int) -> PairEvidence:
         carried = tuple(float(v) for v in np.percentile(z, [5, 95]))
     rms = float(np.sqrt(np.mean(offsets**2))) if enough else None
     middle = float(np.median(np.abs(offsets))) if enough else None
-    return PairEvidence(overlap(result, p), rms, middle, len(offsets), int(mine.sum()), carried, found)
+    return PairEvidence(overlap(result, p), rms, middle, len(offsets), int(mine.sum()), carried, found, there)
 
 
 def overlap(result: MapResult, p: Pair) -> float:
@@ -75,23 +78,15 @@ def overlap(result: MapResult, p: Pair) -> float:
     reference = result.reference
     depth = result.depth[::_STEP_PX, ::_STEP_PX]
     z = np.where(np.isfinite(depth), depth, _FAR_M)
-    points_cam = (reference.camera.rays()[::_STEP_PX, ::_STEP_PX] * z[..., None]).reshape(-1, 3)
+    points_cam = (reference.camera.rays(_STEP_PX) * z[..., None]).reshape(-1, 3)
     return shown_share(reference.camera, p.T_home_cam_other, transforms.apply(reference.T_home_cam, points_cam))
 
 
-def epipolar_offsets(p: Pair) -> np.ndarray:
-    """How far (px) corners lie off their epipolar line in the rectified pictures, signed; those that can be followed.
-
-    Where the disparity says, the corner is looked for by optical flow, forth and back: what is left across the line is
-    the offset.
+def followed(p: Pair, start: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Disparities (N,) px of corners that start at (N,2) px, and how far (N,2) px from where these say they are in the
+    other picture: what is left across the epipolar line is its error. Those that optical flow finds, forth and back.
     """
-    _, left = followed(p)
-    return left[:, 1 - _along(p)]
-
-
-def followed(p: Pair) -> Tuple[np.ndarray, np.ndarray]:
-    """Disparities (N,) px of corners, and how far (N,2) px from where these say they are in the other picture."""
-    start, along = corners(p), _along(p)
+    along = _along(p)
     if not len(start):
         return np.empty(0), np.empty((0, 2))
     a, b = _greys(p)
@@ -124,9 +119,10 @@ def _along(p: Pair) -> int:
     return p.configuration.axis.coordinate
 
 
-def seams(result: MapResult) -> List[Seam]:
-    """Where one baseline of an axis takes over from the next shorter one."""
-    found = []
+def seams(result: MapResult, evidence: Sequence[PairEvidence] = ()) -> List[Seam]:
+    """Where one baseline of an axis takes over from the next shorter one; ``evidence`` of the pairs, where it is
+    there."""
+    found, known = [], {id(p): e.followed for p, e in zip(result.pairs, evidence)}
     for axis in Axis:
         pairs = [p for p in result.pairs if p.configuration.axis == axis]
         pairs.sort(key=lambda p: p.configuration.baseline_m)
@@ -135,7 +131,7 @@ def seams(result: MapResult) -> List[Seam]:
             if not np.isfinite(at_m):
                 continue
             if a.shares_depth and b.shares_depth:
-                found += _seam_of_shared_depth(result, a, b, at_m)
+                found += _seam_of_shared_depth(result, a, b, at_m, known)
                 continue
             with np.errstate(invalid="ignore"):
                 near = (np.abs(a.depth / at_m - 1) < _SEAM_SHARE) & (np.abs(b.depth / at_m - 1) < _SEAM_SHARE)
@@ -145,11 +141,14 @@ def seams(result: MapResult) -> List[Seam]:
     return found
 
 
-def _seam_of_shared_depth(result: MapResult, a: Pair, b: Pair, at_m: float) -> List[Seam]:
-    """Both pairs gave one depth: what each alone would have made of corners about ``at_m``, as they are displaced."""
+def _seam_of_shared_depth(
+    result: MapResult, a: Pair, b: Pair, at_m: float, known: Dict[int, Optional[Tuple[np.ndarray, np.ndarray]]]
+) -> List[Seam]:
+    """Both pairs gave one depth: what each alone would have made of corners about ``at_m``, as they are displaced.
+    ``known``: corners followed already, by the identity of the pair."""
     ratios = []
     for p in (a, b):
-        disparity, left = followed(p)
+        disparity, left = known.get(id(p)) or followed(p, corners(p))
         focal_px = (result.reference.camera.fx, result.reference.camera.fy)[_along(p)]
         near = np.abs(np.abs(disparity) * at_m / (focal_px * p.configuration.baseline_m) - 1.0) < _SEAM_SHARE
         ratios.append(disparity[near] / (disparity[near] - left[near, _along(p)]))

@@ -5,6 +5,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
@@ -18,6 +19,8 @@ from fcsv_stereo.near import NEAR_BASELINE
 
 DEPTH_MAP = "turbo_r"
 _NONE = "#20242b"
+_MOST_POINTS = 150000  # of a cloud that are drawn
+_DRAWN_PX = 1000  # longer side of what is drawn; figures are narrower
 #: Of a logarithmic axis: below the first its numbers are evenly spaced; above the others fewer of them are written.
 _FEW_DECADES, _MANY_DECADES, _MOST_DECADES = 0.6, 2.2, 3.5
 _MOST_RINGS = 8  # about the origin of a map from above
@@ -28,10 +31,22 @@ _KIND_COLOURS = {
 }  # fmt: skip
 
 
+def _drawn_picture(image: np.ndarray) -> np.ndarray:
+    """A picture made smaller to what a figure shows of it: matplotlib takes long for large ones."""
+    scale = _DRAWN_PX / max(image.shape[:2])
+    return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else image
+
+
+def _drawn_values(image: np.ndarray) -> np.ndarray:
+    """The same of an HxW image whose values must not be mixed."""
+    step = max(1, round(max(image.shape) / _DRAWN_PX))
+    return image[::step, ::step]
+
+
 def picture(image: np.ndarray, title: str):
     """A photograph."""
     figure, axes = plt.subplots(figsize=(7.2, 5.4))
-    axes.imshow(image)
+    axes.imshow(_drawn_picture(image))
     axes.set_title(title, fontsize=10)
     axes.axis("off")
     return figure
@@ -41,6 +56,7 @@ def pair(p: Pair):
     """Both rectified pictures with a few corresponding lines, and the disparity beside them."""
     figure, axes = plt.subplots(1, 3, figsize=(15, 4.0))
     for ax, image, name in zip(axes, (p.reference_rectified, p.other_rectified), (p.reference_name, p.other_name)):
+        image = _drawn_picture(image)
         ax.imshow(image)
         ax.set_title(name, fontsize=9)
         _lines(ax, image.shape, p.configuration.axis)
@@ -48,7 +64,7 @@ def pair(p: Pair):
     shown = np.abs(p.disparity)
     known = shown[np.isfinite(shown)]
     top = float(np.percentile(known, 99)) if known.size else 1.0
-    drawn = axes[2].imshow(shown, cmap=_with_none("turbo"), vmin=0, vmax=top)
+    drawn = axes[2].imshow(_drawn_values(shown), cmap=_with_none("turbo"), vmin=0, vmax=top)
     axes[2].set_title(f"disparity, {p.match_rate:.0%} matched", fontsize=9)
     axes[2].axis("off")
     figure.colorbar(drawn, ax=axes[2], label="px", shrink=0.85)
@@ -61,7 +77,8 @@ def depth(image: np.ndarray, title: str, label: str = "m"):
     known = image[np.isfinite(image) & (image > 0)]
     low, high = np.percentile(known, [1, 99]) if known.size else (1.0, 10.0)
     figure, axes = plt.subplots(figsize=(7.2, 4.9))
-    drawn = axes.imshow(image, cmap=_with_none(DEPTH_MAP), norm=LogNorm(max(low, 1e-3), max(high, low * 1.01)))
+    norm = LogNorm(max(low, 1e-3), max(high, low * 1.01))
+    drawn = axes.imshow(_drawn_values(image), cmap=_with_none(DEPTH_MAP), norm=norm)
     axes.set_title(title, fontsize=10)
     axes.axis("off")
     bar = figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)
@@ -71,7 +88,8 @@ def depth(image: np.ndarray, title: str, label: str = "m"):
 
 def kinds(kind: np.ndarray):
     """Why each pixel has its depth, or none, in colours that colour-blind people tell apart (Okabe and Ito 2008)."""
-    found = {name: mask for name, mask in masks(kind).items() if mask.any()}
+    found = {name: mask for name, mask in masks(_drawn_values(kind)).items() if mask.any()}
+    kind = _drawn_values(kind)
     image = np.zeros((*kind.shape, 3))
     figure, axes = plt.subplots(figsize=(7.2, 5.4))
     for name, mask in found.items():
@@ -89,7 +107,7 @@ def depth_error(found: np.ndarray, truth: np.ndarray):
     with np.errstate(invalid="ignore", divide="ignore"):
         error = (found / truth - 1.0) * 100.0
     figure, axes = plt.subplots(figsize=(7.2, 4.9))
-    drawn = axes.imshow(error, cmap=_with_none("RdBu", "#b8b8b8"), vmin=-20, vmax=20)
+    drawn = axes.imshow(_drawn_values(error), cmap=_with_none("RdBu", "#b8b8b8"), vmin=-20, vmax=20)
     axes.set_title("error of depth against truth (red: too near)", fontsize=10)
     axes.axis("off")
     figure.colorbar(drawn, ax=axes, label="% of the distance", shrink=0.85, extend="both")
@@ -102,9 +120,8 @@ def from_above(result: MapResult, by_baseline: bool):
     Where home does not lie level, from above the reference camera: forward is its optical axis. See T_view_home.
     """
     cloud = result.cloud
-    points = transforms.apply(T_view_home(result), cloud.points_home_m)
-    keep = np.random.default_rng(0).permutation(len(points))[:150000]
-    points, index = points[keep], cloud.baseline_index[keep]
+    keep = np.random.default_rng(0).choice(len(cloud), min(_MOST_POINTS, len(cloud)), replace=False)
+    points, index = transforms.apply(T_view_home(result), cloud.points_home_m[keep]), cloud.baseline_index[keep]
     reach = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 99.5)) if len(points) else 10.0
     figure, axes = plt.subplots(figsize=(7.2, 7.2))
     if by_baseline:
@@ -163,7 +180,7 @@ def histogram(result: MapResult):
     values = result.depth[np.isfinite(result.depth) & (result.depth > 0)]
     figure, axes = plt.subplots(figsize=(7.2, 3.2))
     if values.size:
-        axes.hist(values, bins=np.geomspace(values.min(), values.max() * 1.001, 80), color="#3a6ea5")
+        log_histogram(axes, values, values.min(), values.max() * 1.001, 80)
         axes.set_xscale("log")
         round_numbers(axes.xaxis)
     for p in result.pairs:
@@ -172,6 +189,12 @@ def histogram(result: MapResult):
     axes.set_xlabel("depth (m); dashed: where effective ranges end (3.1)")
     axes.set_ylabel("pixels")
     return figure
+
+
+def log_histogram(axes, values: np.ndarray, low: float, high: float, bins: int) -> None:
+    """Bars of even width on a logarithmic axis: counted by logarithms, which is quick for millions of values."""
+    counts, edges = np.histogram(np.log(np.maximum(values, low)), bins, (np.log(low), np.log(high)))
+    axes.hist(np.exp(edges[:-1]), np.exp(edges), weights=counts, color="#3a6ea5")
 
 
 def round_numbers(axis) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
-from fcsv_stereo.report import evidence, near, pictures, sections
-from fcsv_stereo.report.parts import Part
+from fcsv_stereo.report import evidence, figures, near, pictures, sections
+from fcsv_stereo.report.parts import Part, image
 from fcsv_stereo.report.sections import ReportData
 
 #: Title and maker of every section, in order; one that gives nothing is left out. A new page is a line here.
@@ -55,8 +55,11 @@ def write_report(
     points: Sequence[PoiResult] = (),
 ) -> Path:
     """``out_dir``/report.html of a map; with truth where it is known, and points of interest where they were given."""
-    found = [evidence.pair_evidence(result, i) for i in range(len(result.pairs))]
-    data = ReportData(result, found, evidence.seams(result), evaluation, true_depth, points)
+    found, shown = [], []
+    for i, pair in enumerate(result.pairs):  # a pair's rectified pictures are made once, and let go
+        found.append(evidence.pair_evidence(result, i))
+        shown.append(image(figures.pair(pair)))
+    data = ReportData(result, found, evidence.seams(result, found), evaluation, true_depth, points, shown)
     drawn = [Section(title, make(data)) for title, make in SECTIONS]
     count = f"{len(result.pairs)} configuration{'' if len(result.pairs) == 1 else 's'}"
     page = (

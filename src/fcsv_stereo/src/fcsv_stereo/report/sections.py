@@ -32,7 +32,7 @@ from fcsv_stereo.report.plain_words import warnings
 
 @dataclass(frozen=True)
 class ReportData:
-    """What sections draw from; truth is None where it is not known."""
+    """What sections draw from; truth is None where it is not known. ``shown`` are the pairs' figures."""
 
     result: MapResult
     evidence: List[PairEvidence]
@@ -40,6 +40,7 @@ class ReportData:
     evaluation: Optional[Evaluation] = None
     true_depth: Optional[np.ndarray] = None
     points: Sequence[PoiResult] = ()
+    shown: Sequence[Part] = ()
 
 
 def summary(data: ReportData) -> List[Part]:
@@ -252,9 +253,9 @@ def points_of_interest(data: ReportData) -> List[Part]:
 def pairs(data: ReportData) -> List[Part]:
     """Rectified pictures and disparity of every pair."""
     parts = []
-    for p in data.result.pairs:
+    for p, figure in zip(data.result.pairs, data.shown):
         tried = ", ".join(f"{n} {r:.1%}" for n, r in p.candidates)
         parts.append(Heading(p.configuration.name))
         parts += [Paragraph(f"Match rates: {tried}")] if tried else []
-        parts.append(image(figures.pair(p)))
+        parts.append(figure)
     return parts

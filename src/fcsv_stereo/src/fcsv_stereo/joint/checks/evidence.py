@@ -18,6 +18,7 @@ from fcsv_stereo.joint.refine.subpixel import Fine
 from fcsv_stereo.joint.tuning import EVIDENCE, RESIDUALS
 from fcsv_stereo.joint.views import Views
 
+_BAND = 64  # rows at a time: large pictures
 #: What is looked at, in the order of the weights.
 FEATURES = (
     "log relative sigma", "log of the best pair's standing out", "best pair's trust", "share of pairs that agree",
@@ -101,8 +102,10 @@ def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
         if logit is None:
             first = (column - np.float32(EVIDENCE.means[0])) / np.float32(EVIDENCE.scales[0])
             logit = np.full(column.shape, np.float32(EVIDENCE.constant))
-        for term, weight in zip(terms(column, first, k), EVIDENCE.weights[3 * k : 3 * k + 3]):
-            logit += np.float32(weight) * term
+        for y in range(0, len(logit), _BAND):
+            band = slice(y, y + _BAND)
+            for term, weight in zip(terms(column[band], first[band], k), EVIDENCE.weights[3 * k : 3 * k + 3]):
+                logit[band] += np.float32(weight) * term
     return (1.0 / (1.0 + np.exp(-np.clip(logit, -30.0, 30.0)))).astype(np.float32)
 
 

@@ -49,7 +49,7 @@ def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
 
     Without reference pictures of later configurations (photographs) there is nothing to go by: the result as it is.
     """
-    still = _still(result.reference, result.depth, result.sigma)
+    still: Optional[_Still] = None
     moments: Dict[str, Optional[Moment]] = {}  # pairs of one instant share their reference picture
     changed: Dict[int, np.ndarray] = {}
     watched = []
@@ -57,6 +57,7 @@ def leave_out_moved(given: MapInput, result: MapResult) -> MapResult:
         later = _reference_of(given.configurations, pair.other_name)
         if later is None or later.name == result.reference.name:
             continue
+        still = still or _still(result.reference, result.depth, result.sigma)
         if later.name not in moments:
             scale = result.reference.camera.width / later.camera.width
             moments[later.name] = changes(result.reference, later.shrunk(scale) if scale < 1.0 else later, still)

@@ -41,6 +41,11 @@ def relied_on(found: Views, w: np.ndarray, r: Residuals) -> Tuple[np.ndarray, np
     return unique & (best > RELIABILITY.known) | thin_uprights(w), certain, confirmed(certain, r)
 
 
+def is_certain(found: Views, w: np.ndarray, r: Residuals) -> np.ndarray:
+    """The second mask of ``relied_on`` alone."""
+    return consistent(found, w, r) & (r.trust.max(axis=0) > _CERTAIN)
+
+
 def confirmed(certain: np.ndarray, r: Residuals) -> np.ndarray:
     """NxHxW bool: where pair i itself agrees with what is ``certain`` (HxW bool), at the pixel and all about it."""
     about = np.ones((RELIABILITY.about_px,) * 2, np.uint8)

@@ -2,7 +2,7 @@
 """Standard deviation of inverse depth: from the match itself, from its surroundings, and from the refined geometry."""
 
 from enum import IntEnum
-from typing import Optional, Sequence
+from typing import List, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -13,6 +13,7 @@ from fcsv_stereo.joint.tuning import RESIDUALS, SIGMA
 from fcsv_stereo.model import Picture
 
 _MOST_SPEED = np.float32(1e9)  # px (slope: grey levels) per 1/m: beside a camera it has no end, and its square no float
+_BAND = 128  # rows at a time: large pictures
 _STEP_WINDOW = np.ones((SIGMA.step_px,) * 2, np.uint8)
 
 
@@ -35,13 +36,23 @@ _ERRORS = {
 
 def matching_sigma(fine: Fine, known: np.ndarray) -> np.ndarray:
     """HxW float32, 1/m; ``known`` (HxW bool) is where the coarse match was trusted."""
+    step = cv2.dilate(fine.w, _STEP_WINDOW) - cv2.erode(fine.w, _STEP_WINDOW)
+    out = np.empty(fine.w.shape, np.float32)
+    for y in range(0, len(out), _BAND):
+        band = slice(y, y + _BAND)
+        out[band] = _matching_sigma(fine.rows(band), known[band], step[band])
+    return out
+
+
+def _matching_sigma(fine: Fine, known: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """As ``matching_sigma``, where the surroundings differ by ``step`` (HxW, 1/m)."""
     r = fine.residuals
     agrees = r.trust >= RESIDUALS.least_trust
     speed = np.where(agrees, r.speed, 0.0).max(axis=0)
     speed = np.maximum(speed, SIGMA.least_speed * r.speed.max(axis=0))
     w = np.maximum(fine.w, 1e-9)
     noise = np.hypot(SIGMA.correlated * np.sqrt(fine.variance), SIGMA.floor_px / np.maximum(speed, 1e-9)) / w
-    step = (cv2.dilate(fine.w, _STEP_WINDOW) - cv2.erode(fine.w, _STEP_WINDOW)) / w
+    step = step / w
     kinds = _kinds(agrees.any(axis=0), known, (r.seen > 0).any(axis=0))
     log_step = np.log(np.clip(step, SIGMA.steps[0], SIGMA.steps[-1]))
     relative = np.empty_like(w)
@@ -67,22 +78,30 @@ def geometry_sigma(
     axes). Errors of the pairs are taken as common: scale is, and what is not is overestimated a little.
     """
     r = fine.residuals
-    slope, speed = np.clip(r.slope, -_MOST_SPEED, _MOST_SPEED), np.minimum(r.speed, _MOST_SPEED)
-    weight = r.trust * np.square(slope) + 1e-9 * np.square(speed)
-    weight = np.stack([cv2.blur(w, (SIGMA.share_px,) * 2) for w in weight])
-    weight /= np.maximum(weight.sum(axis=0), 1e-20)
+    weights = [_weight(*pair) for pair in zip(r.trust, r.slope, r.speed)]
+    total = np.maximum(sum(weights), np.float32(1e-20))
     sigma = np.zeros(fine.w.shape, np.float32)
-    for other, covariance, share in zip(others, covariances, weight):
+    for other, covariance, weight in zip(others, covariances, weights):
         if covariance is None:
             continue
-        terms = _pose_terms(reference, other, covariance, fine.w.shape)
-        variance = terms[0] + fine.w * (terms[1] + fine.w * terms[2])
-        sigma += share * np.sqrt(np.maximum(variance, 0.0))
+        constant, linear, square = _pose_terms(reference, other, covariance, fine.w.shape)
+        variance = square  # in place: large pictures
+        for term in (linear, constant):
+            variance *= fine.w
+            variance += term
+        share = np.divide(weight, total, out=weight)
+        sigma += share * np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
     return sigma
 
 
-def _pose_terms(reference: Picture, other: Picture, covariance: np.ndarray, shape) -> np.ndarray:
-    """3xHxW float32: the variance of inverse depth is terms[0] + w terms[1] + w^2 terms[2] at inverse depth w.
+def _weight(trust: np.ndarray, slope: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """HxW: how much a pair counts at a pixel and about it."""
+    slope, speed = np.clip(slope, -_MOST_SPEED, _MOST_SPEED), np.minimum(speed, _MOST_SPEED)
+    return cv2.blur(trust * np.square(slope) + 1e-9 * np.square(speed), (SIGMA.share_px,) * 2)
+
+
+def _pose_terms(reference: Picture, other: Picture, covariance: np.ndarray, shape) -> List[np.ndarray]:
+    """Three of HxW float32: the variance of inverse depth is terms[0] + w terms[1] + w^2 terms[2] at inverse depth w.
 
     A pose that is off by (dtheta, dp) moves the homogeneous image q = R^T (ray + w (c_ref - p)) by
     [q]x dtheta - w R^T dp; only the part along the epipolar line looks like depth.
@@ -111,4 +130,4 @@ def _pose_terms(reference: Picture, other: Picture, covariance: np.ndarray, shap
         np.einsum("...i,ij,...j", j_position, pp, j_position),
     ]  # fmt: skip
     size = shape[::-1]
-    return np.stack([cv2.resize((x / speed**2).astype(np.float32), size) for x in terms])
+    return [cv2.resize((x / speed**2).astype(np.float32), size) for x in terms]

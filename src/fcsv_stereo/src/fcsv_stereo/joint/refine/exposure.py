@@ -2,7 +2,7 @@
 """Exposures made alike, by what the pictures agree on."""
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import List, Sequence
+from typing import List, Optional, Tuple
 
 import numpy as np
 
@@ -12,18 +12,18 @@ from fcsv_stereo.joint.views import Views
 
 
 def same_exposure(
-    greys: Sequence[np.ndarray], found: Views, w: np.ndarray, r: Residuals, pool: ThreadPoolExecutor
-) -> List[np.ndarray]:
-    """``greys`` (the reference's first) with each other picture's exposure brought to the reference's.
+    found: Views, w: np.ndarray, r: Residuals, pool: ThreadPoolExecutor
+) -> List[Optional[Tuple[float, float]]]:
+    """Gain and offset of each picture (the reference's first) that bring its grey to the reference's; None: it stays.
 
     By the pixels of ``found`` at which a pair agrees (``r``) at inverse depth ``w`` (HxW, 1/m).
     """
-    out = list(greys)
+    out: List[Optional[Tuple[float, float]]] = [None] * (1 + len(found))
     for i, (trust, difference) in enumerate(zip(r.trust, differences(found, w, pool))):
         good = trust > RESIDUALS.least_trust
         if good.sum() < EXPOSURE.least_pixels:
             continue
         here, there = found.reference[good], (found.reference - difference)[good]
         gain = float(np.clip(here.std() / max(there.std(), 1e-3), 1.0 / EXPOSURE.most_gain, EXPOSURE.most_gain))
-        out[i + 1] = gain * greys[i + 1] + float(np.median(here - gain * there))
+        out[i + 1] = gain, float(np.median(here - gain * there))
     return out

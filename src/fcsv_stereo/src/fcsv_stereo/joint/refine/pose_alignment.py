@@ -7,8 +7,8 @@ Engel, Koltun and Cremers 2018, with the inverse depth of small cells eliminated
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import Iterator, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -27,6 +27,41 @@ _WINDOW = (POSE_ALIGNMENT.contrast_px,) * 2
 #: by picture cannot say; nor are they other evidence than the pixels. So their turns weigh little here.
 _LOOSENED = np.repeat([POSE_ALIGNMENT.loosened_turns, 1.0], 3)
 _BEHIND = np.float32(-1e6)  # px: far outside of every picture
+_MARGIN = max(POSE_ALIGNMENT.contrast_px // 2, 1)  # px about a cell that its windows and slopes reach
+_BAND = 256  # rows that are changed at a time
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """The reference's pixels that cells and the windows about them need, beside each other: ``rows`` and ``columns`` of
+    the picture, and where the cells' first pixels are in the sample (``corners``, Nx2) and in the picture (``cells``).
+    Where cells lie side by side it is the whole picture."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    corners: np.ndarray
+    cells: np.ndarray
+    whole: bool
+
+    @classmethod
+    def of(cls, cells: np.ndarray, shape: Tuple[int, int]) -> "_Sample":
+        """``cells`` (Nx2) are row and column of the cells' first pixels in a picture of ``shape``."""
+        firsts = [np.unique(cells[:, axis]) for axis in range(2)]
+        if all(len(f) == n // _CELL for f, n in zip(firsts, shape)):
+            return cls(*map(np.arange, shape), cells, cells, True)
+        wide = _CELL + 2 * _MARGIN
+        rows, columns = (_mirrored(f[:, None] + np.arange(wide) - _MARGIN, n).ravel() for f, n in zip(firsts, shape))
+        at = [np.searchsorted(f, cells[:, axis]) * wide + _MARGIN for axis, f in enumerate(firsts)]
+        return cls(rows, columns, np.stack(at, axis=-1), cells, False)
+
+    def __call__(self, image: np.ndarray) -> np.ndarray:
+        """What it holds of an HxW image."""
+        return image if self.whole else image[np.ix_(self.rows, self.columns)]
+
+
+def _mirrored(at: np.ndarray, count: int) -> np.ndarray:
+    """Indices with those outside of 0 to ``count`` - 1 mirrored at the ends, as OpenCV's filters have a border."""
+    return (count - 1) - np.abs((count - 1) - np.abs(at))
 
 
 def adjust(
@@ -47,11 +82,14 @@ def adjust(
     pictures, out, now = start, list(covariances), w.astype(np.float32)
     if known.sum() < POSE_ALIGNMENT.least_cells * _CELL**2:
         return pictures, out, now
-    corners, contrast = _corners(w.shape), cv2.blur(np.abs(found.reference), _WINDOW) + POSE_ALIGNMENT.noise_grey
-    slopes = list(pool.map(lambda i: _slopes(_other(found, i)), range(len(found))))
+    corners = _corners(w.shape)
+    sample = _Sample.of(corners, w.shape)
+    here = sample(found.reference)
+    contrast, known = cv2.blur(np.abs(here), _WINDOW) + POSE_ALIGNMENT.noise_grey, sample(known)
     for _ in range(iterations):
+        at = sample(now)
         jobs = [
-            pool.submit(_pair, reference, o, i, found, slopes[i], contrast, now, known, corners)
+            pool.submit(_pair, reference, o, i, found, here, contrast, at, known, sample)
             for i, o in enumerate(pictures)
         ]
         middles = now[tuple(corners.T + _CELL // 2)]
@@ -88,8 +126,12 @@ def _smooth_change(before: np.ndarray, after: np.ndarray, corners: np.ndarray, w
     at_most = POSE_ALIGNMENT.outlier * np.median(np.abs(change[weight > 0])) if (weight > 0).any() else 0.0
     weight[np.abs(change) > at_most] = 0.0
     factors = np.linalg.lstsq(basis(*at, before[at]) * weight[:, None], change * weight, rcond=None)[0]
-    v, u = np.indices(before.shape, np.float32)
-    return np.maximum(before + basis(v, u, before) @ factors.astype(np.float32), 0.0).astype(np.float32)
+    factors, out = factors.astype(np.float32), np.empty(before.shape, np.float32)
+    for y in range(0, len(before), _BAND):
+        band = before[y : y + _BAND]
+        v, u = np.indices(band.shape, np.float32)
+        out[y : y + _BAND] = np.maximum(band + basis(v + np.float32(y), u, band) @ factors, 0.0)
+    return out
 
 
 def moved(picture: Picture, change: np.ndarray) -> Picture:
@@ -139,35 +181,37 @@ def _other(found: Views, i: int) -> np.ndarray:
     return np.ascontiguousarray(found.others[i][:height, :width])
 
 
-def _slopes(image: np.ndarray) -> List[np.ndarray]:
-    """Along u and v, per pixel."""
-    return [cv2.Sobel(image, cv2.CV_32F, *d, scale=0.125) for d in ((1, 0), (0, 1))]
+def _slopes(image: np.ndarray) -> Iterator[np.ndarray]:
+    """Along u and v, per pixel; one by one (large pictures)."""
+    return (cv2.Sobel(image, cv2.CV_32F, *d, scale=0.125) for d in ((1, 0), (0, 1)))
 
 
 def _pair(
-    reference: Picture, other: Picture, i: int, found: Views, there: Sequence[np.ndarray], contrast: np.ndarray,
-    w: np.ndarray, known: np.ndarray, corners: np.ndarray,
+    reference: Picture, other: Picture, i: int, found: Views, here: np.ndarray, contrast: np.ndarray, w: np.ndarray,
+    known: np.ndarray, sample: _Sample,
 ) -> Tuple[np.ndarray, ...]:  # fmt: skip
-    """Sums over one pair, ``there`` being the other picture's slopes: of its pose H (6x6) and g (6,); of each cell
-    (N, 8) own, push and mixed with the pose; and (2,) of weights and of weighted squares."""
+    """Sums over one pair: of its pose H (6x6) and g (6,); of each cell (N, 8) own, push and mixed with the pose; and
+    (2,) of weights and of weighted squares. ``here`` is the reference, it and all after it of the ``sample``."""
     height, width = found.sizes[i]
     K = camera_matrix(other.camera, (height, width))
     T = transforms.invert(other.T_home_cam) @ reference.T_home_cam
-    p = projection(reference, other, camera_matrix(reference.camera, w.shape), K).astype(np.float32)[None]
+    p = projection(reference, other, camera_matrix(reference.camera, found.shape), K).astype(np.float32)[None]
     x, y = np.empty_like(w), np.empty_like(w)
-    _places(p, w, x, y)
-    warped = cv2.remap(_other(found, i), x, y, cv2.INTER_LINEAR)
+    _places(p, w, sample.rows, sample.columns, x, y)
+    image = _other(found, i)
+    warped = cv2.remap(image, x, y, cv2.INTER_LINEAR)
     # both pictures' slopes: their mean halves the noise and makes the steps second order
-    slopes = [0.5 * (cv2.remap(s, x, y, cv2.INTER_LINEAR) + here) for s, here in zip(there, _slopes(warped))]
-    difference = found.reference - warped
+    there = (cv2.remap(s, x, y, cv2.INTER_LINEAR) for s in _slopes(image))
+    slopes = [0.5 * (a + b) for a, b in zip(there, _slopes(warped))]
+    difference = here - warped
     unlike = cv2.blur(np.abs(difference), _WINDOW) / contrast / POSE_ALIGNMENT.unlike
     inside = known & (x >= 1) & (y >= 1) & (x <= width - 2) & (y <= height - 2)
     weight = inside / np.square(1.0 + np.square(unlike))
     weight *= np.minimum(1.0, POSE_ALIGNMENT.huber_grey / np.maximum(np.abs(difference), 1e-6))
-    H, g, cells, sums = np.zeros((6, 6)), np.zeros(6), np.zeros((len(corners), 8)), np.zeros(2)
+    H, g, cells, sums = np.zeros((6, 6)), np.zeros(6), np.zeros((len(sample.cells), 8)), np.zeros(2)
     _sum(
-        corners, weight.astype(np.float32), difference, *slopes, x, y, p, w, K, T[:3, 3], other.T_home_cam[:3, :3],
-        H, g, cells, sums,
+        sample.corners, sample.cells, weight.astype(np.float32), difference, *slopes, x, y, p, w, K, T[:3, 3],
+        other.T_home_cam[:3, :3], H, g, cells, sums,
     )  # fmt: skip
     return H, g, cells, sums
 
@@ -197,14 +241,15 @@ def _reduced(pairs, w: np.ndarray):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _places(p, w, x, y):
-    """Where the reference's pixels are in the other picture; far outside what is behind it."""
-    for v in range(w.shape[0]):
-        for u in range(w.shape[1]):
-            a, b, c = ray(p, 0, u, v)
-            across, down, z, _ = place(a, b, c, p, 0, w[v, u])
-            x[v, u] = across if z > 0 else _BEHIND
-            y[v, u] = down if z > 0 else _BEHIND
+def _places(p, w, rows, columns, x, y):
+    """Where the reference's pixels in ``rows`` and ``columns`` are in the other picture; far outside what is behind
+    it."""
+    for r in range(w.shape[0]):
+        for k in range(w.shape[1]):
+            a, b, c = ray(p, 0, columns[k], rows[r])
+            across, down, z, _ = place(a, b, c, p, 0, w[r, k])
+            x[r, k] = across if z > 0 else _BEHIND
+            y[r, k] = down if z > 0 else _BEHIND
 
 
 @njit(cache=True, nogil=True)
@@ -216,16 +261,18 @@ def _add(corners, change, w):
 
 
 @njit(cache=True, nogil=True)
-def _sum(corners, weight, difference, slope_x, slope_y, x, y, p, w, K, t, R_home_cam, H, g, cells, sums):
-    """Into ``H``, ``g``, ``cells`` and ``sums`` as ``_pair`` gives them; ``p`` (1x12) is the pair's projection."""
+def _sum(corners, first, weight, difference, slope_x, slope_y, x, y, p, w, K, t, R_home_cam, H, g, cells, sums):
+    """Into ``H``, ``g``, ``cells`` and ``sums`` as ``_pair`` gives them; ``p`` (1x12) is the pair's projection. Cells
+    begin at ``corners`` of the arrays, and at ``first`` of the reference."""
     j = np.zeros(6)
     for k in range(len(corners)):
+        down, along = first[k, 0] - corners[k, 0], first[k, 1] - corners[k, 1]
         for v in range(corners[k, 0], corners[k, 0] + _CELL):
             for u in range(corners[k, 1], corners[k, 1] + _CELL):
                 s = float(weight[v, u])
                 if s <= 0.0:
                     continue
-                _, _, c = ray(p, 0, u, v)
+                _, _, c = ray(p, 0, u + along, v + down)
                 _, _, z, _ = place(0.0, 0.0, c, p, 0, w[v, u])
                 qx, qy = (x[v, u] - K[0, 2]) / K[0, 0] * z, (y[v, u] - K[1, 2]) / K[1, 1] * z
                 ax, ay = slope_x[v, u] * K[0, 0] / z, slope_y[v, u] * K[1, 1] / z

@@ -2,8 +2,8 @@
 """How each pair's picture differs from the reference at a map of inverse depth, and how that changes with it."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from typing import Tuple
+from dataclasses import dataclass, fields, replace
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -19,16 +19,22 @@ _BAND = RESIDUALS.band_rows
 
 @dataclass(frozen=True)
 class Residuals:
-    """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local mean (grey levels), its
-    ``slope`` by inverse depth (grey levels times metres), ``speed`` (px of movement times metres), ``seen`` (1 or 0)
-    and ``trust`` (0 to 1, low where the pair does not look like the reference: occluded or mismatched).
+    """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local mean (grey levels; None
+    where it was let go), its ``slope`` by inverse depth (grey levels times metres), ``speed`` (px of movement times
+    metres), ``seen`` (1 or 0) and ``trust`` (0 to 1, low where the pair does not look like the reference: occluded or
+    mismatched).
     """
 
-    difference: np.ndarray
+    difference: Optional[np.ndarray]
     slope: np.ndarray
     speed: np.ndarray
     seen: np.ndarray
     trust: np.ndarray
+
+    def rows(self, rows: slice) -> "Residuals":
+        """The same of a part of the rows."""
+        parts = (getattr(self, f.name) for f in fields(self))
+        return Residuals(*(None if p is None else p[:, rows] for p in parts))
 
 
 def detail(found: Views) -> Views:
@@ -53,16 +59,29 @@ def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residual
     """
     shape = (len(found), *found.shape)
     out = Residuals(*(np.empty(shape, np.float32) for _ in range(5)))
-    contrast = cv2.blur(np.abs(without_mean(found.reference)), _WINDOW) + RESIDUALS.noise_grey
+    contrast = found.once("contrast", lambda: _contrast(found.reference))
 
     def run(i: int) -> None:
         _compare(found, i, w, out.difference[i], out.slope[i], out.speed[i], out.seen[i])
         out.difference[i] -= _local_mean(out.difference[i], out.seen[i])
-        unlike_here = mean_unlike(out.difference[i]) / contrast
-        np.divide(out.seen[i], np.square(1.0 + np.square(unlike_here / RESIDUALS.unlike)), out=out.trust[i])
+        _trust(mean_unlike(out.difference[i]), contrast, out.seen[i], out.trust[i])
 
     list(pool.map(run, range(len(found))))
     return out
+
+
+def _trust(unlike_here: np.ndarray, contrast: np.ndarray, seen: np.ndarray, out: np.ndarray) -> None:
+    """In ``unlike_here``, which is written over: large pictures."""
+    unlike_here /= contrast
+    unlike_here /= np.float32(RESIDUALS.unlike)
+    np.square(unlike_here, out=unlike_here)
+    unlike_here += np.float32(1.0)
+    np.square(unlike_here, out=unlike_here)
+    np.divide(seen, unlike_here, out=out)
+
+
+def _contrast(image: np.ndarray) -> np.ndarray:
+    return cv2.blur(np.abs(without_mean(image)), _WINDOW) + RESIDUALS.noise_grey
 
 
 def unlike(found: Views, i: int, w: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
@@ -95,9 +114,15 @@ def _compare(found: Views, i: int, w: np.ndarray, *arrays: np.ndarray) -> None:
 def _local_mean(difference: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """HxW float32, grey levels: by how much exposures differ there. What differs much more than most tells less of it:
     it is another surface."""
-    weight = seen / (1.0 + np.square(difference / np.float32(RESIDUALS.exposure_grey)))
+    weight = difference / np.float32(RESIDUALS.exposure_grey)
+    np.square(weight, out=weight)  # in place: large pictures
+    weight += np.float32(1.0)
+    np.divide(seen, weight, out=weight)
     window = (RESIDUALS.mean_px,) * 2
-    return cv2.blur(weight * difference, window) / np.maximum(cv2.blur(weight, window), np.float32(1e-3))
+    mean = cv2.blur(weight * difference, window)
+    weight = cv2.blur(weight, window)
+    mean /= np.maximum(weight, np.float32(1e-3), out=weight)
+    return mean
 
 
 def support_bits(r: Residuals, least_trust: float) -> np.ndarray:

@@ -2,7 +2,7 @@
 """Sub-pixel inverse depth from the differences of all pictures."""
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -22,6 +22,10 @@ class Fine:
     variance: np.ndarray
     residuals: Residuals
 
+    def rows(self, rows: slice) -> "Fine":
+        """The same of a part of the rows."""
+        return Fine(self.w[rows], self.variance[rows], self.residuals.rows(rows))
+
 
 def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool: ThreadPoolExecutor) -> Fine:
     """Gauss-Newton over all pairs; ``step`` (HxW, 1/m) is what the coarse map was uncertain by.
@@ -31,8 +35,7 @@ def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool:
     w = w.astype(np.float32)
     variance = np.zeros_like(w)
     for _ in range(iterations):
-        r = residuals(found, w, pool)
-        information, push, energy = _sums(r)
+        information, push, energy = _sums(residuals(found, w, pool), pool)
         prior = _prior(information)
         tau = (np.float32(SUBPIXEL.same_steps) * step + np.float32(SUBPIXEL.same) * w).astype(np.float32)
         out = np.empty_like(w)
@@ -42,7 +45,8 @@ def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool:
 
         for_rows(pool, w.shape[0], run)
         w = np.maximum(out, 0.0)
-    return Fine(w, variance, residuals(found, w, pool))
+    # nothing asks for the differences any more: a picture's size for each pair
+    return Fine(w, variance, replace(residuals(found, w, pool), difference=None))
 
 
 def _prior(information: np.ndarray) -> np.ndarray:
@@ -51,11 +55,19 @@ def _prior(information: np.ndarray) -> np.ndarray:
     return (np.float32(SUBPIXEL.prior_share) * about + np.float32(SUBPIXEL.prior_least)).astype(np.float32)
 
 
-def _sums(r: Residuals):
-    """Over the pairs: information, push and energy, with Huber's weights."""
-    weight = r.trust * np.minimum(1.0, SUBPIXEL.huber_grey / np.maximum(np.abs(r.difference), 1e-6)).astype(np.float32)
-    weighed = weight * r.slope
-    information = np.einsum("nij,nij->ij", weighed, r.slope)
-    push = np.einsum("nij,nij->ij", weighed, r.difference)
-    energy = np.einsum("nij,nij->ij", weight, np.square(r.difference)) / np.maximum(weight.sum(axis=0), 1e-3)
-    return information, push, energy.astype(np.float32)
+def _sums(r: Residuals, pool: ThreadPoolExecutor) -> np.ndarray:
+    """3xHxW float32: over the pairs information, push and energy, with Huber's weights."""
+    out = np.empty((3, *r.trust.shape[1:]), np.float32)
+
+    def run(y0, y1):
+        trust, difference, slope = (x[:, y0:y1] for x in (r.trust, r.difference, r.slope))
+        huber = np.minimum(1.0, SUBPIXEL.huber_grey / np.maximum(np.abs(difference), 1e-6))
+        weight = trust * huber.astype(np.float32)
+        weighed = weight * slope
+        np.einsum("nij,nij->ij", weighed, slope, out=out[0, y0:y1])
+        np.einsum("nij,nij->ij", weighed, difference, out=out[1, y0:y1])
+        energy = np.einsum("nij,nij->ij", weight, np.square(difference))
+        out[2, y0:y1] = energy / np.maximum(weight.sum(axis=0), 1e-3)
+
+    for_rows(pool, out.shape[1], run)
+    return out

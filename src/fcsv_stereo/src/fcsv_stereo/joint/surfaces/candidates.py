@@ -8,7 +8,7 @@ of the nearest known places along sixteen directions.
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -37,16 +37,16 @@ _VALUE, _SLOPE_X, _SLOPE_Y, _SOURCE = range(4)
 class Candidates:
     """Of pixel (y, x): those from ``start[y, x]`` on, ``count[y, x]`` of them.
 
-    ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (2xN, 1/m per px, along u and v) its plane's;
+    ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (two of N, 1/m per px, along u and v) its plane's;
     ``source`` the coarser pixel (row times width plus column) that the plane is from, -1 where it is the own place and
-    not known. ``step`` (1/m) is the inverse depth that moves a pixel by little in the fastest pair.
+    not known (None: let go). ``step`` (1/m) is the inverse depth that moves a pixel by little in the fastest pair.
     """
 
     start: np.ndarray
     count: np.ndarray
     w: np.ndarray
-    slope: np.ndarray
-    source: np.ndarray
+    slope: Tuple[np.ndarray, np.ndarray]
+    source: Optional[np.ndarray]
     step: np.float32
 
 
@@ -70,12 +70,14 @@ def candidates(
     def collect(y0, y1):
         found = np.empty((4, (y1 - y0) * shape[1] * MOST), np.float32)
         n = _collect(*planes, known, undecided, rings, distant, step, y0, y1, count, found)
-        return found[:, :n].copy()
+        return [row[:n].copy() for row in found]
 
-    parts = np.concatenate(for_rows(pool, shape[0], collect), axis=1)
-    start = (np.cumsum(count, dtype=np.int64) - count.ravel()).reshape(shape)
-    slopes = parts[_SLOPE_X : _SLOPE_Y + 1]
-    return Candidates(start, count, parts[_VALUE], slopes, parts[_SOURCE].astype(np.int32), step)
+    parts = [list(rows) for rows in zip(*for_rows(pool, shape[0], collect))]
+    # one after the other, its parts let go: each is as large as many pictures
+    w, slope_x, slope_y, source = (np.concatenate(parts.pop(0)) for _ in range(4))
+    start = np.cumsum(count, dtype=np.int64).reshape(shape)
+    start -= count
+    return Candidates(start, count, w, (slope_x, slope_y), source.astype(np.int32), step)
 
 
 def _ring_offsets() -> np.ndarray:

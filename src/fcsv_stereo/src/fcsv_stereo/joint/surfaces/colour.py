@@ -20,11 +20,14 @@ _LIKENESS_SHIFT, _LIKENESS_BINS = COLOUR.likeness_shift, COLOUR.likeness_bins
 _OTHER = COLOUR.other
 
 
-def alike_bits(image: np.ndarray, pool: ThreadPoolExecutor) -> Tuple[np.ndarray, np.ndarray]:
+def alike_bits(
+    image: np.ndarray, given: Candidates, pool: ThreadPoolExecutor
+) -> Tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Which bits of a pixel's census code compare it with pixels of its colour (HxW uint32 mask), and what each of
-    those counts (HxW float32), in ``image`` (HxWx3 float32): others may be of another surface."""
+    those counts (HxW float32), in ``image`` (HxWx3): others may be of another surface. 0 where there is no
+    choice."""
     mask, scale = np.zeros(image.shape[:2], np.uint32), np.zeros(image.shape[:2], np.float32)
-    for_rows(pool, len(image), lambda y0, y1: _alike(image, OFFSETS, y0, y1, mask, scale))
+    for_rows(pool, len(image), lambda y0, y1: _alike(image, OFFSETS, given.count, y0, y1, mask, scale))
     return mask, scale
 
 
@@ -33,7 +36,8 @@ def add_likeness(
 ) -> None:
     """Adds to the candidates' ``cost`` (N,) how unlike a pixel is to the place in the coarser map (``shape``) that the
     candidate's plane is from; in place."""
-    near = cv2.medianBlur(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA), 3).reshape(-1, 3)
+    small = cv2.resize(image.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA)
+    near = cv2.medianBlur(small, 3).reshape(-1, 3)
     planes = given.start, given.count, given.source
     for_rows(pool, len(image), lambda y0, y1: _add_likeness(image, near, *planes, y0, y1, cost))
 
@@ -61,7 +65,7 @@ def _of_its_colour(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -
     steps = np.round((log_w - low) * scale).astype(np.uint8)
     about = np.ones((2 * _SETTLE_PX + 1,) * 2, np.uint8)
     mixed = cv2.dilate(log_w, about) - cv2.erode(log_w, about) > np.log(_OTHER)
-    colours = np.clip(image, 0.0, 255.0).astype(np.int32)
+    colours = np.clip(image, 0.0, 255.0).astype(np.int16)
     squares = np.arange(_LIKENESS_BINS) << _LIKENESS_SHIFT
     likeness = np.exp(squares / (-2.0 * COLOUR.settle_grey**2)).astype(np.float32)
     median = steps.copy()
@@ -98,12 +102,14 @@ def _median(colours, steps, mixed, likeness, y0, y1, out):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _alike(image, offsets, y0, y1, mask, scale):
+def _alike(image, offsets, candidates, y0, y1, mask, scale):
     """Where few bits are left, all count; fewer bits weigh more each, but tell less together."""
     height, width = mask.shape
     most = np.float32(3.0 * _ALIKE)
     for y in range(y0, y1):
         for x in range(width):
+            if candidates[y, x] < 2:
+                continue
             bits, count = np.uint32(0), 0
             for k in range(offsets.shape[0]):
                 r = min(max(y + offsets[k, 0], 0), height - 1)

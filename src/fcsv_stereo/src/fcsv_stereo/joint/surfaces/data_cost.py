@@ -38,7 +38,7 @@ def evidence(
     codes = np.zeros(found.others.shape, np.uint32)
     for c, other, (h, w) in zip(codes, found.others, found.sizes):
         c[:h, :w] = census(np.ascontiguousarray(other[:h, :w]))
-    here = found.reference, census(found.reference), *alike_bits(image, pool)
+    here = found.reference, census(found.reference), *alike_bits(image, given, pool)
     there = found.others, codes, found.sizes, found.projections, in_front, shown
     weights, cost = pair_weights(len(found)), np.zeros(len(given.w), np.float32)
 

@@ -7,7 +7,7 @@ its colour decide. The candidates' costs are aggregated along eight paths as in 
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Tuple
 
 import cv2
@@ -49,6 +49,7 @@ def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadP
     cost = evidence(found, in_front, shown, given, image, pool)
     add_likeness(image, coarser.w.shape, given, pool, cost)
     add_leaving(coarser.w, given, cost)
+    given = replace(given, source=None)  # of no use any more, and as large as the pictures
     total = _aggregate(found.reference, given, cost, pool)
     best = np.empty(found.shape, np.float32)
     _pick(given.start, given.count, given.w, total, best)
@@ -73,7 +74,12 @@ def _aggregate(grey: np.ndarray, given: Candidates, cost: np.ndarray, pool: Thre
     for job in jobs:
         job.result()
     for_rows(pool, grey.shape[0], lambda y0, y1: _horizontal(*planes, y0, y1, down))
-    return down + up
+    down += up
+    return down
+
+
+# Where there is no choice a path has no memory: the one candidate's cost is the least, and only what lies above it goes
+# on. So nothing is computed there, which is nearly everywhere in large pictures.
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -132,6 +138,9 @@ def _vertical(grey, start, count, values, slope_x, slope_y, cost, step, total, u
         for x in range(width):
             for path in range(3):
                 x_before, now = x + path - 1, (a + path) * width + x
+                if count[y, x] == 1:
+                    paths[now, 0] = least[now] = np.float32(0.0)
+                    continue
                 if t == 0 or x_before < 0 or x_before >= width:
                     least[now] = _begin(start[y, x], count[y, x], cost, paths, now, total)
                     continue
@@ -155,6 +164,9 @@ def _horizontal(grey, start, count, values, slope_x, slope_y, cost, step, y0, y1
             for t in range(width):
                 x = width - 1 - t if backward else t
                 x_before = x + 1 if backward else x - 1
+                if count[y, x] == 1:
+                    paths[t % 2, 0] = least = np.float32(0.0)
+                    continue
                 if t == 0:
                     least = _begin(start[y, x], count[y, x], cost, paths, 0, total)
                     continue
