@@ -132,7 +132,8 @@ def test_nobody_sees_a_connection_without_a_mode(monkeypatch):
     loop, seen = SimulatedLoop(), []
     heartbeat = ConnectionKeeper.heartbeat
     monkeypatch.setattr(
-        ConnectionKeeper, "heartbeat", lambda k, now_s: (heartbeat(k, now_s), seen.append(loop.core.state.mode))[0]
+        ConnectionKeeper, "heartbeat",
+        lambda k, now_s, booting: (heartbeat(k, now_s, booting), seen.append(loop.core.state.mode))[0],
     )
     loop.run(0.1)
     assert set(seen) == {"STABILIZE"}

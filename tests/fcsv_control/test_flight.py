@@ -159,7 +159,7 @@ ALL_ASKED = {keeper.HEARTBEAT, *ONCE}
 def connected_keeper():
     k = ConnectionKeeper(["ATTITUDE"])
     assert k.due(0.0) == [keeper.HEARTBEAT]  # it speaks first
-    assert k.heartbeat(0.1)
+    assert k.heartbeat(0.1, booting=False)
     assert set(k.due(0.1)) == ONCE
     return k
 
@@ -169,7 +169,7 @@ def test_it_speaks_once_a_second(answered):
     k, beats_s = ConnectionKeeper(["ATTITUDE"]), []
     for now_s in np.arange(0.0, 10.0, 0.01):
         if answered:
-            k.heartbeat(now_s)
+            k.heartbeat(now_s, booting=False)
         beats_s += [now_s] * k.due(now_s).count(keeper.HEARTBEAT)
     assert beats_s == pytest.approx(np.arange(10), abs=0.1)
 
@@ -178,10 +178,11 @@ def test_origin_is_asked_for_before_it_is_set_and_set_until_it_is_there():
     k = connected_keeper()
     sent = []
     for t in np.arange(0.2, 2.9, 0.1):
+        k.heartbeat(t, booting=False)
         sent += [(round(t, 1), what) for what in k.due(t) if what == keeper.SET_ORIGIN]
     assert [t for t, _ in sent] == pytest.approx([0.6, 1.6, 2.6], abs=0.11)
     k.origin(2.9, lasts=True)
-    k.heartbeat(2.9)
+    k.heartbeat(2.9, booting=False)
     assert keeper.SET_ORIGIN not in k.due(5.0)
 
 
@@ -192,7 +193,7 @@ def test_an_origin_counts_while_it_is_reported_and_is_asked_for_for_ever():
     k.origin(2.0, lasts=True)
     asked, set_again = [], []
     for t in np.arange(2.0, 12.0, 0.1):
-        k.heartbeat(t)
+        k.heartbeat(t, booting=False)
         due = k.due(t)
         asked += [t for what in due if what == keeper.ASK_ORIGIN]
         set_again += [t for what in due if what == keeper.SET_ORIGIN]
@@ -204,7 +205,7 @@ def test_streams_are_asked_for_again_only_when_they_stop():
     k = connected_keeper()
     asked = []
     for t in np.arange(0.2, 12.0, 0.1):
-        k.heartbeat(t)
+        k.heartbeat(t, booting=False)
         if t < 4.0 or t > 8.0:
             k.stream(t, "ATTITUDE", int(1000 * t))
         if keeper.STREAMS in k.due(t):
@@ -220,7 +221,7 @@ def test_silence_begins_all_anew():
     k.stream(0.2, "ATTITUDE", 5000)
     assert k.connected(3.0) and not k.connected(3.2)
     assert k.due(3.2) == [keeper.HEARTBEAT]
-    assert k.heartbeat(4.0)
+    assert k.heartbeat(4.0, booting=False)
     assert not k.origin_set(4.0) and set(k.due(4.2)) == ALL_ASKED
 
 
@@ -230,7 +231,7 @@ def test_a_reboot_without_silence_is_noticed():
     k.parameters_read = True
     assert not k.stream(0.2, "ATTITUDE", 60000)
     assert not k.stream(0.3, "LOCAL_POSITION_NED", 59990)  # sent a little earlier, came later
-    k.heartbeat(2.0)
+    k.heartbeat(2.0, booting=False)
     assert k.stream(2.5, "ATTITUDE", 900)
     assert not k.origin_set(2.5) and {keeper.ASK_ORIGIN, keeper.PARAMETER} <= set(k.due(2.6))
     assert not k.stream(2.6, "ATTITUDE", 1000)

@@ -144,7 +144,10 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     """The map of an input in units of ``unit_m``; its ``options`` are in metres."""
     reference, others = choose_pictures(given.configurations)
     prior = _prior(given, options, unit_m).in_scene([_apart(reference, o) for o in others])
-    refinement = replace(options.refinement, prior=prior, unit_m=unit_m, most_turn_rad=most_turn_rad(given))
+    refinement = replace(
+        options.refinement, prior=prior, unit_m=unit_m, most_turn_rad=most_turn_rad(given),
+        other_lens=given.kind is InputKind.PHOTOGRAPHS,
+    )  # fmt: skip
     options = replace(options, refinement=refinement)
     warnings = list(given.warnings)
 

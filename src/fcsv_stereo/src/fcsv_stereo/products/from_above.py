@@ -134,5 +134,5 @@ def _write_height(raster: Raster, path: Path, origin_m: np.ndarray) -> None:
         (34737, "s", 0, _CITATION, False),
         (42113, "s", 0, "nan", False),
     ]
-    height = raster.height + origin_m[2] if origin_m[2] else raster.height
+    height = raster.height.astype(float) + origin_m[2] if origin_m[2] else raster.height
     tifffile.imwrite(path, height, compression="zlib", extratags=tags, metadata=None, software=False)

@@ -94,7 +94,7 @@ def _common_focal(
     """With the focal length that the pictures tell, and words about it; as it was, with the doubt, where they do not
     contradict the given one or do not tell it well enough."""
     doubted = contradicted(found.views, found.consensus, options)
-    focal = focal_fit(found.consensus, found.cameras, doubted)
+    focal = focal_fit(found.consensus, found.cameras, doubted, options.other_lens)
     if focal is None or not focal.evident or not options.correct_camera:
         return found, focal, ""
     scale = 1.0 + focal.change if abs(focal.change) > ANY_FOCAL else 1.0

@@ -25,8 +25,9 @@ from fcsv_stereo.refinement.types import ANY_FOCAL
 _LEAST = 0.015  # a smaller change moves depth by less than poses do
 _ODDS = 0.25  # that it is wrong, before the pictures tell: data sheets and EXIF tags are off by per cents
 _ODDS_IF_CONTRADICTED = 1.0  # the same, where the pictures contradict the poses of all of them at once
-#: By how much wrong ones are off: shares of them, and standard deviations. Some are of another lens or size of picture.
-_WRONG = ((0.85, ANY_FOCAL), (0.15, 0.15))
+Wrong = Tuple[Tuple[float, float], ...]  # by how much wrong ones are off: shares of them, and standard deviations
+_BY_PER_CENTS: Wrong = ((1.0, ANY_FOCAL),)
+_OTHER_LENS: Wrong = ((0.85, ANY_FOCAL), (0.15, 0.15))  # some are of another lens or size of picture
 _PERHAPS, _LIKELY = 0.35, 0.6  # probabilities, for a warning: a single pair shows 5 % by 2 to 3 standard deviations
 _SURE = 5.0  # standard deviations, to take it
 _KNOWN = 0.01  # share to which several pictures tell it
@@ -46,6 +47,7 @@ class FocalFit:
     sigma: float
     probability: float
     if_left: np.ndarray
+    wrong: Wrong = _OTHER_LENS
 
     @property
     def known(self) -> bool:
@@ -64,7 +66,7 @@ class FocalFit:
         They would where one that comes out a standard deviation too near to the given one is still said.
         """
         least = max(ANY_FOCAL - self.sigma, 0.0)
-        if self.words or replace(self, change=least, probability=_doubt(least, self.sigma, _ODDS)[0]).words:
+        if self.words or replace(self, change=least, probability=self._beforehand(least)).words:
             return ""
         known = f"is known from these pictures to +-{self.sigma:.1%} only"
         how = known if self.sigma < _NOTHING else "cannot be known from these pictures"
@@ -73,6 +75,10 @@ class FocalFit:
             "and may show nowhere. A calibration tells it, or a picture whose view is turned by "
             f"{_TURN_DEG} degrees against the others'."
         )
+
+    def _beforehand(self, change: float) -> float:
+        """Probability that the given one is wrong, where the pictures would fit that change."""
+        return _doubt(change, self.sigma, _ODDS, self.wrong)[0]
 
     @property
     def words(self) -> str:
@@ -86,10 +92,10 @@ class FocalFit:
 
 
 def focal_fit(
-    consensus: Consensus, cameras: Dict[int, PinholeCamera], contradicted: bool = False
+    consensus: Consensus, cameras: Dict[int, PinholeCamera], contradicted: bool = False, other_lens: bool = True
 ) -> Optional[FocalFit]:
     """None where nothing was adjusted, or the focal length was refined; ``cameras`` (by picture) are the features',
-    ``contradicted``: the pictures contradict the poses of all of them.
+    ``contradicted``: the pictures contradict the poses of all of them. ``other_lens``: as RefineOptions has it.
 
     One more adjustment from the poses that were found, with the focal length free. Three pictures or more tell it well
     (0.2 % in a town), a single pair hardly (2 %). The probability is by the ratio of densities at no change, beforehand
@@ -101,9 +107,10 @@ def focal_fit(
     loose = replace(problem, focal_sigma=ANY_FOCAL)
     free = adjust(loose, found.poses, found.rho)
     change, sigma = fitted(replace(consensus, adjusted=free, problem=loose), cameras)
-    probability, square = _doubt(change, sigma, _ODDS_IF_CONTRADICTED if contradicted else _ODDS)
+    wrong = _OTHER_LENS if other_lens or contradicted else _BY_PER_CENTS
+    probability, square = _doubt(change, sigma, _ODDS_IF_CONTRADICTED if contradicted else _ODDS, wrong)
     step = _looks_like(free)
-    return FocalFit(change, sigma, probability, probability * square * np.outer(step, step))
+    return FocalFit(change, sigma, probability, probability * square * np.outer(step, step), wrong)
 
 
 def fitted(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[float, float]:
@@ -113,12 +120,18 @@ def fitted(consensus: Consensus, cameras: Dict[int, PinholeCamera]) -> Tuple[flo
     return free.focal_scale - 1.0, min(float(np.hypot(free.focal_sigma, fields.focal_sigma)), ANY_FOCAL)
 
 
-def _doubt(change: float, sigma: float, odds: float) -> Tuple[float, float]:
+def _doubt(change: float, sigma: float, odds: float, wrong: Wrong) -> Tuple[float, float]:
     """Probability that the given one is wrong, and the mean square of the change if it is, where the pictures fit
-    ``change +- sigma`` with ANY_FOCAL beforehand."""
+    ``change +- sigma`` with ANY_FOCAL beforehand.
+
+    With one standard deviation of wrong ones it is Savage and Dickey's ratio:
+
+    >>> [round(x, 4) for x in _doubt(0.0, ANY_FOCAL, 0.25, _BY_PER_CENTS)]
+    [0.2, 0.0025]
+    """
     told = max(sigma**-2 - ANY_FOCAL**-2, 0.0)
     favours, squares = [], []
-    for share, usual in _WRONG:
+    for share, usual in wrong:
         variance = 1.0 / (told + usual**-2)
         mean = change / sigma**2 * variance
         favours.append(share * variance**0.5 / usual * np.exp(min(0.5 * mean**2 / variance, 500.0)))

@@ -71,7 +71,7 @@ def link(numbers: Tuple[int, int], a: View, b: View, prior: PairPrior, least: in
     baseline_m = float(np.linalg.norm(prior.T_a_b[:3, 3]))
     if baseline_m < 3.0 * prior.position_m:
         reason = (
-            f"its baseline of {baseline_m * unit_m:.3g} m is not three times as long as its prior is unsure "
+            f"its baseline of {_words_m(baseline_m * unit_m)} is not three times as long as its prior is unsure "
             f"({prior.position_m * unit_m:.2g} m): say so where it is better known (--prior-position-m, priors.csv)"
         )
         return Link(*numbers, prior, prior.T_a_b, reason)
@@ -156,3 +156,11 @@ def _reconsidered(a: View, b: View, fit: _Fit, prior: PairPrior, least: int) -> 
 
 def _rotation(T_a_b: np.ndarray, T_a_c: np.ndarray) -> np.ndarray:
     return Rotation.from_matrix(T_a_b[:3, :3].T @ T_a_c[:3, :3]).as_rotvec()
+
+
+def _words_m(length_m: float) -> str:
+    """
+    >>> _words_m(0.0), _words_m(12.345), _words_m(0.00123)
+    ('0.00 m', '12.35 m', '0.0012 m')
+    """
+    return f"{length_m:.2f} m" if length_m == 0.0 or length_m >= 0.1 else f"{length_m:.2g} m"

@@ -22,6 +22,7 @@ class RefineOptions:
     prior: PosePrior = METRIC
     refine_focal: bool = False  # one scale of the focal length, common to all pictures
     correct_camera: bool = True  # a rolling shutter or a wrong focal length that the pictures show beyond doubt
+    other_lens: bool = True  # focal lengths may be of another lens or size of picture; else off by per cents at most
     calibrated: bool = False  # nobody doubts the cameras: no focal length, no rolling shutter is looked for
     refine_time_offset: bool = False  # one per vehicle besides the reference's
     time_offset_sigma_s: float = 0.1
