@@ -46,6 +46,8 @@ class OddFocals:
 def relative_scale(a: View, b: View, prior: PairPrior, least: int) -> Optional[Scale]:
     """Of b against a; None where their features do not tell it, 0 where they do not contradict the stated one."""
     baseline_m = float(np.linalg.norm(prior.T_a_b[:3, 3]))
+    if not baseline_m > 0.0:  # such a pair has no epipolar lines
+        return None
     position_m = max(prior.position_m, _POSITION_SHARE * baseline_m)
     wide = PairPrior(prior.T_a_b, max(prior.rotation_rad, _TURN_RAD), position_m)
     band_px = _WIDE_SHARE * 0.5 * b.camera.height + 3.0 * wide.rotation_rad * b.camera.fx
