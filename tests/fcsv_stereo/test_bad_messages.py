@@ -293,6 +293,25 @@ def test_a_single_bad_compressed_picture(session, right, suffix, spoilt, words, 
     wrong_input(AREA, "one compressed picture that is cut short or none", "left out and named", words)
 
 
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_compressed_picture_that_is_damaged_inside(session, right, suffix, wrong_input):
+    """Its end is there, so that OpenCV shows something."""
+
+    def damaged(message):
+        data = bytearray(message.data)
+        third = len(data) // 3
+        data[third : 2 * third] = bytes(third)
+        message.data = bytes(data)
+
+    compress(session, suffix)
+    spoil(session / "uav1.bag", RAW + "/compressed", one(1, damaged))
+    given = read_session(session)
+    (line,) = said(given)
+    assert f"topic /uav1/{RAW}/compressed: 1 message is left out: " in line and "is damaged inside" in line
+    assert len(pictures(given)) == len(right) - 1
+    wrong_input(AREA, "one compressed picture that is damaged inside", "left out and named", "is damaged inside")
+
+
 # ---- cameras that change -------------------------------------------------------------------------
 
 SMALL = replace(CAMERA, width=240, height=180, fx=0.75 * CAMERA.fx, fy=0.75 * CAMERA.fy, cx=119.5, cy=89.5)

@@ -4,6 +4,8 @@
 import cv2
 import numpy as np
 
+from fcsv_geometry.errors import PictureFileError
+from fcsv_geometry.picture_files import decode_picture
 from fcsv_stereo.errors import InputError
 
 SUFFIX, TYPE = "/compressed", "sensor_msgs/CompressedImage"
@@ -29,6 +31,10 @@ def decoded(where: str, message) -> np.ndarray:
         )
     if not any(data.startswith(start) and end in data[-_TAIL:] for start, end in _STARTS_ENDS):
         raise InputError(f"{where}: compressed picture ends early, after {len(data)} bytes")
+    try:
+        decode_picture(data, where)  # OpenCV fills what is damaged, and says so on stderr only
+    except PictureFileError as error:
+        raise InputError(f"{where}: compressed picture is damaged inside") from error
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{where}: compressed picture ('{message.format}') cannot be decoded")
