@@ -25,9 +25,14 @@ _SLOW_NOTE = (
 )
 _ON = """#!/bin/sh
 # A command on the simulated machine {name}, with its ROS master and the flight's clock: on_{name} rostopic list
+# It brings the workspace's environment along: it works from any shell.
 [ $# -gt 0 ] || {{ echo "usage: $0 COMMAND..., such as: $0 rostopic list" >&2; exit 2; }}
 exec env {words} "$@"
 """
+_WORKSPACE = (
+    "PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "CMAKE_PREFIX_PATH", "PKG_CONFIG_PATH",
+    "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PACKAGE_PATH", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,16 @@ class FleetPlan:
         """On the ground, in a column, facing the town (world frame, m and rad)."""
         x, y = self.start_xy_m
         return [x - index * self.column_spacing_m, y, 0.0, 0.0]
+
+
+def workspace() -> Dict[str, str]:
+    """The variables by which this process finds the workspace's programs: a printed command sets them itself."""
+    return {name: os.environ[name] for name in _WORKSPACE if name in os.environ}
+
+
+def assignments(variables: Dict[str, str]) -> str:
+    """The words that ``env`` takes."""
+    return " ".join(f"{name}={shlex.quote(value)}" for name, value in variables.items())
 
 
 class Machines:
@@ -135,8 +150,7 @@ class Machines:
             variables = {"ROS_MASTER_URI": machine.master_uri, **time}
             description[name] = {**variables, "folder": str(machine.folder), **({"note": _SLOW_NOTE} if time else {})}
             script = self.plan.run_folder / f"on_{name}"
-            words = " ".join(f"{k}={shlex.quote(v)}" for k, v in variables.items())
-            script.write_text(_ON.format(name=name, words=words))
+            script.write_text(_ON.format(name=name, words=assignments({**workspace(), **variables})))
             script.chmod(0o755)
         (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
 
