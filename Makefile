@@ -13,7 +13,8 @@ SPEED ?= auto
 OUT ?= out/demo
 OVERWRITE ?=
 OPERATOR ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR START SPEED OUT OVERWRITE OPERATOR
+AUTOPILOT ?=
+export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR START SPEED OUT OVERWRITE OPERATOR AUTOPILOT
 
 .PHONY: setup build demo play test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
 setup build:

@@ -19,6 +19,7 @@ from fcsv_geometry.writing import in_words, require_folder
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.bringup import mission_file, vehicles_folder
 from fcsv_sim.demo import interrupt
+from fcsv_sim.demo.autopilots import addresses, require_there
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.held import held, held_in_words
 from fcsv_sim.demo.look import look, write_play
@@ -50,6 +51,8 @@ def main(argv: Optional[List[str]] = None) -> int:
     args = _parse(argv)
     try:
         rate = slow_motion.parse_rate(args.speed)
+        if addresses(args.autopilot) and rate is None:
+            rate = 1.0  # programs from elsewhere keep a steady time
         if argv is None and args.system != TILTING:  # pictures taken at rest have no clock
             slow_motion.begin_again_in(rate)
     except FcsvError as error:
@@ -179,6 +182,9 @@ def _plan(system: System, args) -> FleetPlan:
     flown = load_mission(mission)  # a list that cannot be flown is refused before anything is started
     vehicles = system.fleet(flown)
     system.require(flown)
+    autopilots = addresses(args.autopilot)
+    if autopilots and args.system != "tags":
+        raise MachineError(f"--autopilot: in system {args.system} no autopilot flies")
     require_flyable(flown, vehicles, {n: v.radius_m for n, v in load_vehicles(vehicles_folder(), vehicles).items()})
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
@@ -197,10 +203,12 @@ def _plan(system: System, args) -> FleetPlan:
     rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
+    if autopilots:
+        require_there(autopilots, vehicles, slow_motion.parse_rate(args.speed) or 1.0)
     return FleetPlan(
         out, mission, args.seed, args.world, vehicles, start_xy_m=_start(args), rviz=rviz, near=args.near == "1",
         live=live and not monitor, monitor=monitor, movers=tuple(through_town), flight_link=args.flight_link,
-        buttons=args.operator != "you", ready_s=args.ready_s,
+        autopilots=autopilots, buttons=args.operator != "you", ready_s=args.ready_s,
     )  # fmt: skip
 
 
@@ -268,6 +276,11 @@ def _parse(argv):
     parser.add_argument(
         "--flight-link", choices=("mavlink", "mavros"), default="mavlink",
         help="system tags: what flies the autopilots; mavros: MAVROS's node, which must be installed (docs/mavros.md)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--autopilot", default="", metavar="ADDRESS,...",
+        help="system tags: ArduCopter's own simulation flies, one for each vehicle: tcp:127.0.0.1:5760,... "
+        "(docs/autopilot.md), with --speed of its own --speedup; default: simulated autopilots",
     )  # fmt: skip
     parser.add_argument(
         "--operator", choices=("simulated", "you"), default="simulated",

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_sim.autopilot.ground import READY_S
+from fcsv_sim.demo.autopilots import rc_port
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
 from fcsv_sim.world.movers import Mover
@@ -53,6 +54,7 @@ class FleetPlan:
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     ready_s: float = READY_S  # until a simulated autopilot may be armed
+    autopilots: Tuple[str, ...] = ()  # tcp:HOST:PORT of ArduCopters that fly in place of the simulated ones
     buttons: bool = True  # a simulated operator presses them; else somebody does in the window
 
     @property
@@ -163,6 +165,7 @@ class SimulatedFleet(Machines):
         self._endpoints = {n: f"127.0.0.1:{free_port()}/{free_port()}" for n in self.machines}
         self._mavlink_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
         self._rc_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
+        self._rc_ports.update(zip(plan.vehicles, map(rc_port, plan.autopilots)))
 
     def _launch(self) -> None:
         for index, vehicle in enumerate(self.plan.vehicles):
@@ -195,6 +198,7 @@ class SimulatedFleet(Machines):
             "sim_mavlink_port": self._mavlink_ports[vehicle],
             "sim_rc_port": self._rc_ports[vehicle],
             "sim_ready_s": self.plan.ready_s,
+            **({"sim_autopilot": self.plan.autopilots[index]} if self.plan.autopilots else {}),
             "sim_start": ",".join(map(str, self.plan.start_xyz_yaw(index))),
         }
 
