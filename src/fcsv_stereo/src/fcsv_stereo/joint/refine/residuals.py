@@ -21,8 +21,8 @@ _BAND = RESIDUALS.band_rows
 class Residuals:
     """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local mean (grey levels; None
     where it was let go), its ``slope`` by inverse depth (grey levels times metres; None: let go), ``speed`` (px of
-    movement times metres), ``seen`` (1 or 0) and ``trust`` (0 to 1, low where the pair does not look like the reference: occluded or
-    mismatched).
+    movement times metres), ``seen`` (1 or 0) and ``trust`` (0 to 1, low where the pair does not look like the
+    reference: occluded or mismatched).
     """
 
     difference: Optional[np.ndarray]
