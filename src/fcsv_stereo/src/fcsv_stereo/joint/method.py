@@ -17,7 +17,7 @@ from fcsv_stereo.joint.checks.enough_evidence import require_evidence, why_no_de
 from fcsv_stereo.joint.checks.kinds import supported_only
 from fcsv_stereo.joint.checks.moved import leave_out_moved
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, Suspicion, match_jointly
-from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
+from fcsv_stereo.joint.pairs import JointPair, NearestUseful
 from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.model import (
     RIG,
@@ -276,11 +276,11 @@ def _pairs(
     configurations: List[Configuration], level: bool, reference: Picture, others: List[Picture], found: JointDepth,
     options: JointOptions,
 ):  # fmt: skip
-    pairs = []
+    pairs, nearest_m = [], NearestUseful(found.depth)
     for bit, i in enumerate(found.used):
         configuration = configurations[i]
         agrees = found.agrees(bit)
-        near_m = nearest_useful_m(found.depth, agrees, found.fine.residuals.seen[bit] > 0)
+        near_m = nearest_m.of(agrees, found.fine.residuals.seen[bit] > 0)
         far_m = farthest(max(configuration.baseline_m, 1e-6), reference.camera.fx, options.threshold)
         range_m = min(near_m, far_m), far_m
         pairs.append(JointPair(configuration, reference, others[i], found.depth, agrees, range_m, level))
