@@ -53,6 +53,8 @@ def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadP
     total = _aggregate(found.reference, given, cost, pool)
     best = np.empty(found.shape, np.float32)
     _pick(given.start, given.count, given.w, total, best)
+    del cost, total
+    given = replace(given, slope=None)
     thin, chosen = thin_uprights(best), best.copy()
     settle(image, given, best, pool)
     return np.where(thin, chosen, best)
