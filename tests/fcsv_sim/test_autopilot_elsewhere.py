@@ -14,8 +14,7 @@ from fcsv_sim.autopilot.elsewhere import ElsewhereError, TrueMotion
 from fcsv_sim.autopilot.simulation_line import SimulationLine, require_simulation
 from fcsv_sim.demo import demo
 from fcsv_sim.demo.autopilots import addresses, require_there
-from fcsv_sim.machines.machines import Machine, MachineError, free_port
-from fcsv_sim.truth import TruthReader
+from fcsv_sim.machines.machines import MachineError, free_port
 
 HZ = 100.0
 LSB_M = 1e-7 * 111319.49
@@ -191,28 +190,6 @@ def test_addresses_that_cannot_be_are_refused(words, why):
 def test_the_demo_refuses_before_anything_is_started(tmp_path, capsys, arguments, why):
     assert demo.main([*arguments, "--out", str(tmp_path / "out"), "--rviz", "0"]) == 2
     assert why in capsys.readouterr().err and not (tmp_path / "out" / "run").exists()
-
-
-# ---- uav.launch --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.ros
-@pytest.mark.slow
-def test_uav_launch_flies_an_autopilot_elsewhere_by_one_argument(elsewhere, tmp_path):
-    """Its flight link speaks with it, and the simulated tracker sees where it truly is, until the autopilot is fed."""
-    copter = elsewhere()
-    with Machine("uav1", tmp_path) as machine:
-        launch = machine.launch(
-            "fcsv_bringup", "uav.launch", uav="uav1", sim=True, sim_dir=tmp_path / "sim", sim_autopilot=copter.url,
-            record_dir=tmp_path / "session", listen=f"127.0.0.1:{free_port()}/{free_port()}", world="plain",
-            sim_start='"1.5, -2, 0, 0.5"',
-        )  # fmt: skip
-        truth, deadline = TruthReader(tmp_path / "sim", "uav1"), time.monotonic() + 120.0
-        while not copter.fed:
-            assert time.monotonic() < deadline and launch.returncode is None, launch.tail(20)
-            time.sleep(0.2)
-        T_world_body = truth.latest()[1]
-        assert T_world_body == pytest.approx(transforms.from_xyz_yaw([1.5, -2.0, 0.0], 0.5), abs=0.05)
 
 
 def test_errors_are_those_of_the_package():
