@@ -36,6 +36,7 @@ configurations:
   - {axis: horizontal, baseline_m: 8.0, record_s: 3.0}
 """
 VICTIM, OTHER = "uav2", "uav1"
+_FLICK_S = 0.5  # the switch was at LOITER: ArduCopter takes a position that stays for 0.2 s
 _BESIDE_PORT = 3  # of a ground station: SERIAL2
 _FROZEN = """
 import copy, sys, time, rospy
@@ -143,7 +144,7 @@ def pilot(flight: Flight) -> Dict[str, str]:
     people.suspend()
     at_s = time.monotonic()
     while time.monotonic() < at_s + 6.0:
-        radio.send(0, 0, 0, 0, "ALT_HOLD" if time.monotonic() < at_s + 0.1 else "LOITER")
+        radio.send(0, 0, 0, 0, "ALT_HOLD" if time.monotonic() < at_s + _FLICK_S else "LOITER")
         time.sleep(0.02)
     obeyed_s = flight.first(VICTIM, "mode", at_s, lambda m: m["mode"] != "GUIDED")
     asked = [m for t, w, h, m in flight.heard if w == VICTIM and h == "asked" and at_s + 0.6 < t < at_s + 6.0]

@@ -3,10 +3,14 @@
 
 import numpy as np
 import pytest
+from bench.hard_cases import moving_clouds as with_moving_clouds
+from bench.scenes import HORIZONTAL, NOISES, SceneName, shoot
 
-from fcsv_stereo.joint.checks.sky import in_the_skyline, sky
+from fcsv_stereo.joint import Joint
+from fcsv_stereo.joint.checks.sky import in_the_skyline, moved_clouds, sky
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.views import Views, seen_by_any
+from fcsv_stereo.model.kinds import Kind, supported
 
 SHAPE = (90, 120)
 SKYLINE = 40
@@ -104,3 +108,63 @@ def test_seen_by_any_pair():
     columns = np.arange(SHAPE[1])
     for rows, w, first in (([0, 1], 0.0, 30), ([1], 0.0, 60), ([1], 0.05, 30)):
         assert (seen(rows, w) == (columns >= first)).all()
+
+
+def test_a_strip_of_bright_ground_below_what_stands_is_no_sky():
+    """Beside the sky a column shows no other picture at all; along the lower edge none shows what looks like sky."""
+    w, colour = land(clouds=5.0)
+    blind = np.zeros(SHAPE, bool)
+    blind[:, -10:] = blind[-12:] = True
+    colour[-12:] = colour[:12]
+    sky_there = found(w, colour, blind)
+    assert not sky_there[-12:, :-10].any() and sky_there[: SKYLINE - 2].all()
+
+
+# ---- clouds that moved between the pictures ----------------------------------------------------------------------
+
+
+def kinds_of(clouds, wall):
+    """Kinds at full size: sky with a patch of answered clouds (by ``clouds``), a wall from the top (by ``wall``), land."""
+    kind = np.full((180, 240), Kind.SKY, np.uint8)
+    kind[80:] = 3
+    kind[10:60, 40:120] = clouds
+    kind[:80, 180:] = wall
+    return kind
+
+
+def clouds_in(kind, seeing=3, edge=0.0):
+    _, colour = land(clouds=0.0)
+    colour[:SKYLINE, 90:] = colour[:SKYLINE, 89:90] - edge
+    return moved_clouds(kind, np.full(SHAPE, seeing), colour)
+
+
+def test_clouds_that_each_pair_finds_elsewhere_are_sky():
+    random = np.random.default_rng(4)
+    kind = kinds_of(random.choice([1] * 8 + [2, Kind.HIDDEN], (50, 80)), 3)
+    clouds = clouds_in(kind)
+    told = supported(kind[10:60, 40:120])
+    assert clouds[10:60, 40:120][told].mean() > 0.95
+    assert not clouds[10:60, 40:120][~told].any() and not clouds[80:].any()
+
+
+def test_what_pairs_agree_on_stands_even_where_it_fades_into_the_sky():
+    assert not clouds_in(kinds_of(Kind.SKY, np.random.default_rng(5).choice([1, 2, 3], (80, 60))))[:, 180:].any()
+
+
+def test_behind_an_edge_nothing_is_a_cloud():
+    """A tower from the top of the picture that one pair alone answers."""
+    assert not clouds_in(kinds_of(Kind.SKY, 1), edge=40.0)[:76, 184:].any()
+
+
+def test_one_pair_alone_tells_no_cloud_from_a_wall():
+    assert not clouds_in(kinds_of(1, 1), seeing=1).any()
+
+
+def test_a_sky_whose_clouds_moved_between_the_pictures_has_no_depth():
+    """11 % (street 11) and 49 % (village 12) of it had one, at 640x480; here at a quarter of the pixels."""
+    place = SceneName("village", 12)
+    scene = shoot(place, HORIZONTAL, (320, 240))
+    given = with_moving_clouds(scene.given(HORIZONTAL, NOISES[0]), place, scene.depths)
+    kind, heaven = Joint().map(given).kind, ~np.isfinite(scene.true_depth)
+    assert heaven.mean() > 0.15 and supported(kind)[heaven].mean() < 0.01
+    assert (kind[heaven] == Kind.SKY).mean() > 0.9 and (kind[~heaven] == Kind.SKY).mean() < 0.005

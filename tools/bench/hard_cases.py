@@ -26,6 +26,8 @@ from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, Pictu
 
 _OVERCAST_GREY, _OVERCAST_STEP = 203.0, 6.0  # grey levels: at the skyline, and brighter by so much at the top
 _SENSOR_GREY = 1.2  # grey levels of noise that a processed picture gets anew
+_CLOUD_GREY, _CLOUD_CONTRAST, _CLOUDS_MOVE_DEG = 190.0, 35.0, 2.0
+_CLOUD_TINT = np.array([0.97, 1.0, 1.03], np.float32)
 _FOG_VISIBILITY_M, _FOG_GREY = 150.0, 195.0  # Koschmieder: 2 % of the contrast is left there
 _BACKLIT, _VEIL_GREY, _BLOOM_PX, _BLOOM_GREY = 0.3, 18.0, 25.0, 70.0
 _READOUT_S, _STRIPS = 0.02, 24  # of a D435's colour imager, and of how many poses a picture is put together
@@ -68,6 +70,45 @@ def backlight(rgb: np.ndarray, depth: np.ndarray, random: np.random.Generator) -
     return _developed(rgb * _BACKLIT * (1.0 - sky) + 255.0 * sky + bloom + _VEIL_GREY, random)
 
 
+def moving_clouds(given: MapInput, place: SceneName, depths: Dict[str, np.ndarray]) -> MapInput:
+    """Clouds that the wind has moved between the pictures, by up to two degrees, each picture's by its own angle: as far
+    as they drift in some ten seconds (10 m/s, 1 km up, seen at 20 degrees)."""
+    random = np.random.default_rng([*place.words(), 17])
+    texture = _cloud_texture(random)
+    made: Dict[str, np.ndarray] = {}
+
+    def changed(p: Picture) -> Picture:
+        if p.name not in made:
+            moved_deg = random.uniform(-_CLOUDS_MOVE_DEG, _CLOUDS_MOVE_DEG, 2) * [1.0, 0.3]
+            clouds = _seen_clouds(texture, p, moved_deg)[..., None] * _CLOUD_TINT
+            sky = _sky(depths[p.name])[..., None]
+            made[p.name] = _developed(p.image * (1.0 - sky) + clouds * sky, random)
+        return replace(p, image=made[p.name])
+
+    return _each(given, changed)
+
+
+def _cloud_texture(random: np.random.Generator) -> np.ndarray:
+    """Grey levels over 180 degrees of azimuth (columns) and elevation (rows), ten to a degree: noise of all sizes."""
+    shape, out = (1800, 1800), np.zeros((1800, 1800), np.float32)
+    for cell_deg in (24.0, 12.0, 6.0, 3.0, 1.5, 0.7):
+        cells = int(180.0 / cell_deg) + 2
+        noise = random.normal(0.0, 1.0, (cells, cells)).astype(np.float32)
+        out += cv2.resize(noise, shape, interpolation=cv2.INTER_CUBIC) * np.float32(cell_deg**0.7)
+    return _CLOUD_GREY + _CLOUD_CONTRAST * np.tanh(out / out.std())
+
+
+def _seen_clouds(texture: np.ndarray, p: Picture, moved_deg: np.ndarray) -> np.ndarray:
+    """HxW grey levels of the clouds that a picture sees."""
+    c, (height, width) = p.camera, p.image.shape[:2]
+    x, y = np.meshgrid((np.arange(width) - c.cx) / c.fx, (np.arange(height) - c.cy) / c.fy)
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ p.T_home_cam[:3, :3].T
+    azimuth_deg = np.degrees(np.arctan2(rays[..., 1], rays[..., 0])) + moved_deg[0]
+    elevation_deg = np.degrees(np.arctan2(rays[..., 2], np.hypot(rays[..., 0], rays[..., 1]))) + moved_deg[1]
+    at = [10.0 * (azimuth_deg + 90.0), 10.0 * (elevation_deg + 90.0)]
+    return cv2.remap(texture, *(a.astype(np.float32) for a in at), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+
+
 LIGHTS: Dict[str, Light] = {"overcast sky": overcast, "fog": fog, "backlight": backlight}
 
 
@@ -78,6 +119,7 @@ def cases(place: SceneName, foreign: SceneName) -> List[Case]:
     changes: Dict[str, Callable[[MapInput], MapInput]] = {
         name: partial(lit, place=place, depths=scene.depths, light=light) for name, light in LIGHTS.items()
     }
+    changes["moving clouds"] = partial(moving_clouds, place=place, depths=scene.depths)
     changes["focal length 5 % high"] = partial(_with_focal, factor=_WRONG_FOCAL)
     changes["one foreign picture"] = partial(_pasted, which=[1], others=elsewhere.others)
     found = [Case(name, change(given), scene.true_depth, change(exact)) for name, change in changes.items()]

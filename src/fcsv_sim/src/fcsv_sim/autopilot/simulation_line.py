@@ -21,7 +21,7 @@ _TRUTH_PORT = 2  # SERIAL1 of ArduCopter's simulation is two ports beyond SERIAL
 _COMPANION = 195  # the component in whose name the rate is asked for
 _ASK_S = 2.0
 _SPEED = "SIM_SPEEDUP"
-_BEGINS_S, _TELLS_S = 40.0, 20.0  # until its second port is open; until it tells its true pose
+_BEGINS_S, _TELLS_S = 40.0, 40.0  # until its second port is open; until it tells its true pose
 _RESTARTS_S = 1.0  # after which it has let go of its ports
 
 

@@ -13,7 +13,7 @@ from fcsv_stereo.joint.checks.evidence import chance_of_wrong, doubt, features, 
 from fcsv_stereo.joint.checks.kinds import infinite, kinds
 from fcsv_stereo.joint.checks.reliability import confirmed, is_certain, relied_on, trusted
 from fcsv_stereo.joint.checks.sigma import geometry_sigmas, matching_sigma
-from fcsv_stereo.joint.checks.sky import in_the_skyline, sky
+from fcsv_stereo.joint.checks.sky import in_the_skyline, moved_clouds, sky
 from fcsv_stereo.joint.pictures import Pictures, usable
 from fcsv_stereo.joint.refine.exposure import same_exposure
 from fcsv_stereo.joint.refine.pose_alignment import adjust
@@ -167,7 +167,8 @@ def _judged(
     small = pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1])))
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     here = residuals(small, w, pool)
-    heaven = infinite(w, here, colours(pictures.reference, small.shape), ~seen_by_any(small, 0.0), full)
+    colour, seeing = colours(pictures.reference, small.shape), (here.seen > 0).sum(axis=0)
+    heaven = infinite(w, here, colour, ~seen_by_any(small, 0.0), full)
     out = standing_out(small, w, here, full, pool)
     del small, w, here  # large pictures
     grey = pictures.grey(0)
@@ -181,6 +182,7 @@ def _judged(
     if suspicion:
         doubts += (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(off)
     kind = kinds(doubts, out, fine.residuals, contrast, heaven, bright)
+    kind[moved_clouds(kind, seeing, colour)] = Kind.SKY
     moves_px = fine.w * fine.residuals.speed.max(axis=0)
     kind[in_the_skyline(kind == Kind.SKY, supported(kind), moves_px, pictures.reference.image)] = Kind.SKY
     return kind, kept

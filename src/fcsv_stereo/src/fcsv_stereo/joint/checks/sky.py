@@ -7,6 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.tuning import SKY
+from fcsv_stereo.model.kinds import MOST_PAIRS, Kind, supported
 
 _BINS = SKY.bins
 
@@ -16,7 +17,8 @@ def sky(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray) -> n
     outside every other picture (``blind``, HxW bool: a tilted pair has wide borders of it).
 
     The windows of the match carry the skyline into the sky, which has little texture; so the sky grows again over
-    pixels that look like it, up to the next edge of the picture. Where pairs are blind, colour alone decides.
+    pixels that look like it, up to the next edge of the picture. Where pairs are blind, colour alone decides, but
+    never below what stands: a strip of bright ground at the lower edge is no sky.
     """
     steady = np.ones((SKY.steady_px,) * 2, np.uint8)
     still = (cv2.medianBlur(w.astype(np.float32), SKY.steady_px) * r.speed.max(axis=0) < SKY.most_px) & ~blind
@@ -30,7 +32,8 @@ def sky(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray) -> n
     alike = (np.abs(colour - mean).mean(axis=2) < SKY.likeness_grey) & (share > SKY.least_share)
     for _ in range(SKY.growth_px):
         out = out | (cv2.dilate(out.astype(np.uint8), kernel) > 0) & smooth & alike
-    return out | _joined(out | blind & _coloured_like(out, ~blind, colour), out)
+    below = np.logical_or.accumulate(~blind & ~out, axis=0)
+    return out | _joined(out | blind & ~below & _coloured_like(out, ~blind, colour), out)
 
 
 def in_the_skyline(heaven: np.ndarray, told: np.ndarray, moves_px: np.ndarray, image: np.ndarray) -> np.ndarray:
@@ -55,6 +58,35 @@ def in_the_skyline(heaven: np.ndarray, told: np.ndarray, moves_px: np.ndarray, i
 
     found[here] &= unlike(heaven) < unlike(told & ~_dilated(heaven, SKY.beside_px + 1))
     return found
+
+
+def moved_clouds(kind: np.ndarray, seeing: np.ndarray, colour: np.ndarray) -> np.ndarray:
+    """HxW bool: answered depths that are those of clouds, which moved between the pictures.
+
+    Each pair sees such a cloud shifted by its own way, so that a pair may find a depth for it, but no two pairs the
+    same. What stands is seen alike by several. So they are what is joined to the top of the picture and to known sky
+    over soft edges alone, and of whose answers about them hardly any is agreed, although pairs enough see it. From ``kind``
+    (HxW uint8), how many pairs see each pixel (``seeing``, hxw), and ``colour`` (hxwx3 float32) at a smaller size.
+    """
+    whole, shape = kind, seeing.shape
+    kind = cv2.resize(kind, shape[::-1], interpolation=cv2.INTER_NEAREST)
+    told, agreed = supported(kind), (kind > 1) & (kind <= MOST_PAIRS)
+    kernel = np.ones((3, 3), np.uint8)
+    soft = np.max(cv2.morphologyEx(colour, cv2.MORPH_GRADIENT, kernel), axis=2) < SKY.skyline_grey
+    soft = cv2.morphologyEx((soft | (kind == Kind.SKY)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
+    joined = _mostly(joined_to_top(soft), kind == Kind.SKY)
+    about = (SKY.about_px,) * 2
+    told_about, agreed_about = (cv2.blur((m & joined).astype(np.float32), about) for m in (told, agreed))
+    found = joined & (agreed_about < SKY.most_agreed * told_about) & (seeing >= SKY.least_pairs)
+    found = cv2.resize(found.astype(np.uint8), whole.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    return found & supported(whole)
+
+
+def _mostly(region: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The parts of a region (HxW bool) of which ``SKY.known_share`` is ``known`` (HxW bool) to be sky."""
+    count, labels = cv2.connectedComponents(region.astype(np.uint8), connectivity=4)
+    sizes, hits = (np.bincount(labels[m], minlength=count) for m in (region, region & known))
+    return region & (hits >= SKY.known_share * np.maximum(sizes, 1))[labels]
 
 
 def _dilated(mask: np.ndarray, px: int) -> np.ndarray:

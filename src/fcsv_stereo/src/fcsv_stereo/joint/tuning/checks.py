@@ -81,6 +81,9 @@ class Sky(Tuned):
     beside_px: int = tuned(8, "px of the full picture", "from the sky: gaps of a skyline", LIT, SKYLINE_SAME)
     beside_about_px: int = tuned(25, "px of the full picture", "whose colours tell such gaps", LIT, SKYLINE_SAME)
     far_px: float = tuned(12.0, "px of the full picture, fastest pair", "nearer skylines have none: fog", LIT)
+    least_pairs: int = tuned(2, "pairs", "that must see what is said to be clouds that moved")
+    known_share: float = tuned(0.2, "share of what is joined by soft edges", "sky that is known otherwise, at least")
+    most_agreed: float = tuned(0.3, "share of what is answered", "of moved clouds that pairs agree on")
 
 
 @dataclass(frozen=True)
