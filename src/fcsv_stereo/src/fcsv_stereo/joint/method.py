@@ -157,7 +157,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     warnings = list(given.warnings)
 
     started = time.perf_counter()
-    progress("poses", 0, 3)
+    progress("refining poses", 0, 3)
     reference, refined, unseen = _refine(reference, others, options, warnings)
     unseen = [*unseen, *hint]
     timing_s = {"refine": time.perf_counter() - started}
@@ -187,7 +187,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     timing_s["match"] = time.perf_counter() - started
 
     started = time.perf_counter()
-    progress("map", 2, 3)
+    progress("fusing", 2, 3)
     cloud = cloud_of(reference, found.depth, found.sigma, found.strongest)
     if not len(cloud):
         why = why_no_depth(reference, pictures, unit_m)
@@ -195,7 +195,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     configurations = [given.configurations[i].configuration for i in kept]
     pairs = _pairs(configurations, given.kind is InputKind.SESSION, reference, pictures, found, options)
     timing_s["fuse"] = time.perf_counter() - started
-    progress("map", 3, 3)
+    progress("fusing", 3, 3)
     view, images = Reference.of(reference), _images(reference, others, refined, left_out)
     return MapResult(
         "joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings, found.kind, unseen=unseen

@@ -195,7 +195,7 @@ def _distant(w, slope_x, slope_y, known, row_of, directions, step, y0, y1, out):
 
 
 @njit(cache=True, nogil=True)
-def _collect(w, slope_x, slope_y, known, undecided, rings, row_of, distant, step, y0, y1, count, found):
+def _collect(w, slope_x, slope_y, known, undecided, rings, row_of, distant, step, y0, y1, count, found):  # noqa: PLR0913
     """All candidates of rows y0 to y1 into ``found`` (w, slopes, source; 4xN), their number into ``count``."""
     h, width_coarse = w.shape
     height, width = count.shape

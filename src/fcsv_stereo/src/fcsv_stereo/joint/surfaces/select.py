@@ -95,7 +95,7 @@ def _begin(first, n, cost, paths, now, total):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _step(
+def _step(  # noqa: PLR0913
     first, n, first_before, n_before, dx, dy, values, slope_x, slope_y, cost, step, paths, before, least, price, now,
     total,
 ):  # fmt: skip
