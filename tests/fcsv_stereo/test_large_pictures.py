@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support import boards, faulty
 from support.scenes import CAMERA, camera_pose, given, picture
 
 from fcsv_geometry import transforms
@@ -18,6 +19,7 @@ from fcsv_stereo.joint.match import MatchOptions
 from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.refine.subpixel import Fine, refine
 from fcsv_stereo.joint.views import grey, views
+from fcsv_stereo.model import Picture
 from fcsv_stereo.report import figures
 
 SHAPE = 700, 90  # several bands of rows, the last one a part
@@ -65,6 +67,20 @@ def test_the_subpixel_step_holds_one_set_of_residuals(pool):
     images = tracemalloc.get_traced_memory()[1] / w.nbytes
     tracemalloc.stop()
     assert images < 10 * len(others)  # measured 2026-11-27: 8.0, with what two threads hold; before: 13.0
+
+
+@pytest.mark.slow
+def test_a_large_match_holds_few_images():
+    """As one of 25 megapixels: the volume is small beside the pictures."""
+    camera = PinholeCamera.from_fov(1600, 1200, np.radians(56.0))
+    poses = [boards.pose([0, -b, 0]) for b in (0.0, 2.0, 4.0)]
+    shots = [Picture(f"{b}", "uav", 0.0, boards.draw(T, faulty.TOWN, camera), camera, T) for b, T in enumerate(poses)]
+    matching = MatchOptions(volume_pixels=20000, most_levels=200)
+    tracemalloc.start()
+    result = Joint().map(faulty.given(shots[0], shots[1:]), JointOptions(refine_poses=False, matching=matching))
+    images = tracemalloc.get_traced_memory()[1] / result.depth.nbytes
+    tracemalloc.stop()
+    assert result.depth.shape == (1200, 1600) and images < 33  # measured 2026-11-27, two pairs: 27.4; before: 37.3
 
 
 def test_one_pair_at_a_time_keeps_what_is_made_for_looking_at_it():

@@ -2,7 +2,7 @@
 """Synthetic scene for pose refinement: textured boards from 10 to 250 m before an even sky, drawn by homographies."""
 
 from dataclasses import dataclass, replace
-from typing import Sequence
+from typing import Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -46,9 +46,14 @@ def draw(T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera 
         su, sv = 2 * half_w / w, 2 * half_h / h
         H_home = np.array([[0, 0, x], [-su, 0, y + half_w], [0, -sv, z + half_h]], float)
         H = shift @ camera.K @ (T_cam_home[:3, :3] @ H_home + np.outer(T_cam_home[:3, 3], [0, 0, 1]))
-        drawn = cv2.warpPerspective(texture, H, size, flags=cv2.INTER_LINEAR)
-        mask = cv2.warpPerspective(np.full((h, w), 255, np.uint8), H, size, flags=cv2.INTER_NEAREST) > 0
-        image[mask] = drawn[mask]
+        rows, columns = _about(H @ np.array([[-1, -1, 1], [w, -1, 1], [-1, h, 1], [w, h, 1]], float).T, size)
+        window = columns.stop - columns.start, rows.stop - rows.start
+        if min(window) <= 0:
+            continue
+        H = np.array([[1, 0, -columns.start], [0, 1, -rows.start], [0, 0, 1]], float) @ H
+        drawn = cv2.warpPerspective(texture, H, window, flags=cv2.INTER_LINEAR)
+        mask = cv2.warpPerspective(np.full((h, w), 255, np.uint8), H, window, flags=cv2.INTER_NEAREST) > 0
+        image[rows, columns][mask] = drawn[mask]
     image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     noise = np.random.default_rng(image[::7, ::7].astype(int).sum()).normal(0.0, 1.0, image.shape)
     return cv2.cvtColor(np.clip(image + noise, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2RGB)
@@ -94,11 +99,26 @@ def _texture(board: Board) -> np.ndarray:
 def depth(T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera = CAMERA) -> np.ndarray:
     """True depth (HxW, m along the optical axis) of what draw() shows; NaN in the sky."""
     rays_home = camera.rays() @ T_home_cam[:3, :3].T
-    p = T_home_cam[:3, 3]
+    p, T_cam_home = T_home_cam[:3, 3], transforms.invert(T_home_cam)
     out = np.full(rays_home.shape[:2], np.nan)
     for b in boards:
-        z = (b.xyz[0] - p[0]) / rays_home[..., 0]  # rays have z = 1 in the camera: their length is the depth
-        y, up = p[1] + z * rays_home[..., 1] - b.xyz[1], p[2] + z * rays_home[..., 2] - b.xyz[2]
+        corners = np.array([(0.0, y * b.half_m[0], z * b.half_m[1]) for y in (-1, 1) for z in (-1, 1)]) + b.xyz
+        window = _about(camera.K @ transforms.apply(T_cam_home, corners).T, (camera.width, camera.height))
+        rays = rays_home[window]
+        z = (b.xyz[0] - p[0]) / rays[..., 0]  # rays have z = 1 in the camera: their length is the depth
+        y, up = p[1] + z * rays[..., 1] - b.xyz[1], p[2] + z * rays[..., 2] - b.xyz[2]
         on = (np.abs(y) < b.half_m[0]) & (np.abs(up) < b.half_m[1]) & (z > 0)
-        out[on] = z[on]
+        out[window][on] = z[on]
     return out
+
+
+def _about(corners: np.ndarray, size: Tuple[int, int]) -> Tuple[slice, slice]:
+    """Rows and columns of a picture of ``size`` (width, height) that hold all between ``corners`` (3xN homogeneous px):
+    the whole of it where some are behind the camera."""
+    width, height = size
+    if corners[2].min() <= 1e-6:
+        return slice(0, height), slice(0, width)
+    u, v = corners[:2] / corners[2]
+    low = [int(np.clip(np.floor(x.min()) - 2, 0, n)) for x, n in ((v, height), (u, width))]
+    high = [int(np.clip(np.ceil(x.max()) + 3, 0, n)) for x, n in ((v, height), (u, width))]
+    return slice(low[0], high[0]), slice(low[1], high[1])
