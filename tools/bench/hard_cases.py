@@ -71,7 +71,7 @@ def backlight(rgb: np.ndarray, depth: np.ndarray, random: np.random.Generator) -
 
 
 def moving_clouds(given: MapInput, place: SceneName, depths: Dict[str, np.ndarray]) -> MapInput:
-    """Clouds that the wind has moved between the pictures, by up to two degrees, each picture's by its own angle: as far
+    """Clouds that the wind has moved between the pictures, each by up to two degrees of its own: as far
     as they drift in some ten seconds (10 m/s, 1 km up, seen at 20 degrees)."""
     random = np.random.default_rng([*place.words(), 17])
     texture = _cloud_texture(random)
