@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
+
 from bench.hard_cases import moving_clouds as with_moving_clouds
 from bench.scenes import HORIZONTAL, NOISES, SceneName, shoot
-
 from fcsv_stereo.joint import Joint
 from fcsv_stereo.joint.checks.sky import in_the_skyline, moved_clouds, sky
 from fcsv_stereo.joint.refine.residuals import Residuals
