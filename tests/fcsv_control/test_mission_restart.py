@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fcsv_control.errors import SessionError
-from fcsv_control.mission import memory as memories
 from fcsv_control.mission.machine import MissionMachine
+from fcsv_control.ros import memory_file
 from fcsv_geometry.mission import Mission, StereoConfiguration
 
 LIST = (("horizontal", 4.0), ("horizontal", 8.0), ("vertical", 5.0))
@@ -21,9 +21,9 @@ def mission(name="test"):
 
 def restarted(f, path):
     """The machine as it was is gone; a new one reads the file. Its command numbers begin anew, under a new name."""
-    memories.write(path, dataclasses.replace(f.machine.memory(), saved_s=f.now_s))
+    memory_file.write(path, dataclasses.replace(f.machine.memory(), saved_s=f.now_s))
     machine = MissionMachine(f.machine.mission, f.machine.vehicles)
-    machine.restore(memories.read(path, machine.mission, machine.vehicles, f.now_s + 5.0))
+    machine.restore(memory_file.read(path, machine.mission, machine.vehicles, f.now_s + 5.0))
     f.machine = machine
     f.orders.clear()
     return machine
@@ -203,13 +203,13 @@ def test_an_abort_before_the_memory_was_judged_lands_and_is_remembered(flying, p
 def test_what_is_read_is_what_was_written(flying, path):
     flying.until(lambda: len(flying.machine.captures) == 2)
     written = dataclasses.replace(flying.machine.memory(), saved_s=1000.0, calibration={"links": [1]}, home={"a": 0.5})
-    memories.write(path, written)
-    assert memories.read(path, mission(), ["uav1", "uav2"], 1001.0) == written
+    memory_file.write(path, written)
+    assert memory_file.read(path, mission(), ["uav1", "uav2"], 1001.0) == written
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
 def test_no_file_is_no_memory(path):
-    assert memories.read(path, mission(), ["uav1", "uav2"], 0.0) is None
+    assert memory_file.read(path, mission(), ["uav1", "uav2"], 0.0) is None
 
 
 @pytest.mark.parametrize("change, words", [
@@ -224,21 +224,21 @@ def test_no_file_is_no_memory(path):
     (lambda d: json.dumps({**d, "flight_list": {**d["flight_list"], "parked": {}}}), "that this mission lacks"),
 ])  # fmt: skip
 def test_a_file_that_does_not_fit_is_refused_and_set_aside(flying, path, change, words):
-    memories.write(path, flying.machine.memory())
+    memory_file.write(path, flying.machine.memory())
     path.write_text(change(json.loads(path.read_text())))
     with pytest.raises(SessionError) as error:
-        memories.read(path, mission(), ["uav1", "uav2"], 1.0)
+        memory_file.read(path, mission(), ["uav1", "uav2"], 1.0)
     assert words in str(error.value) and str(path) in str(error.value)
-    aside = [memories.set_aside(path)]
+    aside = [memory_file.set_aside(path)]
     path.write_text("again")
-    aside.append(memories.set_aside(path))
+    aside.append(memory_file.set_aside(path))
     assert len(set(aside)) == 2 and all(p.exists() for p in aside) and not path.exists()
 
 
 def test_a_disk_that_refuses_is_an_error_with_words(flying, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(SessionError, match="cannot be written"):
-        memories.write(tmp_path / "file" / "memory.json", flying.machine.memory())
+        memory_file.write(tmp_path / "file" / "memory.json", flying.machine.memory())
 
 
 def test_places_in_the_column_come_back_to_the_last_bit(flying, path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.mission.heard import VehicleHeard
-from fcsv_control.stopping import STOP, StopAll
+from fcsv_control.stopping.core import STOP, StopAll
 from fcsv_geometry.mission import Mission, StereoConfiguration
 from fcsv_sim.rehearsal import processes
 from fcsv_sim.rehearsal.flight import Flight

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_control.stopping import LAND
+from fcsv_control.stopping.core import LAND
 from fcsv_geometry.mission import Mission, StereoConfiguration
 from fcsv_sim.people.operator import Sticks
 from fcsv_sim.rehearsal.flight import Flight
@@ -69,10 +69,10 @@ def test_who_is_flown_by_hand_gets_no_mode_command(flying):
     flight = flying(2)
     flight.hands["uav2"] = lambda *_: Sticks(mode="BRAKE")  # a pilot's BRAKE, which looks like ours
     wait(flight, 2.0)
-    desk, called_s = flight.control.stop_desk, flight.now_s
-    desk.call(called_s, LAND, "a test")
+    called_s = flight.now_s
+    flight.control.stop_all(called_s, LAND, "a test")
     wait(flight, 20.0)
-    assert not asked_since(flight, "uav2", called_s) and desk.core.report(flight.now_s).by_hand == ["uav2"]
+    assert not asked_since(flight, "uav2", called_s) and flight.control.stopped.by_hand == ["uav2"]
     assert [m for _, m in asked_since(flight, "uav1", called_s)][:1] == ["LAND"]
 
 
@@ -85,7 +85,7 @@ def test_the_mission_takes_them_again_when_the_operator_resumes(flying):
     assert {m for n in flight.fleet for _, m in asked_since(flight, n, call.called_s)} == {"BRAKE"}
     assert flight.control.machine.waits_for == "resume"
     flight.operator_there = True
-    assert flight.control.proceed("resume") == ""
+    assert flight.control.proceed(flight.now_s, "resume") == ""
     result = flight.run()
     assert (result.phase, result.captures, result.violations) == ("DONE", 2, [])
 

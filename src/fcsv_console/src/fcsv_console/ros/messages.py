@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from fcsv_console.model import facts as f
 from fcsv_console.model.looking import looks
 from fcsv_control.ros import flight_check_messages as check_messages
-from fcsv_control.stopping import Report
+from fcsv_control.stopping.core import Report
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.ros import conversions

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a mission remembers over a restart of its node or its computer, as a small JSON file."""
+"""What a mission remembers over a restart of its node or its computer, as a small JSON document."""
 
 import dataclasses
 import hashlib
 import json
-import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
 from fcsv_control.errors import SessionError
@@ -70,68 +68,39 @@ def digest(mission: Mission) -> str:
     return hashlib.sha256(json.dumps(dataclasses.asdict(mission), sort_keys=True).encode()).hexdigest()[:16]
 
 
-def write(path: Path, memory: Memory) -> None:
-    """The file, whole or not at all. Raises SessionError where the disk refuses."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("w") as file:
-            json.dump(dataclasses.asdict(memory), file, indent=1)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except OSError as error:
-        raise SessionError(f"{path}: cannot be written ({error.strerror}); a restart would not go on") from error
+def to_text(memory: Memory) -> str:
+    """The file's text."""
+    return json.dumps(dataclasses.asdict(memory), indent=1)
 
 
-def read(path: Path, mission: Mission, vehicles: Sequence[str], wall_s: float) -> Optional[Memory]:
-    """The memory of this mission's last run, None where there is none. Raises SessionError naming what is wrong with a
-    file that is damaged, of another mission or fleet, or too old."""
+def from_text(text: str, source: str, mission: Mission, vehicles: Sequence[str], wall_s: float) -> Memory:
+    """The memory of this mission's last run at the time of day ``wall_s``. Raises SessionError naming the ``source``
+    and what is wrong with a text that is damaged, of another mission or fleet, or too old."""
     try:
-        text = path.read_text()
-    except FileNotFoundError:
-        return None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SessionError(f"{path}: cannot be read ({error})") from error
-    try:
-        memory = config.from_mapping(json.loads(text), Memory, str(path))
+        memory = config.from_mapping(json.loads(text), Memory, source)
     except ValueError as error:
-        raise SessionError(f"{path}: is damaged ({error})") from error
+        raise SessionError(f"{source}: is damaged ({error})") from error
     except config.ConfigError as error:
         raise SessionError(f"{error}; the file is damaged or of another program") from error
-    require_fitting(path, memory, mission, vehicles, wall_s)
+    _require_fitting(source, memory, mission, vehicles, wall_s)
     return memory
 
 
-def set_aside(path: Path) -> Path:
-    """Move a file that was refused out of the way; its new name. Raises SessionError where that fails."""
-    aside, number = path.with_name(path.name + ".refused"), 1
-    while aside.exists():
-        number += 1
-        aside = path.with_name(f"{path.name}.refused-{number}")
-    try:
-        path.rename(aside)
-    except OSError as error:
-        raise SessionError(f"{path}: cannot be set aside ({error.strerror}); move it away by hand") from error
-    return aside
-
-
-def require_fitting(path: Path, memory: Memory, mission: Mission, vehicles: Sequence[str], wall_s: float) -> None:
-    """Raises SessionError where a memory that was read from ``path`` is of another mission or fleet, or too old at the
-    time of day ``wall_s``."""
+def _require_fitting(source: str, memory: Memory, mission: Mission, vehicles: Sequence[str], wall_s: float) -> None:
     if memory.digest != digest(mission):
-        raise SessionError(f"{path}: is of mission '{memory.mission}' as it was then, not of '{mission.name}' as it is")
+        was = f"of mission '{memory.mission}' as it was then"
+        raise SessionError(f"{source}: is {was}, not of '{mission.name}' as it is")
     if memory.vehicles != list(vehicles):
-        raise SessionError(f"{path}: is of the fleet {', '.join(memory.vehicles)}, this is {', '.join(vehicles)}")
+        raise SessionError(f"{source}: is of the fleet {', '.join(memory.vehicles)}, this is {', '.join(vehicles)}")
     age_s = wall_s - memory.saved_s
     if age_s > _MOST_AGE_S:
-        raise SessionError(f"{path}: is {age_s / 60.0:.0f} min old, of an earlier flight")
+        raise SessionError(f"{source}: is {age_s / 60.0:.0f} min old, of an earlier flight")
     known = memory.flight_list
     if known is None:
         return
     indices = [*known.flown, *(t.index for t in known.left if t.index is not None)]
     names = [*(t.vehicle for t in known.left), *known.parked, *known.away]
     if any(not 0 <= i < len(mission.configurations) for i in indices) or set(known.parked) != set(vehicles):
-        raise SessionError(f"{path}: names configurations or places that this mission lacks")
+        raise SessionError(f"{source}: names configurations or places that this mission lacks")
     if not set(names) <= set(vehicles):
-        raise SessionError(f"{path}: names vehicles that this mission lacks")
+        raise SessionError(f"{source}: names vehicles that this mission lacks")

@@ -1,43 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operator's side of the mission node: the service /mission/control and the action /mission/execute."""
+"""The operator's side of the mission node: its services, and the action /mission/execute."""
 
-import threading
+from typing import Callable
 
 import actionlib
 import rospy
+from std_srvs.srv import Trigger, TriggerResponse
 
-from fcsv_control.mission.machine import MissionMachine
+from fcsv_control.control_messages import Abort, Answer, Cancel, Confirm, Execute, MissionStatus, Operate
 from fcsv_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteResult
-from fcsv_msgs.srv import Control, ControlResponse
+from fcsv_msgs.srv import Control, ControlResponse, Proceed, ProceedResponse
 
 _FEEDBACK_S = 0.5
 
 
 class MissionDesk:
-    """``lock`` guards the machine. It is never held while a goal is spoken to: the action server has its own."""
+    """``serve`` answers a request. It is never called while a goal is spoken to: the action server has its own lock."""
 
-    def __init__(self, machine: MissionMachine, lock: threading.RLock):
-        self._machine, self._lock = machine, lock
+    def __init__(self, configurations: int, serve: Callable[[object], Answer]):
+        self._configurations, self._serve = configurations, serve
         self._goal = None
         self._cancelled = False
         self._told_s = float("-inf")
-        rospy.Service("/mission/control", Control, self._on_control)
+        rospy.Service("/mission/proceed", Proceed, lambda r: ProceedResponse(*self._ask(Confirm(r.step))))
+        rospy.Service("/mission/control", Control, lambda r: ControlResponse(*self._ask(Operate(r.operation))))
+        rospy.Service("/mission/abort", Trigger, lambda _r: TriggerResponse(*self._ask(Abort())))
         self._server = actionlib.ActionServer(
             "/mission/execute", ExecuteAction, self._on_goal, self._on_cancel, auto_start=False
         )
         self._server.start()
 
-    def _on_control(self, request) -> ControlResponse:
-        with self._lock:
-            refusal = self._machine.control(request.operation)
-        rospy.loginfo("%s: %s", request.operation, refusal or "done")
-        return ControlResponse(not refusal, refusal or f"done: {request.operation}")
+    def _ask(self, request: object):
+        answer = self._serve(request)
+        return answer.done, answer.text
 
     def _on_goal(self, goal) -> None:
-        with self._lock:
-            refusal = self._machine.execute(goal.get_goal().configurations)
-        if refusal:
-            goal.set_rejected(ExecuteResult(), refusal)
+        answer = self._serve(Execute(list(goal.get_goal().configurations)))
+        if not answer.done:
+            goal.set_rejected(ExecuteResult(), answer.text)
             return
         goal.set_accepted()
         self._goal, self._cancelled = goal, False
@@ -46,32 +46,26 @@ class MissionDesk:
         if goal != self._goal:
             return
         self._cancelled = True
-        with self._lock:
-            self._machine.finish("cancelled by who asked for it")
+        self._serve(Cancel())
 
-    def tell(self, now_s: float) -> None:
+    def tell(self, now_s: float, m: MissionStatus) -> None:
         """Feedback twice a second while a goal is flown, its result when the mission is over."""
         goal = self._goal
         if goal is None:
             return
-        with self._lock:
-            m = self._machine
-            over, phase, detail = m.over, m.phase, m.detail
-            feedback = ExecuteFeedback(m.configuration, phase, m.progress, detail)
-            captured = list(dict.fromkeys(w.index for w in m.captures))
-        if over:
+        if m.over:
             self._goal = None
-            self._end(goal, phase, detail, captured)
+            self._end(goal, m)
         elif now_s - self._told_s >= _FEEDBACK_S:
             self._told_s = now_s
-            goal.publish_feedback(feedback)
+            goal.publish_feedback(ExecuteFeedback(m.configuration, m.phase, m.progress, m.detail))
 
-    def _end(self, goal, phase: str, detail: str, captured) -> None:
-        asked = list(goal.get_goal().configurations) or range(len(self._machine.mission.configurations))
-        result = ExecuteResult(captured, [i for i in asked if i not in captured])
-        if phase == "DONE":
-            goal.set_succeeded(result, detail)
+    def _end(self, goal, m: MissionStatus) -> None:
+        asked = list(goal.get_goal().configurations) or range(self._configurations)
+        result = ExecuteResult(m.captured, [i for i in asked if i not in m.captured])
+        if m.phase == "DONE":
+            goal.set_succeeded(result, m.detail)
         elif self._cancelled:
-            goal.set_canceled(result, detail)
+            goal.set_canceled(result, m.detail)
         else:
-            goal.set_aborted(result, detail)
+            goal.set_aborted(result, m.detail)

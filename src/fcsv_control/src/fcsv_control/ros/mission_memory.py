@@ -7,7 +7,7 @@ import io
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Optional, Sequence
+from typing import Any, Dict, Optional, Sequence
 
 import genpy
 import rospy
@@ -15,11 +15,11 @@ import rospy
 from fcsv_control.errors import SessionError
 from fcsv_control.mission import memory as memories
 from fcsv_control.mission.memory import Memory
+from fcsv_control.ros.memory_file import read, set_aside, write
 from fcsv_geometry.mission import Mission
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Home
 
-_AT_LEAST_EVERY_S = 60.0  # so that its age tells an earlier flight's
 KINDS = {"calibration": Calibration, "home": Home}
 
 
@@ -30,8 +30,6 @@ class MissionMemory:
         self._path = Path(folder).expanduser() / memories.FILE if folder else None
         self._mission, self._vehicles, self._health = mission, list(vehicles), health
         self._messages: Dict[str, Any] = {}
-        self._kept: Optional[Memory] = None
-        self._kept_s = float("-inf")
         self._next: Optional[Memory] = None
         self._wake = threading.Condition()
         if self._path is not None:
@@ -42,14 +40,14 @@ class MissionMemory:
         if self._path is None:
             return None
         try:
-            memory = memories.read(self._path, self._mission, self._vehicles, time.time())
+            memory = read(self._path, self._mission, self._vehicles, time.time())
             if memory is not None:
                 for kind in KINDS:
                     message_of(memory, kind)
             return memory
         except SessionError as error:
             try:
-                rospy.logerr("%s. Begins anew; the file is now %s", error, memories.set_aside(self._path))
+                rospy.logerr("%s. Begins anew; the file is now %s", error, set_aside(self._path))
             except SessionError as failed:
                 rospy.logerr("%s. %s", error, failed)
             return None
@@ -62,17 +60,12 @@ class MissionMemory:
         """No calibration and no home are flown by."""
         self._messages = {}
 
-    def keep(self, now_s: float, memory: Optional[Memory]) -> None:
-        """Write it where it differs from what was written, or a minute has passed."""
-        if self._path is None or memory is None:
-            return
-        memory = dataclasses.replace(memory, **self._messages)
-        if memory == self._kept and now_s - self._kept_s < _AT_LEAST_EVERY_S:
-            return
-        self._kept, self._kept_s = memory, now_s
-        with self._wake:
-            self._next = memory
-            self._wake.notify()
+    def keep(self, memory: Memory) -> None:
+        """Write it, with the calibration and home that were heard."""
+        if self._path is not None:
+            with self._wake:
+                self._next = dataclasses.replace(memory, **self._messages)
+                self._wake.notify()
 
     def _write_always(self) -> None:
         while True:
@@ -80,7 +73,7 @@ class MissionMemory:
                 self._wake.wait_for(lambda: self._next is not None)
                 memory, self._next = self._next, None
             try:
-                memories.write(self._path, dataclasses.replace(memory, saved_s=time.time()))
+                write(self._path, dataclasses.replace(memory, saved_s=time.time()))
                 self._health.problem("memory", "")
             except SessionError as error:
                 self._health.problem("memory", str(error))
@@ -89,26 +82,23 @@ class MissionMemory:
 class Restored:
     """Calibration and home of before the restart, latched again unless their node still lives and tells them itself."""
 
-    def __init__(self, memory: Memory, take: Callable[[str, Any], None]):
-        self._messages = {kind: message_of(memory, kind) for kind in KINDS}
+    def __init__(self, memory: Memory):
+        found = {kind: message_of(memory, kind) for kind in KINDS}
+        self.messages = {kind: message for kind, message in found.items() if message is not None}
         self._publishers: Dict[str, rospy.Publisher] = {}
-        for kind, message in self._messages.items():
-            if message is not None:
-                take(kind, message)
 
     def publish(self) -> None:
         """Tell them, each once, where nobody else did."""
-        for kind, message in self._messages.items():
-            if message is not None:
-                self._publishers[kind] = rospy.Publisher(f"/{kind}", KINDS[kind], queue_size=1, latch=True)
-                self._publishers[kind].publish(message)
-        self._messages = {}
+        for kind, message in self.messages.items():
+            self._publishers[kind] = rospy.Publisher(f"/{kind}", KINDS[kind], queue_size=1, latch=True)
+            self._publishers[kind].publish(message)
+        self.messages = {}
 
     def told_by(self, kind: str, node: str) -> bool:
         """Somebody published this kind: whether it was another node. Then ours is not latched (any longer)."""
         if node == rospy.get_name():
             return False
-        self._messages.pop(kind, None)
+        self.messages.pop(kind, None)
         publisher = self._publishers.pop(kind, None)
         if publisher is not None:
             publisher.unregister()

@@ -9,20 +9,23 @@ import os
 import threading
 import time
 from dataclasses import dataclass, field
-from typing import Callable, Dict, List
+from typing import Dict, List, Sequence
 
 import rospy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
-from fcsv_control.stopping import LAND, STOP, StopAll, StopOrder
+from fcsv_control.agent.messages import Instruction
+from fcsv_control.control_messages import CommandAnswered, StopCalled, StopOver
+from fcsv_control.ros.telemetry_messages import command_of, hear, phase_of
+from fcsv_control.stopping.core import LAND, STOP, Report
+from fcsv_control.stopping.port import StopAllPort
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import Command, CommandAck, MissionState, StopReport
-from mavros_msgs.msg import State
+from fcsv_geometry.telemetry import VehicleState
+from fcsv_msgs.msg import Command, MissionState, StopReport
 
 _STEP_HZ = 50.0
-_REPORT_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -41,10 +44,8 @@ class StopAllNode:
 
     def __init__(self):
         names = node.parameters(StopAllParameters).vehicles
-        self._core, self._lock = StopAll(names), threading.RLock()
-        self._sender = f"stop_all-{os.getpid()}-{os.urandom(3).hex()}"
-        self._reported_s, self._said = float("-inf"), ""
-        self._health = Health("stop_all")
+        self._port = StopAllPort(names, f"stop_all-{os.getpid()}-{os.urandom(3).hex()}")
+        self._lock, self._health = threading.RLock(), Health("stop_all")
         self._commands: Dict[str, rospy.Publisher] = {
             n: rospy.Publisher(f"/{n}/command", Command, queue_size=20, tcp_nodelay=True) for n in names
         }
@@ -52,74 +53,48 @@ class StopAllNode:
         self._told = {
             asked: rospy.Publisher(f"/{asked}_all", String, queue_size=5, tcp_nodelay=True) for asked in (STOP, LAND)
         }
-        self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._do())
+        self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._step())
         for name in names:
-            rospy.Subscriber(f"/{name}/mavros/state", State, self._on_state, name, queue_size=5, tcp_nodelay=True)
-            rospy.Subscriber(f"/{name}/command_ack", CommandAck, self._on_ack, name, queue_size=20)
-        rospy.Subscriber("/mission/state", MissionState, self._on_mission, queue_size=1)
-        rospy.Subscriber("/stop_all/over", String, self._on_over, queue_size=1)
+            hear(name, (VehicleState, CommandAnswered), self._receive, self._health)
+        rospy.Subscriber("/mission/state", MissionState, lambda m: self._receive(phase_of(m)), queue_size=1)
+        rospy.Subscriber("/stop_all/over", String, lambda m: self._receive(StopOver(m.data)), queue_size=1)
         for asked in (STOP, LAND):
             rospy.Subscriber(f"/{asked}_all", String, self._on_topic, asked, queue_size=5, tcp_nodelay=True)
         rospy.Service("/stop_all", Trigger, lambda request: self._on_service(request, STOP))
         rospy.Service("/land_all", Trigger, lambda request: self._on_service(request, LAND))
 
-    # ---- calls ---------------------------------------------------------------------------------------------
-
     def _on_service(self, request, asked: str) -> TriggerResponse:
         reason = f"by {request._connection_header.get('callerid', 'somebody')}"
-        self._told[asked].publish(String(reason))  # the mission first: it must not order anything after it
-        self._do(lambda now_s: self._core.begin(now_s, asked, reason))
         with self._lock:
-            words = self._core.report(time.monotonic()).in_words()
-        return TriggerResponse(True, f"{words}; see /stop_all/report")
+            answer, *outputs = self._port.serve(time.monotonic(), StopCalled(asked, reason))
+            self._send(outputs)
+        return TriggerResponse(answer.done, answer.text)
 
     def _on_topic(self, message: String, asked: str) -> None:
         if message._connection_header.get("callerid") != rospy.get_name():
-            self._do(lambda now_s: self._core.begin(now_s, asked, message.data or "by a topic"))
+            self._receive(StopCalled(asked, message.data or "by a topic"))
 
-    def _on_over(self, message: String) -> None:
-        rospy.loginfo("over: %s", message.data)
-        self._do(lambda _now_s: self._core.end())
-
-    # ---- what is heard -------------------------------------------------------------------------------------
-
-    def _on_state(self, m: State, name: str) -> None:
-        self._do(lambda now_s: self._core.state(now_s, name, m.mode, m.armed))
-
-    def _on_ack(self, m: CommandAck, name: str) -> None:
-        if m.sender == self._sender:
-            refusal = "" if m.result == CommandAck.DONE else m.reason or "refused without a reason"
-            self._do(lambda now_s: self._core.acknowledged(now_s, name, m.number, refusal))
-
-    def _on_mission(self, m: MissionState) -> None:
-        self._do(lambda now_s: self._core.mission(now_s, m.phase_name))
-
-    # ---- what is sent --------------------------------------------------------------------------------------
-
-    def _do(self, heard: Callable[[float], None] = lambda _now_s: None) -> None:
+    def _receive(self, message: object) -> None:
         with self._lock:
-            now_s = time.monotonic()
-            heard(now_s)
-            for order in self._core.due(now_s):
-                self._commands[order.vehicle].publish(self._command(order, now_s))
-            self._tell(now_s)
+            self._port.receive(time.monotonic(), message)
+            self._step()
 
-    def _command(self, order: StopOrder, now_s: float) -> Command:
-        return Command(
-            header=conversions.header(rospy.get_time(), ""), vehicle=order.vehicle, sender=self._sender,
-            number=order.number, kind=Command.SET_MODE, mode=order.mode, ordered_s=order.ordered_s, sent_s=now_s,
-        )  # fmt: skip
+    def _step(self) -> None:
+        with self._lock:
+            self._send(self._port.step(time.monotonic()))
 
-    def _tell(self, now_s: float) -> None:
-        report = self._core.report(now_s)
-        words = report.in_words() if report.asked else ""
-        if words == self._said and now_s - self._reported_s < _REPORT_S:
-            return
-        if words and words != self._said:
-            rospy.logwarn("%s", words)
-        self._said, self._reported_s = words, now_s
+    def _send(self, outputs: Sequence[object]) -> None:
+        for output in outputs:
+            if isinstance(output, StopCalled):
+                self._told[output.asked].publish(String(output.reason))
+            elif isinstance(output, Instruction):
+                self._commands[output.vehicle].publish(command_of(output))
+            else:
+                self._tell(output)
+
+    def _tell(self, report: Report) -> None:
         self._health.value("asked", report.asked or "nothing")
-        self._health.problem("stop all", words)
+        self._health.problem("stop all", report.in_words() if report.asked else "")
         self._report.publish(StopReport(header=conversions.header(rospy.get_time(), ""), **vars(report)))
 
 

@@ -194,7 +194,7 @@ class MissionForgets(MissionRestarts):
             self._read_s = min(self._read_s, flight.now_s)
             if flight.now_s > self._read_s + self._reads_s:
                 self.ended = True
-                machine.abort("aborted by the operator: landing")
+                flight.control.abort(flight.now_s)
 
 
 class AutopilotReboots(Fault):

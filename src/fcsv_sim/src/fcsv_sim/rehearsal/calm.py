@@ -63,7 +63,7 @@ class Calm:
             self._needless("", now_s, f"{len(machine.captures)} of {wanted} recorded ({machine.detail})")
 
     def _ages(self, now_s: float, name: str, vehicle: RehearsedVehicle) -> None:
-        air, view = vehicle.guardian.air, self._control.heard[name].view(now_s, None)
+        air, view = vehicle.guardian.air, self._control.view(now_s, name)
         ages = [(CONTROL, air.control_s), *((OTHERS, other.heard_s) for other in air.others.values())]
         for feed, heard_s in ages:
             self._silent(now_s, name, feed, now_s - heard_s)

@@ -124,7 +124,7 @@ class Flight:
 
     def confirm(self, step: str) -> None:
         """The operator confirms a step of the mission, whether it is waited for or not."""
-        if not self.control.proceed(step) and step in ("execute", "resume"):
+        if not self.control.proceed(self.now_s, step) and step in ("execute", "resume"):
             self.witness.confirmed(self.now_s)
 
     @property

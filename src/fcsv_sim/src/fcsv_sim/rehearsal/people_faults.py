@@ -70,7 +70,7 @@ class Aborted(Fault):
     name = "abort"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        flight.control.machine.abort("aborted by the operator: landing")
+        flight.control.abort(flight.now_s)
 
 
 class StopsAll(Fault):
@@ -80,7 +80,7 @@ class StopsAll(Fault):
     name = "stop all"
 
     def _ready(self, flight: Flight) -> bool:
-        return flight.control.stop_desk.alive
+        return flight.control.stop_all_alive
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
         flown = [v for v in flight.fleet.values() if v.autopilot.mode == modes.GUIDED and not v.flown_by_hand]

@@ -74,7 +74,7 @@ def _fly_to(flight: Flight, phase: str) -> bool:
     since_s = None
     while flight.now_s < _LONGEST_S:
         if phase == "ABORTED" and flight.phase == "CONFIGURATIONS":
-            flight.control.machine.abort("aborted by the operator: landing")
+            flight.control.abort(flight.now_s)
         since_s = since_s or (flight.now_s if flight.phase == phase else None)
         if since_s is not None and (flight.now_s > since_s + _AFTER_S or flight.phase != phase):
             return True

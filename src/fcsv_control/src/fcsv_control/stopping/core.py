@@ -31,7 +31,7 @@ class StopOrder:
     refused: str = ""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Report:
     """What became of the call, by vehicles' names; see fcsv_msgs/StopReport."""
 
@@ -116,7 +116,7 @@ class StopAll:
                 report.by_hand.append(name)
             else:
                 report.under_way.append(name)
-                report.problems += [f"{name}: {refused}"] if refused else []
+                report.problems.extend([f"{name}: {refused}"] if refused else [])
         return report
 
     def _mission_does(self, now_s: float) -> bool:

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the control PC's processes tell each other, and are asked, as data."""
+
+from dataclasses import dataclass
+from typing import List, Sequence
+
+from fcsv_control.agent.messages import Ack
+from fcsv_control.flight_check.lines import Line
+
+
+@dataclass(frozen=True)
+class Answer:
+    """To who called a service: whether it is done, and what to read."""
+
+    done: bool
+    text: str
+
+
+# ---- requests -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Confirm:
+    """The operator confirms a step of the mission."""
+
+    step: str
+
+
+@dataclass(frozen=True)
+class Operate:
+    """One of mission.operated.OPERATIONS."""
+
+    operation: str
+
+
+@dataclass(frozen=True)
+class Execute:
+    """Fly these configurations (none: all)."""
+
+    configurations: Sequence[int]
+
+
+@dataclass(frozen=True)
+class Abort:
+    """The operator lands everybody whom the mission flies."""
+
+
+@dataclass(frozen=True)
+class Cancel:
+    """Who asked for configurations does not want them any more."""
+
+
+@dataclass(frozen=True)
+class StopCalled:
+    """Somebody calls to stop or to land everybody (``asked``: stopping.STOP or LAND)."""
+
+    asked: str
+    reason: str
+
+
+# ---- messages -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CommandAnswered:
+    """A vehicle's agent answered a command."""
+
+    vehicle: str
+    ack: Ack
+
+    @property
+    def outcome(self) -> str:
+        """Empty when done, else why not."""
+        return "" if self.ack.result == 0 else self.ack.reason or "refused without a reason"
+
+
+@dataclass(frozen=True)
+class WallClock:
+    """The time of day ``wall_s``, read between two looks at the monotonic clock."""
+
+    before_s: float
+    wall_s: float
+    after_s: float
+
+
+@dataclass(frozen=True)
+class CheckTable:
+    """The fleet's flight check; it counts for ``patience_s``."""
+
+    lines: Sequence[Line]
+    patience_s: float
+
+
+@dataclass(frozen=True)
+class PairLooked:
+    """Whether the pictures of two vehicles show another place than their trackers."""
+
+    reference: str
+    vehicle: str
+    off: bool
+
+
+@dataclass(frozen=True)
+class StopOver:
+    """The operator goes on after everybody was stopped."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class ServiceWanted:
+    """The mission calls "calibrate" or "set_home"."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class ServiceAnswered:
+    """How that ended."""
+
+    name: str
+    done: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class MissionAlive:
+    """The mission lives and commands as ``sender``, whose monotonic clock says ``sent_s``."""
+
+    sender: str
+    sent_s: float
+
+
+@dataclass(frozen=True)
+class MissionPhase:
+    """The mission is in this phase."""
+
+    phase: str
+
+
+@dataclass(frozen=True)
+class MissionStatus(MissionPhase):
+    """Where the mission is; ``captured``: indices of configurations that are recorded, ``progress`` 0..1."""
+
+    detail: str
+    waits_for: str
+    stage: str
+    configuration: int
+    problems: List[str]
+    over: bool
+    progress: float
+    captured: List[int]
+
+
+@dataclass(frozen=True)
+class FramesJudged:
+    """Whether calibration and home of before a restart count: the mission goes on by them, or begins anew."""
+
+    count: bool
