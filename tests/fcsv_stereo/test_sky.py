@@ -124,7 +124,7 @@ def test_a_strip_of_bright_ground_below_what_stands_is_no_sky():
 
 
 def kinds_of(clouds, wall):
-    """Kinds at full size: sky with a patch of answered clouds (by ``clouds``), a wall from the top (by ``wall``), land."""
+    """Kinds at full size: sky with a patch of ``clouds``, a ``wall`` that reaches the top, land."""
     kind = np.full((180, 240), Kind.SKY, np.uint8)
     kind[80:] = 3
     kind[10:60, 40:120] = clouds

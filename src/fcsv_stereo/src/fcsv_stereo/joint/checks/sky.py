@@ -65,8 +65,9 @@ def moved_clouds(kind: np.ndarray, seeing: np.ndarray, colour: np.ndarray) -> np
 
     Each pair sees such a cloud shifted by its own way, so that a pair may find a depth for it, but no two pairs the
     same. What stands is seen alike by several. So they are what is joined to the top of the picture and to known sky
-    over soft edges alone, and of whose answers about them hardly any is agreed, although pairs enough see it. From ``kind``
-    (HxW uint8), how many pairs see each pixel (``seeing``, hxw), and ``colour`` (hxwx3 float32) at a smaller size.
+    over soft edges alone, and of whose answers about them hardly any is agreed, although pairs enough see it.
+
+    ``kind`` is HxW uint8; ``seeing`` (hxw, how many pairs see a pixel) and ``colour`` (hxwx3 float32) may be smaller.
     """
     whole, shape = kind, seeing.shape
     kind = cv2.resize(kind, shape[::-1], interpolation=cv2.INTER_NEAREST)
