@@ -55,15 +55,15 @@ def test_a_link_that_dies_in_flight_lands_nobody_and_changes_no_height():
     while flight.phase != "CONFIGURATIONS":
         flight.step()
         assert flight.now_s < 100.0
-    vehicle, heard = flight.fleet["uav2"], flight.control.heard["uav2"]
-    height_m = heard.view(flight.now_s, None).height_m
+    vehicle = flight.fleet["uav2"]
+    height_m = flight.control.view(flight.now_s, "uav2").height_m
     took_off = vehicle.guardian.air.take_off
     processes.kill_link(vehicle)
     for seconds, what in ((0.4, lambda: processes.start_link(vehicle, flight.now_s)), (3.0, lambda: None)):
         until_s = flight.now_s + seconds
         while flight.now_s < until_s:
             flight.step()
-            view = heard.view(flight.now_s, None)
+            view = flight.control.view(flight.now_s, "uav2")
             assert view.armed and view.height_m == pytest.approx(height_m, abs=1.0)
         what()
     assert vehicle.link.connected(flight.now_s) and vehicle.guardian.air.take_off is took_off
