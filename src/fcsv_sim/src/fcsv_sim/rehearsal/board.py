@@ -2,7 +2,8 @@
 """What runs on a rehearsed vehicle's computer: odometry, flight link, agent and guardian, the cores that fly."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.feed_check import FeedCheck
 from fcsv_control.flight.listener import BarometerHeard, BatteryHeard, EstimateMoved, PoseHeard, StateHeard
+from fcsv_control.flight.profile import Profile, load_profile
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
 from fcsv_control.guardian.core import Guardian
@@ -21,14 +23,18 @@ from fcsv_control.guardian.messages import AskMode, HoldAt
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.fence import Fence
+from fcsv_geometry.flow import RateGate
+from fcsv_geometry.home import Place
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
+from fcsv_sim.bringup import bringup
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose
 from fcsv_tracking.scene_motion import SceneLook
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _TEXTS = {"STATUSTEXT": "text", "PARAM_VALUE": "param_id", "PARAM_SET": "param_id", "PARAM_REQUEST_READ": "param_id"}
+_PORT = 2  # of the autopilot, at which the companion is
 _GUARDIAN_EVERY = 4  # passes between two steps of the guardian: 25 Hz
 
 
@@ -62,12 +68,12 @@ class OnBoard:
         self.epoch = self._odometry.epoch
         self._feed = VisionFeed(FeedParameters())
         self.watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
-        self.link = LinkCore(LinkParameters(target_system=geometry.system_id))
+        self.link = new_link(geometry)
         self.agent = AgentCore(self.name, rules)
         self.guardian = Guardian(self.name, guardian)
         self.check = FeedCheck()
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
-        self.T_home_odom: Dict[str, np.ndarray] = {}  # as the control PC told it last
+        self.places: Dict[str, Place] = {}  # odometry frames in home, as the control PC told it last
         self._tell_epoch()
         self.recording = False
         self.pictures = 0
@@ -79,8 +85,11 @@ class OnBoard:
         self.told: Callable[[float, str, object], None] = _nobody  # "sent" a message, "ordered" an instruction, "held"
         self.agent_runs = self.link_runs = True
         self._requests: List[Tuple[Ask, object]] = []
+        self._orders: Dict[Tuple[str, int], Instruction] = {}
+        self._gate, self._urgent = RateGate(5.0), ()
+        self._others: Dict[str, Tuple[float, Told]] = {}
         self._do: Dict[type, Callable[[float, object], None]] = {
-            Ack: lambda now_s, o: self.acks.append(o), Ask: self._ask, Pictures: self._switch, SetPoint: self._hold,
+            Ack: self._acknowledge, Ask: self._ask, Pictures: self._switch, SetPoint: self._hold,
         }  # fmt: skip
 
     # ---- the radio ---------------------------------------------------------------------------------------------
@@ -89,18 +98,19 @@ class OnBoard:
         """A command came over the radio."""
         now_s = self.now_s
         self.told(now_s, "ordered", instruction)
-        if instruction.kind in (Kind.GOTO, Kind.HOLD):
-            self.guardian.moved(now_s, instruction.target)
+        self.guardian.control_heard(now_s)
+        if instruction.kind in (Kind.SET_MODE, Kind.LAND):
+            self.guardian.mode_asked(now_s, instruction.mode or "LAND")
+        self._orders[instruction.sender, instruction.number] = instruction
         self.agent.take(now_s, instruction)
 
-    def hear_control(self, sender: str, sent_s: float, T_home_odom: Dict[str, np.ndarray], fence: Fence) -> None:
+    def hear_control(self, sender: str, sent_s: float, places: Dict[str, Place], fence: Fence) -> None:
         """The mission's state and fence came, sent at ``sent_s`` by its own monotonic clock, and where odometry frames
         stand in home."""
         self.agent.control_heard(self.now_s, sender, sent_s)
         self.guardian.control_heard(self.now_s)
         self.guardian.mission_fence(fence)
-        self.T_home_odom = T_home_odom
-        self.guardian.home(T_home_odom.get(self.name))
+        self.places = places
 
     def tell(self) -> Optional[Told]:
         """What the other vehicles are told."""
@@ -113,11 +123,20 @@ class OnBoard:
 
     def hear_other(self, now_s: float, told: Told) -> None:
         """Another vehicle told of itself."""
-        T_home_odom = self.T_home_odom.get(told.name)
-        if T_home_odom is not None:
-            p = (T_home_odom @ told.T_odom_body)[:3, 3]
-            other = Other(p, now_s, told.speed_mps, told.armed, told.mode).guarded(told)
-            self.guardian.other(told.name, other.sent(T_home_odom, told.going_to_m))
+        self._others[told.name] = (now_s, told)
+
+    def _hear_others(self) -> None:
+        own = self.places.get(self.name)
+        if own is None:
+            self.guardian.home(None)
+        else:
+            self.guardian.home(own.T_a_b, own.sigma_m(self.guardian.air.p_odom_m))
+        for name, (sent_s, told) in self._others.items():
+            if name in self.places:
+                T, p_odom = self.places[name].T_a_b, told.T_odom_body[:3, 3]
+                other = Other(transforms.apply(T, p_odom), sent_s, told.speed_mps, told.armed, told.mode).guarded(told)
+                other = replace(other, sigma_m=self.places[name].sigma_m(p_odom))
+                self.guardian.other(name, other.sent(T, told.going_to_m))
 
     # ---- odometry, link, agent, guardian -----------------------------------------------------------------------
 
@@ -176,7 +195,7 @@ class OnBoard:
                 share = self.link.state.battery_share if self.battery_said is None else self.battery_said
                 self.guardian.battery(now_s, share)
         state = self.link.state
-        if self.watchdog.check(now_s, state.armed, state.mode) is Alarm.LAND:
+        if self.watchdog.check(now_s, state.armed, state.mode, self.link.mode_is_ours) is Alarm.LAND:
             self._set_mode(now_s, "LAND")
         if self._passes % _GUARDIAN_EVERY == 0:
             self._guard(now_s)
@@ -195,14 +214,19 @@ class OnBoard:
 
     def _guard(self, now_s: float) -> None:
         """One step of the guardian, and what it wants done."""
-        if self.link_runs:
-            s = self.link.state
+        s = self.link.state
+        if self.link_runs and self._link_tells(now_s):
             failsafe = s.system_status in AUTOPILOT_FAILSAFE
+            throttle = s.throttle if now_s - s.throttle_heard_s < 2.0 else math.nan
+            parameters = self.link.heard.parameters
+            wrong = parameters.wrong()
             report = LinkReport(
-                self.check.doubt, s.ekf_variance, s.throttle, failsafe, self.link.origin_set(now_s),
-                in_the_air=s.in_the_air,
+                self.check.doubt, s.ekf_variance, throttle, failsafe, self.link.origin_set(now_s),
+                parameters.known and not wrong, wrong[0] if wrong else "", s.in_the_air, self.link.connected(now_s),
             )  # fmt: skip
+            self.guardian.slows(parameters.value("WPNAV_ACCEL") / 100.0)
             self.guardian.link(now_s, report)
+        self._hear_others()
         self.guardian.step(now_s)
         for output in self.guardian.outgoing():
             if isinstance(output, AskMode) and self.link_runs:
@@ -212,6 +236,12 @@ class OnBoard:
                 self.told(now_s, "held", output)
         verdict = self.guardian.verdict
         self.agent.guarded(now_s, verdict.action, verdict.holds, "; ".join(verdict.reasons), verdict.forbids)
+
+    def _link_tells(self, now_s: float) -> bool:
+        """Whether it tells of itself now, as LinkHealthReport does."""
+        s, before = self.link.state, self._urgent
+        self._urgent = (self.check.doubt, self.link.connected(now_s), self.link.origin_set(now_s), s.booting)
+        return self._urgent != before or self._gate.passes(now_s)
 
     def _estimate(self, now_s: float, heard: PoseHeard) -> None:
         T_odom_body = heard.T_odom_body
@@ -251,6 +281,12 @@ class OnBoard:
             except ControlError as error:
                 self.agent.finished(ask, str(error))
 
+    def _acknowledge(self, now_s: float, ack: Ack) -> None:
+        self.acks.append(ack)
+        order = self._orders.get((ack.sender, ack.number))
+        if order is not None and ack.result == 0 and order.kind in (Kind.GOTO, Kind.HOLD):
+            self.guardian.moved(now_s, order.target if order.kind is Kind.GOTO else None)
+
     def _switch(self, _now_s: float, output: Pictures) -> None:
         self.recording = output.on
 
@@ -274,6 +310,17 @@ class OnBoard:
 
     def _wall_s(self, now_s: float) -> float:
         return WALL_S + now_s + self.clock_offset_s
+
+
+def new_link(geometry: VehicleGeometry) -> LinkCore:
+    """A flight link's process as it begins, with the parameters that an autopilot must have."""
+    return LinkCore(LinkParameters(target_system=geometry.system_id), _profile())
+
+
+@lru_cache(maxsize=None)
+def _profile() -> Profile:
+    """As launch/uav.launch names it."""
+    return load_profile(str(bringup() / "config" / "autopilot" / "arducopter-4.3-t265.param")).at_port(_PORT)
 
 
 def _nobody(_now_s: float, _what: str, _which: object) -> None:

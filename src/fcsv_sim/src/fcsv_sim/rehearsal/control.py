@@ -32,7 +32,7 @@ from fcsv_control.stopping.port import StopAllPort
 from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
 from fcsv_geometry.arrivals import RELAY
-from fcsv_geometry.home import HomeFrames, OdomLink, home_of
+from fcsv_geometry.home import HomeFrames, OdomLink, Place, home_of
 from fcsv_geometry.mission import Mission
 from fcsv_sim.rehearsal.board import WALL_S
 from fcsv_sim.rehearsal.pairs import PairCheck
@@ -174,7 +174,7 @@ class ControlPc:
                 self.mission_port.receive(clock_s, seen)
         self._dispatch(now_s, self.mission_port.step(clock_s))
         for name, vehicle in self._fleet.items():
-            told = (self.sender, clock_s, self.T_home_odom, self._mission.fence)
+            told = (self.sender, clock_s, self._in_home.places, self._mission.fence)
             self._radios[name].send(now_s, lambda m, v=vehicle: v.hear_control(*m), told)
 
     def _dispatch(self, now_s: float, outputs: Sequence[object]) -> None:
@@ -280,13 +280,15 @@ class ControlPc:
             vehicle.guardian.calibrated(epochs[name])
             if vehicle.agent_runs:
                 vehicle.agent.rights.frame.calibrated(epochs[name])
-        error = np.eye(4)
+        error, errors = np.eye(4), Place(np.eye(4), np.zeros((4, 4)))
         links = []
         for name in names[1:]:
             d = self._random.standard_normal(4)
             error = error @ transforms.from_xyz_yaw(d[:3] * _CALIBRATION_M, d[3] * _CALIBRATION_RAD)
             T = transforms.level(transforms.invert(T_world_odom[names[0]]) @ T_world_odom[name])
-            links.append(OdomLink(names[0], name, error @ T, np.zeros((4, 4))))
+            errors = errors @ Place(np.eye(4), np.diag([_CALIBRATION_M**2] * 3 + [_CALIBRATION_RAD**2]))
+            covariance = errors @ Place(T, np.zeros((4, 4)))
+            links.append(OdomLink(names[0], name, error @ T, covariance.covariance))
         self._in_home.calibrate(links)
         stamp_s = self._wall_s(now_s)
         self._latch(now_s, tm.CalibrationFound(stamp_s, links), tm.EpochsFound(tm.CALIBRATION, stamp_s, epochs))
@@ -296,9 +298,7 @@ class ControlPc:
         T_odom_home = home_of(reference.T_odom_body @ reference.geometry.T_body_cam)
         self._in_home.set_home(reference.name, T_odom_home)
         epochs = {reference.name: reference.epoch.number}
-        self._latch(
-            now_s, tm.HomeFound(stamp_s, reference.name, T_odom_home), tm.EpochsFound(tm.HOME, stamp_s, epochs)
-        )
+        self._latch(now_s, tm.HomeFound(stamp_s, reference.name, T_odom_home), tm.EpochsFound(tm.HOME, stamp_s, epochs))
 
     def _latch(self, now_s: float, found: object, epochs: tm.EpochsFound) -> None:
         for key, message in ((type(found), found), (epochs.of, epochs)):
