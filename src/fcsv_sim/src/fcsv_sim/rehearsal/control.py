@@ -13,6 +13,7 @@ from fcsv_control.control_messages import (
     Answer,
     CommandAnswered,
     Confirm,
+    MissionAlive,
     PairLooked,
     ServiceAnswered,
     ServiceWanted,
@@ -21,6 +22,7 @@ from fcsv_control.control_messages import (
     WallClock,
 )
 from fcsv_control.errors import SessionError
+from fcsv_control.guardian.port import MissionFence
 from fcsv_control.mission import memory as memories
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
@@ -57,6 +59,7 @@ class ControlPc:
         self._runs = 0
         self._memory: Optional[Memory] = None  # what lies on its disk
         self._latched: Dict[object, object] = {}  # calibration, home, and their epochs: told to who begins to listen
+        self._fence = MissionFence(mission.fence)
         self._in_home = HomeFrames()
         self._begin(None)
         self.stop_all_port = StopAllPort(list(fleet), "stop_all")
@@ -174,7 +177,7 @@ class ControlPc:
                 self.mission_port.receive(clock_s, seen)
         self._dispatch(now_s, self.mission_port.step(clock_s))
         for name, vehicle in self._fleet.items():
-            told = (self.sender, clock_s, self._in_home.places, self._mission.fence)
+            told = (MissionAlive(self.sender, clock_s), {MissionFence: self._fence, **self._latched})
             self._radios[name].send(now_s, lambda m, v=vehicle: v.hear_control(*m), told)
 
     def _dispatch(self, now_s: float, outputs: Sequence[object]) -> None:
@@ -276,10 +279,6 @@ class ControlPc:
         names = list(self._fleet)
         T_world_odom = {n: v.body.T_world_body @ transforms.invert(v.T_odom_body) for n, v in self._fleet.items()}
         epochs = {n: v.epoch.number for n, v in self._fleet.items()}
-        for name, vehicle in self._fleet.items():
-            vehicle.guardian.calibrated(epochs[name])
-            if vehicle.agent_runs:
-                vehicle.agent.rights.frame.calibrated(epochs[name])
         error, errors = np.eye(4), Place(np.eye(4), np.zeros((4, 4)))
         links = []
         for name in names[1:]:
