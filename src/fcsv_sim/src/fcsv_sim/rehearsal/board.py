@@ -21,6 +21,7 @@ from fcsv_control.guardian.messages import AskMode, HoldAt
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.fence import Fence
+from fcsv_geometry.home import Place
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_tracking.errors import OdometryRejected
@@ -67,7 +68,7 @@ class OnBoard:
         self.guardian = Guardian(self.name, guardian)
         self.check = FeedCheck()
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
-        self.T_home_odom: Dict[str, np.ndarray] = {}  # as the control PC told it last
+        self.places: Dict[str, Place] = {}  # of odometry frames in home, as the control PC told it last
         self._tell_epoch()
         self.recording = False
         self.pictures = 0
@@ -93,14 +94,25 @@ class OnBoard:
             self.guardian.moved(now_s, instruction.target)
         self.agent.take(now_s, instruction)
 
-    def hear_control(self, sender: str, sent_s: float, T_home_odom: Dict[str, np.ndarray], fence: Fence) -> None:
+    def hear_control(self, sender: str, sent_s: float, places: Dict[str, Place], fence: Fence) -> None:
         """The mission's state and fence came, sent at ``sent_s`` by its own monotonic clock, and where odometry frames
         stand in home."""
         self.agent.control_heard(self.now_s, sender, sent_s)
         self.guardian.control_heard(self.now_s)
         self.guardian.mission_fence(fence)
-        self.T_home_odom = T_home_odom
-        self.guardian.home(T_home_odom.get(self.name))
+        self.places = places
+        place = places.get(self.name)
+        if place is None:
+            self.guardian.home(None)
+        else:
+            self.guardian.home(place.T_a_b, place.sigma_m(self.guardian.air.p_odom_m))
+
+    def calibrated(self, epoch: Optional[int]) -> None:
+        """For which epoch of its odometry a calibration was found."""
+        if epoch is not None:
+            self.guardian.calibrated(epoch)
+            if self.agent_runs:
+                self.agent.rights.frame.calibrated(epoch)
 
     def tell(self) -> Optional[Told]:
         """What the other vehicles are told."""
@@ -113,11 +125,12 @@ class OnBoard:
 
     def hear_other(self, now_s: float, told: Told) -> None:
         """Another vehicle told of itself."""
-        T_home_odom = self.T_home_odom.get(told.name)
-        if T_home_odom is not None:
-            p = (T_home_odom @ told.T_odom_body)[:3, 3]
-            other = Other(p, now_s, told.speed_mps, told.armed, told.mode).guarded(told)
-            self.guardian.other(told.name, other.sent(T_home_odom, told.going_to_m))
+        place = self.places.get(told.name)
+        if place is not None:
+            p_odom = told.T_odom_body[:3, 3]
+            p, sigma_m = transforms.apply(place.T_a_b, p_odom), place.sigma_m(p_odom)
+            other = Other(p, now_s, told.speed_mps, told.armed, told.mode, sigma_m=sigma_m).guarded(told)
+            self.guardian.other(told.name, other.sent(place.T_a_b, told.going_to_m))
 
     # ---- odometry, link, agent, guardian -----------------------------------------------------------------------
 
