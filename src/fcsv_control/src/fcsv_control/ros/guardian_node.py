@@ -31,11 +31,12 @@ from fcsv_control.guardian.port import (
 )
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros import board_messages as convert
-from fcsv_control.ros import telemetry_messages as telemetry
+from fcsv_control.ros.vehicle_messages import TOPICS
 from fcsv_geometry import frames
 from fcsv_geometry import telemetry as tm
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros import telemetry_messages as telemetry
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.relay_ages import publisher_of
 from fcsv_msgs.msg import (
@@ -111,7 +112,7 @@ class GuardianNode:
         telemetry.hear_epochs(self._receive)
         telemetry.hear_relay(self._receive, f"/{own}")
         for name in others:
-            telemetry.hear(name, [tm.VehicleOdometry, tm.VehicleState], self._receive, self._health)
+            telemetry.hear(name, [tm.VehicleOdometry, tm.VehicleState], self._receive, self._health, TOPICS)
             guarded = lambda m, name=name: OtherGuarded(name, convert.verdict_of(m))  # noqa: E731
             self._hear(f"/{name}/guardian/state", GuardianState, guarded)
 

@@ -102,8 +102,13 @@ class OnBoard:
             if self._latched.get(key) is not message:
                 self._latched[key] = message
                 self.guardian_port.receive(now_s, message)
-                if isinstance(message, tm.EpochsFound) and message.of == tm.CALIBRATION and self.agent_runs:
-                    self.agent.rights.frame.calibrated(message.epochs[self.name])
+                if isinstance(message, tm.EpochsFound):
+                    self._calibrated(message)
+
+    def _calibrated(self, found: tm.EpochsFound) -> None:
+        epoch = found.epochs.get(self.name)
+        if found.of == tm.CALIBRATION and epoch is not None and self.agent_runs:
+            self.agent.rights.frame.calibrated(epoch)
 
     def tell(self) -> Sequence[object]:
         """What the other vehicles are told."""

@@ -81,6 +81,11 @@ class RehearsedVehicle(OnBoard):
             self.by_hand = (now_s, self.autopilot.mode)
 
     @property
+    def sampled_now(self) -> bool:
+        """Whether its odometry is of this very moment."""
+        return self.odometry is not None and self.odometry.stamp_s == self._wall_s(self.now_s)
+
+    @property
     def flown_by_hand(self) -> bool:
         """Whether the autopilot is in a mode that the pilot chose."""
         return self.by_hand is not None and self.by_hand[1] == self.autopilot.mode
