@@ -18,12 +18,12 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
 from fcsv_control.control_messages import MissionAlive
+from fcsv_control.guardian import port
 from fcsv_control.guardian.findings import STICK
 from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Verdict, Warned
 from fcsv_control.guardian.port import (
     AgentAlive,
     GuardianPort,
-    ModeAsked,
     OtherGuarded,
     PoseEstimated,
     PoseFed,
@@ -47,10 +47,10 @@ from fcsv_msgs.msg import (
     Heartbeat,
     Home,
     LinkHealth,
+    ModeAsked,
     ParameterReport,
 )
 from fcsv_msgs.msg import Fence as FenceMessage
-from fcsv_msgs.msg import ModeAsked as ModeAskedMessage
 from mavros_msgs.msg import State, StatusText
 from mavros_msgs.srv import SetMode
 
@@ -80,7 +80,7 @@ class GuardianNode:
         self._set_points = rospy.Publisher(
             "mavros/setpoint_position/local", PoseStamped, queue_size=1, tcp_nodelay=True
         )
-        self._asks = rospy.Publisher("flight_link/mode_asked", ModeAskedMessage, queue_size=10, tcp_nodelay=True)
+        self._asks = rospy.Publisher("flight_link/mode_asked", ModeAsked, queue_size=10, tcp_nodelay=True)
         self._set_mode = rospy.ServiceProxy("mavros/set_mode", SetMode)
         self._do: Dict[type, Callable[[Any], None]] = {
             AskMode: lambda o: self._ask(o.mode), HoldAt: self._hold, RestartLink: self._end_link, Warned: self._say,
@@ -91,32 +91,34 @@ class GuardianNode:
 
     def _subscribe(self, others: List[str]) -> None:
         own = self._name
-        self._hear("mavros/vision_pose/pose", PoseStamped, lambda m: PoseFed(conversions.pose_to_transform(m.pose)))
-        self._hear(
-            "mavros/local_position/pose", PoseStamped, lambda m: PoseEstimated(conversions.pose_to_transform(m.pose))
-        )
-        self._hear("odometry/state", Odometry, lambda m: TrackerConfidence(convert.confidence_of(m)))
-        self._hear("mavros/state", State, lambda m: tm.VehicleState(own, "", m.mode, m.armed, m.connected))
-        self._hear("mavros/battery", BatteryState, lambda m: tm.BatteryCharge(own, "", conversions.battery_share(m)))
-        self._hear("flight_link/health", LinkHealth, convert.link_lives_of)
-        self._hear("flight_link/parameters", ParameterReport, convert.limits_of)
-        self._hear("flight_link/mode_asked", ModeAskedMessage, self._asked_by_others)
-        self._hear("agent/alive", Heartbeat, lambda _m: AgentAlive())
-        self._hear("command", Command, convert.instruction_of)
-        self._hear("command_ack", CommandAck, convert.ack_of)
-        self._hear("/mission/fence", FenceMessage, convert.fence_of)
-        self._hear("/mission/alive", Heartbeat, lambda m: MissionAlive(m.instance, m.sent_s))
-        self._hear("/calibration", Calibration, telemetry.calibration_of)
-        self._hear("/home", Home, telemetry.home_of)
+
+        def hear(topic, kind, take):
+            rospy.Subscriber(topic, kind, self._taking(topic, take), queue_size=5, tcp_nodelay=True)
+
+        hear("mavros/vision_pose/pose", PoseStamped, lambda m: PoseFed(conversions.pose_to_transform(m.pose)))
+        hear("mavros/local_position/pose", PoseStamped, lambda m: PoseEstimated(conversions.pose_to_transform(m.pose)))
+        hear("odometry/state", Odometry, lambda m: TrackerConfidence(convert.confidence_of(m)))
+        hear("mavros/state", State, lambda m: tm.VehicleState(own, "", m.mode, m.armed, m.connected))
+        hear("mavros/battery", BatteryState, lambda m: tm.BatteryCharge(own, "", conversions.battery_share(m)))
+        hear("flight_link/health", LinkHealth, convert.link_lives_of)
+        hear("flight_link/parameters", ParameterReport, convert.limits_of)
+        hear("flight_link/mode_asked", ModeAsked, self._asked_by_others)
+        hear("agent/alive", Heartbeat, lambda _m: AgentAlive())
+        hear("command", Command, convert.instruction_of)
+        hear("command_ack", CommandAck, convert.ack_of)
+        hear("/mission/fence", FenceMessage, convert.fence_of)
+        hear("/mission/alive", Heartbeat, lambda m: MissionAlive(m.instance, m.sent_s))
+        hear("/calibration", Calibration, telemetry.calibration_of)
+        hear("/home", Home, telemetry.home_of)
         telemetry.hear(own, [tm.OdometryEpoch], self._receive, self._health)
         telemetry.hear_epochs(self._receive)
         telemetry.hear_relay(self._receive, f"/{own}")
         for name in others:
             telemetry.hear(name, [tm.VehicleOdometry, tm.VehicleState], self._receive, self._health, TOPICS)
             guarded = lambda m, name=name: OtherGuarded(name, convert.verdict_of(m))  # noqa: E731
-            self._hear(f"/{name}/guardian/state", GuardianState, guarded)
+            hear(f"/{name}/guardian/state", GuardianState, guarded)
 
-    def _hear(self, topic: str, kind, take: Callable[[Any], object]) -> None:
+    def _taking(self, topic: str, take: Callable[[Any], object]) -> Callable[[Any], None]:
         """``take`` a message as the port's; what is of no use is dropped and counted."""
 
         def came(message) -> None:
@@ -128,16 +130,16 @@ class GuardianNode:
             if data is not None:
                 self._receive(data)
 
-        rospy.Subscriber(topic, kind, came, queue_size=5, tcp_nodelay=True)
+        return came
 
     def _receive(self, data: object) -> None:
         with self._lock:
             self._port.receive(time.monotonic(), data)
 
-    def _asked_by_others(self, message: ModeAskedMessage):
+    def _asked_by_others(self, message: ModeAsked):
         """What this node asks for itself its core knows."""
         own = publisher_of(message) == rospy.get_name()
-        return None if own else ModeAsked(message.mode)
+        return None if own else port.ModeAsked(message.mode)
 
     # ---- what is done --------------------------------------------------------------------------------------
 
@@ -152,7 +154,7 @@ class GuardianNode:
         self._set_points.publish(conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame))
 
     def _ask(self, mode: str) -> None:
-        self._asks.publish(ModeAskedMessage(conversions.header(rospy.get_time(), ""), mode))
+        self._asks.publish(ModeAsked(conversions.header(rospy.get_time(), ""), mode))
         running = self._asking.get(mode)
         if running is None or not running.is_alive():
             thread = threading.Thread(target=self._ask_now, args=(mode,), name=f"guardian {mode}", daemon=True)
