@@ -113,10 +113,14 @@ def main(argv: Optional[List[str]] = None) -> int:
     parser.add_argument("--write", type=Path, help="file for what happened")
     parser.add_argument("--against", type=Path, help="file that --write made with other code")
     parser.add_argument("--many", action="store_true", help="every fault, and more flights of five vehicles")
+    parser.add_argument("--only", default="", metavar="TEXT", help="flights with this text (or one of several, with commas) in their name")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="flights at a time")
     args = parser.parse_args(argv)
     before = json.loads(args.against.read_text()) if args.against else {}
-    names, found = zip(*jobs(args.many))
+    wanted = [(name, job) for name, job in jobs(args.many) if any(t in name for t in args.only.split(","))]
+    if not wanted:
+        parser.error(f"no flight has '{args.only}' in its name")
+    names, found = zip(*wanted)
     after = dict(zip(names, on_all_cores(fly, list(found), args.jobs)))
     if args.write:
         args.write.write_text(json.dumps(after, indent=0))

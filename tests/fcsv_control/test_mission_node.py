@@ -61,7 +61,7 @@ class StandIn:
         while not self.over.wait(0.05):
             now = conversions.header(rospy.get_time(), "")
             T = transforms.invert(self.T_home_odom) @ self.T_home_body
-            odometry = Odometry(header=now)
+            odometry = Odometry(header=conversions.header(rospy.get_time(), f"{self.name}/odom"))
             odometry.pose.pose = conversions.transform_to_pose(T)
             self.odometry.publish(odometry)
             position = PoseStamped(header=now)
@@ -72,7 +72,7 @@ class StandIn:
             self.pictures += 2 * self.recording
             self.recorder.publish(RecorderStatus(header=now, pictures=self.pictures))
             if self.sees is not None:
-                self.tags.publish(TagDetections(header=now, detections=[TagDetection(id=self.sees)]))
+                self.tags.publish(TagDetections(header=now, vehicle=self.name, detections=[TagDetection(id=self.sees)]))
 
     def on_command(self, c):
         from fcsv_geometry.ros import conversions

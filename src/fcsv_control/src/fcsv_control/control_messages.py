@@ -6,15 +6,7 @@ from typing import List, Sequence
 
 from fcsv_control.agent.messages import Ack
 from fcsv_control.flight_check.lines import Line
-
-
-@dataclass(frozen=True)
-class Answer:
-    """To who called a service: whether it is done, and what to read."""
-
-    done: bool
-    text: str
-
+from fcsv_geometry.telemetry import MissionPhase
 
 # ---- requests -------------------------------------------------------------------------------------------------
 
@@ -129,13 +121,6 @@ class MissionAlive:
 
     sender: str
     sent_s: float
-
-
-@dataclass(frozen=True)
-class MissionPhase:
-    """The mission is in this phase."""
-
-    phase: str
 
 
 @dataclass(frozen=True)

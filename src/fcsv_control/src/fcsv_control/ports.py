@@ -21,4 +21,4 @@ class ServingPort(Port, Protocol):
     """A port that also answers: a ROS service is asked, and its caller waits."""
 
     def serve(self, now_s: float, request: object) -> Sequence[object]:
-        """What is to be sent now, the Answer among it. Raises TypeError where the request's type is not known."""
+        """What is to be sent now, the Reply among it. Raises TypeError where the request's type is not known."""

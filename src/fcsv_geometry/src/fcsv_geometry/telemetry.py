@@ -156,3 +156,26 @@ class EpochsFound:
     of: str
     stamp_s: float
     epochs: Dict[str, int]
+
+
+@dataclass(frozen=True)
+class MissionPhase:
+    """The mission is in this phase."""
+
+    phase: str
+
+
+@dataclass(frozen=True)
+class Reply:
+    """To who called a service: whether it is done, and what to read."""
+
+    done: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """Something that was heard is of no use: what, for counts, and why."""
+
+    what: str
+    why: str

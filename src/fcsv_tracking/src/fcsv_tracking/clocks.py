@@ -22,6 +22,14 @@ class ClockOffset:
         return abs(self.offset_s) - self.uncertainty_s > bound_s
 
 
+@dataclass(frozen=True)
+class VehicleClock:
+    """How far a vehicle's clock is ahead of this machine's."""
+
+    vehicle: str
+    offset: ClockOffset
+
+
 class ClockExchange:
     """Keeps the newest exchanges with one machine; the one with the shortest round trip is the best of them."""
 

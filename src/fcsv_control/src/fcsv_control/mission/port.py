@@ -78,7 +78,7 @@ class MissionPort:
             told.CommandAnswered: self._answer, told.WallClock: self._wall, told.CheckTable: self._check,
             told.PairLooked: self._pair, told.StopCalled: self._stop, told.ServiceAnswered: self._service,
         }  # fmt: skip
-        self._serve: Dict[type, Callable[[Any], told.Answer]] = {
+        self._serve: Dict[type, Callable[[Any], tm.Reply]] = {
             told.Confirm: self._confirm, told.Operate: self._operate, told.Execute: self._execute,
             told.Abort: self._abort, told.Cancel: self._cancel,
         }  # fmt: skip
@@ -186,28 +186,28 @@ class MissionPort:
             self.machine.wants = ""
         return out
 
-    def _confirm(self, request: told.Confirm) -> told.Answer:
+    def _confirm(self, request: told.Confirm) -> tm.Reply:
         refusal = self.machine.proceed(request.step)
-        return told.Answer(not refusal, refusal or f"confirmed: {request.step}")
+        return tm.Reply(not refusal, refusal or f"confirmed: {request.step}")
 
-    def _operate(self, request: told.Operate) -> told.Answer:
+    def _operate(self, request: told.Operate) -> tm.Reply:
         refusal = self.machine.control(request.operation)
         _log.info("%s: %s", request.operation, refusal or "done")
-        return told.Answer(not refusal, refusal or f"done: {request.operation}")
+        return tm.Reply(not refusal, refusal or f"done: {request.operation}")
 
-    def _execute(self, request: told.Execute) -> told.Answer:
+    def _execute(self, request: told.Execute) -> tm.Reply:
         refusal = self.machine.execute(request.configurations)
-        return told.Answer(not refusal, refusal)
+        return tm.Reply(not refusal, refusal)
 
-    def _abort(self, _request: told.Abort) -> told.Answer:
+    def _abort(self, _request: told.Abort) -> tm.Reply:
         if self.machine.over:
-            return told.Answer(False, f"the mission is over ({self.machine.phase})")
+            return tm.Reply(False, f"the mission is over ({self.machine.phase})")
         self.machine.abort("aborted by the operator: landing")
-        return told.Answer(True, "landing the vehicles that the mission flies; who is flown by hand lands by hand")
+        return tm.Reply(True, "landing the vehicles that the mission flies; who is flown by hand lands by hand")
 
-    def _cancel(self, _request: told.Cancel) -> told.Answer:
+    def _cancel(self, _request: told.Cancel) -> tm.Reply:
         self.machine.finish("cancelled by who asked for it")
-        return told.Answer(True, "")
+        return tm.Reply(True, "")
 
     # ---- time ----------------------------------------------------------------------------------------------
 

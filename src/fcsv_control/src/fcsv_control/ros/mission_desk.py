@@ -7,7 +7,8 @@ import actionlib
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
 
-from fcsv_control.control_messages import Abort, Answer, Cancel, Confirm, Execute, MissionStatus, Operate
+from fcsv_control.control_messages import Abort, Cancel, Confirm, Execute, MissionStatus, Operate
+from fcsv_geometry.telemetry import Reply
 from fcsv_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteResult
 from fcsv_msgs.srv import Control, ControlResponse, Proceed, ProceedResponse
 
@@ -17,7 +18,7 @@ _FEEDBACK_S = 0.5
 class MissionDesk:
     """``serve`` answers a request. It is never called while a goal is spoken to: the action server has its own lock."""
 
-    def __init__(self, configurations: int, serve: Callable[[object], Answer]):
+    def __init__(self, configurations: int, serve: Callable[[object], Reply]):
         self._configurations, self._serve = configurations, serve
         self._goal = None
         self._cancelled = False

@@ -13,9 +13,7 @@ from std_msgs.msg import String
 
 from fcsv_control.agent.messages import Instruction
 from fcsv_control.control_messages import (
-    Answer,
     CheckTable,
-    CommandAnswered,
     FramesJudged,
     MissionAlive,
     MissionStatus,
@@ -33,23 +31,15 @@ from fcsv_control.ros import flight_check_messages as check_messages
 from fcsv_control.ros.capture_message import capture_message
 from fcsv_control.ros.mission_desk import MissionDesk
 from fcsv_control.ros.mission_memory import MissionMemory, Restored
-from fcsv_control.ros.telemetry_messages import calibration_of, command_of, hear, hear_epochs, hear_relay, home_of
+from fcsv_control.ros.vehicle_messages import TOPICS, command_of
 from fcsv_control.stopping.core import LAND, STOP
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.mission import load_mission
 from fcsv_geometry.phases import PHASES
 from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.telemetry import (
-    BatteryCharge,
-    GuardianStatus,
-    OdometryEpoch,
-    RecorderState,
-    SeenTags,
-    VehicleHeight,
-    VehicleOdometry,
-    VehicleState,
-)
+from fcsv_geometry.ros.telemetry_messages import calibration_of, hear, hear_epochs, hear_relay, home_of
+from fcsv_geometry.telemetry import RecorderState, Reply
 from fcsv_msgs.msg import (
     Calibration,
     Capture,
@@ -63,11 +53,6 @@ from fcsv_msgs.msg import (
     RecorderStatus,
 )  # fmt: skip
 from fcsv_msgs.srv import Calibrate, SetHome
-
-_HEARD = (
-    VehicleOdometry, OdometryEpoch, VehicleHeight, VehicleState, GuardianStatus, BatteryCharge, RecorderState, SeenTags,
-    CommandAnswered,
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -132,7 +117,7 @@ class MissionNode:
         p = self._parameters
         hear_relay(self._receive)
         for name in p.vehicles:
-            hear(name, _HEARD, self._receive, self._health)
+            hear(name, list(TOPICS), self._receive, self._health, TOPICS)
         if p.recorder:
             rospy.Subscriber(f"/{p.recorder}/recorder/status", RecorderStatus, self._on_recorder, queue_size=5)
         hear_epochs(self._receive)
@@ -175,7 +160,7 @@ class MissionNode:
     def _on_stop(self, message: String, asked: str) -> None:
         self._receive(StopCalled(asked, message.data or "by a topic"))
 
-    def _serve(self, request: object) -> Answer:
+    def _serve(self, request: object) -> Reply:
         with self._lock:
             answer, *outputs = self._port.serve(time.monotonic(), request)
             self._send(outputs)

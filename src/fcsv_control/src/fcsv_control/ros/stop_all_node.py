@@ -17,11 +17,12 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from fcsv_control.agent.messages import Instruction
 from fcsv_control.control_messages import CommandAnswered, StopCalled, StopOver
-from fcsv_control.ros.telemetry_messages import command_of, hear, phase_of
+from fcsv_control.ros.vehicle_messages import TOPICS, command_of
 from fcsv_control.stopping.core import LAND, STOP, Report
 from fcsv_control.stopping.port import StopAllPort
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.ros.telemetry_messages import hear, phase_of
 from fcsv_geometry.telemetry import VehicleState
 from fcsv_msgs.msg import Command, MissionState, StopReport
 
@@ -55,7 +56,7 @@ class StopAllNode:
         }
         self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._step())
         for name in names:
-            hear(name, (VehicleState, CommandAnswered), self._receive, self._health)
+            hear(name, (VehicleState, CommandAnswered), self._receive, self._health, TOPICS)
         rospy.Subscriber("/mission/state", MissionState, lambda m: self._receive(phase_of(m)), queue_size=1)
         rospy.Subscriber("/stop_all/over", String, lambda m: self._receive(StopOver(m.data)), queue_size=1)
         for asked in (STOP, LAND):

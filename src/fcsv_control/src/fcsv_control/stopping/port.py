@@ -6,9 +6,9 @@ import math
 from typing import List, Sequence
 
 from fcsv_control.agent.messages import Instruction, Kind
-from fcsv_control.control_messages import Answer, CommandAnswered, MissionPhase, StopCalled, StopOver
+from fcsv_control.control_messages import CommandAnswered, StopCalled, StopOver
 from fcsv_control.stopping.core import StopAll, StopOrder
-from fcsv_geometry.telemetry import VehicleState
+from fcsv_geometry.telemetry import MissionPhase, Reply, VehicleState
 
 _log = logging.getLogger(__name__)
 _REPORT_S = 0.5
@@ -50,7 +50,7 @@ class StopAllPort:
             raise TypeError(f"stop-all does not serve {type(request).__name__}")
         self.receive(now_s, request)
         sent = self.step(now_s)
-        answer = Answer(True, f"{self._core.report(now_s).in_words()}; see /stop_all/report")
+        answer = Reply(True, f"{self._core.report(now_s).in_words()}; see /stop_all/report")
         return [answer, request, *sent]
 
     def step(self, now_s: float) -> List[object]:

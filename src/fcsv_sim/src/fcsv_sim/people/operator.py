@@ -32,6 +32,7 @@ _NO_LANDING_S = 60.0  # who is in LAND for so long and still flies runs after a 
 _RUNS_OFF_M = 30.0  # from where he wants it, in LOITER: likewise
 _LOW_M = 0.5
 _CALM_MPS = 0.25
+_AGAINST = 0.7  # of the sway of those who sway against the one in front: its tag stays in view
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class Field:
     spacing_m: float = 3.5
     sway_m: float = 0.8
     sway_period_s: float = 8.0
+    vehicles: int = 0  # in the column, of which all but the last sway as they are calibrated; 0: every second one does
 
 
 class Pilot:
@@ -130,10 +132,12 @@ class Pilot:
         if phase in ("MOVE_HOME", "SET_HOME"):
             return np.array([*f.start_xy_m, f.home_height_m]) + behind, np.zeros(3)
         goal, v = np.array([*f.column_xy_m, f.home_height_m]) + behind, np.zeros(3)
-        if phase == "CALIBRATE" and self._index % 2 == 0:  # every second one sways: each pair moves against each other
+        against = self._index % 2  # every second one sways, or all but the last, each against the one in front
+        if phase == "CALIBRATE" and (self._index < f.vehicles - 1 or (not f.vehicles and not against)):
             w, t_s = 2 * np.pi / f.sway_period_s, now_s - self._phase_since_s
-            goal[1] += f.sway_m * np.sin(w * t_s)
-            v[1] = f.sway_m * w * np.cos(w * t_s)
+            sway_m = -_AGAINST * f.sway_m if against else f.sway_m
+            goal[1] += sway_m * np.sin(w * t_s)
+            v[1] = sway_m * w * np.cos(w * t_s)
             goal[2] += 0.15 * np.sin(1.7 * w * t_s)
         return goal, v
 

@@ -69,13 +69,21 @@ class RadioHoldsUp(Fault):
 
 
 class ClockSteps(Fault):
-    """A vehicle's clock is set by 0.4, 2 or 60 s."""
+    """A vehicle's clock is set by 0.4, 2 or 60 s. Where a calibration is refused because of it, somebody starts chrony
+    as he reads, and the clock is right 10 s later."""
 
     name = "clock steps"
     changes_nothing = True
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
         vehicle.clock_offset_s = float(self._random.choice(_CLOCK_STEPS_S))
+        self._right_s = np.inf
+
+    def goes_on(self, flight: Flight, since_s: float) -> None:
+        if "start chrony" in flight.control.replied.text:
+            self._right_s = min(self._right_s, since_s + 10.0)
+        if since_s > self._right_s:
+            self.vehicle.clock_offset_s = 0.0
 
 
 class ControlClockSteps(Fault):

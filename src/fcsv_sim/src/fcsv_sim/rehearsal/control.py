@@ -2,17 +2,17 @@
 """The control PC of a rehearsal: its processes' ports, and the radio, the clocks and the death that befall them."""
 
 import dataclasses
-import math
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_control.agent.messages import Ack, Instruction
 from fcsv_control.control_messages import (
     Abort,
-    Answer,
     CommandAnswered,
     Confirm,
+    MissionAlive,
+    MissionStatus,
     PairLooked,
     ServiceAnswered,
     ServiceWanted,
@@ -21,6 +21,7 @@ from fcsv_control.control_messages import (
     WallClock,
 )
 from fcsv_control.errors import SessionError
+from fcsv_control.guardian.port import MissionFence
 from fcsv_control.mission import memory as memories
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
@@ -30,20 +31,21 @@ from fcsv_control.ports import Port
 from fcsv_control.stopping.core import STOP, Report
 from fcsv_control.stopping.port import StopAllPort
 from fcsv_geometry import telemetry as tm
-from fcsv_geometry import transforms
 from fcsv_geometry.arrivals import RELAY
-from fcsv_geometry.home import HomeFrames, OdomLink, home_of
+from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.mission import Mission
 from fcsv_sim.rehearsal.board import WALL_S
 from fcsv_sim.rehearsal.pairs import PairCheck
 from fcsv_sim.rehearsal.radio import CRITICAL_S, Radio
+from fcsv_sim.rehearsal.tag_camera import TagCamera
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
+from fcsv_tracking.calibration import CalibrationRules
+from fcsv_tracking.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
+from fcsv_tracking.clocks import ClockOffset, VehicleClock
 
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
-_CALIBRATES_S = 8.0
-_CALIBRATION_M, _CALIBRATION_RAD = 0.03, math.radians(0.3)  # standard deviations: docs/tracking.md
-_TAG_M = (1.0, 6.0)  # from how near and how far a tag is seen
-_TAG_ERROR = 0.02  # of its place: share of the distance
+_POSE_CALIBRATES_S = 0.02  # the radio carries 30 poses a second; where nobody needs them all, every third is sent
+_CLOCK_UNCERTAIN_S = 0.005
 _ZERO_S = 70_000.0  # its monotonic clock at the rehearsal's zero: each machine's begins elsewhere
 
 
@@ -57,19 +59,24 @@ class ControlPc:
         self._runs = 0
         self._memory: Optional[Memory] = None  # what lies on its disk
         self._latched: Dict[object, object] = {}  # calibration, home, and their epochs: told to who begins to listen
+        self._fence = MissionFence(mission.fence)
         self._in_home = HomeFrames()
         self._begin(None)
         self.stop_all_port = StopAllPort(list(fleet), "stop_all")
         self.stopped = Report()  # what became of the last call
         self.battery_share: Dict[str, float] = {}  # overrides what a vehicle says
-        self._random, self._random_sight = (np.random.default_rng([seed, k]) for k in (22, 24))
+        column = list(fleet.values())
+        self.calibration_port = CalibrationPort({v.name: v.geometry for v in column}, CalibrationRules())
+        self._cameras = {
+            v.name: TagCamera(v, front, np.random.default_rng([seed, 22, k]))
+            for k, (front, v) in enumerate(zip(column, column[1:]))
+        }
         self._pair_check = PairCheck(fleet, radios, mission.reference, seed)
         self._due_s = {n: [0.0, 0.0, 0.0] for n in fleet}
         self._newest_s: Dict[Tuple[str, type], float] = {}  # when what arrived last was sent, by vehicle and kind
         self._shown: Dict[str, Tuple] = {}  # of each vehicle's state, as it arrived
-        self._links: List[OdomLink] = []
-        self._service: Optional[str] = None
-        self._service_ends_s = math.inf
+        self._wanted = self._service = ""  # a service to call, and that which was called
+        self.replied = tm.Reply(True, "")  # to the last call
 
     def _begin(self, memory: Optional[Memory], now_s: float = 0.0) -> None:
         """A process of the mission, which has heard nothing but what is latched."""
@@ -108,7 +115,8 @@ class ControlPc:
                 radio.send(now_s, lambda m, v=vehicle: self._answered(v, m), ack, CRITICAL_S)
             vehicle.acks = []
             if now_s >= due[0] and vehicle.odometry is not None:
-                due[0], p = now_s + _POSE_EVERY_S, vehicle.odometry
+                fast = self.calibration_port.collects
+                due[0], p = now_s + (_POSE_CALIBRATES_S if fast else _POSE_EVERY_S), vehicle.odometry
                 self._send(now_s, name, [
                     tm.VehicleOdometry(name, RELAY, p.stamp_s, vehicle.T_odom_body, p.linear_mps),
                     tm.VehicleHeight(name, RELAY, vehicle.height_m),
@@ -125,9 +133,19 @@ class ControlPc:
                 share = self.battery_share.get(name, state.battery_share)
                 told = [tm.BatteryCharge(name, RELAY, share), tm.RecorderState(name, RELAY, "", vehicle.pictures)]
                 self._send(now_s, name, told)
+                ahead_s = vehicle.clock_offset_s - self.clock_offset_s
+                offset = ClockOffset(self._wall_s(now_s), ahead_s, _CLOCK_UNCERTAIN_S)
+                self.calibration_port.receive(_clock_s(now_s), VehicleClock(name, offset))
         if self.stop_all_alive:
             self._dispatch(now_s, self.stop_all_port.step(_clock_s(now_s)))
         self._pair_check.step(now_s, self.T_home_odom)
+
+    def look(self, now_s: float) -> None:
+        """Every camera takes the picture that is due, and tells the tag that is in it."""
+        for name, camera in self._cameras.items():
+            seen = camera.look(now_s)
+            if seen is not None:
+                self._send(now_s, name, [seen])
 
     def _send(self, now_s: float, name: str, messages: Sequence) -> None:
         """All arrive together, unless something newer of the kind came before, with the age that the relay measures."""
@@ -143,7 +161,9 @@ class ControlPc:
                 for m in (ages, *messages):
                     port.receive(came_s, m)
             for m in messages:
-                if isinstance(m, tm.VehicleState):
+                if isinstance(m, (tm.VehicleOdometry, tm.OdometryEpoch, tm.SeenTags)):
+                    self.calibration_port.receive(came_s, m)
+                elif isinstance(m, tm.VehicleState):
                     self.stop_all_port.receive(came_s, m)
                 elif isinstance(m, tm.GuardianStatus):
                     state = messages[0]
@@ -164,17 +184,15 @@ class ControlPc:
         if not self.alive:
             return
         clock_s = _clock_s(now_s)
-        self._serve(now_s)
+        if self._wanted:
+            self._call_service(now_s)
+        self._dispatch(now_s, self.calibration_port.step(clock_s))
         self.mission_port.receive(clock_s, WallClock(clock_s, self._wall_s(now_s), clock_s))
         for name, off in self._pair_check.looks(now_s):
             self.mission_port.receive(clock_s, PairLooked(self._mission.reference, name, off))
-        for name in self._fleet:
-            seen = self._front_tag(now_s, name)
-            if seen is not None:
-                self.mission_port.receive(clock_s, seen)
         self._dispatch(now_s, self.mission_port.step(clock_s))
         for name, vehicle in self._fleet.items():
-            told = (self.sender, clock_s, self.T_home_odom, self._mission.fence)
+            told = (MissionAlive(self.sender, clock_s), {MissionFence: self._fence, **self._latched})
             self._radios[name].send(now_s, lambda m, v=vehicle: v.hear_control(*m), told)
 
     def _dispatch(self, now_s: float, outputs: Sequence[object]) -> None:
@@ -186,7 +204,16 @@ class ControlPc:
             elif isinstance(output, Memory):
                 self._memory = dataclasses.replace(output, saved_s=self._wall_s(now_s))
             elif isinstance(output, ServiceWanted):
-                self._service, self._service_ends_s = output.name, math.nan
+                self._wanted = output.name
+            elif isinstance(output, (tm.CalibrationFound, tm.HomeFound, tm.EpochsFound)):
+                self._latch(now_s, output)
+            elif isinstance(output, tm.Reply):
+                self.replied = output
+                self.mission_port.receive(_clock_s(now_s), ServiceAnswered(self._service, output.done, output.text))
+            elif isinstance(output, MissionStatus):
+                self.calibration_port.receive(_clock_s(now_s), tm.MissionPhase(output.phase))
+                if self.stop_all_alive:
+                    self.stop_all_port.receive(_clock_s(now_s), tm.MissionPhase(output.phase))
             elif isinstance(output, StopOver):
                 self.stop_all_port.receive(_clock_s(now_s), output)
             elif isinstance(output, Report):
@@ -194,7 +221,7 @@ class ControlPc:
             elif isinstance(output, StopCalled) and self.alive:
                 self.mission_port.receive(_clock_s(now_s), output)
 
-    def _ask(self, now_s: float, port: Port, request: object) -> Answer:
+    def _ask(self, now_s: float, port: Port, request: object) -> tm.Reply:
         """A service is called."""
         answer, *outputs = port.serve(_clock_s(now_s), request)
         self._dispatch(now_s, outputs)
@@ -223,7 +250,7 @@ class ControlPc:
         """A new process of the mission, in place of one that died: it reads its memory from the disk, where it
         ``remembers``, and has heard nobody. Calibration and home are another node's, and are latched."""
         self._memory = self._memory if remembers else None
-        self._service = None
+        self._wanted = ""
         self._begin(self._recalled(now_s), now_s)
         self.alive = True
 
@@ -240,70 +267,23 @@ class ControlPc:
     def _wall_s(self, now_s: float) -> float:
         return WALL_S + now_s + self.clock_offset_s
 
-    # ---- tags --------------------------------------------------------------------------------------------------
-
-    def _front_tag(self, now_s: float, name: str) -> Optional[tm.SeenTags]:
-        """What its camera sees of the vehicle in front, by where they truly are, with the errors of a tag's place."""
-        names, vehicle, radio = list(self._fleet), self._fleet[name], self._radios[name]
-        if names[0] == name:
-            return None
-        front = self._fleet[names[names.index(name) - 1]]
-        step = front.p_world_m - vehicle.p_world_m
-        sees = _TAG_M[0] < step[0] < _TAG_M[1] and abs(step[1]) < 0.5 * step[0] and abs(step[2]) < 0.4 * step[0]
-        if not sees:
-            return None
-        T_odom_cam = p_cam_tag = None
-        if vehicle.odometry is not None and not radio.cut and self._random_sight.random() >= radio.quality.loss:
-            p_world = (front.body.T_world_body @ front.geometry.T_body_tag)[:3, 3]
-            p_world = p_world + self._random_sight.normal(0.0, _TAG_ERROR, 3) * np.linalg.norm(step)
-            T_odom_cam = vehicle.T_odom_body
-            p_cam_tag = transforms.apply(transforms.invert(vehicle.body.T_world_body), p_world)
-        tag = tm.SeenTag(front.geometry.tag_id, front.geometry.tag_size_m, np.zeros((4, 2)), p_cam_tag)
-        return tm.SeenTags(name, "", self._wall_s(now_s), T_odom_cam, 600.0, [tag])
-
     # ---- calibration and home ----------------------------------------------------------------------------------
 
-    def _serve(self, now_s: float) -> None:
-        if self._service is not None and math.isnan(self._service_ends_s):
-            self._service_ends_s = now_s + (_CALIBRATES_S if self._service == "calibrate" else 0.2)
-        if self._service is not None and now_s >= self._service_ends_s:
-            service, self._service = self._service, None
-            (self._calibrate if service == "calibrate" else self._set_home)(now_s)
-            self.mission_port.receive(_clock_s(now_s), ServiceAnswered(service, True, "done"))
+    def _call_service(self, now_s: float) -> None:
+        """The mission's call of a service, which waits for its end."""
+        service, self._wanted = self._wanted, ""
+        request = CalibrateColumn(()) if service == "calibrate" else HomeWanted(self._mission.reference)
+        self._service = service
+        self._dispatch(now_s, self.calibration_port.serve(_clock_s(now_s), request))
 
-    def _calibrate(self, now_s: float) -> None:
-        """Where odometry frames stand to each other, from the truth and the errors of a calibration (link by link)."""
-        names = list(self._fleet)
-        T_world_odom = {n: v.body.T_world_body @ transforms.invert(v.T_odom_body) for n, v in self._fleet.items()}
-        epochs = {n: v.epoch.number for n, v in self._fleet.items()}
-        for name, vehicle in self._fleet.items():
-            vehicle.guardian.calibrated(epochs[name])
-            if vehicle.agent_runs:
-                vehicle.agent.rights.frame.calibrated(epochs[name])
-        error = np.eye(4)
-        links = []
-        for name in names[1:]:
-            d = self._random.standard_normal(4)
-            error = error @ transforms.from_xyz_yaw(d[:3] * _CALIBRATION_M, d[3] * _CALIBRATION_RAD)
-            T = transforms.level(transforms.invert(T_world_odom[names[0]]) @ T_world_odom[name])
-            links.append(OdomLink(names[0], name, error @ T, np.zeros((4, 4))))
-        self._in_home.calibrate(links)
-        stamp_s = self._wall_s(now_s)
-        self._latch(now_s, tm.CalibrationFound(stamp_s, links), tm.EpochsFound(tm.CALIBRATION, stamp_s, epochs))
-
-    def _set_home(self, now_s: float) -> None:
-        reference, stamp_s = self._fleet[self._mission.reference], self._wall_s(now_s)
-        T_odom_home = home_of(reference.T_odom_body @ reference.geometry.T_body_cam)
-        self._in_home.set_home(reference.name, T_odom_home)
-        epochs = {reference.name: reference.epoch.number}
-        self._latch(
-            now_s, tm.HomeFound(stamp_s, reference.name, T_odom_home), tm.EpochsFound(tm.HOME, stamp_s, epochs)
-        )
-
-    def _latch(self, now_s: float, found: object, epochs: tm.EpochsFound) -> None:
-        for key, message in ((type(found), found), (epochs.of, epochs)):
-            self._latched[key] = message
-            self.mission_port.receive(_clock_s(now_s), message)
+    def _latch(self, now_s: float, found: object) -> None:
+        """Told to everybody, and to who begins to listen."""
+        self._latched[found.of if isinstance(found, tm.EpochsFound) else type(found)] = found
+        self.mission_port.receive(_clock_s(now_s), found)
+        if isinstance(found, tm.CalibrationFound):
+            self._in_home.calibrate(found.links)
+        elif isinstance(found, tm.HomeFound):
+            self._in_home.set_home(found.reference, found.T_odom_home)
 
 
 def _clock_s(now_s: float) -> float:

@@ -55,7 +55,7 @@ class Flight:
     def __init__(self, mission: Mission, vehicles: int, seed: int, quality: Optional[RadioQuality] = None):
         names = [f"uav{k + 1}" for k in range(vehicles)]
         random = np.random.default_rng([seed, 20])
-        field_ = Field(home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m)
+        field_ = Field(home_height_m=mission.home_height_m, spacing_m=mission.column_spacing_m, vehicles=vehicles)
         self.fleet: Dict[str, RehearsedVehicle] = {}
         for k, name in enumerate(names):
             xy = np.array([-mission.column_spacing_m * k, 0.0]) + random.uniform(-0.3, 0.3, 2)
@@ -87,6 +87,7 @@ class Flight:
         now_s = self.now_s
         for vehicle in self.fleet.values():
             vehicle.step(now_s)
+        self.control.look(now_s)
         for radio in self.radios.values():
             radio.step(now_s)
         if self._passes % _PEOPLE_EVERY == 0:
@@ -107,7 +108,7 @@ class Flight:
         for name, vehicle in self.fleet.items():
             told = vehicle.tell()
             for other, hearer in self.fleet.items():
-                if told is not None and other != name and not self.radios[other].cut:
+                if told and other != name and not self.radios[other].cut:
                     self.radios[name].send(now_s, lambda m, v=hearer, t=now_s: v.hear_other(t, m), told)
 
     def _people(self, now_s: float) -> None:

@@ -16,11 +16,12 @@ from nav_msgs.msg import Odometry
 from fcsv_geometry import frames
 from fcsv_geometry.phases import BY_HOME
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.ros.telemetry_messages import epochs_message
+from fcsv_geometry.telemetry import CALIBRATION, HOME, EpochsFound
 from fcsv_msgs.msg import Calibration, CalibrationLink, Epoch, Epochs, MissionState
 from fcsv_msgs.srv import Calibrate, CalibrateResponse
 from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.ground import GroundTrack, LevelFrame, LevelRules
-from fcsv_tracking.ros.epoch_watch import to_message
 
 _EPOCH_PARAM = "/ground_tracker_epoch"
 _ONE_FRAME = np.eye(4) * 1e-8  # m2, rad2: the same frame
@@ -99,7 +100,8 @@ class GroundOdometryPublisher:
 
     def home_set(self) -> None:
         """For which epochs home holds."""
-        self._holds_for["home"].publish(to_message(rospy.Time.now(), dict.fromkeys(self._names, self.epoch)))
+        epochs = dict.fromkeys(self._names, self.epoch)
+        self._holds_for["home"].publish(epochs_message(EpochsFound(HOME, rospy.get_time(), epochs)))
 
     def _on_mission(self, message: MissionState) -> None:
         self._phase = message.phase_name
@@ -122,5 +124,6 @@ class GroundOdometryPublisher:
         ]
         self._calibration.publish(message)
         epochs = dict.fromkeys(column, self.epoch)
-        self._holds_for["calibration"].publish(to_message(message.header.stamp, epochs))
+        held = EpochsFound(CALIBRATION, message.header.stamp.to_sec(), epochs)
+        self._holds_for["calibration"].publish(epochs_message(held))
         return CalibrateResponse(True, "the tracker on the ground gives all vehicles in one frame", message)

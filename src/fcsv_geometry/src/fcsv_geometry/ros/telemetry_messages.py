@@ -1,40 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of a vehicle, and of the calibration, as the dataclasses of fcsv_geometry.telemetry."""
+"""Topics as the dataclasses of fcsv_geometry.telemetry, and back."""
 
-from typing import Any, Callable, Dict, Optional, Sequence, Tuple, Type
+from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple, Type
 
 import numpy as np
 import rospy
-from geometry_msgs.msg import Pose, PoseStamped
+from geometry_msgs.msg import Pose
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import BatteryState
 
-from fcsv_control.agent.messages import Ack, Instruction
-from fcsv_control.control_messages import CommandAnswered, MissionPhase
-from fcsv_control.guardian.messages import in_words
-from fcsv_geometry import home_messages
+from fcsv_geometry import frames, home_messages
 from fcsv_geometry import telemetry as tm
-from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.errors import FcsvError, GeometryError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.relay_ages import publisher_of
-from fcsv_msgs.msg import (
-    Calibration,
-    Command,
-    CommandAck,
-    Epoch,
-    Epochs,
-    GuardianState,
-    Home,
-    MissionState,
-    RecorderStatus,
-    RelayAges,
-    TagDetections,
-)  # fmt: skip
-from mavros_msgs.msg import State
+from fcsv_msgs.msg import Calibration, Epoch, Epochs, Home, MissionState, RelayAges, TagDetections
+
+Take = Callable[[str, str, Any], object]  # of the vehicle's name, the publisher's, and a message
+Topic = Tuple[str, Type, Take]
 
 
 def _odometry(name: str, by: str, m: Odometry) -> tm.VehicleOdometry:
+    if m.header.frame_id != frames.odom(name):
+        raise GeometryError(f"its frame is '{m.header.frame_id}'")
     v = m.twist.twist.linear
     T_odom_body = conversions.pose_to_transform(m.pose.pose)
     return tm.VehicleOdometry(name, by, m.header.stamp.to_sec(), T_odom_body, (v.x, v.y, v.z))
@@ -44,27 +32,9 @@ def _epoch(name: str, by: str, m: Epoch) -> tm.OdometryEpoch:
     return tm.OdometryEpoch(name, by, m.epoch, m.reason)
 
 
-def _height(name: str, by: str, m: PoseStamped) -> tm.VehicleHeight:
-    return tm.VehicleHeight(name, by, m.pose.position.z)
-
-
-def _state(name: str, by: str, m: State) -> tm.VehicleState:
-    return tm.VehicleState(name, by, m.mode, m.armed, m.connected)
-
-
-def _guardian(name: str, by: str, m: GuardianState) -> tm.GuardianStatus:
-    return tm.GuardianStatus(name, by, in_words(m.action, m.reasons), m.lost, m.lost_s)
-
-
-def _battery(name: str, by: str, m: BatteryState) -> tm.BatteryCharge:
-    return tm.BatteryCharge(name, by, conversions.battery_share(m))
-
-
-def _recorder(name: str, by: str, m: RecorderStatus) -> tm.RecorderState:
-    return tm.RecorderState(name, by, m.problem, m.pictures)
-
-
 def _tags(name: str, by: str, m: TagDetections) -> tm.SeenTags:
+    if m.vehicle != name:
+        raise GeometryError(f"it is of '{m.vehicle}'")
     tags = [
         tm.SeenTag(t.id, t.size_m, np.array(t.corners_normalized).reshape(4, 2), _position(t.tag_in_camera))
         for t in m.detections
@@ -86,29 +56,19 @@ def _position(pose: Pose) -> Optional[np.ndarray]:
     return None if T is None else T[:3, 3]
 
 
-def _answer(name: str, _by: str, m: CommandAck) -> CommandAnswered:
-    return CommandAnswered(name, Ack(m.sender, m.number, m.result, m.reason))
-
-
-Take = Callable[[str, str, Any], object]
 #: Topics below a vehicle's name, by what they are heard as.
-_TOPICS: Dict[type, Tuple[str, Type, Take]] = {
+TOPICS: Dict[type, Topic] = {
     tm.VehicleOdometry: (tm.VehicleOdometry.topic, Odometry, _odometry),
     tm.OdometryEpoch: (tm.OdometryEpoch.topic, Epoch, _epoch),
-    tm.VehicleHeight: (tm.VehicleHeight.topic, PoseStamped, _height),
-    tm.VehicleState: (tm.VehicleState.topic, State, _state),
-    tm.GuardianStatus: (tm.GuardianStatus.topic, GuardianState, _guardian),
-    tm.BatteryCharge: (tm.BatteryCharge.topic, BatteryState, _battery),
-    tm.RecorderState: (tm.RecorderState.topic, RecorderStatus, _recorder),
     tm.SeenTags: (tm.SeenTags.topic, TagDetections, _tags),
-    CommandAnswered: ("command_ack", CommandAck, _answer),
 }
 
 
-def hear(vehicle: str, kinds: Sequence[type], receive: Callable[[object], None], health: Health) -> None:
+def hear(vehicle: str, kinds: Sequence[type], receive: Callable[[object], None], health: Health,
+         topics: Mapping[type, Topic] = TOPICS) -> None:  # fmt: skip
     """Subscribe to what a vehicle tells; ``receive`` each as data. What holds no pose is dropped, and counted."""
     for kind in kinds:
-        topic, message_type, take = _TOPICS[kind]
+        topic, message_type, take = topics[kind]
 
         def came(message, topic=topic, take=take) -> None:
             try:
@@ -120,7 +80,7 @@ def hear(vehicle: str, kinds: Sequence[type], receive: Callable[[object], None],
                 health.drop(topic, f"{vehicle}: a pose of the camera or of a tag is none")
             receive(data)
 
-        rospy.Subscriber(f"/{vehicle}/{topic}", message_type, came, queue_size=20, tcp_nodelay=True)
+        rospy.Subscriber(f"/{vehicle}/{topic}", message_type, came, queue_size=30, tcp_nodelay=True)
 
 
 def hear_relay(receive: Callable[[object], None], prefix: str = "") -> None:
@@ -146,19 +106,19 @@ def home_of(m: Home) -> tm.HomeFound:
     return tm.HomeFound(m.header.stamp.to_sec(), m.reference, conversions.pose_to_transform(m.home_in_odom))
 
 
-def command_of(i: Instruction) -> Command:
-    """An instruction as it is sent."""
-    now_s = rospy.get_time()
-    command = Command(
-        header=conversions.header(now_s, ""), vehicle=i.vehicle, sender=i.sender, number=i.number, kind=i.kind.value,
-        mode=i.mode, flag=i.flag, altitude_m=i.altitude_m, ordered_s=i.ordered_s, sent_s=i.sent_s,
-        lifetime_s=i.lifetime_s,
-    )  # fmt: skip
-    if i.target is not None:
-        command.target = conversions.pose_stamped(i.target, now_s, i.frame)
-    return command
+def epochs_message(m: tm.EpochsFound) -> Epochs:
+    """As it is told."""
+    message = Epochs(vehicles=list(m.epochs), epochs=list(m.epochs.values()))
+    message.header.stamp = rospy.Time.from_sec(m.stamp_s)
+    return message
 
 
-def phase_of(m: MissionState) -> MissionPhase:
+def home_message(m: tm.HomeFound) -> Home:
+    """As it is told."""
+    header = conversions.header(m.stamp_s, frames.odom(m.reference))
+    return Home(header, m.reference, conversions.transform_to_pose(m.T_odom_home))
+
+
+def phase_of(m: MissionState) -> tm.MissionPhase:
     """In which phase the mission says that it is."""
-    return MissionPhase(m.phase_name)
+    return tm.MissionPhase(m.phase_name)

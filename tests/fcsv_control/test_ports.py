@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No core is made or called outside of its port: what nodes and rehearsal have in common is the port, not a copy."""
+
+import ast
+
+import pytest
+
+#: Core -> where it may be named besides the package of its port; add a row for each port.
+CORES = {
+    "MissionMachine": "fcsv_sim/rehearsal/control.py",  # to look at: a property's type
+    "Guardian": "fcsv_sim/rehearsal/board.py",  # likewise
+    "VehicleHeard": "",
+    "TagInFront": "",
+    "PairsSeen": "",
+    "TimeOfDay": "",
+    "StopAll": "",
+    "CalibrationSession": "",
+    "calibrate_link": "",
+    "merge_loops": "",
+}
+_CALLED = ("machine", "guardian")  # attributes that hold a core: read, never called
+
+
+def adapters(root):
+    """The files that adapt ports: all nodes, and the rehearsal."""
+    found = [p for p in root.glob("src/*/src/*/**/*.py") if "ros" in p.parts or "rehearsal" in p.parts]
+    assert len(found) > 50
+    return found
+
+
+def called_on_a_core(tree):
+    """Names of methods called on an attribute that holds a core: x.machine.abort(...)."""
+    calls = [n.func for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)]
+    return [
+        f"{c.value.attr}.{c.attr}" for c in calls if isinstance(c.value, ast.Attribute) and c.value.attr in _CALLED
+    ]
+
+
+def imported(tree):
+    return {a.name for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) for a in n.names}
+
+
+@pytest.mark.parametrize("core", CORES)
+def test_no_adapter_names_a_core(root, core):
+    names = [str(p) for p in adapters(root) if core in imported(ast.parse(p.read_text()))]
+    allowed = CORES[core]
+    assert [n for n in names if not (allowed and n.endswith(allowed))] == []
+
+
+def test_no_adapter_calls_a_core(root):
+    calls = {str(p): called_on_a_core(ast.parse(p.read_text())) for p in adapters(root)}
+    assert {p: c for p, c in calls.items() if c} == {}
+
+
+def test_a_call_on_a_core_is_found():
+    assert called_on_a_core(ast.parse("flight.control.machine.abort('now')")) == ["machine.abort"]
+    assert called_on_a_core(ast.parse("flight.control.machine.problems.copy()")) == []

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The process of calibration and home without ROS: a simulated column flies before its port."""
+
+import numpy as np
+import pytest
+from support.simulated_column import Column
+
+from fcsv_geometry import telemetry as tm
+from fcsv_geometry.home import home_of
+from fcsv_tracking.calibration import CalibrationRules
+from fcsv_tracking.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
+from fcsv_tracking.clocks import ClockOffset, VehicleClock
+
+START_S = 500.0  # of the port's clock; the vehicles' stamps begin at 0
+
+
+class Flown:
+    """A port that hears a column of two; ``spoil`` may change a message, or drop it (None)."""
+
+    def __init__(self, spoil=lambda m: m):
+        self.column, self.spoil = Column(1), spoil
+        vehicles = {v.name: v for v in (self.column.front, self.column.back)}
+        self.port = CalibrationPort(vehicles, CalibrationRules())
+        self.now_s, self.out = START_S, []
+        for name in vehicles:
+            self.hear(tm.OdometryEpoch(name, "", 7, "start"))
+
+    def hear(self, message):
+        message = self.spoil(message)
+        if message is not None:
+            self.port.receive(self.now_s, message)
+
+    def fly(self, detections):
+        """All poses and pictures, each when it is taken, then half a second of poses."""
+        for k in range(int((detections[-1].stamp_s + 0.5) * 30)):
+            stamp_s = k / 30.0
+            self.now_s = START_S + stamp_s
+            for name, T in zip(("uav1", "uav2"), self.column.odometry(stamp_s)):
+                self.hear(tm.VehicleOdometry(name, "", stamp_s, T, (0.0, 0.0, 0.0)))
+            for d in [d for d in detections if stamp_s - 1 / 30.0 < d.stamp_s <= stamp_s]:
+                tag = tm.SeenTag(self.column.front.tag_id, d.size_m, d.corners_normalized, None)
+                self.hear(tm.SeenTags("uav2", "", d.stamp_s, d.T_odom_cam, d.focal_px, [tag]))
+            self.out += self.port.step(self.now_s)
+        return [o for o in self.out if not isinstance(o, tm.Dropped)]
+
+
+def calibrated(spoil=lambda m: m):
+    flown = Flown(spoil)
+    assert flown.port.serve(START_S, CalibrateColumn(())) == [] and flown.port.collects
+    return flown, flown.fly(flown.column.detections(9.0))
+
+
+def test_a_column_is_calibrated_and_home_is_set_in_it():
+    flown, (found, epochs, reply) = calibrated()
+    assert reply.done and "uav2 against uav1" in reply.text and not flown.port.collects
+    assert epochs == tm.EpochsFound(tm.CALIBRATION, found.stamp_s, {"uav1": 7, "uav2": 7})
+    error_m, error_deg = flown.column.relative_pose_error(found.links[0].T_parent_child)
+    assert error_m < 0.02 and error_deg < 0.35  # of ten seeds (test_calibration) the worst
+    home, epochs, reply = flown.port.serve(flown.now_s, HomeWanted(""))
+    assert reply.done and epochs.epochs == {"uav1": 7} and home.reference == "uav1"
+    T_odom_body = flown.column.odometry(home.stamp_s)[0]
+    there = home_of(T_odom_body @ flown.column.front.T_body_cam)
+    np.testing.assert_allclose(home.T_odom_home, there, atol=0.02)  # noise of 3 mm and 0.05 deg, twice, 5 sigma
+
+
+@pytest.mark.parametrize("spoil, words", [
+    (lambda m: None if isinstance(m, tm.SeenTags) else m, "does not see uav1's tag"),
+    (lambda m: None if isinstance(m, tm.VehicleOdometry) and m.vehicle == "uav1" and m.stamp_s > 3.0 else m,
+     "have no pose of uav1 at their stamp"),
+])  # fmt: skip
+def test_what_is_missing_is_named(spoil, words):
+    _, outputs = calibrated(spoil)
+    [reply] = outputs
+    assert not reply.done and words in reply.text
+
+
+def test_an_odometry_that_begins_anew_meanwhile_is_named():
+    flown = Flown()
+    flown.port.serve(START_S, CalibrateColumn(()))
+    flown.port.receive(START_S, tm.OdometryEpoch("uav2", "", 8, "a gap"))
+    [reply] = flown.fly(flown.column.detections(9.0))
+    assert not reply.done and "the odometry of uav2 began anew meanwhile" in reply.text
+
+
+def test_clocks_that_differ_are_named():
+    flown = Flown()
+    flown.hear(VehicleClock("uav1", ClockOffset(0.0, 0.0, 0.001)))
+    flown.hear(VehicleClock("uav2", ClockOffset(0.0, 0.3, 0.001)))
+    flown.port.serve(START_S, CalibrateColumn(()))
+    [reply] = flown.fly(flown.column.detections(9.0))
+    assert not reply.done and "clocks of uav1 and uav2 differ by -0.300 s" in reply.text
+
+
+@pytest.mark.parametrize("request_, phase, words", [
+    (CalibrateColumn(("uav1",)), "", "needs two known vehicles"),
+    (CalibrateColumn(("uav1", "uav9")), "", "needs two known vehicles"),
+    (CalibrateColumn(()), "CONFIGURATIONS", "while the mission flies the vehicles (CONFIGURATIONS)"),
+    (HomeWanted("uav9"), "", "'uav9' is not a vehicle here"),
+    (HomeWanted("uav1"), "", "uav1 is not calibrated yet"),
+    (HomeWanted("uav1"), "GUIDED", "a new home is refused"),
+])  # fmt: skip
+def test_what_cannot_be_is_refused_at_once(request_, phase, words):
+    flown = Flown()
+    flown.hear(tm.MissionPhase(phase))
+    [reply] = flown.port.serve(START_S, request_)
+    assert not reply.done and words in reply.text and not flown.port.collects
+
+
+def test_a_second_calibration_waits_for_the_first():
+    flown = Flown()
+    assert flown.port.serve(START_S, CalibrateColumn(())) == []
+    [reply] = flown.port.serve(START_S, CalibrateColumn(()))
+    assert not reply.done and "already running" in reply.text
+
+
+def test_home_is_not_set_by_odometry_that_came_long_ago():
+    flown, _ = calibrated()
+    [reply] = flown.port.serve(flown.now_s + 1.0, HomeWanted("uav1"))
+    assert not reply.done and "1.0 s old" in reply.text
+
+
+def test_what_a_port_does_not_know_is_an_error():
+    port = Flown().port
+    with pytest.raises(TypeError, match="does not hear Reply"):
+        port.receive(0.0, tm.Reply(True, ""))
+    with pytest.raises(TypeError, match="does not serve Reply"):
+        port.serve(0.0, tm.Reply(True, ""))
