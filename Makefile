@@ -13,13 +13,16 @@ SPEED ?= auto
 OUT ?= out/demo
 OVERWRITE ?=
 OPERATOR ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR START SPEED OUT OVERWRITE OPERATOR
+AUTOPILOT ?=
+export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR START SPEED OUT OVERWRITE OPERATOR AUTOPILOT
 
-.PHONY: setup build demo test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
+.PHONY: setup build demo play test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
 setup build:
 	@tools/setup.sh
 demo: setup
 	@tools/run demo
+play: setup
+	@tools/run play
 test: setup
 	@tools/run test
 bench: setup

@@ -8,6 +8,24 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 say()  { printf '\033[1m[setup]\033[0m %s\n' "$*"; }
 fail() { printf '[setup] ERROR: %s\n' "$*" >&2; exit 1; }
 
+quietly() {  # quietly LOG COMMAND...: its output into LOG, and every few seconds a sign that it works
+  local log=$1 began=$SECONDS child status shown=0 every=15; shift
+  [ -t 1 ] && every=1
+  "$@" >"$log" 2>&1 &
+  child=$!
+  trap 'kill $child 2>/dev/null' INT TERM
+  while kill -0 $child 2>/dev/null; do
+    sleep 0.2
+    [ $((SECONDS - began)) -ge $((shown + every)) ] || continue
+    shown=$((SECONDS - began))
+    if [ -t 1 ]; then printf '\r\033[K[setup]   ... %d s' $shown; else say "  ... $shown s"; fi
+  done
+  [ -t 1 ] && printf '\r\033[K'
+  wait $child && status=0 || status=$?
+  trap - INT TERM
+  return $status
+}
+
 PYTHON=/usr/bin/python3   # the only interpreter that sees the system's ROS
 MSGS="std sensor nav geometry diagnostic visualization actionlib"
 
@@ -57,10 +75,11 @@ system_packages() {
   if [ "$(id -u)" -ne 0 ]; then
     command -v sudo >/dev/null || fail "these packages are missing and there is no sudo; install them as root: $(tr '\n' ' ' <<<"$lacking")"
     sudo="sudo"
+    sudo true || fail "sudo gave no rights to install: $(tr '\n' ' ' <<<"$lacking")"  # asks for a password now
   fi
-  $sudo apt-get update -q >/dev/null || fail "'apt-get update' failed: check the network and the package sources"
+  quietly build/apt-update.log $sudo apt-get update -q || fail "'apt-get update' failed: check the network and the package sources"
   # shellcheck disable=SC2086
-  $sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $lacking >build/apt.log 2>&1 ||
+  quietly build/apt.log $sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $lacking ||
     { tail -5 build/apt.log >&2; fail "apt-get could not install the packages (whole log: build/apt.log)"; }
 }
 
@@ -70,7 +89,7 @@ virtual_environment() {
   if [ -x .venv/bin/python ] && [ "$(cat .venv/fcsv-requirements 2>/dev/null)" = "$want" ]; then return; fi
   say "installing pinned Python packages into .venv"
   [ -x .venv/bin/python ] || "$PYTHON" -m venv --system-site-packages .venv
-  .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt >build/pip.log 2>&1 ||
+  quietly build/pip.log .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt ||
     { tail -5 build/pip.log >&2; fail "pip could not install requirements.txt (whole log: build/pip.log)"; }
   echo "$want" >.venv/fcsv-requirements
 }
@@ -97,9 +116,9 @@ workspace() {  # configure and build catkin; nothing to do when no message, node
   say "building the catkin workspace"
   [ "$DISTRO" = noetic ] && . /opt/ros/noetic/setup.sh
   # no client library but C++ and Python is used, so the others are not generated
-  ROS_LANG_DISABLE=geneus:genlisp:gennodejs cmake -S . -B build -DPYTHON_EXECUTABLE="$PWD/.venv/bin/python" >build/cmake.log 2>&1 ||
+  quietly build/cmake.log env ROS_LANG_DISABLE=geneus:genlisp:gennodejs cmake -S . -B build -DPYTHON_EXECUTABLE="$PWD/.venv/bin/python" ||
     { tail -15 build/cmake.log >&2; fail "cmake could not configure the workspace (whole log: build/cmake.log)"; }
-  cmake --build build -j"$(nproc)" >build/build.log 2>&1 ||
+  quietly build/build.log cmake --build build -j"$(nproc)" ||
     { tail -15 build/build.log >&2; fail "the build failed (whole log: build/build.log)"; }
   echo "$want" >$stamp
 }
@@ -109,7 +128,7 @@ kernels() {  # numba's cache lies beside the sources; compile where they changed
   want=$(find src/fcsv_stereo/src/fcsv_stereo/joint -name '*.py' -print0 | LC_ALL=C sort -z | xargs -0 cat | sha256sum | cut -d' ' -f1)
   [ "$(cat build/fcsv-kernels 2>/dev/null)" = "$want" ] && return
   say "compiling kernels"
-  (set +u; . devel/setup.sh && .venv/bin/python -m fcsv_stereo.warm_up) >build/kernels.log 2>&1 ||
+  quietly build/kernels.log bash -c '. devel/setup.sh && exec .venv/bin/python -m fcsv_stereo.warm_up' ||
     { tail -5 build/kernels.log >&2; fail "the kernels could not be compiled (whole log: build/kernels.log)"; }
   echo "$want" >build/fcsv-kernels
 }
@@ -119,6 +138,7 @@ case "$PWD" in
 esac
 mkdir -p build
 platform
+[ -d .venv ] || say "the first time: about four minutes, 2.5 GB in this folder (.venv), 1 GB of system packages where ROS is missing"
 system_packages
 virtual_environment
 mavros_messages

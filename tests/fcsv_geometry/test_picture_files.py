@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from PIL.PngImagePlugin import PngImageFile
 from support.spoilt_pictures import BREAKS, HEIC, grain, spoil, with_orientation
 
 from fcsv_geometry import picture_files
@@ -107,3 +108,17 @@ def test_pixels_are_the_stored_ones_and_turn_as_exif_says(kind, orientation):
     for pixels, wanted in ((found.pixels, image), (found.turned(), expected[orientation])):
         assert pixels.shape == wanted.shape
         assert np.abs(eight_bits(pixels)[..., ::-1].astype(int) - wanted).mean() < 3.0
+
+
+@pytest.mark.parametrize("tagged", [False, True])
+def test_a_png_is_decoded_once(tmp_path, monkeypatch, tagged):
+    """Pillow decodes all of a PNG to look for EXIF behind its pixels: it is asked only where there may be some."""
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    pixels = np.random.default_rng(1).integers(0, 255, (20, 30, 3), np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "a.png", **({"exif": exif} if tagged else {}))
+    decoded, load = [], PngImageFile.load
+    monkeypatch.setattr(PngImageFile, "load", lambda self: decoded.append(1) or load(self))
+    found = read_picture(tmp_path / "a.png")
+    assert found.orientation == (6 if tagged else 1) and not decoded
+    assert np.array_equal(found.pixels[..., ::-1], pixels)

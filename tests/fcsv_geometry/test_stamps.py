@@ -36,6 +36,25 @@ def test_scattered_wrong_stamps_lose_no_right_one(wrong, random):
     assert all(a < b for a, b in zip([stamps_s[i] for i in found.kept], [stamps_s[i] for i in found.kept][1:]))
 
 
+@pytest.mark.parametrize("places", [(101, 100), (101, 102, 100), (102, 100, 101), (102, 101, 100)])
+@pytest.mark.parametrize("first", [0, 1, 100])
+def test_messages_that_changed_places_on_the_way_are_sorted(first, places):
+    """Each with its own stamp, recorded before a neighbour: nothing is wrong with them."""
+    order = [*range(first), *(first + p - 100 for p in places), *range(first + len(places), 200)]
+    found = in_order([STEADY[i] for i in order], alone_s=10.0)
+    assert not found.left_out and not found.jumps
+    assert [order[i] for i in found.kept] == list(range(200))
+
+
+def test_a_wrong_stamp_near_its_neighbours_fills_no_gap():
+    """At 20 Hz: 0.08 s early, two seconds back, and a clock that goes back by 0.09 s."""
+    for wrong_s in (STEADY[100] - 0.08, STEADY[60] + 0.01):
+        found = in_order([*STEADY[:100], wrong_s, *STEADY[101:]])
+        assert list(found.left_out) == [100]
+    found = in_order([*STEADY[:100], *(s - 0.09 for s in STEADY[100:])])
+    assert list(found.left_out.values()) == ["is 40 ms before its neighbours"]
+
+
 def test_a_clock_that_jumps_back_keeps_what_can_be_told_apart():
     found = in_order([*STEADY, *(s - 4.0 for s in STEADY)])
     assert found.jumps == [(STEADY[-1], STEADY[0] - 4.0)]

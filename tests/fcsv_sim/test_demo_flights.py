@@ -121,7 +121,7 @@ def test_a_mission_node_that_ends_at_its_start_ends_the_demo_at_once_with_what_i
     machines = object.__new__(SimulatedTellos)
     machines.launches = {"control": SimpleNamespace(log=log, returncode=None)}
     machines.meanwhile = lambda _phase: None
-    watch = SimpleNamespace(over=False, aborted=False, landed=True, phase=None, states={})
+    watch = SimpleNamespace(over=False, aborted=False, landed=True, phase=None, states={}, starting=False)
     with pytest.raises(MachineError, match=r"(?s)mission node ended at its start.*m\.yaml: configurations: is empty$"):
         flights._follow(machines, watch, print)
     assert clock.now_s < 1001.0

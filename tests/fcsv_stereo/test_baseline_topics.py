@@ -6,6 +6,7 @@ import pytest
 
 from fcsv_stereo.baseline_clouds import chosen, groups
 from fcsv_stereo.model import Cloud
+from fcsv_stereo.output import write_ply
 
 BASELINES = [("horizontal", 2.0), ("vertical", 4.0)]
 
@@ -88,7 +89,9 @@ def test_who_comes_late_gets_the_newest_map_for_himself(topics):
     assert not publisher.made["/map/baselines/vertical_4m"].sent
 
 
-def test_playback_shows_the_same_of_a_finished_map(topics, tmp_path, monkeypatch):
+@pytest.mark.parametrize("origin_m", [(0.0, 0.0, 0.0), (389000.0, 5819000.0, 0.0)])
+def test_playback_shows_the_same_of_a_finished_map(topics, tmp_path, monkeypatch, origin_m):
+    """One that is far from home's origin in a frame of its own, whose transform holds the shift."""
     import json
 
     import rospy
@@ -97,7 +100,10 @@ def test_playback_shows_the_same_of_a_finished_map(topics, tmp_path, monkeypatch
 
     shown, publisher = topics
     publisher.made.clear()
-    monkeypatch.setattr(show_map_node, "read_ply", lambda _path: cloud([0, 1]))
+    write_ply(cloud([0, 1]), tmp_path / "map.ply", np.array(origin_m))
+    sent = []
+    broadcaster = type("Broadcaster", (), {"sendTransform": lambda _self, transform: sent.append(transform)})
+    monkeypatch.setattr(show_map_node.tf2_ros, "StaticTransformBroadcaster", broadcaster)
     monkeypatch.setattr(rospy, "Publisher", lambda name, kind, queue_size, latch=False, subscriber_listener=None:
                         publisher(name, kind, queue_size, subscriber_listener))  # fmt: skip
     rows = [{"axis": axis, "baseline_m": length} for axis, length in BASELINES]
@@ -105,3 +111,12 @@ def test_playback_shows_the_same_of_a_finished_map(topics, tmp_path, monkeypatch
     show_map_node.publish_map(tmp_path)
     assert publisher.made["/map/points"].sent[0].width == 2
     assert {"/map/baselines/horizontal", "/map/baselines/vertical_4m"} < set(publisher.made)
+    frame = publisher.made["/map/points"].sent[0].header.frame_id
+    assert frame == ("map/local" if any(origin_m) else "home") and len(sent) == int(any(origin_m))
+    got = []
+    publisher.made["/map/baselines/horizontal"].listener.peer_subscribe("/map/baselines/horizontal", None, got.append)
+    assert got[0].header.frame_id == frame
+    for transform in sent:
+        moved = transform.transform.translation
+        assert (transform.header.frame_id, transform.child_frame_id) == ("home", frame)
+        assert (moved.x, moved.y, moved.z) == origin_m

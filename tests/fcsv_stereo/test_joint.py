@@ -15,7 +15,7 @@ from fcsv_stereo import cli, colmap
 from fcsv_stereo.errors import InputError, MatchingError, StereoError
 from fcsv_stereo.evaluation import evaluate
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly, method
-from fcsv_stereo.joint.pairs import nearest_useful_m
+from fcsv_stereo.joint.pairs import NearestUseful
 from fcsv_stereo.joint.views import grey, inverse_depths, projection, views
 from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture, PosePrior
 from fcsv_stereo.pipeline import METHODS
@@ -357,8 +357,8 @@ def test_the_town():
 def test_nearest_useful_depth_of_scenes_of_any_depth(far_m):
     depth = np.linspace(10.0, far_m, 64 * 48).reshape(48, 64)
     everywhere = np.ones(depth.shape, bool)
-    assert nearest_useful_m(depth, everywhere, everywhere) == pytest.approx(10.0, rel=0.1)
-    assert nearest_useful_m(depth, depth > 40.0, everywhere) >= (25.0 if far_m == 80.0 else 9.0)
+    assert NearestUseful(depth).of(everywhere, everywhere) == pytest.approx(10.0, rel=0.1)
+    assert NearestUseful(depth).of(depth > 40.0, everywhere) >= (25.0 if far_m == 80.0 else 9.0)
 
 
 def test_a_refined_focal_length_is_the_references_too():

@@ -11,7 +11,7 @@ import warnings
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Iterator, Optional, Tuple
+from typing import Iterator, Optional, Set, Tuple
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from fcsv_geometry.errors import PictureFileError
 
 _ORIENTATION = 0x0112
 _JPEG, _TIFFS = b"\xff\xd8\xff", (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_PNG, _PNG_TEXTS = b"\x89PNG\r\n\x1a\n", {b"eXIf", b"tEXt", b"zTXt", b"iTXt"}  # where EXIF or XMP may stand
 _DEFLATE = (8, 32946)  # TIFF's numbers of this compression
 _FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _FTYP_KINDS = {
@@ -205,8 +206,19 @@ def _quiet() -> Iterator[None]:
         yield
 
 
+def _png_parts(data: bytes) -> Set[bytes]:
+    """The types of the parts (chunks) of a PNG."""
+    found, at = set(), len(_PNG)
+    while at + 8 <= len(data):
+        found.add(data[at + 4 : at + 8])
+        at += 12 + int.from_bytes(data[at : at + 4], "big")
+    return found
+
+
 def _orientation(data: bytes) -> int:
     """EXIF's; 1 where the file has none, or none of eight."""
+    if data.startswith(_PNG) and not _png_parts(data) & _PNG_TEXTS:
+        return 1  # Pillow would decode all of it to look behind the pixels
     from PIL import Image
 
     try:

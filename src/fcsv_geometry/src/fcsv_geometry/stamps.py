@@ -15,6 +15,9 @@ _FEW, _FEW_SHARE = (
     2,
     0.02,
 )  # messages in a row, and their share, that are single wrong ones and no jump of a clock
+_LATE_PLACES = 3  # so many messages may be recorded before one that was sent before them
+_GAP = 0.5  # usual periods between stamps: one that was late fills the gap that it left
+_END_GAP = 1.5  # the same, at most, of one that comes before the first or after the last
 _STUCK = 0.9  # share of the messages with one stamp
 _SINCE_START_S = 10.0  # simulated time begins at 0: such stamps are none of it
 _MINOR = 0.1  # of two stretches of one time, the one with so few messages of the other's is wrong
@@ -23,6 +26,8 @@ _MINOR = 0.1  # of two stretches of one time, the one with so few messages of th
 @dataclass
 class StampOrder:
     """``kept`` are indices in order of stamp, ``left_out`` says of each other one why.
+
+    Messages that were only recorded late are kept at the place of their stamp.
 
     ``jumps`` are the stamps (before, after), s, where the clock went back.
     """
@@ -50,22 +55,29 @@ def stuck(stamps_s: Sequence[float]) -> str:
 def in_order(stamps_s: Sequence[float], alone_s: Optional[float] = None) -> StampOrder:
     """The fewest are left out so that the others rise.
 
-    Where a clock went back, both stretches are kept but for the time that they share, which nobody
-    can tell apart. A first or last stamp that is ``alone_s`` from its neighbour is wrong.
+    Messages that changed places with their neighbours on the way are sorted. Where a clock went
+    back, both stretches are kept but for the time that they share, which nobody can tell apart. A
+    first or last stamp that is ``alone_s`` from its neighbour is wrong.
 
     >>> found = in_order([1.0, 1.1, 61.2, 1.3, 1.4])
     >>> found.kept, found.left_out
     ([0, 1, 3, 4], {2: 'is 59.9 s after its neighbours'})
+    >>> in_order([1.0, 1.1, 1.3, 1.2, 1.4]).kept
+    [0, 1, 3, 2, 4]
     """
     stamps = [float(s) for s in stamps_s]
     found = StampOrder([])
     _leave_out_empty(stamps, found)
     believed = [i for i in range(len(stamps)) if i not in found.left_out]
     rising = [believed[k] for k in _longest_rise([stamps[i] for i in believed])]
-    for run in _runs(sorted(set(believed) - set(rising))):
-        if len(run) <= max(_FEW, _FEW_SHARE * len(stamps)):
-            found.left_out.update({i: _why(stamps, i, rising) for i in run})
-    left = [i for i in range(len(stamps)) if i not in found.left_out]
+    runs = _runs(sorted(set(believed) - set(rising)))
+    few = [i for r in runs if len(r) <= max(_FEW, _FEW_SHARE * len(stamps)) for i in r]
+    order, late = _with_late(stamps, rising, few)
+    found.left_out.update({i: _why(stamps, i, rising) for i in few if i not in late})
+    left = [i for i in range(len(stamps)) if i not in found.left_out and i not in late]
+    for i in late:
+        k = order.index(i)
+        left.insert(left.index(order[k + 1]) if k + 1 < len(order) else len(left), i)
     for i, neighbour in ((0, 1), (-1, -2)):
         if alone_s and len(left) > 2 and abs(stamps[left[i]] - stamps[left[neighbour]]) > alone_s:
             alone = left.pop(i)
@@ -105,6 +117,30 @@ def _longest_rise(stamps: Sequence[float]) -> List[int]:
     return chain[::-1]
 
 
+def _with_late(
+    stamps: Sequence[float], rising: Sequence[int], few: Sequence[int]
+) -> Tuple[List[int], List[int]]:
+    """``rising`` with those of ``few`` that were only recorded late or early, and these.
+
+    They stand at most three places from there, and fill the gap that they left: after a step of the
+    clock, or where a stamp is wrong, there is no gap.
+    """
+    if len(rising) < _LATE_PLACES:
+        return list(rising), []
+    period_s = float(np.median(np.diff([stamps[i] for i in rising])))
+    order: List[int] = list(rising)
+    late: List[int] = []
+    for i in few:
+        k = bisect.bisect_left([stamps[j] for j in order], stamps[i])
+        gaps_s = [abs(stamps[i] - stamps[j]) for j in order[max(k - 1, 0) : k + 1]]
+        passed = [*(j for j in order[:k] if j > i), *(j for j in order[k:] if j < i)]
+        alone = len(gaps_s) == 1 and gaps_s[0] > _END_GAP * period_s
+        if len(passed) <= _LATE_PLACES and min(gaps_s) >= _GAP * period_s and not alone:
+            late.append(i)
+            order.insert(k, i)
+    return order, late
+
+
 def _runs(indices: Sequence[int]) -> List[List[int]]:
     """Neighbouring indices together."""
     runs: List[List[int]] = []
@@ -122,7 +158,8 @@ def _why(stamps: Sequence[float], i: int, kept: Sequence[int]) -> str:
     off_s = min((stamps[i] - b for b in beside), key=abs) if beside else 0.0
     if off_s == 0.0:
         return "is that of the message before"
-    return f"is {abs(off_s):.1f} s {'after' if off_s > 0.0 else 'before'} its neighbours"
+    by = f"{abs(off_s):.1f} s" if abs(off_s) >= 0.1 else f"{1e3 * abs(off_s):.0f} ms"
+    return f"is {by} {'after' if off_s > 0.0 else 'before'} its neighbours"
 
 
 def _stretches(stamps: Sequence[float], indices: Sequence[int]) -> List[List[int]]:

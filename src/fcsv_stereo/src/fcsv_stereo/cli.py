@@ -3,13 +3,13 @@
 
 import argparse
 import math
+import sys
 from pathlib import Path
 from typing import List, Optional, Union
 
-from tqdm import tqdm
-
 from fcsv_geometry import commands
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.live_line import LiveLine, Steps
 from fcsv_stereo import pipeline
 from fcsv_stereo.cloud_bounds import CloudBounds
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
@@ -31,6 +31,7 @@ _OPTIONS_OF = {
         "prior_scale_percent", "rig", "refine_focal", "keep_camera", "refine_time_offset",
     ),
 }  # fmt: skip
+_MAPPED = 0.9  # of a map's time; the rest is its files and its report
 _EXAMPLES = """examples:
   map out/demo/session -o out/map
   map photos/ -o out/photos --reference 0003.jpg --method thesis --matcher sgbm --disparity 16 256
@@ -44,23 +45,20 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 
 def _map(args) -> None:
-    bar = None
-
-    def progress(name: str, done: int, total: int) -> None:
-        nonlocal bar
-        if bar is None:
-            bar = tqdm(total=total, unit="pair", disable=None)
-        bar.set_description(name)
-        bar.update(done - bar.n)
-        if done == total:
-            bar.close()
-
     products = parse_products(args.products)
     poi = Path(args.poi) if args.poi else None
-    document = pipeline.run(
-        Path(args.input), Path(args.out), args.method, _options(args), args.reference, progress, poi, products,
-        _instant(args.instant), CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma), not args.no_near,
-    )  # fmt: skip
+    options, instant = _options(args), _instant(args.instant)
+    bounds = CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma)
+    with Steps(LiveLine(sys.stderr), "reading pictures").shown() as steps:
+
+        def progress(name: str, done: int, total: int) -> None:
+            ended = done == total
+            steps.begin("writing the map and its report" if ended else name, _MAPPED * done / total)
+
+        document = pipeline.run(
+            Path(args.input), Path(args.out), args.method, options, args.reference, progress, poi, products,
+            instant, bounds, not args.no_near,
+        )  # fmt: skip
     print(demo_table(document))
     written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]
     print(f"wrote {args.out}: {', '.join(written + [f for p in products for f in PRODUCTS[p]])}")

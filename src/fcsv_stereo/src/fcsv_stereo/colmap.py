@@ -20,6 +20,7 @@ from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapI
 from fcsv_stereo.posed_pictures import find_files, load_pictures
 from fcsv_stereo.priors import FILE as PRIORS
 from fcsv_stereo.priors import read_priors
+from fcsv_stereo.rig import stated_rig
 
 __all__ = ["MODELS", "PosedImage", "camera_of", "is_model", "read_cameras", "read_images", "read_photographs"]
 
@@ -65,7 +66,8 @@ def read_photographs(folder: Path, reference: Optional[str] = None) -> MapInput:
         for name, picture in pictures.items()
         if name != first.name
     ]
-    return MapInput(InputKind.PHOTOGRAPHS, configurations, prior=prior, warnings=warnings)
+    rig = stated_rig(folder, [p for p in posed if p.name in pictures], list(pictures.values()))
+    return MapInput(InputKind.PHOTOGRAPHS, configurations, prior=prior, warnings=warnings, rig=rig)
 
 
 def _named(posed: Sequence[PosedImage], name: str, folder: Path) -> PosedImage:

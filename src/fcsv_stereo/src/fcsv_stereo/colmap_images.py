@@ -21,11 +21,13 @@ _MOST_ROUNDED_SHARE = 0.02  # of the distance between cameras may their places b
 
 @dataclass(frozen=True)
 class PosedImage:
-    """A line of images.txt; T_home_cam with home the model's world."""
+    """A line of images.txt; T_home_cam with home the model's world. ``frame``: the line of frames.txt that it is of,
+    where there is one: pictures of one frame were taken at once by the cameras of one rig."""
 
     name: str
     camera_id: int
     T_home_cam: np.ndarray
+    frame: str = ""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class _Line:
     camera_id: int
     T_cam_home: np.ndarray
     rounding: float
+    frame: str = ""
 
 
 def read_images(path: Path, cameras: Collection[int], warnings: Optional[List[str]] = None) -> List[PosedImage]:
@@ -56,7 +59,7 @@ def read_images(path: Path, cameras: Collection[int], warnings: Optional[List[st
     elif said:
         logging.getLogger(__name__).warning("%s", said)
     _require_digits(path, lines)
-    return [PosedImage(i.name, i.camera_id, transforms.invert(i.T_cam_home)) for i in lines]
+    return [PosedImage(i.name, i.camera_id, transforms.invert(i.T_cam_home), i.frame) for i in lines]
 
 
 def data_lines(path: Path) -> Iterator[Tuple[int, str]]:
@@ -177,7 +180,7 @@ def _with_frames(path: Path, lines: List[_Line]) -> Tuple[List[_Line], str]:
         if camera_id != i.camera_id:
             raise InputError(f"{where}: image {i.image_id} ({i.name}) is of camera {camera_id}, in images.txt of "
                              f"{i.camera_id}; one of the two files is old: export the model again")  # fmt: skip
-        composed.append(replace(i, T_cam_home=T_cam_home, rounding=rounding))
+        composed.append(replace(i, T_cam_home=T_cam_home, rounding=rounding, frame=where))
     return composed, _contradiction(path, lines, composed)
 
 

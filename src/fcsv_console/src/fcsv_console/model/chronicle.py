@@ -46,7 +46,7 @@ class Chronicle:
         bad = [(w, n) for w, (at_s, n) in self._bad.items() if now_s - at_s <= _PROBLEM_S]
         return [f"{words} ({number} times)" if number > 1 else words for words, number in bad]
 
-    def remember(self, now_s: float, fact: Any) -> None:
+    def remember(self, now_s: float, fact: Any) -> None:  # noqa: C901
         """A fact that was found sound: an event where it changes something."""
         if isinstance(fact, f.MissionTold):
             self._changed(now_s, "phase", "mission", f"{fact.phase}: {fact.detail}".rstrip(": "))

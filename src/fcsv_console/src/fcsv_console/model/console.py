@@ -136,7 +136,7 @@ class Console:
         self.log.answer(number, words, done)
         self._pending = {name: p for name, p in self._pending.items() if p[1] != number}
 
-    def _take(self, now_s: float, fact: Any) -> None:
+    def _take(self, now_s: float, fact: Any) -> None:  # noqa: C901
         whole = {
             f.MissionTold: self._mission, f.MissionAlive: self._alive, f.Check: self._check, f.MapTold: self._map,
             f.StopTold: self._stop,

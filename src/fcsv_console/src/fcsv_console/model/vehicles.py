@@ -91,7 +91,7 @@ class VehicleRow:
         return self.endurance_s >= self.needed_s
 
 
-def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "") -> Flier:
+def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "") -> Flier:  # noqa: C901
     """Who has the vehicle now, highest first as in docs/safety.md: pilot, failsafe, guardian, mission."""
     if state.value is None:
         return Flier(UNKNOWN, "not heard yet")

@@ -73,7 +73,7 @@ def require_flyable(mission: Mission, phase: str, snapshot: Snapshot) -> None:
             raise MissionError(f"{name}: {view.sighted_off}: landing everybody")
 
 
-def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tuple[Pause, str]]:
+def _of_vehicle(mission: Mission, phase: str, view: VehicleView) -> Iterator[Tuple[Pause, str]]:  # noqa: C901
     ages_s = [("state", view.state_age_s, STATE_STALE_S)]
     if mission.tracker != GROUND or phase not in _BEFORE_SIGHT:
         ages_s.append(("pose", view.pose_age_s, POSE_STALE_S))

@@ -8,23 +8,24 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import List, Optional, Tuple
 
 from fcsv_control.mission.plan_check import require_flyable
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.mission import Mission, load_mission
 from fcsv_geometry.vehicle import load_vehicles
 from fcsv_geometry.writing import in_words, require_folder
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.bringup import mission_file, vehicles_folder
 from fcsv_sim.demo import interrupt
+from fcsv_sim.demo.autopilots import addresses, require_there
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.held import held, held_in_words
-from fcsv_sim.demo.look import look
+from fcsv_sim.demo.look import look, write_play
 from fcsv_sim.demo.monitored import in_words as monitored_in_words
 from fcsv_sim.demo.monitored import judge, load, write_table
+from fcsv_sim.demo.narration import Narrator, in_minutes, wait
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
 from fcsv_sim.demo.truth_export import export_movers, export_truth
@@ -39,6 +40,7 @@ _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each oth
 _LEAST_MIB = 800  # recorders stop below 500 MiB; a mission's pictures
 _FOLDERS = ("run", "session", "map", "map_instant", "map_thesis", "monitor")
 _REAL_TIME = 0.97  # of it, or more: not worth a word
+_AROUND_S, _CHANGE_S = 85.0, 8.0  # of a flight: what is not configurations; from one to the next
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -49,16 +51,14 @@ def main(argv: Optional[List[str]] = None) -> int:
     args = _parse(argv)
     try:
         rate = slow_motion.parse_rate(args.speed)
+        if addresses(args.autopilot) and rate is None:
+            rate = 1.0  # programs from elsewhere keep a steady time
         if argv is None and args.system != TILTING:  # pictures taken at rest have no clock
             slow_motion.begin_again_in(rate)
     except FcsvError as error:
         print(f"demo: {error}", file=sys.stderr)
         return 2
-    started = time.monotonic()
-
-    def say(line: str) -> None:
-        print(f"[{time.monotonic() - started:6.1f} s] {line}", flush=True)
-
+    say = Narrator()
     interrupt.listen()
     try:
         if args.system == TILTING:
@@ -77,9 +77,10 @@ def main(argv: Optional[List[str]] = None) -> int:
         return 2
 
 
-def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Optional[str] = None) -> int:
+def run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool = False, method: Optional[str] = None) -> int:
     """The whole story: a world, a flight in it, its truth, a map, a table."""
     _empty(plan.folder)
+    say(_what_comes(load_mission(plan.mission_file), fly_only))
     build_world(plan, say)
     if not plan.buttons:
         window = f"{plan.run_folder / 'on_control'} rosrun fcsv_console console"
@@ -104,8 +105,17 @@ def run(system: System, plan: FleetPlan, say, fly_only: bool = False, method: Op
         _print_end(plan, plan.folder / each.folder)
     slowly = "" if speed > _REAL_TIME else f" (at {speed:.2f} of real time)"
     print(f"flown {flight_s:.0f} s{slowly}, moved {moved_m:.1f} m while configurations were flown")
+    write_play(plan)
     look(plan)
     return 0
+
+
+def _what_comes(mission: Mission, fly_only: bool) -> str:
+    """One line at the start: the steps, and about how long each takes on a machine with two free cores."""
+    flight_s = _AROUND_S + sum(_CHANGE_S + c.record_s for c in mission.configurations)
+    steps = ["build the world, half a minute", f"fly mission '{mission.name}', about {in_minutes(flight_s)}"]
+    steps += [] if fly_only else ["map what was seen, one to two minutes"]
+    return f"what comes: {'; '.join(steps)} (longer on a busy machine); Ctrl-C lands and stops all"
 
 
 def _judge_monitoring(plan: FleetPlan) -> None:
@@ -116,18 +126,19 @@ def _judge_monitoring(plan: FleetPlan) -> None:
     print(f"depth images of monitoring: {plan.monitor_folder}")
 
 
-def build_world(plan: FleetPlan, say) -> None:
+def build_world(plan: FleetPlan, say: Narrator) -> None:
     """The truth mesh of the town; meanwhile the renderer's kernels compile (cached for the cameras)."""
     truth = plan.session_folder / "truth"
     truth.mkdir(parents=True)
     say(f"building the {plan.world} world (seed {plan.seed})")
     command = ["rosrun", "fcsv_sim", "world", "--seed", str(plan.seed), "--world", plan.world]
     command += ["--ply", str(truth / "scene.ply")]
-    if subprocess.run(command, stdout=subprocess.DEVNULL).returncode != 0:
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    if wait(child, say, "building the world") != 0:
         raise MachineError(f"the simulated town could not be built: '{' '.join(command)}' failed")
 
 
-def _map(plan: FleetPlan, each: MapRun, say) -> None:
+def _map(plan: FleetPlan, each: MapRun, say: Narrator) -> None:
     say(" ".join(["mapping", *each.arguments]))
     command = ["rosrun", "fcsv_stereo", "map", str(plan.session_folder), "-o", str(plan.folder / each.folder)]
     env = slow_motion.in_real_time(dict(os.environ))
@@ -171,6 +182,9 @@ def _plan(system: System, args) -> FleetPlan:
     flown = load_mission(mission)  # a list that cannot be flown is refused before anything is started
     vehicles = system.fleet(flown)
     system.require(flown)
+    autopilots = addresses(args.autopilot)
+    if autopilots and args.system != "tags":
+        raise MachineError(f"--autopilot: in system {args.system} no autopilot flies")
     require_flyable(flown, vehicles, {n: v.radius_m for n, v in load_vehicles(vehicles_folder(), vehicles).items()})
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
@@ -189,10 +203,12 @@ def _plan(system: System, args) -> FleetPlan:
     rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
+    if autopilots:
+        require_there(autopilots, vehicles, slow_motion.parse_rate(args.speed) or 1.0)
     return FleetPlan(
         out, mission, args.seed, args.world, vehicles, start_xy_m=_start(args), rviz=rviz, near=args.near == "1",
         live=live and not monitor, monitor=monitor, movers=tuple(through_town), flight_link=args.flight_link,
-        buttons=args.operator != "you", ready_s=args.ready_s,
+        autopilots=autopilots, buttons=args.operator != "you", ready_s=args.ready_s,
     )  # fmt: skip
 
 
@@ -260,6 +276,11 @@ def _parse(argv):
     parser.add_argument(
         "--flight-link", choices=("mavlink", "mavros"), default="mavlink",
         help="system tags: what flies the autopilots; mavros: MAVROS's node, which must be installed (docs/mavros.md)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--autopilot", default="", metavar="ADDRESS,...",
+        help="system tags: ArduCopter's own simulation flies, one for each vehicle: tcp:127.0.0.1:5760,... "
+        "(docs/autopilot.md), with --speed of its own --speedup; default: simulated autopilots",
     )  # fmt: skip
     parser.add_argument(
         "--operator", choices=("simulated", "you"), default="simulated",

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_sim.autopilot.ground import READY_S
+from fcsv_sim.demo.autopilots import rc_port
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
 from fcsv_sim.world.movers import Mover
@@ -25,9 +26,14 @@ _SLOW_NOTE = (
 )
 _ON = """#!/bin/sh
 # A command on the simulated machine {name}, with its ROS master and the flight's clock: on_{name} rostopic list
+# It brings the workspace's environment along: it works from any shell.
 [ $# -gt 0 ] || {{ echo "usage: $0 COMMAND..., such as: $0 rostopic list" >&2; exit 2; }}
 exec env {words} "$@"
 """
+_WORKSPACE = (
+    "PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "CMAKE_PREFIX_PATH", "PKG_CONFIG_PATH",
+    "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PACKAGE_PATH", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,7 @@ class FleetPlan:
     near: bool = False  # depth cameras are recorded
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     ready_s: float = READY_S  # until a simulated autopilot may be armed
+    autopilots: Tuple[str, ...] = ()  # tcp:HOST:PORT of ArduCopters that fly in place of the simulated ones
     buttons: bool = True  # a simulated operator presses them; else somebody does in the window
 
     @property
@@ -71,6 +78,16 @@ class FleetPlan:
         """On the ground, in a column, facing the town (world frame, m and rad)."""
         x, y = self.start_xy_m
         return [x - index * self.column_spacing_m, y, 0.0, 0.0]
+
+
+def workspace() -> Dict[str, str]:
+    """The variables by which this process finds the workspace's programs: a printed command sets them itself."""
+    return {name: os.environ[name] for name in _WORKSPACE if name in os.environ}
+
+
+def assignments(variables: Dict[str, str]) -> str:
+    """The words that ``env`` takes."""
+    return " ".join(f"{name}={shlex.quote(value)}" for name, value in variables.items())
 
 
 class Machines:
@@ -135,8 +152,7 @@ class Machines:
             variables = {"ROS_MASTER_URI": machine.master_uri, **time}
             description[name] = {**variables, "folder": str(machine.folder), **({"note": _SLOW_NOTE} if time else {})}
             script = self.plan.run_folder / f"on_{name}"
-            words = " ".join(f"{k}={shlex.quote(v)}" for k, v in variables.items())
-            script.write_text(_ON.format(name=name, words=words))
+            script.write_text(_ON.format(name=name, words=assignments({**workspace(), **variables})))
             script.chmod(0o755)
         (self.plan.run_folder / "fleet.json").write_text(json.dumps(description, indent=1))
 
@@ -149,6 +165,7 @@ class SimulatedFleet(Machines):
         self._endpoints = {n: f"127.0.0.1:{free_port()}/{free_port()}" for n in self.machines}
         self._mavlink_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
         self._rc_ports = {v: free_port(socket.SOCK_DGRAM) for v in plan.vehicles}
+        self._rc_ports.update(zip(plan.vehicles, map(rc_port, plan.autopilots)))
 
     def _launch(self) -> None:
         for index, vehicle in enumerate(self.plan.vehicles):
@@ -181,6 +198,7 @@ class SimulatedFleet(Machines):
             "sim_mavlink_port": self._mavlink_ports[vehicle],
             "sim_rc_port": self._rc_ports[vehicle],
             "sim_ready_s": self.plan.ready_s,
+            **({"sim_autopilot": self.plan.autopilots[index]} if self.plan.autopilots else {}),
             "sim_start": ",".join(map(str, self.plan.start_xyz_yaw(index))),
         }
 

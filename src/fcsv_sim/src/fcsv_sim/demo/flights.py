@@ -6,22 +6,22 @@ from typing import Callable, Tuple
 
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines, SimulatedFleet
 from fcsv_sim.demo.interrupt import Interrupted, uninterrupted
+from fcsv_sim.demo.narration import Narrator
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.tellos import SimulatedTellos
 from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.tello.places import places
 
-Say = Callable[[str], None]
 _MISSION_TIMEOUT_S = 900.0
 _LAND_TIMEOUT_S = 45.0
 
 
-def fly_fleet(plan: FleetPlan, say: Say) -> Tuple[float, float]:
+def fly_fleet(plan: FleetPlan, say: Narrator) -> Tuple[float, float]:
     """Vehicles with autopilots, a master each, the mission node in charge; seconds flown and metres moved."""
     return _fly_mission(SimulatedFleet(plan), say)
 
 
-def fly_tellos(site: PairSite, plan: FleetPlan, say: Say) -> Tuple[float, float]:
+def fly_tellos(site: PairSite, plan: FleetPlan, say: Narrator) -> Tuple[float, float]:
     """Tellos before a tracker on the ground, the mission node in charge; seconds flown and metres moved."""
     with places(plan.vehicles) as (where, otherwise):
         if otherwise:
@@ -29,7 +29,7 @@ def fly_tellos(site: PairSite, plan: FleetPlan, say: Say) -> Tuple[float, float]
         return _fly_mission(SimulatedTellos(plan, site, where), say)
 
 
-def _fly_mission(machines: Machines, say: Say) -> Tuple[float, float]:
+def _fly_mission(machines: Machines, say: Narrator) -> Tuple[float, float]:
     from fcsv_sim.demo.ros.mission_watch import MissionWatch  # needs these machines' master in the environment
 
     watch = None
@@ -50,7 +50,7 @@ def _fly_mission(machines: Machines, say: Say) -> Tuple[float, float]:
     return _fly(machines, follow, lambda: _land_fleet(watch, say), say)
 
 
-def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Callable[[], None], say: Say):
+def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Callable[[], None], say: Narrator):
     """What ``follow`` gives. Lands everybody and stops every process whatever happens."""
     try:
         machines.start()
@@ -70,9 +70,8 @@ def _fly(machines: Machines, follow: Callable[[], Tuple[float, float]], land: Ca
         uninterrupted(machines.stop)
 
 
-def _follow(fleet: Machines, watch, say: Say) -> None:
+def _follow(fleet: Machines, watch, say: Narrator) -> None:
     deadline = time.monotonic() + _MISSION_TIMEOUT_S
-    next_line = time.monotonic() + 10.0
     while not watch.over:
         time.sleep(0.2)
         fleet.require_alive()
@@ -84,16 +83,24 @@ def _follow(fleet: Machines, watch, say: Say) -> None:
             raise MachineError(
                 f"the mission did not end within {_MISSION_TIMEOUT_S:.0f} s; logs: {fleet.plan.run_folder}"
             )
-        if time.monotonic() > next_line and watch.states:
-            say(f"    {watch.vehicles_line()}")
-            next_line += 10.0
+        _show(watch, say)
     if watch.aborted:
         raise MachineError(f"the mission was aborted; logs: {fleet.plan.run_folder}")
     while not watch.landed and time.monotonic() < deadline:
         time.sleep(0.2)
 
 
-def _land_fleet(watch, say: Say) -> None:
+def _show(watch, say: Narrator) -> None:
+    """What goes on now: what the start still waits for, then the vehicles."""
+    if watch.starting:
+        say.status(watch.start_up.status())
+        for line in watch.start_up.reasons(time.monotonic()):
+            say(line)
+    elif watch.states:
+        say.status(watch.vehicles_line())
+
+
+def _land_fleet(watch, say: Narrator) -> None:
     """Ask for a landing and wait for it."""
     if watch is None or watch.landed:
         return

@@ -6,12 +6,19 @@ import shlex
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from typing import List
 
 from fcsv_sim.demo import interrupt
-from fcsv_sim.demo.fleet import FleetPlan
+from fcsv_sim.demo.fleet import FleetPlan, assignments, workspace
 from fcsv_sim.machines import slow_motion
 from fcsv_sim.machines.machines import free_port
+
+_PLAY = """#!/bin/sh
+# The flight again, with its map, in rviz and in the operator's window. More arguments go to playback.launch: rate:=2
+# It brings the workspace's environment along: it works from any shell.
+exec env {words} {command} "$@"
+"""
 
 
 def playback(plan: FleetPlan, map_folder: str = "map") -> List[str]:
@@ -20,9 +27,20 @@ def playback(plan: FleetPlan, map_folder: str = "map") -> List[str]:
     return ["roslaunch", "fcsv_bringup", "playback.launch", *arguments, f"vehicles:={','.join(plan.vehicles)}"]
 
 
+def write_play(plan: FleetPlan) -> None:
+    """Writes the script that plays the flight back: ``make play OUT=FOLDER`` runs it."""
+    script = _script(plan)
+    script.write_text(_PLAY.format(words=assignments(workspace()), command=shlex.join(playback(plan))))
+    script.chmod(0o755)
+
+
+def _script(plan: FleetPlan) -> Path:
+    return plan.folder / "play"
+
+
 def look(plan: FleetPlan) -> None:
     """Prints the command; where rviz was asked for by somebody at a terminal, runs it until he closes rviz."""
-    print(f"again:  {shlex.join(playback(plan))}")
+    print(f"again:  {shlex.quote(str(_script(plan)))}")
     if not (plan.rviz and sys.stdin.isatty()):
         return
     print("rviz shows the flight and its map: close it, or press Ctrl-C, to end", flush=True)

@@ -15,7 +15,7 @@ from fcsv_sim.autopilot.parameters import DEFAULTS
 from fcsv_sim.bringup import bringup, vehicles_folder
 from fcsv_sim.demo import flights, reach
 from fcsv_sim.demo.fleet import FleetPlan
-from fcsv_sim.demo.flights import Say
+from fcsv_sim.demo.narration import Narrator
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.demo.tellos import received_stamps
 from fcsv_tracking.gimbal.config import load_ground_robot
@@ -45,7 +45,7 @@ class System:
 
     vehicles: Tuple[str, ...]
     mission: str
-    fly: Callable[[FleetPlan, Say], Tuple[float, float]]
+    fly: Callable[[FleetPlan, Narrator], Tuple[float, float]]
     maps: Callable[[Mission], Tuple[MapRun, ...]] = lambda _mission: (MapRun(),)
     require: Callable[[Mission], None] = lambda _mission: None
     grows: bool = False  # flies vehicles that only the mission names, too

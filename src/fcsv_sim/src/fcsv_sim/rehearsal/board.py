@@ -171,7 +171,7 @@ class OnBoard:
         if self.link_runs:
             self.check.scene(now_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points, seen.one_way)
 
-    def _on_board(self, now_s: float) -> None:
+    def _on_board(self, now_s: float) -> None:  # noqa: C901
         """The line between autopilot and link, the link's events, the watchdog, the agent."""
         for message in self._server.outgoing():
             self.link.take(now_s, _as_received(message))

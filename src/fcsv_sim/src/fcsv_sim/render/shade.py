@@ -90,7 +90,7 @@ def _light(r, g, b, sun, opening):
 
 
 @compiled.kernel
-def shade_rays(
+def shade_rays(  # noqa: PLR0913
     triangles, materials, instances, data, near, far, windows, R_world_cam, fx, fy, rays, wanted, exposure, out
 ):
     """Picture values (K,3) f32 of the ``wanted`` (K) of cast rays (N,20; rays.py).

@@ -12,7 +12,7 @@ from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.joint.checks.evidence import chance_of_wrong, doubt, features, standing_out
 from fcsv_stereo.joint.checks.kinds import infinite, kinds
 from fcsv_stereo.joint.checks.reliability import confirmed, is_certain, relied_on, trusted
-from fcsv_stereo.joint.checks.sigma import geometry_sigma, matching_sigma
+from fcsv_stereo.joint.checks.sigma import geometry_sigmas, matching_sigma
 from fcsv_stereo.joint.checks.sky import in_the_skyline, sky
 from fcsv_stereo.joint.pictures import Pictures, usable
 from fcsv_stereo.joint.refine.exposure import same_exposure
@@ -124,16 +124,17 @@ def match_jointly(
         for scale in between:
             surfaces = _surfaces_between(pictures, surfaces, levels, scale, options, pool)
         pictures, fine = _at_full_size(pictures, surfaces, levels, known, options, pool)
-    geometry = geometry_sigma(reference, pictures.others, pictures.covariances, fine)
+    del surfaces
+    geometry, off, stays = _by_poses(pictures, fine, suspicion, untold, used)
     own_w = matching_sigma(fine, known)
-    sigma_w = np.hypot(own_w, geometry)
+    fine = fine.without_slopes()
+    sigma_w = np.hypot(own_w, geometry, out=geometry)
     own_w = sigma_w if options.poses_withhold else own_w
     with ThreadPoolExecutor(options.threads) as pool:
-        off = _off(reference, pictures, [suspicion.covariances[i] for i in used], fine) if suspicion else None
         kind, columns = _judged(pictures, fine, own_w, known, options, pool, suspicion, off)
     depth, sigma, support = _certain_depth(fine, sigma_w, own_w, reference.blank, options)
-    if untold:
-        sigma = np.hypot(sigma, depth * _off(reference, pictures, [untold[i] for i in used], fine))
+    if stays is not None:
+        sigma = np.hypot(sigma, depth * stays)
     if suspicion:
         sigma = np.hypot(sigma, depth * np.float32(suspicion.probability**0.5) * off)
     if reference.blank is not None:
@@ -141,10 +142,19 @@ def match_jointly(
     return JointDepth(depth, sigma, support, used, left_out, fine, known, pictures.others, kind, columns)
 
 
-def _off(reference: Picture, pictures: Pictures, covariances: Sequence[np.ndarray], fine: Fine) -> np.ndarray:
-    """HxW float32: standard deviation of depth, as a share of it, that the poses' ``covariances`` make."""
-    sigma_w = geometry_sigma(reference, pictures.others, covariances, fine)
-    return (sigma_w / np.maximum(fine.w, 1e-9)).astype(np.float32)
+def _by_poses(
+    pictures: Pictures, fine: Fine, suspicion: Optional[Suspicion], untold: Optional[Sequence[np.ndarray]],
+    used: Sequence[int],
+) -> Tuple[np.ndarray, Optional[np.ndarray], Optional[np.ndarray]]:  # fmt: skip
+    """HxW float32 each, what errors of the poses make: of inverse depth (1/m) by their covariances; of the depth, as a
+    share of it, by those suspected and those ``untold``, None where there are none."""
+    sets = [pictures.covariances]
+    sets += [[each[i] for i in used] for each in (suspicion and suspicion.covariances, untold) if each]
+    geometry, *shares = geometry_sigmas(pictures.reference, pictures.others, sets, fine)
+    for sigma_w in shares:
+        sigma_w /= np.maximum(fine.w, np.float32(1e-9))
+    off = shares.pop(0) if suspicion else None
+    return geometry, off, shares.pop() if untold else None
 
 
 def _judged(
@@ -157,17 +167,19 @@ def _judged(
     small = pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1])))
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     here = residuals(small, w, pool)
+    heaven = infinite(w, here, colours(pictures.reference, small.shape), ~seen_by_any(small, 0.0), full)
     out = standing_out(small, w, here, full, pool)
+    del small, w, here  # large pictures
     grey = pictures.grey(0)
-    contrast = cv2.blur(np.abs(without_mean(grey)), (RESIDUALS.window_px,) * 2)
+    bright = grey > np.median(grey)
+    contrast = without_mean(grey)
+    del grey
+    contrast = cv2.blur(np.abs(contrast, out=contrast), (RESIDUALS.window_px,) * 2)
     columns = features(fine, sigma_w, known, out, contrast)
     kept = np.stack(list(columns), axis=-1) if options.keep_features else None
     doubts = doubt(columns if kept is None else np.moveaxis(kept, -1, 0))
     if suspicion:
         doubts += (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(off)
-    colour = colours(pictures.reference, small.shape)
-    heaven = infinite(w, here, colour, ~seen_by_any(small, 0.0), full)
-    bright = grey > np.median(grey)
     kind = kinds(doubts, out, fine.residuals, contrast, heaven, bright)
     moves_px = fine.w * fine.residuals.speed.max(axis=0)
     kind[in_the_skyline(kind == Kind.SKY, supported(kind), moves_px, pictures.reference.image)] = Kind.SKY

@@ -17,9 +17,10 @@ from fcsv_stereo.joint.checks.enough_evidence import require_evidence, why_no_de
 from fcsv_stereo.joint.checks.kinds import supported_only
 from fcsv_stereo.joint.checks.moved import leave_out_moved
 from fcsv_stereo.joint.match import JointDepth, MatchOptions, Suspicion, match_jointly
-from fcsv_stereo.joint.pairs import JointPair, nearest_useful_m
+from fcsv_stereo.joint.pairs import JointPair, NearestUseful
 from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.model import (
+    RIG,
     Configuration,
     ConfigurationInput,
     ImageEntry,
@@ -36,7 +37,7 @@ from fcsv_stereo.model import (
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
 from fcsv_stereo.refinement import METRIC, KnownFeatures, RefinedPicture, RefineOptions, refine
 from fcsv_stereo.refinement.turning import most_turn_rad
-from fcsv_stereo.rig import rig_hint
+from fcsv_stereo.rig import rig_hint, rig_words
 from fcsv_stereo.unit_of_length import in_metres, in_unit, unit_of
 
 _MONITORED_PIXELS = 640 * 480
@@ -143,6 +144,10 @@ def map_joint(given: MapInput, options: JointOptions, progress: Progress) -> Map
 def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: float) -> MapResult:
     """The map of an input in units of ``unit_m``; its ``options`` are in metres."""
     reference, others = choose_pictures(given.configurations)
+    hint = rig_hint(reference, others) if _nothing_said(given, options) else []
+    if given.rig and _nothing_said(given, options) and not options.refinement.refine_focal:
+        options = replace(options, prior=RIG, refinement=replace(options.refinement, calibrated=True))
+        hint = [rig_words(given.rig)]
     prior = _prior(given, options, unit_m).in_scene([_apart(reference, o) for o in others])
     refinement = replace(
         options.refinement, prior=prior, unit_m=unit_m, most_turn_rad=most_turn_rad(given),
@@ -152,8 +157,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     warnings = list(given.warnings)
 
     started = time.perf_counter()
-    progress("poses", 0, 3)
-    hint = rig_hint(reference, others) if _nothing_said(given, options) else []
+    progress("refining poses", 0, 3)
     reference, refined, unseen = _refine(reference, others, options, warnings)
     unseen = [*unseen, *hint]
     timing_s = {"refine": time.perf_counter() - started}
@@ -183,7 +187,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     timing_s["match"] = time.perf_counter() - started
 
     started = time.perf_counter()
-    progress("map", 2, 3)
+    progress("fusing", 2, 3)
     cloud = cloud_of(reference, found.depth, found.sigma, found.strongest)
     if not len(cloud):
         why = why_no_depth(reference, pictures, unit_m)
@@ -191,7 +195,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     configurations = [given.configurations[i].configuration for i in kept]
     pairs = _pairs(configurations, given.kind is InputKind.SESSION, reference, pictures, found, options)
     timing_s["fuse"] = time.perf_counter() - started
-    progress("map", 3, 3)
+    progress("fusing", 3, 3)
     view, images = Reference.of(reference), _images(reference, others, refined, left_out)
     return MapResult(
         "joint", view, images, pairs, found.depth, found.sigma, cloud, timing_s, warnings, found.kind, unseen=unseen
@@ -272,11 +276,11 @@ def _pairs(
     configurations: List[Configuration], level: bool, reference: Picture, others: List[Picture], found: JointDepth,
     options: JointOptions,
 ):  # fmt: skip
-    pairs = []
+    pairs, nearest_m = [], NearestUseful(found.depth)
     for bit, i in enumerate(found.used):
         configuration = configurations[i]
         agrees = found.agrees(bit)
-        near_m = nearest_useful_m(found.depth, agrees, found.fine.residuals.seen[bit] > 0)
+        near_m = nearest_m.of(agrees, found.fine.residuals.seen[bit] > 0)
         far_m = farthest(max(configuration.baseline_m, 1e-6), reference.camera.fx, options.threshold)
         range_m = min(near_m, far_m), far_m
         pairs.append(JointPair(configuration, reference, others[i], found.depth, agrees, range_m, level))

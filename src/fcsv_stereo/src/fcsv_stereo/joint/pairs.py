@@ -134,26 +134,44 @@ class JointPair:
         return ((u, v)[i] - projected).astype(np.float32)
 
 
-def nearest_useful_m(depth: np.ndarray, agrees: np.ndarray, sees: np.ndarray) -> float:
+class NearestUseful:
     """The depth (m) below which a pair's matches stop agreeing with the joint map, from the evidence.
 
     ``agrees`` and ``sees`` are HxW bool. In bands of depth (with their neighbours, lest one object decides) the share
     of the map's pixels that the pair agrees with is held against its usual share; what it does not see is lost too.
     What the thesis left open beside equation 3.1's farthest depth.
     """
-    known = np.isfinite(depth)
-    if not known.any():
-        return 0.0
-    low, high = np.log2(np.percentile(depth[known], [0.5, 99.5]))
-    count = max(2, int(np.ceil((high - low) * PAIRS.bins_per_doubling)))
-    edges = np.exp2(np.linspace(low, high, count + 1))
-    of, agreeing = (np.histogram(depth[m], edges)[0] for m in (known, known & agrees & sees))
-    of, agreeing = (np.convolve(x, np.ones(3))[1:-1] for x in (of, agreeing))
-    enough = of >= PAIRS.least_pixels
-    if not enough.any():
-        return float(edges[-1])
-    share = agreeing / np.maximum(of, 1.0)
-    usual = np.percentile(share[enough], PAIRS.usual_percentile)
-    nearer_than_best = np.arange(count) < np.argmax(share * enough)
-    failing = np.flatnonzero(enough & (share < PAIRS.least_share * usual) & nearer_than_best)
-    return float(edges[failing[-1] + 1]) if failing.size else float(edges[0])
+
+    def __init__(self, depth: np.ndarray):
+        """``depth`` (HxW, m, NaN) is the map's, of all pairs: its bands are found once."""
+        self._known = np.isfinite(depth)
+        depths = depth[self._known]
+        if not len(depths):
+            return
+        low, high = np.log2(np.percentile(depths, [0.5, 99.5]))
+        count = max(2, int(np.ceil((high - low) * PAIRS.bins_per_doubling)))
+        self._edges = np.exp2(np.linspace(low, high, count + 1))
+        band = np.searchsorted(self._edges, depths, side="right").astype(np.int16)  # 0: nearer than all
+        band[depths == self._edges[-1]] = count  # the last one holds its end, as histograms do
+        self._band = band
+        self._of = self._counted(band)
+
+    def _counted(self, bands: np.ndarray) -> np.ndarray:
+        """By band, with its neighbours."""
+        count = len(self._edges) - 1
+        return np.convolve(np.bincount(bands, minlength=count + 2)[1 : count + 1], np.ones(3))[1:-1]
+
+    def of(self, agrees: np.ndarray, sees: np.ndarray) -> float:
+        """Of a pair."""
+        if not self._known.any():
+            return 0.0
+        edges, of = self._edges, self._of
+        agreeing = self._counted(self._band[(agrees & sees)[self._known]])
+        enough = of >= PAIRS.least_pixels
+        if not enough.any():
+            return float(edges[-1])
+        share = agreeing / np.maximum(of, 1.0)
+        usual = np.percentile(share[enough], PAIRS.usual_percentile)
+        nearer_than_best = np.arange(len(of)) < np.argmax(share * enough)
+        failing = np.flatnonzero(enough & (share < PAIRS.least_share * usual) & nearer_than_best)
+        return float(edges[failing[-1] + 1]) if failing.size else float(edges[0])

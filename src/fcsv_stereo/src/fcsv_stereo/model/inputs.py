@@ -86,7 +86,8 @@ RIG = PosePrior(float(np.radians(0.01)), 0.0, 0.001)
 
 @dataclass(frozen=True)
 class MapInput:
-    """``kind`` (or its word) says what poses there can be.
+    """``kind`` (or its word) says what poses there can be. ``rig`` says why the pictures are of a calibrated rig, where
+    something states it; empty: nothing does.
 
     ``prior`` says how good the poses of pictures without a covariance are, where that is known better than the method
     assumes. Its ``scale_sigma`` is of all positions, also of those whose pictures have a covariance.
@@ -100,6 +101,7 @@ class MapInput:
     clocks: Mapping[str, Any] = field(default_factory=dict)  # of sweeps, by vehicle (sweeps.ClockOffset)
     near: Optional[Any] = None  # frames of depth cameras (sessions.RecordedDepth); None: none were recorded
     origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)  # (3,): poses plus this are in home (local_origin)
+    rig: str = ""
 
     def __post_init__(self):
         object.__setattr__(self, "kind", InputKind(self.kind))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Photographs in a folder and in those beneath it, as cameras fill cards (DCIM/100MEDIA)."""
 
-import unicodedata
 from pathlib import Path, PurePosixPath
 from typing import Dict, List, Sequence
 
+from fcsv_stereo.colmap_images import same_name
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.tags import SUFFIXES
 
@@ -27,13 +27,13 @@ def by_model(folder: Path, photographs: Sequence[str], names: List[str]) -> Dict
     the only one of that file name in any folder. Raises InputError."""
     composed: Dict[str, List[str]] = {}
     for key in photographs:
-        for name in {_composed(key), _composed(PurePosixPath(key).name)}:
+        for name in {same_name(key), same_name(PurePosixPath(key).name)}:
             composed.setdefault(name, []).append(key)
     found: Dict[str, str] = {}
     for name in names:
         _require_inside(folder, name)
-        wanted = _composed(name)
-        exact = [k for k in photographs if k == name] or [k for k in photographs if _composed(k) == wanted]
+        wanted = same_name(name)
+        exact = [k for k in photographs if k == name] or [k for k in photographs if same_name(k) == wanted]
         keys = exact or composed.get(wanted) or composed.get(PurePosixPath(wanted).name, [])
         if not keys:
             raise InputError(f"the model has a pose of {name}, which is not among the photographs in {folder}")
@@ -47,11 +47,6 @@ def by_model(folder: Path, photographs: Sequence[str], names: List[str]) -> Dict
 
 def _is_hidden(name: str) -> bool:
     return any(part.startswith(".") or part in _NOT_PHOTOGRAPHS for part in PurePosixPath(name).parts)
-
-
-def _composed(name: str) -> str:
-    """macOS keeps an accent apart from its letter."""
-    return unicodedata.normalize("NFC", name)
 
 
 def _require_inside(folder: Path, name: str) -> None:

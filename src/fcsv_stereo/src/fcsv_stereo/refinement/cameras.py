@@ -47,7 +47,8 @@ def mended(found: Adjustment, options: RefineOptions, clock: Clock) -> Mended:
     if taken:
         words.append(f"{taken}: it was taken; calibrate the camera, or --keep-camera")
     elif focal is not None and focal.words:
-        words.append(f"{focal.words}: calibrate the camera, or map with --refine-focal")
+        looks_alike = "a wrong principal point looks alike where cameras turn"
+        words.append(f"{focal.words} ({looks_alike}): calibrate the camera, or map with --refine-focal")
     return Mended(found, words, focal)
 
 

@@ -23,6 +23,7 @@ _BEHIND, _ABOVE = 1.3, 0.45  # where the eye stands at first, in units of the dr
 def cloud_view(result: MapResult) -> CloudView:
     """What the page needs to draw the cloud and the cameras, x forward where home is level (else as ``from_above``)."""
     import plotly.graph_objects as go
+    from plotly.io.json import to_json_plotly
 
     cloud, T_view_cam = result.cloud, T_view_home(result)
     keep = np.sort(np.random.default_rng(0).choice(len(cloud), min(MOST_POINTS, len(cloud)), replace=False))
@@ -33,14 +34,16 @@ def cloud_view(result: MapResult) -> CloudView:
     marks = ["#d62728" if i.name == result.reference.name else "#1f77b4" for i in result.images]
     figure = go.Figure([
         go.Scatter3d(x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers", name="points",
-                     marker={"size": 1.6, "color": colours}, hovertemplate=_HOVER),
+                     marker={"size": 1.6}, hovertemplate=_HOVER),
         go.Scatter3d(x=cameras[:, 0], y=cameras[:, 1], z=cameras[:, 2], mode="markers", name="cameras",
                      marker={"size": 4, "color": marks, "symbol": "diamond"}, text=[i.name for i in result.images],
                      hovertemplate="%{text}<extra></extra>"),
     ])  # fmt: skip
     figure.update_layout(template="none", showlegend=False, margin={"l": 0, "r": 0, "t": 0, "b": 0}, height=640,
                          scene=_scene())  # fmt: skip
-    return CloudView(_script(), _packed(figure.to_json()), len(keep), len(cloud))
+    drawn = figure.to_plotly_json()
+    drawn["data"][0]["marker"]["color"] = colours  # plotly would look at each of them for seconds
+    return CloudView(_script(), _packed(to_json_plotly(drawn)), len(keep), len(cloud))
 
 
 _HOVER = "x %{x:.1f} m, y %{y:.1f} m, z %{z:.1f} m<extra></extra>"

@@ -12,7 +12,8 @@ from fcsv_stereo.depth import shown_share
 from fcsv_stereo.model import Axis, ImageEntry, MapResult, Pair
 
 _FAR_M = 1e5  # where a pixel without depth is taken to look
-_STEP_PX = 4  # of the grid on which overlap is counted
+_STEP_PX = 4  # of the grid on which overlap is counted, at least
+_MOST_COUNTED = 100000  # places of that grid: wider steps in large pictures
 _CORNERS = 600
 _LEAST_CORNERS = 20  # about a seam, for each pair
 _LEAST_LOOKED_FOR = 50
@@ -66,7 +67,7 @@ def pair_evidence(result: MapResult, index: int) -> PairEvidence:
     carried = None
     if mine.any():
         T_cam_home = transforms.invert(result.reference.T_home_cam)
-        z = transforms.apply(T_cam_home, result.cloud.points_home_m[mine].astype(float))[:, 2]
+        z = result.cloud.points_home_m[mine].astype(float) @ T_cam_home[2, :3] + T_cam_home[2, 3]
         carried = tuple(float(v) for v in np.percentile(z, [5, 95]))
     rms = float(np.sqrt(np.mean(offsets**2))) if enough else None
     middle = float(np.median(np.abs(offsets))) if enough else None
@@ -76,9 +77,10 @@ def pair_evidence(result: MapResult, index: int) -> PairEvidence:
 def overlap(result: MapResult, p: Pair) -> float:
     """Share of the reference picture's pixels that the other camera sees, at the mapped depth or far away."""
     reference = result.reference
-    depth = result.depth[::_STEP_PX, ::_STEP_PX]
+    step_px = max(_STEP_PX, int(np.ceil(np.sqrt(result.depth.size / _MOST_COUNTED))))
+    depth = result.depth[::step_px, ::step_px]
     z = np.where(np.isfinite(depth), depth, _FAR_M)
-    points_cam = (reference.camera.rays(_STEP_PX) * z[..., None]).reshape(-1, 3)
+    points_cam = (reference.camera.rays(step_px) * z[..., None]).reshape(-1, 3)
     return shown_share(reference.camera, p.T_home_cam_other, transforms.apply(reference.T_home_cam, points_cam))
 
 

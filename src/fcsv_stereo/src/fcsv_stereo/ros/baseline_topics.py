@@ -8,6 +8,7 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import PointCloud2
 
+from fcsv_geometry import frames
 from fcsv_stereo.baseline_clouds import chosen, groups
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.model.words import Axis
@@ -18,10 +19,11 @@ PREFIX = "/map/baselines/"
 
 class BaselineTopics(rospy.SubscribeListener):
     """``/map/baselines/horizontal`` and ``/map/baselines/vertical`` from the start; with the map's growth also a topic
-    for each baseline. Who begins to listen gets the newest map at once."""
+    for each baseline. Who begins to listen gets the newest map at once. Points are in ``frame``."""
 
-    def __init__(self):
+    def __init__(self, frame: str = frames.HOME):
         super().__init__()
+        self._frame = frame
         self._lock = threading.Lock()
         self._cloud: Optional[Cloud] = None
         self._baselines: Sequence[Tuple[str, float]] = ()
@@ -61,4 +63,4 @@ class BaselineTopics(rospy.SubscribeListener):
             cloud, pairs, stamp_s = self._cloud, self._groups.get(name, []), self._stamp_s
             lengths_m = np.array([length for _, length in self._baselines])
         points = chosen(cloud, pairs)
-        return cloud_message(cloud, stamp_s, points, lengths_m)
+        return cloud_message(cloud, stamp_s, points, lengths_m, self._frame)

@@ -12,15 +12,18 @@ from fcsv_stereo.model import Cloud
 
 #: Optical frame of the reference picture that depth belongs to, published as a static transform from home.
 REFERENCE_FRAME = "map/reference_optical"
+#: Frame of a map that is far from home's origin: its points plus the shift are in home.
+LOCAL_FRAME = "map/local"
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4")])
 _OF_BASELINES = np.dtype([*_POINT.descr, ("baseline_m", "<f4")])
 
 
 def cloud_message(
-    cloud: Cloud, stamp_s: float, chosen: Optional[np.ndarray] = None, lengths_m: Optional[np.ndarray] = None
-) -> PointCloud2:
-    """Points of home with packed colour and sigma (m); ``chosen``: indices of them, or all. With ``lengths_m`` (of each
-    pair) every chosen point has the length of its baseline, too."""
+    cloud: Cloud, stamp_s: float, chosen: Optional[np.ndarray] = None, lengths_m: Optional[np.ndarray] = None,
+    frame: str = frames.HOME,
+) -> PointCloud2:  # fmt: skip
+    """Points of home (or of another ``frame``) with packed colour and sigma (m); ``chosen``: indices of them, or all.
+    With ``lengths_m`` (of each pair) every chosen point has the length of its baseline, too."""
     chosen = np.arange(len(cloud)) if chosen is None else chosen
     kind = _POINT if lengths_m is None else _OF_BASELINES
     points = np.empty(len(chosen), kind)
@@ -31,7 +34,7 @@ def cloud_message(
     points["sigma"] = cloud.sigma_m[chosen]
     if lengths_m is not None:
         points["baseline_m"] = lengths_m[cloud.baseline_index[chosen]] if len(chosen) else 0.0
-    message = PointCloud2(header=conversions.header(stamp_s, frames.HOME), height=1, width=len(points))
+    message = PointCloud2(header=conversions.header(stamp_s, frame), height=1, width=len(points))
     kinds = {"<f4": PointField.FLOAT32, "<u4": PointField.FLOAT32}  # rgb travels in a float's bits
     message.fields = [PointField(n, kind.fields[n][1], kinds[kind[n].str], 1) for n in kind.names]
     message.point_step, message.row_step, message.is_dense = kind.itemsize, kind.itemsize * len(points), True

@@ -10,10 +10,12 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
+from fcsv_control.ros.flight_check_messages import lines_of
 from fcsv_geometry.ros import node
-from fcsv_msgs.msg import Capture, MapState, MissionState, RecorderStatus
+from fcsv_msgs.msg import Capture, FlightCheck, MapState, MissionState, RecorderStatus
 from fcsv_sim.demo.maps_in_flight import MapsInFlight
 from fcsv_sim.demo.movement import Movement
+from fcsv_sim.demo.start_up import StartUp
 from fcsv_sim.machines.machines import Machine
 from mavros_msgs.msg import State, StatusText
 
@@ -33,6 +35,7 @@ class MissionWatch:
         self._lock = threading.Lock()
         self._line = ""
         self.maps = MapsInFlight()
+        self.start_up = StartUp(time.monotonic())
         self.phase: Optional[int] = None
         self.captures = 0
         self.moved_m: Dict[str, float] = dict.fromkeys(vehicles, 0.0)
@@ -44,12 +47,18 @@ class MissionWatch:
         self._abort = rospy.ServiceProxy("/mission/abort", Trigger)
         rospy.Subscriber("/mission/state", MissionState, self._on_mission)
         rospy.Subscriber("/mission/capture", Capture, self._on_capture)
+        rospy.Subscriber("/flight_check", FlightCheck, lambda m: self.start_up.check(lines_of(m)))
         rospy.Subscriber("/map/state", MapState, self._on_map)
         for vehicle in vehicles:
             rospy.Subscriber(f"/{vehicle}/mavros/state", State, self._on_state, vehicle)
             rospy.Subscriber(f"/{vehicle}/mavros/statustext/recv", StatusText, self._on_text, vehicle)
             rospy.Subscriber(f"/{vehicle}/mavros/local_position/pose", PoseStamped, self._on_pose, vehicle)
             rospy.Subscriber(f"/{vehicle}/recorder/status", RecorderStatus, self._on_recorder, vehicle)
+
+    @property
+    def starting(self) -> bool:
+        """Whether the mission still waits for vehicles that are not ready."""
+        return self.phase in (None, MissionState.WAIT_VEHICLES)
 
     @property
     def over(self) -> bool:
@@ -77,11 +86,10 @@ class MissionWatch:
         words = []
         for vehicle, state in sorted(self.states.items()):
             place = self._movements[vehicle].place_m
-            height = float("nan") if place is None else place[2]
+            height = "height not known" if place is None else f"{place[2]:.1f} m"
             pictures = getattr(self.recorders.get(vehicle), "pictures", 0)
-            words.append(
-                f"{vehicle} {state.mode}{'' if state.armed else ' disarmed'} {height:4.1f} m, {pictures} pictures"
-            )
+            armed = "" if state.armed else " disarmed"
+            words.append(f"{vehicle} {state.mode}{armed}, {height}, {pictures} pictures")
         return " | ".join(words)
 
     def _say(self, line: str) -> None:
@@ -91,6 +99,9 @@ class MissionWatch:
 
     def _on_mission(self, message: MissionState) -> None:
         self.phase = message.phase
+        if self.starting:
+            self.start_up.problems(message.problems)
+            return
         if message.phase == MissionState.CONFIGURATIONS:
             self.maps.begin(time.monotonic())
         step = (
@@ -133,5 +144,9 @@ class MissionWatch:
         self.recorders[vehicle] = message
 
     def _on_text(self, message: StatusText, vehicle: str) -> None:
-        if message.severity <= StatusText.WARNING:
+        if message.severity > StatusText.WARNING:
+            return
+        if self.starting:
+            self.start_up.text(vehicle, message.text)
+        else:
             self._say(f"{vehicle}: {message.text}")

@@ -60,7 +60,9 @@ def features(
     (1/m, grey levels), ``known`` HxW bool, ``out`` NxHxW from ``standing_out``."""
     r, w = fine.residuals, np.maximum(fine.w, np.float32(1e-9))
     agrees = r.trust >= RESIDUALS.least_trust
-    best = np.where(agrees, out, 0.0).max(axis=0)
+    best = np.zeros(w.shape, np.float32)
+    for pair, stands_out in zip(agrees, out):
+        np.maximum(best, np.where(pair, stands_out, np.float32(0.0)), out=best)
     stands, trust, trusted = (best > EVIDENCE.stands_out).astype(np.float32), r.trust.max(axis=0), np.float32(known)
     seen = r.seen.sum(axis=0)
 
@@ -69,13 +71,19 @@ def features(
 
     def step(size_px: int) -> np.ndarray:
         window = np.ones((size_px, size_px), np.uint8)
-        step = np.log((cv2.dilate(fine.w, window) - cv2.erode(fine.w, window)) / w + np.float32(EVIDENCE.least_step))
-        return np.clip(step, -6.0, 1.0)
+        step = cv2.dilate(fine.w, window)  # in place: large pictures
+        step -= cv2.erode(fine.w, window)
+        step /= w
+        step += np.float32(EVIDENCE.least_step)
+        return np.clip(np.log(step, out=step), -6.0, 1.0, out=step)
 
     yield np.log(np.clip(sigma_w / w, 1e-3, 3.0))
-    yield np.log(best + np.float32(EVIDENCE.nothing))
+    best += np.float32(EVIDENCE.nothing)
+    yield np.log(best, out=best)
+    del best
     yield trust
-    yield agrees.sum(axis=0) / np.maximum(seen, np.float32(1.0))
+    yield np.divide(agrees.sum(axis=0, dtype=np.uint8), np.maximum(seen, np.float32(1.0)), dtype=np.float64)
+    del agrees
     yield trusted
     yield about(stands, EVIDENCE.near_px)
     yield about(stands, EVIDENCE.far_px)
@@ -106,7 +114,11 @@ def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
             band = slice(y, y + _BAND)
             for term, weight in zip(terms(column[band], first[band], k), EVIDENCE.weights[3 * k : 3 * k + 3]):
                 logit[band] += np.float32(weight) * term
-    return (1.0 / (1.0 + np.exp(-np.clip(logit, -30.0, 30.0)))).astype(np.float32)
+        del column  # before the next is made
+    np.clip(logit, -30.0, 30.0, out=logit)
+    np.exp(np.negative(logit, out=logit), out=logit)
+    logit += 1.0
+    return np.divide(1.0, logit, out=logit)
 
 
 def chance_of_wrong(off: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 """Standard deviation of inverse depth: from the match itself, from its surroundings, and from the refined geometry."""
 
 from enum import IntEnum
-from typing import List, Optional, Sequence
+from typing import Iterable, Iterator, List, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -77,19 +77,39 @@ def geometry_sigma(
     ``covariances`` are 6x6 of each pose relative to the reference: rotation (rad, camera axes), position (m, home
     axes). Errors of the pairs are taken as common: scale is, and what is not is overestimated a little.
     """
+    return next(geometry_sigmas(reference, others, [covariances], fine))
+
+
+def geometry_sigmas(
+    reference: Picture, others: Sequence[Picture], covariances: Iterable[Sequence[Optional[np.ndarray]]], fine: Fine
+) -> Iterator[np.ndarray]:  # fmt: skip
+    """As ``geometry_sigma`` for each of several sets of ``covariances``, one by one; the pairs are weighed once."""
+    shares = _shares(fine)
+    for each in covariances:
+        yield _geometry_sigma(reference, others, each, shares, fine.w)
+
+
+def _shares(fine: Fine) -> List[np.ndarray]:
+    """HxW of each pair: which share of the pixel's depth is its."""
     r = fine.residuals
     weights = [_weight(*pair) for pair in zip(r.trust, r.slope, r.speed)]
     total = np.maximum(sum(weights), np.float32(1e-20))
-    sigma = np.zeros(fine.w.shape, np.float32)
-    for other, covariance, weight in zip(others, covariances, weights):
+    return [np.divide(weight, total, out=weight) for weight in weights]
+
+
+def _geometry_sigma(
+    reference: Picture, others: Sequence[Picture], covariances: Sequence[Optional[np.ndarray]],
+    shares: Sequence[np.ndarray], w: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    sigma = np.zeros(w.shape, np.float32)
+    for other, covariance, share in zip(others, covariances, shares):
         if covariance is None:
             continue
-        constant, linear, square = _pose_terms(reference, other, covariance, fine.w.shape)
+        constant, linear, square = _pose_terms(reference, other, covariance, w.shape)
         variance = square  # in place: large pictures
         for term in (linear, constant):
-            variance *= fine.w
+            variance *= w
             variance += term
-        share = np.divide(weight, total, out=weight)
         sigma += share * np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
     return sigma
 

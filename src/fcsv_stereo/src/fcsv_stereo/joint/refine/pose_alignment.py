@@ -261,7 +261,7 @@ def _add(corners, change, w):
 
 
 @njit(cache=True, nogil=True)
-def _sum(corners, first, weight, difference, slope_x, slope_y, x, y, p, w, K, t, R_home_cam, H, g, cells, sums):
+def _sum(corners, first, weight, difference, slope_x, slope_y, x, y, p, w, K, t, R_home_cam, H, g, cells, sums):  # noqa: PLR0913
     """Into ``H``, ``g``, ``cells`` and ``sums`` as ``_pair`` gives them; ``p`` (1x12) is the pair's projection. Cells
     begin at ``corners`` of the arrays, and at ``first`` of the reference."""
     j = np.zeros(6)

@@ -20,13 +20,13 @@ _BAND = RESIDUALS.band_rows
 @dataclass(frozen=True)
 class Residuals:
     """Per pair (N,H,W) float32: ``difference`` of the reference and the other without its local mean (grey levels; None
-    where it was let go), its ``slope`` by inverse depth (grey levels times metres), ``speed`` (px of movement times
-    metres), ``seen`` (1 or 0) and ``trust`` (0 to 1, low where the pair does not look like the reference: occluded or
-    mismatched).
+    where it was let go), its ``slope`` by inverse depth (grey levels times metres; None: let go), ``speed`` (px of
+    movement times metres), ``seen`` (1 or 0) and ``trust`` (0 to 1, low where the pair does not look like the
+    reference: occluded or mismatched).
     """
 
     difference: Optional[np.ndarray]
-    slope: np.ndarray
+    slope: Optional[np.ndarray]
     speed: np.ndarray
     seen: np.ndarray
     trust: np.ndarray

@@ -3,6 +3,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Optional
 
 import cv2
 import numpy as np
@@ -16,15 +17,20 @@ from fcsv_stereo.joint.views import Views
 
 @dataclass(frozen=True)
 class Fine:
-    """``w`` (1/m), its ``variance`` by the matching alone, and ``residuals`` at it."""
+    """``w`` (1/m), its ``variance`` by the matching alone (None: let go), and ``residuals`` at it."""
 
     w: np.ndarray
-    variance: np.ndarray
+    variance: Optional[np.ndarray]
     residuals: Residuals
+
+    def without_slopes(self) -> "Fine":
+        """Without the variance and the residuals' slopes, which nothing asks for once sigma is known."""
+        return Fine(self.w, None, replace(self.residuals, slope=None))
 
     def rows(self, rows: slice) -> "Fine":
         """The same of a part of the rows."""
-        return Fine(self.w[rows], self.variance[rows], self.residuals.rows(rows))
+        variance = None if self.variance is None else self.variance[rows]
+        return Fine(self.w[rows], variance, self.residuals.rows(rows))
 
 
 def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool: ThreadPoolExecutor) -> Fine:
@@ -44,7 +50,8 @@ def refine(found: Views, w: np.ndarray, step: np.ndarray, iterations: int, pool:
             fit_band(*arrays, y0, y1, out, variance)
 
         for_rows(pool, w.shape[0], run)
-        w = np.maximum(out, 0.0)
+        w = np.maximum(out, 0.0, out=out)
+        del information, push, energy, prior, tau, run  # as large as the next residuals
     # nothing asks for the differences any more: a picture's size for each pair
     return Fine(w, variance, replace(residuals(found, w, pool), difference=None))
 

@@ -37,7 +37,8 @@ _VALUE, _SLOPE_X, _SLOPE_Y, _SOURCE = range(4)
 class Candidates:
     """Of pixel (y, x): those from ``start[y, x]`` on, ``count[y, x]`` of them.
 
-    ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (two of N, 1/m per px, along u and v) its plane's;
+    ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (two of N, 1/m per px, along u and v; None: let go) its
+    plane's;
     ``source`` the coarser pixel (row times width plus column) that the plane is from, -1 where it is the own place and
     not known (None: let go). ``step`` (1/m) is the inverse depth that moves a pixel by little in the fastest pair.
     """
@@ -45,7 +46,7 @@ class Candidates:
     start: np.ndarray
     count: np.ndarray
     w: np.ndarray
-    slope: Tuple[np.ndarray, np.ndarray]
+    slope: Optional[Tuple[np.ndarray, np.ndarray]]
     source: Optional[np.ndarray]
     step: np.float32
 
@@ -60,24 +61,33 @@ def candidates(
     """
     step = np.float32(CANDIDATES.alike_px / px_per_w)
     planes = _planes(w, known, np.ones_like(known), *_NEAR_FIT, pool)
-    distant = np.zeros((*w.shape, 4, CANDIDATES.most_distant), np.float32)
-    if not known.all():
+    row_of, unknown = _numbered(~known)
+    distant = np.zeros((unknown, 4, CANDIDATES.most_distant), np.float32)
+    if unknown:
         wide = _planes(w, known, _met(known), *_FAR_FIT, pool)
-        for_rows(pool, w.shape[0], lambda y0, y1: _distant(*wide, known, _DIRECTIONS, step, y0, y1, distant))
-    count = np.zeros(shape, np.int32)
+        for_rows(pool, w.shape[0], lambda y0, y1: _distant(*wide, known, row_of, _DIRECTIONS, step, y0, y1, distant))
+    count = np.zeros(shape, np.uint8)
     rings, undecided = _ring_offsets(), _undecided(w, known)
 
     def collect(y0, y1):
         found = np.empty((4, (y1 - y0) * shape[1] * MOST), np.float32)
-        n = _collect(*planes, known, undecided, rings, distant, step, y0, y1, count, found)
+        n = _collect(*planes, known, undecided, rings, row_of, distant, step, y0, y1, count, found)
         return [row[:n].copy() for row in found]
 
     parts = [list(rows) for rows in zip(*for_rows(pool, shape[0], collect))]
     # one after the other, its parts let go: each is as large as many pictures
     w, slope_x, slope_y, source = (np.concatenate(parts.pop(0)) for _ in range(4))
-    start = np.cumsum(count, dtype=np.int64).reshape(shape)
+    start = np.cumsum(count, dtype=np.int32 if len(w) < 2**31 else np.int64).reshape(shape)
     start -= count
     return Candidates(start, count, w, (slope_x, slope_y), source.astype(np.int32), step)
+
+
+def _numbered(mask: np.ndarray) -> Tuple[np.ndarray, int]:
+    """HxW int32: the place of each pixel of a ``mask`` (HxW bool) among those, -1 of others; and how many they are."""
+    order = np.full(mask.shape, -1, np.int32)
+    count = int(mask.sum())
+    order[mask] = np.arange(count, dtype=np.int32)
+    return order, count
 
 
 def _ring_offsets() -> np.ndarray:
@@ -158,13 +168,14 @@ def _is_new(value, values, n, step):
 
 
 @njit(cache=True, nogil=True)
-def _distant(w, slope_x, slope_y, known, directions, step, y0, y1, out):
-    """Into ``out`` (h,w,4,N): value, slopes and source of the planes that meet a pixel which is not known."""
+def _distant(w, slope_x, slope_y, known, row_of, directions, step, y0, y1, out):
+    """Into ``out`` (pixels that are not known, in rows by ``row_of``; 4, N): value, slopes and source of the planes
+    that meet such a pixel."""
     height, width = w.shape
     for y in range(y0, y1):
         for x in range(width):
-            n = 0
-            if known[y, x]:
+            n, i = 0, row_of[y, x]
+            if i < 0:
                 continue
             for k in range(directions.shape[0]):
                 dy, dx = directions[k]
@@ -172,19 +183,19 @@ def _distant(w, slope_x, slope_y, known, directions, step, y0, y1, out):
                 while 0 <= r < height and 0 <= c < width and not known[r, c]:
                     r, c = r + dy, c + dx
                 for _ in range(2):
-                    if n < out.shape[3] and 0 <= r < height and 0 <= c < width and known[r, c]:
+                    if n < out.shape[2] and 0 <= r < height and 0 <= c < width and known[r, c]:
                         at = w[r, c]
                         value = at + slope_x[r, c] * (x - c) + slope_y[r, c] * (y - r)
                         limit = np.float32(_FAR_STRETCH)
-                        if at / limit < value < at * limit and _is_new(value, out[y, x, _VALUE], n, step):
-                            out[y, x, _VALUE, n], out[y, x, _SOURCE, n] = value, r * width + c
-                            out[y, x, _SLOPE_X, n], out[y, x, _SLOPE_Y, n] = slope_x[r, c], slope_y[r, c]
+                        if at / limit < value < at * limit and _is_new(value, out[i, _VALUE], n, step):
+                            out[i, _VALUE, n], out[i, _SOURCE, n] = value, r * width + c
+                            out[i, _SLOPE_X, n], out[i, _SLOPE_Y, n] = slope_x[r, c], slope_y[r, c]
                             n += 1
                     r, c = r + _INWARD * dy, c + _INWARD * dx
 
 
 @njit(cache=True, nogil=True)
-def _collect(w, slope_x, slope_y, known, undecided, rings, distant, step, y0, y1, count, found):
+def _collect(w, slope_x, slope_y, known, undecided, rings, row_of, distant, step, y0, y1, count, found):  # noqa: PLR0913
     """All candidates of rows y0 to y1 into ``found`` (w, slopes, source; 4xN), their number into ``count``."""
     h, width_coarse = w.shape
     height, width = count.shape
@@ -210,14 +221,15 @@ def _collect(w, slope_x, slope_y, known, undecided, rings, distant, step, y0, y1
                     found[_VALUE, total + n], found[_SOURCE, total + n] = value, source
                     found[_SLOPE_X, total + n], found[_SLOPE_Y, total + n] = slope_x[r, c] * sx, slope_y[r, c] * sy
                     n += 1
-            for k in range(distant.shape[3]):
-                value = distant[r0, c0, _VALUE, k]
+            i = row_of[r0, c0]
+            for k in range(distant.shape[2] if i >= 0 else 0):
+                value = distant[i, _VALUE, k]
                 if n == MOST or value <= 0:
                     break
-                slope_u, slope_v = distant[r0, c0, _SLOPE_X, k], distant[r0, c0, _SLOPE_Y, k]
+                slope_u, slope_v = distant[i, _SLOPE_X, k], distant[i, _SLOPE_Y, k]
                 value += slope_u * (fx - c0) + slope_v * (fy - r0)
                 if value > 0 and _is_new(value, values, n, step):
-                    found[_VALUE, total + n], found[_SOURCE, total + n] = value, distant[r0, c0, _SOURCE, k]
+                    found[_VALUE, total + n], found[_SOURCE, total + n] = value, distant[i, _SOURCE, k]
                     found[_SLOPE_X, total + n], found[_SLOPE_Y, total + n] = slope_u * sx, slope_v * sy
                     n += 1
             count[y, x] = n

@@ -60,17 +60,24 @@ def _of_its_colour(image: np.ndarray, w: np.ndarray, pool: ThreadPoolExecutor) -
     Windows take up more than one surface where these meet; the pixels' colours tell them apart. (OpenCV has this
     filter, of the whole picture on one core; where two threads call it, it writes beyond its memory.)
     """
-    log_w = np.log(np.maximum(w, COLOUR.farthest_1_m))
+    log_w = np.maximum(w, COLOUR.farthest_1_m)
+    np.log(log_w, out=log_w)  # in place: large pictures
     low, scale = log_w.min(), 255.0 / max(float(np.ptp(log_w)), 1e-6)
-    steps = np.round((log_w - low) * scale).astype(np.uint8)
     about = np.ones((2 * _SETTLE_PX + 1,) * 2, np.uint8)
-    mixed = cv2.dilate(log_w, about) - cv2.erode(log_w, about) > np.log(_OTHER)
-    colours = np.clip(image, 0.0, 255.0).astype(np.int16)
+    step = cv2.dilate(log_w, about)
+    step -= cv2.erode(log_w, about)
+    mixed = step > np.log(_OTHER)
+    log_w -= low
+    log_w *= scale
+    steps = np.round(log_w, out=log_w).astype(np.uint8)
+    del log_w, step
+    colours = image if image.dtype == np.int16 else np.clip(image, 0.0, 255.0).astype(np.int16)
     squares = np.arange(_LIKENESS_BINS) << _LIKENESS_SHIFT
     likeness = np.exp(squares / (-2.0 * COLOUR.settle_grey**2)).astype(np.float32)
     median = steps.copy()
     for_rows(pool, len(w), lambda y0, y1: _median(colours, steps, mixed, likeness, y0, y1, median))
-    return np.where(mixed, np.exp(median / scale + low), w).astype(np.float32)
+    of_step = np.exp(np.arange(256, dtype=np.uint8) / scale + low).astype(np.float32)
+    return np.where(mixed, of_step[median], w)
 
 
 @njit(cache=True, nogil=True)

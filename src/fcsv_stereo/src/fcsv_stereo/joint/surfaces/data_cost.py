@@ -77,7 +77,7 @@ def _draw(w, known, projections, i, size, front):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _judge(
+def _judge(  # noqa: PLR0913
     reference, code, mask, scale, others, codes, sizes, p, in_front, shown, start, count, values, weights, y0, y1, cost
 ):
     one, half = np.uintp(1), np.float32(0.5)

@@ -53,6 +53,8 @@ def choose_surfaces(found: Views, coarser: Map, image: np.ndarray, pool: ThreadP
     total = _aggregate(found.reference, given, cost, pool)
     best = np.empty(found.shape, np.float32)
     _pick(given.start, given.count, given.w, total, best)
+    del cost, total
+    given = replace(given, slope=None)
     thin, chosen = thin_uprights(best), best.copy()
     settle(image, given, best, pool)
     return np.where(thin, chosen, best)
@@ -93,7 +95,7 @@ def _begin(first, n, cost, paths, now, total):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _step(
+def _step(  # noqa: PLR0913
     first, n, first_before, n_before, dx, dy, values, slope_x, slope_y, cost, step, paths, before, least, price, now,
     total,
 ):  # fmt: skip

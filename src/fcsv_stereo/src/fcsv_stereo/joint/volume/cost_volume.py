@@ -93,7 +93,7 @@ def _sweep_band(
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _sweep_level(
+def _sweep_level(  # noqa: PLR0913
     reference, others, sizes, projections, falling, w, farthest, highest, offsets, weights, unseen, y0, y1,
     volume,
 ):  # fmt: skip

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One line that shows what a long command does now, below the lines that it has printed.
+
+On a terminal it changes in place. Elsewhere it is printed every quarter of a minute, so that a log
+grows and nobody thinks that the command hangs.
+"""
+
+import contextlib
+import shutil
+import sys
+import threading
+import time
+from typing import Callable, Iterator, Optional, TextIO
+
+IN_PLACE_S, LOGGED_S = 0.5, 15.0  # how often the line is renewed: on a terminal, elsewhere
+_ERASE = "\r\x1b[K"
+
+
+class LiveLine:
+    """Prints lines, and one status below them. Several threads may use it at once.
+
+    ``clock`` gives monotonic time, s. ``terminal``: whether ``out`` can change a line in place; None: ask ``out``.
+    """
+
+    def __init__(
+        self, out: Optional[TextIO] = None, clock: Callable[[], float] = time.monotonic, terminal: Optional[bool] = None
+    ):
+        self._out = sys.stdout if out is None else out
+        self._clock = clock
+        self._terminal = self._out.isatty() if terminal is None else terminal
+        self._lock = threading.RLock()
+        self._shown = False
+        self._written_s = clock()
+
+    def say(self, line: str) -> None:
+        """Prints a line that stays."""
+        with self._lock:
+            before = _ERASE if self._shown else ""
+            self._shown = False
+            self._write(f"{before}{line}\n")
+
+    def status(self, line: str) -> None:
+        """Shows what goes on now; it may be called as often as you like."""
+        with self._lock:
+            since_s = self._clock() - self._written_s
+            if not self._terminal:
+                if since_s >= LOGGED_S:
+                    self.say(line)
+            elif since_s >= IN_PLACE_S or not self._shown:
+                self._write(_ERASE + line[: shutil.get_terminal_size().columns - 1])
+                self._shown = True
+
+    def clear(self) -> None:
+        """Removes the status, so that others may print."""
+        with self._lock:
+            if self._shown:
+                self._write(_ERASE)
+                self._shown = False
+
+    def _write(self, text: str) -> None:
+        self._out.write(text)
+        self._out.flush()
+        self._written_s = self._clock()
+
+
+class Steps:
+    """The steps of a command, of which the newest is shown with the time since the command began."""
+
+    def __init__(self, live: LiveLine, first: str, clock: Callable[[], float] = time.monotonic):
+        self._live, self._clock, self._began_s = live, clock, clock()
+        self._step, self._ended = (first, 0.0), threading.Event()
+
+    def begin(self, step: str, share: float) -> None:
+        """Another step begins; ``share`` of the work, 0 to 1, is behind it."""
+        self._step = step, share
+
+    def show(self) -> None:
+        """Renews the line; the window reads the share as it reads that of a progress bar."""
+        step, share = self._step
+        self._live.status(f"{share:4.0%}| {step}, {self._clock() - self._began_s:.0f} s")
+
+    @contextlib.contextmanager
+    def shown(self) -> Iterator["Steps"]:
+        """While the body runs, a thread renews the line, however busy the body is."""
+
+        def renew() -> None:
+            while not self._ended.wait(IN_PLACE_S):
+                self.show()
+
+        thread = threading.Thread(target=renew, name="steps", daemon=True)
+        thread.start()
+        try:
+            yield self
+        finally:
+            self._ended.set()
+            thread.join()
+            self._live.clear()
