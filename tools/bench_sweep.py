@@ -76,7 +76,7 @@ def fly(mission_name: str, seed: int) -> Tuple[Flight, Flown]:
     result = flight.run()
     if result.phase != "DONE" or result.violations:
         raise SystemExit(f"{mission_name}, seed {seed}: {result.phase} ({result.detail}), {result.violations}")
-    flown.captures, flown.detail = list(flight.control.machine.captures), result.detail
+    flown.captures, flown.detail = flight.control.captures, result.detail
     return flight, flown
 
 

@@ -81,7 +81,7 @@ def test_a_sweep_during_which_the_control_pcs_clock_is_set_is_flown_again(step_s
     set_s = flight.now_s
     result = flight.run()
     assert result.violations == [] and result.captures == result.wanted == 2
-    assert min(w.start_s for w in flight.control.machine.captures) > set_s
+    assert min(w.start_s for w in flight.control.captures) > set_s
 
 
 def test_a_mission_that_restarts_remembers_over_steps_of_the_clock_and_forgets_an_earlier_flight(flying):
@@ -140,7 +140,7 @@ def watched(phase="CONFIGURATIONS"):
     seen = SimpleNamespace(pose_age_s=0.1, state_age_s=0.5)
     mission = SimpleNamespace(configurations=[None])
     machine = SimpleNamespace(phase=phase, problems=[], captures=[1], detail="", mission=mission)
-    control = SimpleNamespace(machine=machine, heard={"uav1": SimpleNamespace(view=lambda *_: seen)})
+    control = SimpleNamespace(machine=machine, view=lambda *_: seen)
     calm = Calm(
         {"uav1": vehicle}, control, lambda who, at_s, text: told.append(text), lambda who, at_s, text: told.append(text)
     )

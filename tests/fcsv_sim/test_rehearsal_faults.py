@@ -347,7 +347,7 @@ class Still:
             )
             for k, p in enumerate(places)
         }  # fmt: skip
-        self.control = SimpleNamespace(machine=SimpleNamespace(captures=[]))
+        self.control = SimpleNamespace(captures=[])
         self.mission = Mission("still", list(configurations) or [StereoConfiguration("horizontal", 4.0)])
         self.phase, self.now_s = "CONFIGURATIONS", 0.0
         self.looked = Invariants(self)
@@ -404,5 +404,5 @@ def test_what_was_recorded_was_held(axis, place):
     for off, broken in (((0.0, 0.0, 0.3), []), ((0.9, 0.0, 0.9), ["not held"])):
         flight = Still((0, 0, 8), np.add(place, off), configurations=[StereoConfiguration(axis, 4.0)])
         flight.look(5.0)
-        flight.control.machine.captures.append(CaptureWindow(0, "uav2", 1.0, 4.0, 0.05))
+        flight.control.captures.append(CaptureWindow(0, "uav2", 1.0, 4.0, 0.05))
         assert flight.look() == broken

@@ -70,6 +70,7 @@ def test_who_is_flown_by_hand_gets_no_mode_command(flying):
     flight.hands["uav2"] = lambda *_: Sticks(mode="BRAKE")  # a pilot's BRAKE, which looks like ours
     wait(flight, 2.0)
     called_s = flight.now_s
+    flight.control.alive = False  # a mission that lives lands everybody itself
     flight.control.stop_all(called_s, LAND, "a test")
     wait(flight, 20.0)
     assert not asked_since(flight, "uav2", called_s) and flight.control.stopped.by_hand == ["uav2"]

@@ -2,7 +2,7 @@
 """The control PC of a rehearsal: its processes' ports, and the radio, the clocks and the death that befall them."""
 
 import dataclasses
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.port import MissionPort
 from fcsv_control.mission.snapshot import VehicleView
+from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ports import Port
 from fcsv_control.stopping.core import STOP, Report
 from fcsv_control.stopping.port import StopAllPort
@@ -90,6 +91,12 @@ class ControlPc:
     def machine(self) -> MissionMachine:
         """The mission, to look at."""
         return self.mission_port.machine
+
+    @property
+    def captures(self) -> List[CaptureWindow]:
+        """Recordings so far, by the rehearsal's time."""
+        own = self.machine.captures
+        return [dataclasses.replace(w, start_s=w.start_s - _ZERO_S, stop_s=w.stop_s - _ZERO_S) for w in own]
 
     @property
     def sender(self) -> str:

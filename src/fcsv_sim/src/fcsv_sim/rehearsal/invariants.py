@@ -74,7 +74,7 @@ class Invariants:
         for name in fleet:
             self._ground(now_s, name, up[name])
             self._fence(now_s, name, places[name])
-        for window in self._flight.control.machine.captures:
+        for window in self._flight.control.captures:
             if (window.index, window.start_s) not in self._captures:
                 self._captures.add((window.index, window.start_s))
                 self._held(now_s, window)
