@@ -31,7 +31,7 @@ from fcsv_tracking.odometry import EpochBegan, Vector
 
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
 _CALIBRATES_S = 8.0
-_CALIBRATION_M, _CALIBRATION_RAD = 0.03, math.radians(0.3)  # standard deviations: docs/tracking.md
+_CALIBRATION_M, _CALIBRATION_RAD = 0.03, math.radians(0.3)  # standard deviations: docs/lab/tracking.md
 _TAG_M = (1.0, 6.0)  # from how near and how far a tag is seen
 _TAG_ERROR = 0.02  # of its place: share of the distance
 _ZERO_S = 70_000.0  # its monotonic clock at the rehearsal's zero: each machine's begins elsewhere
