@@ -268,7 +268,8 @@ def _parse(argv):
         "--start", default="", metavar="X,Y",
         help="system tags: where the column takes off in the world, m; default: 0,0, where nothing stands around it",
     )  # fmt: skip
-    parser.add_argument("--near", default="", help="system tags: 1 records depth cameras, for the near field (docs/user/maps.md)")
+    near = "system tags: 1 records depth cameras, for the near field (docs/user/maps.md)"
+    parser.add_argument("--near", default="", help=near)
     parser.add_argument(
         "--speed", default=slow_motion.AUTO,
         help="share of real time at which all is simulated; default: auto: 1, or less where the machine cannot keep up",
