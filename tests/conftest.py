@@ -19,7 +19,7 @@ settings.load_profile("fcsv")
 
 def pytest_addoption(parser):
     tiers.options(parser)
-    parser.addoption("--write-wrong-inputs", action="store_true", help="write docs/wrong_inputs.md from what passes")
+    parser.addoption("--write-wrong-inputs", action="store_true", help="write docs/reference/wrong_inputs.md")
 
 
 def pytest_configure(config):
@@ -105,7 +105,7 @@ def shared_data() -> Path:
 
 @pytest.fixture
 def wrong_input(record_property, request):
-    """wrong_input(area, given, outcome, message): a row of docs/wrong_inputs.md that this test has just asserted."""
+    """wrong_input(area, given, outcome, message): a row of docs/reference/wrong_inputs.md that the test asserted."""
     return wrong_inputs.Recorder(record_property, request.config.getoption("--write-wrong-inputs"))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether map --bars holds on what it was not tuned on; the table is in docs/tilting.md#bars.
+"""Whether map --bars holds on what it was not tuned on; the table is in docs/lab/tilting.md#bars.
 
 .venv/bin/python tools/bench_bars.py [--scenes 12] [--out FOLDER]
 

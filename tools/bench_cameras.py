@@ -6,7 +6,7 @@
 A camera at five places turns towards the scene from picture to picture, or keeps still (no turn), at 320x240. The
 stated focal length is off by 5, 11 or 20 % in all pictures or in one of five, or the principal point is. Poses have the
 noise that they state; in some cases four times it. A pixel is sure where its sigma is below 3 % of its depth, and wrong
-where its depth is off by more than 10 %. Seeds 1 to 40 served to choose numbers; the table in docs/refinement.md is of
+where its depth is off by more than 10 %. Seeds 1 to 40 served to choose numbers; docs/lab/refinement.md has a table of
 others.
 """
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""How quick the operator's window is, on a screen in memory: start, refreshes, growth of memory (docs/console.md)."""
+"""How quick the operator's window is, on a screen in memory: start, refreshes, memory (docs/lab/results.md)."""
 
 import argparse
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What on board could witness a tracker that drifts slowly; the table goes into docs/safety.md.
+"""What on board could witness a tracker that drifts slowly; the table goes into docs/lab/rehearsals.md.
 
 python tools/bench_drift.py [--calm 10] [--drifts 20] [--flown]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pictures tell of a focal length that is wrong, on drawn points; the table is in docs/refinement.md.
+"""What pictures tell of a focal length that is wrong, on drawn points; the table is in docs/lab/refinement.md.
 
 .venv/bin/python tools/bench_focal.py [--draws 20] [--factor 1.05]
 """

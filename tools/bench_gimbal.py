@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of docs/gimbal.md: a gimbal that follows a vehicle at 1 m/s, two to four metres away, against truth."""
+"""The tables of docs/lab/gimbal.md: a gimbal that follows a vehicle at 1 m/s, 2 to 4 m away, against truth."""
 
 import argparse
 import os
@@ -18,7 +18,7 @@ from fcsv_tracking.gimbal.follow import FollowRules
 from fcsv_tracking.gimbal.tracker import GimbalRules
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENT = ROOT / "docs" / "gimbal.md"
+DOCUMENT = ROOT / "docs" / "lab" / "gimbal.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 GIMBAL = load_ground_robot(ROOT / "config" / "gimbal" / "ground_robot.yaml").gimbals[0]
 THESIS = GimbalRules(follow=FollowRules(predict=False, lead=0.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of docs/mocap.md: the mocap tracker against simulated truth, and against every kind of bad input."""
+"""The table of docs/lab/mocap.md: the mocap tracker against simulated truth, and against every kind of bad input."""
 
 import argparse
 import dataclasses
@@ -93,7 +93,7 @@ def wrong_poses(seed):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 11)))
-    parser.add_argument("--out", default="docs/mocap.md")
+    parser.add_argument("--out", default="docs/lab/mocap.md")
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
     with ProcessPoolExecutor(args.jobs) as pool:

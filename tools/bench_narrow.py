@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the refined rotation of narrow pairs is as good as its covariance says; the table is in docs/refinement.md.
+"""Whether the refined rotation of narrow pairs is as good as its covariance says; table: docs/lab/refinement.md.
 
 .venv/bin/python tools/bench_narrow.py [--draws 8] [--seeds 51 52 53] [--photographs FOLDER] [--prior-deg 0.01]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the near field is where it is, and meets the map of distant configurations; the table is in docs/near.md.
+"""Whether the near field is where it is, and meets the map of distant configurations; the table is in docs/lab/near.md.
 
 .venv/bin/python tools/bench_near.py [--worlds village street] [--seeds 1 2 3] [--look-round] [--out FOLDER]
 

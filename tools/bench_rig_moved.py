@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Power lines by one pair of the parallel tilting rig, and by two: the rig moved, so that baselines of two directions
-tell conductors as far apart as the cameras from their neighbours. The figures are in docs/tilting.md.
+tell conductors as far apart as the cameras from their neighbours. The figures are in docs/lab/tilting.md.
 
 .venv/bin/python tools/bench_rig_moved.py
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether sigma holds the error of a scale that all poses share; the tables are in docs/photographs.md.
+"""Whether sigma holds the error of a scale that all poses share; the tables are in docs/lab/photographs.md.
 
 .venv/bin/python tools/bench_scale.py [--draws 14] [--maps 0] [--scale-percent 5]
 

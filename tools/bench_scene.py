@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Is the scene witness of rehearsals as hard as that on pictures? The table goes into docs/safety.md.
+"""Is the scene witness of rehearsals as hard as that on pictures? The table goes into docs/lab/rehearsals.md.
 
 python tools/bench_scene.py [--calm 4] [--drifts 4] [--worlds street,village,field,plain] [--width 640] [--jobs 1]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether sigma of flown maps says how wrong they are; the tables go into docs/sigma.md.
+"""Whether sigma of flown maps says how wrong they are; the tables go into docs/lab/sigma.md.
 
 make bench-sigma ARGS="[SESSION ...] [--fly] [--draws 40] [--maps 0] [--write]"
 
@@ -31,7 +31,7 @@ from fcsv_stereo.model import MapInput
 from fcsv_stereo.truth import Truth, load_truth
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENT = ROOT / "docs" / "sigma.md"
+DOCUMENT = ROOT / "docs" / "lab" / "sigma.md"
 BEGIN, END = "<!-- table: tools/bench_sigma.py -->", "<!-- end of table -->"
 WORLDS, SEEDS = ("street", "village", "field", "plain"), (1, 2)
 HEAD = (
@@ -169,7 +169,7 @@ def main() -> int:
     parser.add_argument("--fly", action="store_true", help="fly eight sessions first")
     parser.add_argument("--draws", type=int, default=40, help="other errors of each session's priors")
     parser.add_argument("--maps", type=int, default=0, help="as many of them are mapped")
-    parser.add_argument("--write", action="store_true", help="into docs/sigma.md")
+    parser.add_argument("--write", action="store_true", help="into docs/lab/sigma.md")
     args = parser.parse_args()
     folders = [*args.sessions, *(fly(ROOT / "out" / "sigma") if args.fly else [])]
     if not folders:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep against stops: the map, and the time from the first set-point to it; the table of docs/sweep.md.
+"""A sweep against stops: the map, and the time from the first set-point to it; the table of docs/lab/sweep.md.
 
 python tools/bench_sweep.py [--missions sweep,short] [--seeds 1,2] [--offset-ms 5]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracking's figures over ten seeds, on simulated truth; the table goes into docs/tracking.md.
+"""Tracking's figures over ten seeds, on simulated truth; the table goes into docs/lab/tracking.md.
 
 . devel/setup.sh && .venv/bin/python tools/bench_tracking.py [--seeds 10] [--only NAME ...]
 """
@@ -23,7 +23,7 @@ from fcsv_sim.trials.formation import Formation, FormationParameters
 from fcsv_tracking.calibration import calibrate_link
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector
 
-DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "tracking.md"
+DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "lab" / "tracking.md"
 BEGIN, END = "<!-- table: tools/bench_tracking.py -->", "<!-- end of table -->"
 
 

@@ -3,7 +3,7 @@
 """Flies the whole system on ArduCopter's own simulation with one fault in each flight, and says what happened.
 
 Three masters, relays, nodes, simulated people and pictures, as `make demo AUTOPILOT=...`; each flight ends with a row
-of a table. Start the two simulations as docs/autopilot.md says, on a quiet machine.
+of a table. Start the two simulations as docs/user/simulation.md says, on a quiet machine.
 
     . devel/setup.sh; python tools/fly_faults.py tcp:127.0.0.1:5760,tcp:127.0.0.1:5770 --speed 0.4
 """

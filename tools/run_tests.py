@@ -4,7 +4,7 @@ alone; one count of all.
 
     tools/run_tests.py [pytest's arguments]
 
-Exit status 0 where nothing failed; 5 where a tier, or with arguments all, collected no test. More: docs/testing.md.
+Exit status 0 where nothing failed; 5 where a tier, or with arguments all, collected none. More: docs/design/testing.md.
 """
 
 import json

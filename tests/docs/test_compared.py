@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/compared.md repeats measured figures of other pages: each stands there, under the same name."""
+"""docs/lab/compared.md repeats measured figures of other pages: each stands there, under the same name."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "lab"
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 

@@ -24,9 +24,9 @@ def test_the_drawings_are_as_the_code_draws_them():
     command = [sys.executable, str(ROOT / "tools/docs/figures.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr[-2000:]
-    page = (ROOT / "docs/concepts.md").read_text()
+    page = (ROOT / "docs/user/concepts.md").read_text()
     drawn = [p.name for p in (ROOT / "docs/figures").glob("*.svg")]
-    assert drawn and not [name for name in drawn if f"(figures/{name})" not in page]
+    assert drawn and not [name for name in drawn if f"(../figures/{name})" not in page]
 
 
 def test_every_executable_stands_in_one_page():

@@ -27,7 +27,7 @@ def displays(root, name):
 
 @pytest.mark.parametrize("name", [*CONFIGURATIONS, "monitor"])
 def test_every_topic_is_one_of_the_page_and_no_vehicle_is_named_that_may_not_fly(name, root):
-    page = (root / "docs/architecture.md").read_text()
+    page = (root / "docs/design/architecture.md").read_text()
     topics = [d[k] for d in displays(root, name) for k in ("Topic", "Marker Topic", "Image Topic") if k in d]
     for topic in topics:
         listed = re.sub(r"^/map/baselines/.*", "/map/baselines/*", re.sub(r"^/uav\d/", "", topic))

@@ -246,7 +246,7 @@ def test_in_the_air_a_tello_that_no_tracker_sees_may_not_be_handed_over(tello):
 
 
 def test_mavros_has_the_same_lines_with_remedies_of_its_own(root):
-    text = (root / "docs/flight_check.md").read_text().split("| line of MAVROS |")[1].split("\n\n")[0]
+    text = (root / "docs/user/flight_check.md").read_text().split("| line of MAVROS |")[1].split("\n\n")[0]
     said = dict(re.findall(r"^\| `([a-z]+)` \| (.+) \|$", text, re.M))
     ours, theirs = ({c.name: c for c in CHECKS[kind]} for kind in ("mavlink", "mavros"))
     assert list(ours) == list(theirs) and all(ours[n].judge is theirs[n].judge for n in ours)
@@ -465,7 +465,7 @@ def test_only_what_is_amber_is_accepted_and_by_its_name():
 
 def rows(root, heading):
     """Name -> (must, remedy) of every row under a heading of the page that is a line's."""
-    text = (root / "docs/flight_check.md").read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    text = (root / "docs/user/flight_check.md").read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
     cells = [[c.strip() for c in row.strip("|").split("|")] for row in text.splitlines() if row.startswith("| `")]
     return {c[0].strip("`"): (c[1], c[-1]) for c in cells}
 
@@ -479,7 +479,7 @@ def test_the_page_has_every_line_as_the_code_has_it(root, heading, checks):
 
 
 def test_the_page_has_the_bounds_of_the_fleets_lines(root):
-    text, r = (root / "docs/flight_check.md").read_text(), FleetCheckRules()
+    text, r = (root / "docs/user/flight_check.md").read_text(), FleetCheckRules()
     said = {
         "silent_s": f"not heard for {r.silent_s:g} s", "slow_silent_s": f"({r.slow_silent_s:g} s where",
         "clock_silent_s": f"no answer for {r.clock_silent_s:g} s",
@@ -492,7 +492,7 @@ def test_the_page_has_the_bounds_of_the_fleets_lines(root):
 
 
 def test_the_page_has_the_bounds_of_the_code(root):
-    text, r = (root / "docs/flight_check.md").read_text(), VehicleCheckRules()
+    text, r = (root / "docs/user/flight_check.md").read_text(), VehicleCheckRules()
     said = {
         "amber_position_hz": f"fewer than {r.amber_position_hz:g} positions",
         "red_position_hz": f"fewer than {r.red_position_hz:g};",

@@ -41,7 +41,7 @@ def test_the_argument_chooses_which_link_is_started(path):
 @pytest.mark.skipif(mavros_package.installed(), reason="the real MAVROS is installed")
 def test_a_missing_mavros_is_named_before_anything_is_started(root):
     code, said = nodes("flight_link:=mavros")
-    assert code and "MAVROS is not installed" in said and "docs/mavros.md" in said
+    assert code and "MAVROS is not installed" in said and "docs/user/vehicles.md" in said
     code, said = become(root, None)
     assert code == 2 and "which is not installed here" in said and "ros-noetic-mavros" in said
 

@@ -235,7 +235,7 @@ def test_silence_is_told_with_the_limit_that_it_passed(state_age_s, pose_age_s, 
     ("WAIT_VEHICLES", False), ("TAKE_OFF", False), ("COLUMN", False), ("MOVE_HOME", True), ("CONFIGURATIONS", True),
 ])  # fmt: skip
 def test_a_tracker_on_the_ground_need_not_see_who_is_still_flown_by_hand(phase, told):
-    """It knows a heading once people have moved the vehicle in its view (docs/mocap.md)."""
+    """It knows a heading once people have moved the vehicle in its view (docs/design/trackers.md)."""
     view = VehicleView(state_age_s=0.1, connected=True, armed=True, battery_share=0.9, recorder_age_s=0.1)
     found = watch.problems(mission(tracker="ground"), phase, Snapshot(0.0, {"uav2": view}))
     assert any("no pose" in text for text in found) == told

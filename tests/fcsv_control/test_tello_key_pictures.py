@@ -20,7 +20,7 @@ from fcsv_sim.tello.radio import RadioParameters as Air
 from fcsv_sim.tello.video import Packets
 
 RATE_HZ, DELAY_S, FLOWN_S = 5.0, 0.1, 120.0
-TELLOPY_ASKS_S = 2.0  # docs/tello_sim.md
+TELLOPY_ASKS_S = 2.0  # docs/design/trackers.md#the-simulated-tello
 SPECKLE = np.random.default_rng(1).integers(0, 90, (136, 180, 3), dtype=np.uint8)
 
 

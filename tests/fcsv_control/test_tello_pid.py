@@ -190,7 +190,7 @@ def test_a_stick_gets_over_its_dead_band_or_is_let_go():
 @pytest.mark.parametrize("name, most_m", [("velocity", 0.2), ("attitude", 0.3)])
 def test_a_way_is_straight_whichever_axis_is_the_slow_one(tmp_path, name, most_m):
     """Level legs are flown faster than climbs: a way from beside another vehicle to above it once went past it, 0.7 m
-    off its line (docs/tello.md). Wind as in the other flights."""
+    off its line (docs/lab/autopilot.md). Wind as in the other flights."""
     link = LinkedTello(tmp_path, 2)
     link.core._pid = PositionPid(config.load(_CONFIG / f"{name}.yaml", PidConfig))
     link.guided(transforms.from_xyz_yaw([0.0, 0.0, 2.0], 0.0))

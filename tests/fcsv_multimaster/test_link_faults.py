@@ -207,7 +207,7 @@ def test_cuts_one_way_links_and_new_addresses_are_got_over(net):
         cut_until_noticed(net, *cut, deaf=deaf)
         pause(net, longer_s)
         net.radio.mend()
-        assert net.text.wait(net.now_s()) <= 2.0  # docs/multimaster.md, recovery
+        assert net.text.wait(net.now_s()) <= 2.0  # docs/lab/multimaster.md, recovery
         hear_each_other(net)
     net.radio.move("uav1", "10.77.0.77")  # it finds the control PC from there; nobody tells the control PC
     net.text.wait(net.now_s(), timeout_s=15.0)

@@ -351,7 +351,7 @@ def test_land_disarms(flight):
 
 
 def test_a_landing_at_speed_comes_down_further_on_as_the_real_one_does(flight):
-    """ArduCopter 4.6.2 with the profile's WPNAV_ACCEL of 1.5 m/s²: 1.9 m from 2 m/s (docs/safety.md)."""
+    """ArduCopter 4.6.2 with the profile's WPNAV_ACCEL of 1.5 m/s²: 1.9 m from 2 m/s (docs/lab/rehearsals.md)."""
     flight.airborne(6.0)
     for name, value in ((b"WPNAV_ACCEL", 150), (b"WPNAV_SPEED", 200)):
         flight.companion.mav.param_set_send(1, 1, name, value, M.MAV_PARAM_TYPE_REAL32)

@@ -121,7 +121,7 @@ class TestWindow:
 
 @pytest.mark.slow
 def test_the_loop_closes_on_pictures(gimbal):
-    """1 m/s, 2 to 4 m away; rms measured 2026-11-24: 3.4 and 2.5 mm; ten longer flights: docs/gimbal.md."""
+    """1 m/s, 2 to 4 m away; rms measured 2026-11-24: 3.4 and 2.5 mm; ten longer flights: docs/lab/gimbal.md."""
     flight = evaluation.run(gimbal, 1, evaluation.Scenario(duration_s=4.5))
     along, across = np.array([p.along_m for p in flight.poses]), np.array([p.across_m for p in flight.poses])
     assert len(along) > 0.4 * len(flight.in_picture)

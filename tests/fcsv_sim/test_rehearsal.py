@@ -78,7 +78,7 @@ def _job(seed: int) -> Job:
     return Job(quick(), 2, seed, single[seed] if seed < len(single) else "pairs", LONGEST_S)
 
 
-#: What a drift does that nothing on board sees: level, over ground without texture (docs/safety.md, "A slow drift").
+#: What a drift does that nothing on board sees: level, over ground without texture (docs/design/guardian.md).
 KNOWN = {39: ["not held"], 55: ["not held"]}
 
 

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_mission_agents_and_guardians_fly_tellos_as_they_fly_an_ardupilot(seed, tmp_path, root):
-    """Bounds of a set-point: 0.15 m and 5 degrees, by the truth (docs/tello.md)."""
+    """Bounds of a set-point: 0.15 m and 5 degrees, by the truth (docs/lab/autopilot.md)."""
     mission = load_mission(root / "config" / "missions" / "tello.yaml")
     air = TelloMission(tmp_path, mission, load_vehicles(root / "config" / "vehicles", ["tello1", "tello2"]), seed)
     assert air.fly() == "DONE", air.phases[-10:]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cameras that are not what is stated for them: found and said, refused, or in sigma; no pose is blamed for it.
 
-Drawn boards; the figures of rendered scenes are tools/bench_cameras.py's (docs/refinement.md).
+Drawn boards; the figures of rendered scenes are tools/bench_cameras.py's (docs/lab/refinement.md).
 """
 
 import re

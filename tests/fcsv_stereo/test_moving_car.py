@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A car of the simulator's town that drives along the baselines as they grow: its motion looks like parallax.
 
-With one reference picture for all it cannot be told from a car at another depth (docs/decisions/0008). A session has
+With one reference picture for all it cannot be told from a car at another depth (decision 8). A session has
 a reference picture of every configuration: sigma must know, or the place is left out. Boards do the same in
 test_faults.py.
 """

@@ -66,7 +66,7 @@ def covariance_scores(result, truths):
 def test_poses_of_a_session(reference, truths, rotation_deg, share):
     """Measured 2026-11-24 under the two noises: median 0.002 and 0.005 degrees, worst 0.004 and 0.008.
 
-    On the bench's eight scenes 0.004 and 0.017 (docs/benchmarks.md).
+    On the bench's eight scenes 0.004 and 0.017 (docs/lab/benchmarks.md).
     """
     random = np.random.default_rng(3)
     priors = [boards.noisy(t, reference, random, rotation_deg, share) for t in truths]
@@ -378,7 +378,7 @@ def test_derivatives_are_those_of_the_errors():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["0000.jpg", "0005.jpg"])
 def test_fountain(shared_data, name):
-    """From any reference, the gauge removed. docs/results.md: median 0.029 and 0.042 degrees, 0.25 to 0.41 px."""
+    """From any reference, the gauge removed. docs/lab/results.md: median 0.029 and 0.042 degrees, 0.25 to 0.41 px."""
     folder = shared_data / "fountain"
     given = colmap.read_photographs(folder, name)
     truth = colmap.read_images(folder / "truth_images.txt", colmap.read_cameras(folder / "cameras.txt"))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sessions: small real bags, whole and broken."""
 
+import json
 import subprocess
 
 import numpy as np
@@ -11,6 +12,7 @@ from std_msgs.msg import String
 from support.scenes import true_depth
 from support.sessions import T0, T_HOME_CAM, write_control, write_session
 
+from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
 from fcsv_stereo.cli import main
 from fcsv_stereo.equations import ErrorThreshold
@@ -35,6 +37,8 @@ def test_a_session_becomes_a_map(tmp_path):
     cloud = read_ply(out / "map.ply")
     assert len(cloud) == document["points"] and cloud.points_home_m[:, 0].max() < 30.0
     assert (out / "report.html").stat().st_size > 10000
+    assert f"Made by fcsv {VERSION}." in (out / "report.html").read_text()
+    assert json.loads((out / "report.json").read_text())["fcsv_version"] == VERSION
     pipeline.run(session, out, "thesis", OPTIONS, None, lambda *_: None)  # an earlier map is replaced
 
 

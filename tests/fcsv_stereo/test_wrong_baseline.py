@@ -35,7 +35,7 @@ def scales(scene, numbers, wrong):
 
 @pytest.mark.parametrize("wrong", [0, 3])
 def test_a_majority_keeps_its_scale(scene, wrong):
-    """Measured 2026-11-25: at most 0.1 %; with a Huber kernel alone +0.8 to +1.5 % (docs/refinement.md)."""
+    """Measured 2026-11-25: at most 0.1 %; with a Huber kernel alone +0.8 to +1.5 % (docs/lab/refinement.md)."""
     found, warnings = scales(scene, [0, 1, 2, 3], wrong)
     assert np.abs(found[:, 0]).max() < 0.003, found
     assert 0.005 < found[:, 1].max() < 0.01, "no better known than by the three that agree"

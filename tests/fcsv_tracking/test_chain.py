@@ -76,7 +76,7 @@ def test_home_may_be_at_either_end_of_the_column():
 
 
 class TestFiveVehicles:
-    """Last against first over ten seeds, inside its own three sigma; at worst 0.130 m, 0.88 deg (docs/tracking.md)."""
+    """Last against first over ten seeds, inside its own three sigma; worst 0.130 m, 0.88 deg (docs/lab/tracking.md)."""
 
     def calibrated(self, seed):
         flight = Formation(seed, FormationParameters(vehicles=5))

@@ -86,7 +86,7 @@ def since_start(message):
     return message.arrival_s - evaluation.START_S
 
 
-# -- one seed of the ten in docs/mocap.md; bounds: their worst (1.2 mm, 0.20 deg, 13.6 mm, 0.15 deg) and a fifth more --
+# -- a seed of the ten in docs/lab/mocap.md; bounds: their worst (1.2 mm, 0.20 deg, 13.6 mm, 0.15 deg) and a fifth more
 
 
 def test_in_view(flight):

@@ -63,7 +63,7 @@ def test_what_moves_each_its_own_way_is_none(seed):
 
 
 def test_what_moves_one_way_and_fills_the_ground_is_taken_for_a_drift():
-    """Water: said in docs/safety.md."""
+    """Water: said in docs/user/safety.md."""
     assert ratio(scene(), STILL, STILL, np.array([0.0, 1.0, 0.0])) > BOUND
 
 

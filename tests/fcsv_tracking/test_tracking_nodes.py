@@ -328,7 +328,7 @@ def test_what_spoils_a_calibration_is_named_and_a_good_one_follows(start_node, t
     assert dict(zip(epochs.vehicles, epochs.epochs)) == {"uav1": 8, "uav2": 8}
     T = conversions.pose_to_transform(answer.calibration.links[0].child_odom_in_parent_odom)
     estimated, true = column.flight.relative({"uav2": T}, 1)
-    assert np.linalg.norm((estimated - true)[:3, 3]) < 0.05  # docs/tracking.md: at worst 0.018 m
+    assert np.linalg.norm((estimated - true)[:3, 3]) < 0.05  # docs/lab/tracking.md: at worst 0.018 m
     # the moment for which the links hold, not that at which they are told
     assert answer.calibration.header.stamp.to_sec() == pytest.approx(column.begin_s + column.flight.end_s, abs=1e-6)
     home_is_set_by_odometry_that_came_just_now(column)

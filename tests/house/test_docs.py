@@ -70,7 +70,7 @@ def test_every_page_stands_in_the_index():
 def test_every_module_of_joint_is_described():
     folder = ROOT / "src/fcsv_stereo/src/fcsv_stereo/joint"
     modules = {str(m.relative_to(folder).with_suffix("")) for m in folder.rglob("*.py") if m.name != "__init__.py"}
-    page = (ROOT / "docs/joint.md").read_text()
+    page = (ROOT / "docs/design/joint.md").read_text()
     assert modules and not sorted(m for m in modules if f"`{m}`" not in page)
 
 
@@ -80,13 +80,13 @@ def packages_on_disk():
 
 
 def packages_in_the_page():
-    """The paths of the tree in docs/architecture.md, whose entries are indented by two blanks each; each has a line."""
-    text = (ROOT / "docs/architecture.md").read_text()
+    """The paths of the tree in docs/design/architecture.md: a line each, indented by two blanks."""
+    text = (ROOT / "docs/design/architecture.md").read_text()
     block = re.search(r"^## Packages$.*?^```\n(.*?)^```$", text, re.MULTILINE | re.DOTALL).group(1)
     above, out = [], []
     for line in block.splitlines():
         entry = ENTRY.match(line)
-        assert entry, f"docs/architecture.md: '{line}' is not 'name/  what it holds'"
+        assert entry, f"docs/design/architecture.md: '{line}' is not 'name/  what it holds'"
         above = above[: len(entry["indent"]) // 2] + [entry["name"]]
         out.append("/".join(above))
     assert len(out) == len(set(out))
@@ -95,6 +95,6 @@ def packages_in_the_page():
 
 def test_the_tree_of_packages_is_the_real_one():
     page, disk = packages_in_the_page(), packages_on_disk()
-    assert {"not in docs/architecture.md": sorted(disk - page), "not on disk": sorted(page - disk)} == {
-        "not in docs/architecture.md": [], "not on disk": []
+    assert {"not in docs/design/architecture.md": sorted(disk - page), "not on disk": sorted(page - disk)} == {
+        "not in docs/design/architecture.md": [], "not on disk": []
     }  # fmt: skip

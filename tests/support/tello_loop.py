@@ -23,8 +23,8 @@ CONFIG = Path(__file__).resolve().parents[2] / "config" / "tello"
 
 @dataclass(frozen=True)
 class Poses:
-    """How a tracker sees: rate, delay and its spread (s), standard deviations (docs/mocap.md, docs/gimbal.md), and how
-    often a gap of ``gap_s`` begins."""
+    """How a tracker sees: rate, delay and its spread (s), standard deviations (docs/lab/mocap.md, docs/lab/gimbal.md),
+    and how often a gap of ``gap_s`` begins."""
 
     rate_hz: float
     delay_s: float

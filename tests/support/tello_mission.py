@@ -24,7 +24,7 @@ from support.tello_loop import CONFIG
 
 _SENDER, _EPOCH = "mission", 7
 _GUARDIAN_STEPS, _MISSION_STEPS, _STATE_STEPS = 5, 12, 120
-T_WORLD_LEVEL = transforms.from_xyz_yaw([0.0, 0.0, 0.3], 0.0)  # the mocap's level frame (docs/mocap.md)
+T_WORLD_LEVEL = transforms.from_xyz_yaw([0.0, 0.0, 0.3], 0.0)  # the mocap's level frame (docs/design/trackers.md)
 
 
 class _Board:

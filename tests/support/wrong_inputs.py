@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/wrong_inputs.md: kinds of wrong input and what happens to each, written by the tests that assert it.
+"""docs/reference/wrong_inputs.md: kinds of wrong input and what happens to each, written by the tests that assert it.
 
 A test takes the fixture ``wrong_input`` and calls it once per kind, after its assertions. An ordinary run fails where
 the page lacks the row; ``tools/run wrong-inputs`` runs these tests alone and writes the page.
@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Iterable, List
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "wrong_inputs.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "wrong_inputs.md"
 FIXTURE = MARK = PROPERTY = "wrong_input"
 
 AREAS = (
@@ -72,7 +72,7 @@ class Recorder:
         self._record(PROPERTY, json.dumps(asdict(row)))
         if not self._writes:
             text = PAGE.read_text() if PAGE.exists() else ""
-            lacking = f"docs/{PAGE.name} lacks: {row.line}\n(write it: tools/run wrong-inputs)"
+            lacking = f"docs/reference/{PAGE.name} lacks: {row.line}\n(write it: tools/run wrong-inputs)"
             assert row.line in text.splitlines(), lacking
 
 

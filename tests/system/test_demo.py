@@ -33,7 +33,7 @@ def test_it_leaves_a_session_and_a_map(flown):
 
 
 def test_the_map_is_right(flown):
-    """Far above the thesis's method on such pictures (docs/benchmarks.md)."""
+    """Far above the thesis's method on such pictures (docs/lab/benchmarks.md)."""
     truth = json.loads((flown / "map" / "report.json").read_text())["truth"]
     assert truth["within_10_percent"] >= 0.5
 

@@ -66,7 +66,7 @@ def flown(request, tmp_path_factory):
 
 def test_it_ends_with_a_map_that_is_right(flown):
     """Up to 50 m: 1 m of baseline and 684 px hold 10 % of the distance to 68 m (3.1). Of vertical baselines alone the
-    bound would be luck: no camera above the reference sees a quarter of these pixels (docs/mocap.md)."""
+    bound would be luck: no camera above the reference sees a quarter of these pixels (docs/lab/mocap.md)."""
     system, out = flown
     report = json.loads((out / "map" / "report.json").read_text())
     near = report["truth"]["bands"][0]
@@ -76,7 +76,7 @@ def test_it_ends_with_a_map_that_is_right(flown):
 
 
 def test_set_points_were_held_by_the_truth(flown):
-    """Bounds: docs/tello.md."""
+    """Bounds: docs/lab/autopilot.md."""
     _, out = flown
     held = re.findall(r"(tello\d) within ([0-9.]+) m and ([0-9.]+) deg", said(out))
     assert sorted(name for name, _, _ in held) == list(NAMES)
@@ -85,7 +85,7 @@ def test_set_points_were_held_by_the_truth(flown):
 
 def test_pictures_bear_the_trackers_poses(flown):
     """Near the truth: two cameras of 1 cm each, a lever arm of 0.06 m, 2.5 % of the way for a leg of 3 m out of the
-    mocap's view (docs/gimbal.md, docs/mocap.md), and video stamped 0.04 s wrong (docs/tello.md); nowhere truth."""
+    mocap's view (docs/lab/gimbal.md, docs/lab/mocap.md), and video stamped 0.04 s wrong; nowhere truth."""
     _, out = flown
     errors = tracked_errors(json.loads((out / "map" / "report.json").read_text()),
                             load_truth(out / "session" / "truth"))  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Three faults in one flight of the real system: masters, relays, nodes. All others are rehearsed (docs/safety.md)."""
+"""Three faults in one flight of masters, relays and nodes. Others are rehearsed (docs/lab/rehearsals.md)."""
 
 from collections import defaultdict
 

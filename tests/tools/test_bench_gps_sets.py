@@ -15,7 +15,7 @@ def judged():
 
 
 def test_the_truth_is_within_what_is_stated(judged):
-    """Of 500 sets 97 % must be (docs/photographs.md); of 60 one further set may miss by chance."""
+    """Of 500 sets 97 % must be (docs/lab/photographs.md); of 60 one further set may miss by chance."""
     assert gps_sets.within(judged, 3.0) >= 0.97 - 1.0 / 60.0
     errors = np.array([j.errors for j in judged if j.errors is not None])
     assert len(errors) >= 54 and 0.5 < np.mean(errors <= 1.0) < 0.9, "nor is too much stated: 68 % of Gauss's errors"

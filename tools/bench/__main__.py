@@ -19,7 +19,7 @@ from bench.rig_pairs import measure_rigs
 from bench.scenes import LISTS, NOISES, SCENES, VERTICAL, SceneName, shoot, smaller
 from fcsv_stereo.pipeline import METHODS
 
-_PLOT = "pictures/growth.png"
+_PLOT = "../pictures/growth.png"  # from the page
 _PAGE = ("methods", "colmap", "pandora", "growth")
 _PARTS = (*_PAGE, "answered", "real", "rigs", "large")
 
@@ -50,7 +50,7 @@ def main(argv: Optional[List[str]] = None) -> int:
     waited = large.measure_large(args.quick) if "large" in args.parts else []
     out = Path(args.out) if args.out else None
     if samples:
-        growth.plot(samples, (out.parent if out else Path("docs")) / _PLOT)
+        growth.plot(samples, Path(os.path.normpath((out.parent if out else Path("docs/lab")) / _PLOT)))
     measured = (pairs, samples, answered, real, rigs, waited)
     page = "\n".join(_page(args, scenes, results, priors, poses, why_not, *measured)) + "\n"
     if out is None:
@@ -153,11 +153,11 @@ def _parse(argv):
     what = "make Pandora's environment first (build/pandora): it needs another numpy"
     parser.add_argument("--install-pandora", action="store_true", help=what)
     parser.add_argument("--only", nargs="+", choices=_PARTS, help="these parts; printed, unless --out is given")
-    parser.add_argument("--out", help="the page; docs/benchmarks.md, where all is measured")
+    parser.add_argument("--out", help="the page; docs/lab/benchmarks.md, where all is measured")
     args = parser.parse_args(argv)
     args.parts = set(args.only or _PAGE) - ({"growth"} if args.no_growth else set())
     if not args.only and not args.out:
-        args.out = "docs/benchmarks.md"
+        args.out = "docs/lab/benchmarks.md"
     args.given = sys.argv[1:] if argv is None else list(argv)
     return args
 

@@ -6,7 +6,7 @@ tools/run gps-sets [--sets 500] [--seed 1]
 No pictures: places, angles and a model's poses are drawn, and the fit is that of import_photos. Refused without need is
 a set of which an observer who knows what is wrong and how large the errors are would know scale, level and north to
 half of the bounds at which import_photos refuses (Cramér and Rao's bound), from six right places or more that are more
-than twice as many as the wrong ones. The table is in docs/photographs.md.
+than twice as many as the wrong ones. The table is in docs/lab/photographs.md.
 """
 
 import argparse

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holes of the orthophoto, with and without evidence: the tables are in docs/products.md.
+"""Holes of the orthophoto, with and without evidence: the tables are in docs/lab/products.md.
 
     tools/run ortho-holes [--scenes WORLD:SEED ...]
 

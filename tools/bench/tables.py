@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/benchmarks.md out of figures."""
+"""docs/lab/benchmarks.md out of figures."""
 
 from typing import Dict, List, Optional, Sequence, Tuple, Union
 

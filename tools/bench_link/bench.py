@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""make bench-link: the figures of the link between machines, over an emulated radio, into docs/multimaster.md.
+"""make bench-link: the figures of the link between machines, over an emulated radio, into docs/lab/multimaster.md.
 
 Needs root and /dev/net/tun. Each machine is a network namespace with its own ROS master and relay.
 """
@@ -25,7 +25,7 @@ from radio import Conditions, can_emulate
 
 HERE = Path(__file__).resolve().parent
 LINKS, PROBE = HERE / "links.yaml", HERE / "probe.py"
-DOC = HERE.parents[1] / "docs" / "multimaster.md"
+DOC = HERE.parents[1] / "docs" / "lab" / "multimaster.md"
 BEGIN, END = "<!-- bench-link begin -->", "<!-- bench-link end -->"
 PICTURE_HZ, PICTURE_OCTETS = 30, 60000
 WARM_S = 4.0
@@ -227,7 +227,7 @@ def add(rows: List, what: str, figure: str) -> None:
 
 
 def write(rows: List, command: str) -> None:
-    """Put these rows into the table of docs/multimaster.md; rows that were not measured now stay."""
+    """Put these rows into the table of docs/lab/multimaster.md; rows that were not measured now stay."""
     with open("/proc/sys/net/ipv4/tcp_congestion_control") as file:
         congestion = file.read().strip()
     head = (f"Measured {datetime.date.today()} with `{command}`; {os.cpu_count()} cores of {_processor()}, Linux"
@@ -258,7 +258,7 @@ def main() -> int:
     parser.add_argument("--parts", default=",".join(PARTS), help="of " + ",".join(PARTS))
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
     parser.add_argument("--minutes", type=float, default=0.0, help="of endurance; 0: not measured")
-    parser.add_argument("--write", action="store_true", help="the table into docs/multimaster.md")
+    parser.add_argument("--write", action="store_true", help="the table into docs/lab/multimaster.md")
     a = parser.parse_args()
     measure = {
         "first": lambda rows: first_message(rows),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws docs/figures/*.svg, the drawings of docs/concepts.md; --check only tells which are not as drawn here."""
+"""Draws docs/figures/*.svg, the drawings of docs/user/concepts.md; --check only tells which are not as drawn here."""
 
 import argparse
 import sys

@@ -151,7 +151,7 @@ def nodes_page(nodes: List[Path]) -> str:
         "Every node: what it is for, its topics and services, its parameters with their defaults. A part of a name in "
         "capitals (`/VEHICLE/odometry/state`) is given by a parameter. A name without a slash is in the node's "
         "namespace (a vehicle's), one with `~` below the node's own name. Meanings of topics: "
-        "[architecture.md](../architecture.md#machines-and-topics).", "",
+        "[architecture.md](../design/architecture.md#machines-and-topics).", "",
     ]  # fmt: skip
     for path in nodes:
         module = entry_module(path)

@@ -86,7 +86,7 @@ def files(plan: Plan) -> Dict[str, str]:
         "/etc/fcsv/nftables.nft": firewall(plan),
         f"/etc/systemd/system/{FIREWALL}": _firewall_unit(),
         "/etc/chrony/fcsv.conf": clock(plan),
-        "/etc/sysctl.d/90-fcsv.conf": f"# {MARK}\n# pictures over a radio that loses packets: docs/multimaster.md\n"
+        "/etc/sysctl.d/90-fcsv.conf": f"# {MARK}\n# pictures over a radio that loses packets: docs/user/radio.md\n"
                                       "net.ipv4.tcp_congestion_control = bbr\n",
         "/etc/modules-load.d/fcsv.conf": f"# {MARK}\ntcp_bbr\n",
         "/etc/profile.d/fcsv.sh": f"# {MARK}\n# ROS stays on this machine; topics cross by the relay\n"

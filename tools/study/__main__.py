@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""make study: chapter 3 of the thesis again on the simulated town; docs/study.md and docs/pictures/study/."""
+"""make study: chapter 3 of the thesis again on the simulated town; docs/lab/study.md and docs/pictures/study/."""
 
 import argparse
 import os
@@ -62,7 +62,7 @@ def main() -> int:
 
 def _arguments():
     parser = argparse.ArgumentParser(prog="study", description=__doc__)
-    parser.add_argument("--out", default="docs/study.md")
+    parser.add_argument("--out", default="docs/lab/study.md")
     parser.add_argument("--pictures", default="docs/pictures/study")
     parser.add_argument("--demo", metavar="FOLDER", help="what a make demo left: its clock goes into the headline")
     parser.add_argument("--only", nargs="+", choices=[*SECTIONS, "headline"], help="some sections (give another --out)")

@@ -45,13 +45,10 @@ def rectification(page: Page) -> None:
         "correspondence from its row (vertical: column). *Kept*: share of the reference picture that is left. The "
         "matcher is SGBM, which searches rows. *Within 10 %*: of the pixels up to 60 m per metre of baseline. All are "
         "medians of three seeds.",
-        "Bouguet's way has exact rows with exact poses, wherever the vehicles stand. Its cost is the rotation: a "
-        "vehicle 0.2 m off its place rotates a pair of 1 m by more than ten degrees, and the next pair by another "
-        "angle. Edges of the picture are lost, depths of two pairs no longer lie on the same pixels, and an error of "
-        "the tracked position rotates both pictures too. The decoupled way keeps the picture and ignores the part of "
-        "the displacement across the baseline, which is small while the reference is level. A vibrating reference "
-        "rotates the whole baseline out of its rows (f b sin(roll) / z). Home does not follow the vibration; it also "
-        "ignores the part across the baseline.",
+        "Bouguet's way has exact rows with exact poses, wherever the vehicles stand, and turns the pair: "
+        "by more than ten degrees for 0.2 m off a baseline of 1 m. The decoupled way keeps the picture "
+        "and ignores the displacement across the baseline; a vibrating reference turns the baseline out "
+        "of its rows. Home does not follow the vibration, and ignores the same part.",
     )
     page.table(("vehicles", "pair", "way", "turned", "rows off", "kept", "matched", "within 10 %"), rows)
     page.figure(panels(shown, titles, 3), "rectification", "The rectified reference in each way")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each machine records for a session (docs/architecture.md, "Session")."""
+"""What each machine records for a session (docs/design/architecture.md, "Session")."""
 
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
@@ -18,7 +18,7 @@ _VEHICLE: Tuple[str, ...] = (
     "mavros/local_position/pose", "mavros/rc/in", "mavros/battery", "recorder/status", "flight_check",
     "tello/odom", "tello/imu",
 )  # fmt: skip
-#: What a map needs of the control PC, as a vehicle hears it by radio: control.bag may be lost (docs/sessions.md).
+#: What a map needs of the control PC, as a vehicle hears it by radio: control.bag may be lost (docs/user/maps.md).
 _OF_CONTROL: Tuple[str, ...] = ("/calibration", "/home", "/mission/capture")
 _HEARD: Tuple[str, ...] = (
     "odometry/state", "mavros/state", "mavros/local_position/pose", "mavros/battery", "mavros/statustext/recv",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""session.yaml: what belongs together (docs/architecture.md, "Session")."""
+"""session.yaml: what belongs together (docs/design/architecture.md, "Session")."""
 
 import dataclasses
 import os

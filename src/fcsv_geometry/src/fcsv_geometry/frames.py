@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of the frames (docs/conventions.md); rviz's fixed frame is HOME."""
+"""Names of the frames (docs/design/conventions.md); rviz's fixed frame is HOME."""
 
 HOME = "home"
 #: The ground robot that carries gimbals (thesis chapter 4).

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Picture files as people have them, read in one way by all packages: the pixels as stored, or a refusal.
 
-``docs/conventions.md`` says when stored pixels are turned by the file's EXIF orientation. A file that is cut, or whose
+docs/design/conventions.md says when stored pixels are turned by EXIF's orientation. A file that is cut, or whose
 content contradicts itself, is refused: decoders fill what is missing with grey, and say so on stderr only.
 """
 

@@ -14,7 +14,7 @@ from fcsv_geometry.config import require_positive
 from fcsv_geometry.flight_limits import FlightBounds
 
 LOST_CLEAR_M = 6.0  # horizontally, from where one was last known that comes down without a position: it drifts
-_LOST_M, _LOST_MPS = 2.0, 1.2  # what it is off as it is lost, and how fast it drifts: docs/safety.md
+_LOST_M, _LOST_MPS = 2.0, 1.2  # what it is off as it is lost, and how fast it drifts: docs/design/guardian.md
 SILENT_REACH_M = 7.5  # one that hears nobody moves 5 m aside of who was above, and lands: 2.5 m must be clear of it
 _SIGMAS = 3.0
 _TRACKERS_SIGMA_M = 0.05  # of two places against each other by what both trackers drifted since calibration

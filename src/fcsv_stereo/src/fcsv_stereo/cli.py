@@ -10,6 +10,7 @@ from typing import List, Optional, Union
 from fcsv_geometry import commands
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.live_line import LiveLine, Steps
+from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
 from fcsv_stereo.cloud_bounds import CloudBounds
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
@@ -136,6 +137,7 @@ def _parser() -> argparse.ArgumentParser:
     window = DisparityWindow()
     parser.add_argument("input", help="a session folder, a bag, or a folder of posed photographs (COLMAP text model)")
     parser.add_argument("-o", "--out", required=True, help="folder for the map; an earlier map in it is replaced")
+    parser.add_argument("--version", action="version", version=f"fcsv {VERSION}")
     parser.add_argument("--method", choices=sorted(pipeline.METHODS), default=pipeline.DEFAULT_METHOD)
     parser.add_argument("--reference", help="photographs: name of the reference picture (default: first in images.txt)")
     parser.add_argument(
@@ -145,7 +147,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--no-near", action="store_true",
-        help="sessions: leave out what depth cameras recorded; by default it is joined with the map (docs/near.md)",
+        help="sessions: leave out what depth cameras recorded; default: it is joined with the map (docs/user/maps.md)",
     )  # fmt: skip
     parser.add_argument("--products", default="", metavar="LIST", help=f"also: {','.join(PRODUCTS)} (or all)")
     parser.add_argument(

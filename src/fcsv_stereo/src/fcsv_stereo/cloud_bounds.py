@@ -14,7 +14,7 @@ from fcsv_stereo.model import CloudCut, MapResult
 
 #: What a cloud's points may be unsure of (share of the distance): two standard deviations are then 40 %, and what is
 #: less sure has no place that anybody could use. Below it the points hardly get better, and fewer
-#: (docs/products.md#what-a-cloud-leaves-out).
+#: (docs/user/maps.md#clouds).
 DEFAULT_SIGMA = ErrorThreshold(0.2, True)
 _AUTO, _NONE = "auto", "none"
 _AT_A_TIME = 1 << 18  # points: clouds of large pictures

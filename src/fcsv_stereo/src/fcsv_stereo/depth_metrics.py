@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The metrics that the field reports of depths with a standard deviation (docs/benchmarks.md).
+"""The metrics that the field reports of depths with a standard deviation (docs/lab/benchmarks.md).
 
 Arrays are (N,), of the pixels that have a depth and a truth. Errors and sigmas that are sorted or
 averaged are relative: an error in metres is large where the depth is, whatever its sigma.

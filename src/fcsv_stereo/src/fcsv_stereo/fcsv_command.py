@@ -6,6 +6,7 @@ import sys
 from typing import List, Optional
 
 from fcsv_geometry.commands import loading
+from fcsv_geometry.version import VERSION
 
 #: by name: the module whose ``main(arguments)`` it is, and what it does
 COMMANDS = {
@@ -26,10 +27,13 @@ def main(argv: Optional[List[str]] = None) -> int:
     if name in _HELP:
         print(usage())
         return 0
+    if name == "--version":
+        print(f"fcsv {VERSION}")
+        return 0
     print(f"fcsv: there is no command '{name}'; there are {', '.join(COMMANDS)}", file=sys.stderr)
     return 2
 
 
 def usage() -> str:
     lines = [f"  {name:14} {words}" for name, (_, words) in COMMANDS.items()]
-    return "\n".join(["usage: fcsv COMMAND ...   (fcsv COMMAND --help tells its options)", *lines])
+    return "\n".join(["usage: fcsv COMMAND ...   (fcsv COMMAND --help tells its options; fcsv --version)", *lines])

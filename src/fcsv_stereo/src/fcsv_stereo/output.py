@@ -11,6 +11,7 @@ from typing import Optional
 import cv2
 import numpy as np
 
+from fcsv_geometry.version import VERSION
 from fcsv_geometry.writing import in_words
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.evaluation import Evaluation
@@ -142,6 +143,7 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
     """report.json (design, "Commands that stay")."""
     camera, origin_m = result.reference.camera, result.origin_m
     document = {
+        "fcsv_version": VERSION,
         "method": result.method,
         "reference": {
             "image": result.reference.name, "width": camera.width, "height": camera.height, "fx": camera.fx,

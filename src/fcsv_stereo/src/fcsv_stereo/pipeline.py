@@ -64,7 +64,7 @@ def run(
     ``options`` are of the method's ``options`` class. ``poi`` names a file of points of interest; a session may hold
     one (poi.yaml). ``products`` are written besides. ``instant``: only pictures of one, ``last`` or a stamp (s).
     ``bounds`` are those of the cloud (None: its defaults). ``near``: join what depth cameras saw, where a session holds
-    it (docs/near.md).
+    it (docs/user/maps.md).
     """
     started = time.perf_counter()
     output.check_out(out)

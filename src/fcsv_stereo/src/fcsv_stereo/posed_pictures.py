@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files in ``images/`` of posed photographs: found by the names in images.txt, read whole, turned where they must.
 
-Which pixels the poses are of, stored ones or those turned by EXIF's orientation: docs/conventions.md.
+Which pixels the poses are of, stored ones or those turned by EXIF's orientation: docs/design/conventions.md.
 """
 
 from pathlib import Path

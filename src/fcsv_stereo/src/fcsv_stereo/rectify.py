@@ -4,7 +4,7 @@
 Three ways, in the order in which the thesis took and left them: ``bouguet`` lays an axis along the baseline (2.6 to
 2.11), so that every error and every scatter of the position turns both pictures (4.5); ``decoupled`` leaves the
 reference as it is (5.5 to 5.7), so that all follow its vibration; ``home`` turns each picture parallel to home's
-heading and the horizon by its own tracked pose (6.2, 6.3). docs/study.md measures the three.
+heading and the horizon by its own tracked pose (6.2, 6.3). docs/lab/study.md measures the three.
 """
 
 from dataclasses import dataclass

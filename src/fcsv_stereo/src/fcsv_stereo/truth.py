@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Truth, where it is known: a triangle mesh, true camera poses (docs/decisions/0001), and what moved."""
+"""Truth, where it is known: a triangle mesh, true camera poses (docs/design/decisions/0001), and what moved."""
 
 import csv
 from dataclasses import dataclass, field

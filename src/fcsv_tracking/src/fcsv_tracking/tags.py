@@ -14,7 +14,7 @@ from fcsv_geometry.flow import DropCounter
 from fcsv_tracking.errors import TagError
 
 FAMILY = "tag36h11"
-ON_BOARD_DECIMATE = 1.5  # finds what the whole picture shows, 3 to 4 m away, in half of its time (docs/tracking.md)
+ON_BOARD_DECIMATE = 1.5  # finds what the whole picture shows, 3 to 4 m away, in half of its time (docs/lab/tracking.md)
 #: The detector puts pixel centres at (0.5, 0.5); ours are at whole numbers (tests/fcsv_tracking/test_tags.py).
 _PIXEL_CENTRE_PX = 0.5
 _LEAST_MARGIN = 10.0

@@ -92,7 +92,7 @@ class VehicleRow:
 
 
 def who_flies(heard: Aged, state: Aged, guardian: Aged, agent: Aged, stop_asked: str = "") -> Flier:  # noqa: C901
-    """Who has the vehicle now, highest first as in docs/safety.md: pilot, failsafe, guardian, mission."""
+    """Who has the vehicle now, highest first as in docs/user/safety.md: pilot, failsafe, guardian, mission."""
     if state.value is None:
         return Flier(UNKNOWN, "not heard yet")
     s: f.AutopilotState = state.value

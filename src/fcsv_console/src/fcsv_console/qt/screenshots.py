@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosrun fcsv_console screenshots: pictures of the window in each of its states, for docs/console.md."""
+"""rosrun fcsv_console screenshots: pictures of the window in each of its states, for docs/user/console.md."""
 
 import argparse
 import os

@@ -26,7 +26,7 @@ def height_m(pressure_hpa: float) -> float:
 
 @dataclass(frozen=True)
 class HeightCheckRules:
-    """Bounds: see docs/safety.md#a-slow-drift for what a calm flight needs of them."""
+    """Bounds: see docs/design/guardian.md#a-slow-drift for what a calm flight needs of them."""
 
     off_m: float = 1.2  # by which the tracker's height may leave the barometer's
     mean_s: float = 1.0  # of what is compared now,

@@ -12,7 +12,7 @@ from fcsv_geometry.config import require_positive
 
 @dataclass(frozen=True)
 class SceneCheckRules:
-    """Bounds: see docs/safety.md#a-slow-drift for what calm flights need of them."""
+    """Bounds: see docs/design/guardian.md#a-slow-drift for what calm flights need of them."""
 
     off_rad: float = 0.02  # so far 70 % of the points may be from where the poses moved them,
     off_share: float = 0.1  # and so much of the turn of the camera: of its calibration, stamps and mount

@@ -61,4 +61,5 @@ def judge(line: AutopilotLine) -> Found:
 
 def check(of) -> Check:
     """The line; ``of(now_s, facts, rules)`` finds it."""
-    return Check("signing", "nobody else can speak for autopilot or companion", "signing_key:=FILE (autopilot.md)", of)
+    remedy = "signing_key:=FILE (docs/user/vehicles.md)"
+    return Check("signing", "nobody else can speak for autopilot or companion", remedy, of)

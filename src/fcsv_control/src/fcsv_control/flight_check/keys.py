@@ -34,5 +34,5 @@ def judge(now_s: float, keys: Heard[Keys], link: str, most_s: float) -> Found:
 
 def check(of) -> Check:
     """The line; ``of(now_s, facts, rules)`` finds it."""
-    remedy = "make new keys (multimaster.md); close ROS: ROS_IP=127.0.0.1"
+    remedy = "make new keys (docs/user/radio.md); close ROS: ROS_IP=127.0.0.1"
     return Check("keys", "what crosses the radio is encrypted, by keys that last", remedy, of)

@@ -17,7 +17,7 @@ from fcsv_geometry.config import require_positive
 
 @dataclass(frozen=True)
 class TagInFrontRules:
-    """Bounds. A calibration and what trackers drift after it are 0.1 m (docs/safety.md), a tag's place 2 % of its
+    """Bounds. A calibration and what trackers drift after it are 0.1 m (docs/lab/tracking.md), a tag's place 2 % of its
     distance; a picture is up to half a second older than the pose."""
 
     off_m: float = 0.5

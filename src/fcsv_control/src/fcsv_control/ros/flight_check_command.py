@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rosrun fcsv_control flight_check: what must be true before take-off, as a table (docs/flight_check.md)."""
+"""rosrun fcsv_control flight_check: what must be true before take-off, as a table (docs/user/flight_check.md)."""
 
 import argparse
 import sys

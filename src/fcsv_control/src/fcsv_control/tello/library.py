@@ -30,7 +30,7 @@ _JOIN_S = 3.0
 class RadioParameters:
     """``network``: namespace of the vehicle's Wi-Fi; ``interface``: its name, where it is not in a namespace.
 
-    ``address``, ``tello_port``, ``video_port``: of a Tello that is not at its usual place (docs/tello_sim.md).
+    ``address``, ``tello_port``, ``video_port``: of a Tello that is not at its usual place (docs/design/trackers.md).
     """
 
     network: str = ""

@@ -12,7 +12,7 @@ from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import StickModel
 from fcsv_geometry import transforms
 
-_LOG_DELAY_S = 0.07  # of its log packets (docs/mocap.md)
+_LOG_DELAY_S = 0.07  # of its log packets (docs/design/trackers.md)
 
 
 class Tracking:

@@ -98,7 +98,7 @@ def _reached(host: str, port: int, patience_s: float, vehicle: str) -> socket.so
             if time.monotonic() > until_s:
                 raise ElsewhereError(
                     f"{vehicle}: nobody listens at tcp:{host}:{port} ({error.strerror or error}): "
-                    "start ArduCopter's simulation for it (docs/autopilot.md)"
+                    "start ArduCopter's simulation for it (docs/user/simulation.md)"
                 ) from error
             time.sleep(0.2)
 

@@ -262,29 +262,30 @@ def _parse(argv):
     parser.add_argument(
         "--movers", default="",
         help="system tags: 1 lets a car and a walker move through the town, 0 does not; default: where a mission in "
-        "the street has several configurations at once (docs/at_once.md)",
+        "the street has several configurations at once (docs/user/missions.md)",
     )  # fmt: skip
     parser.add_argument(
         "--start", default="", metavar="X,Y",
         help="system tags: where the column takes off in the world, m; default: 0,0, where nothing stands around it",
     )  # fmt: skip
-    parser.add_argument("--near", default="", help="system tags: 1 records depth cameras, for the near field (near.md)")
+    near = "system tags: 1 records depth cameras, for the near field (docs/user/maps.md)"
+    parser.add_argument("--near", default="", help=near)
     parser.add_argument(
         "--speed", default=slow_motion.AUTO,
         help="share of real time at which all is simulated; default: auto: 1, or less where the machine cannot keep up",
     )  # fmt: skip
     parser.add_argument(
         "--flight-link", choices=("mavlink", "mavros"), default="mavlink",
-        help="system tags: what flies the autopilots; mavros: MAVROS's node, which must be installed (docs/mavros.md)",
+        help="system tags: what flies the autopilots; mavros: MAVROS's node, where installed (docs/user/vehicles.md)",
     )  # fmt: skip
     parser.add_argument(
         "--autopilot", default="", metavar="ADDRESS,...",
         help="system tags: ArduCopter's own simulation flies, one for each vehicle: tcp:127.0.0.1:5760,... "
-        "(docs/autopilot.md), with --speed of its own --speedup; default: simulated autopilots",
+        "(docs/user/simulation.md), with --speed of its own --speedup; default: simulated autopilots",
     )  # fmt: skip
     parser.add_argument(
         "--operator", choices=("simulated", "you"), default="simulated",
-        help="system tags: who presses buttons; you: in the operator's window (docs/console.md); pilots are simulated",
+        help="system tags: who presses buttons; you: in the window (docs/user/console.md); pilots are simulated",
     )  # fmt: skip
     parser.add_argument(
         "--ready-s", type=float, default=READY_S,

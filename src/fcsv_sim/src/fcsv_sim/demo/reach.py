@@ -12,7 +12,7 @@ from fcsv_tracking.gimbal.config import Gimbal, GroundRobot
 
 _NEAREST_M, _FARTHEST_M = 1.0, 4.2  # thesis 4.2: tags of 8 cm are seen up to around 4 m
 _STEEPEST_DEG = 68.0  # of a tag's face against the line of sight
-_OUT_OF_VIEW_M = 20.0  # as far as the odometry's drift is known (docs/mocap.md)
+_OUT_OF_VIEW_M = 20.0  # as far as the odometry's drift is known (docs/design/trackers.md)
 
 
 def require_gimbal_reach(robot: GroundRobot, site: PairSite, mission: Mission, vehicles) -> None:

@@ -27,7 +27,7 @@ _TELLOS = ("tello1", "tello2")
 _BY_HAND = ("--method", "thesis", "--trim-vertical", "20", "60", "60")
 #: As launch/mocap.launch stands the simulated tracker: on the ground, looking up at 45 degrees (thesis 5.7).
 T_WORLD_MOCAP = transforms.from_xyz_rpy([0.0, 0.0, 0.3], np.radians([0.0, -45.0, 0.0]))
-#: The mocap's level frame: its place, level, looking where it looks (docs/mocap.md).
+#: The mocap's level frame: its place, level, looking where it looks (docs/design/trackers.md).
 _T_WORLD_LEVEL = transforms.from_xyz_yaw(T_WORLD_MOCAP[:3, 3], 0.0)
 
 

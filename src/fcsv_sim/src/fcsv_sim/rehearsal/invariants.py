@@ -28,7 +28,7 @@ _BENEATH_M, _SAME_HEIGHT_M = 1.5, 0.3
 _TOUCH_DOWN_MPS = 1.0
 _IN_THE_AIR_M = 0.3
 _FENCE_RADIUS_M, _CEILING_M, _FENCE_S = 100.0, 45.0, 1.0
-_LINK_M, _WALK_M = 0.03, 0.1  # standard deviations: of a calibration's link (docs/tracking.md), of odometry since then
+_LINK_M, _WALK_M = 0.03, 0.1  # standard deviations: of a link (docs/lab/tracking.md), of odometry since then
 _REMEMBERED = 4000  # moments
 
 Place = Tuple[float, float, float]

@@ -28,7 +28,7 @@ def _arguments(argv) -> argparse.Namespace:
     parser.add_argument("--start", default="0,0,0,0", help="x, y, z (m), yaw (rad)")
     parser.add_argument("--battery", type=float, default=95.0, help="percent at the start")
     parser.add_argument("--loss", type=float, default=RadioParameters.loss, help="share of lost packets, each way")
-    parser.add_argument("--other-firmware", action="store_true", help="its messages (docs/tello_sim.md)")
+    parser.add_argument("--other-firmware", action="store_true", help="its messages (docs/design/trackers.md)")
     parser.add_argument("--world", default="", help="of its video: street, village, field, plain; empty: no video")
     parser.add_argument("--vehicles-dir", default="config/vehicles", help="where NAME.yaml says how its camera sits")
     parser.add_argument("--video-hz", type=float, default=VideoParameters.rate_hz, help="pictures a second")

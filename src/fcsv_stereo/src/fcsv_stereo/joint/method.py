@@ -48,7 +48,7 @@ class JointOptions:
     """Choices of the method. An input that says how good its poses are overrules the refinement's prior;
     ``threshold`` is for equation 3.1's farthest depth in the report alone. ``complete`` keeps depths that no pair's
     texture supports; ``kind`` tells them. ``bars``: straight thin things are matched as wholes besides
-    (docs/tilting.md). ``prior`` is how good the poses of photographs are, where the user says so.
+    (docs/lab/tilting.md). ``prior`` is how good the poses of photographs are, where the user says so.
 
     Poses are refined in whole pictures; depth is that of the reference picture at ``scale`` of its size, and of at most
     ``most_pixels``.
@@ -109,7 +109,7 @@ class Joint(Method):
     @property
     def monitor(self) -> JointOptions:
         """As ``quick``, with a volume in which a walker at 20 m is 6 pixels wide (4 are lost before a car), and large
-        pictures made smaller: what each image costs does not grow with the camera's size (docs/at_once.md)."""
+        pictures made smaller: what each image costs does not grow with the camera's size (docs/lab/at_once.md)."""
         matching = replace(self.quick.matching, volume_pixels=40000)
         return replace(self.quick, matching=matching, most_pixels=_MONITORED_PIXELS)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The near field: frames of a depth camera along the whole flight, summed in home and joined with a map (thesis 6.8).
 
-docs/near.md says how it is used and what it reaches.
+docs/user/maps.md says how it is used and what it reaches.
 """
 
 from fcsv_stereo.near.frame import DepthFrame, Thinning

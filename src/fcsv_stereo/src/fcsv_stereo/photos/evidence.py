@@ -21,7 +21,7 @@ _WRONG_PLACE, _WRONG_HEIGHT, _WRONG_ANGLES, _WRONG_LEVEL = 17.0, 14.0, 12.0, 9.0
 _HEIGHT_ALONE = 3.0  # further cost of a height that is wrong where the rest of the place is right: seldom
 #: Cameras without known angles seldom look up: cost of one that looks at the zenith; from 30 degrees on.
 _ZENITH_COST, _LOOKS_UP = 6.0, 0.5
-MODEL_SHARE = 0.003  # of the model's extent: how good structure from motion is (docs/photographs.md)
+MODEL_SHARE = 0.003  # of the model's extent: how good structure from motion is (docs/lab/photographs.md)
 
 #: Noise that is tried: logarithms of times as much as GPS says, and of times MODEL_SHARE; then finer about the best.
 _LOG_K, _LOG_M, _FINER = np.linspace(-2.4, 2.4, 7), np.linspace(-5.6, 2.4, 6), np.linspace(-0.5, 0.5, 5)

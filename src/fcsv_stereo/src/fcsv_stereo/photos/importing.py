@@ -23,7 +23,7 @@ from fcsv_stereo.photos.posing import CameraKey, pose, require_pycolmap
 from fcsv_stereo.photos.similarity import FEWEST, SAME_COST, Similarity
 from fcsv_stereo.photos.tags import Tags, read_tags
 
-#: How good structure from motion is, apart from its scale (one standard deviation). Measured: docs/photographs.md.
+#: How good structure from motion is, apart from its scale (one standard deviation). Measured: docs/lab/photographs.md.
 ROTATION_SIGMA_DEG, POSITION_SHARE = 0.1, 0.003
 
 

@@ -32,7 +32,7 @@ _PERHAPS, _LIKELY = 0.35, 0.6  # probabilities, for a warning: a single pair sho
 _SURE = 5.0  # standard deviations, to take it
 _KNOWN = 0.01  # share to which several pictures tell it
 _NOTHING = 0.9 * ANY_FOCAL  # from this standard deviation on the pictures add nothing to what was known before
-_TURN_DEG = 20  # two pictures turned towards each other by so much show 5 % off in all draws (docs/refinement.md)
+_TURN_DEG = 20  # two pictures turned towards each other by so much show 5 % off in all draws (docs/lab/refinement.md)
 
 
 @dataclass(frozen=True)

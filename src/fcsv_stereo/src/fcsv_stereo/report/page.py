@@ -8,6 +8,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import jinja2
 import numpy as np
 
+from fcsv_geometry.version import VERSION
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
@@ -65,7 +66,9 @@ def write_report(
     page = (
         _environment()
         .get_template("report.html")
-        .render(title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts])
+        .render(
+            title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts], version=VERSION
+        )
     )
     path = Path(out_dir) / "report.html"
     path.write_text(page, encoding="utf-8")

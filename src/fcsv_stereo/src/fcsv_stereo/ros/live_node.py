@@ -43,7 +43,7 @@ class LiveParameters:
     pictures as small as 640 x 480, with the camera_info of that size. ``refine_every``: of so many of these, poses are
     refined in one and corrected as found in between; more than 1 only where their errors stay the same for seconds, as
     on a rig. ``bars``: straight thin things are matched as wholes, too, in finished maps and in monitoring
-    (docs/tilting.md). ``shown_from_m``, ``shown_to_m``: ends of the colours of /map/monitor.
+    (docs/user/ground_trackers.md). ``shown_from_m``, ``shown_to_m``: ends of the colours of /map/monitor.
     """
 
     vehicles: List[str]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A session folder, or one bag that holds everything, as input of a map (docs/architecture.md, "Session")."""
+"""A session folder, or one bag that holds everything, as input of a map (docs/design/architecture.md, "Session")."""
 
 from pathlib import Path
 from typing import Dict, List, Optional

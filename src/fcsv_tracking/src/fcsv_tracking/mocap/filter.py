@@ -34,7 +34,7 @@ class FilterNoise:
     level_walk_deg_per_sqrt_s: float = 0.004
     level_deg: float = 0.08  # constant error of either level, which no time averages away
     drift_share: float = 0.0257  # rms
-    drift_length_m: float = 7.0  # how far a drift that was learned is followed (docs/mocap.md says why no further)
+    drift_length_m: float = 7.0  # how far a drift that was learned is followed (docs/lab/mocap.md: why no further)
     delay_s: float = 0.03  # first guess's error
     delay_walk_s: float = 2e-4  # per root second
     mocap_jitter_s: float = 0.0017  # of the topic's stamps

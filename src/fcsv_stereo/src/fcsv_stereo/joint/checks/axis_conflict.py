@@ -2,7 +2,7 @@
 """Where the pairs of one axis deny what those of the other say: sigma must know.
 
 What moves along one axis in step with its baselines looks like another depth there; to the other axis it does not
-(docs/decisions/0008).
+(docs/design/decisions/0008).
 """
 
 from dataclasses import replace

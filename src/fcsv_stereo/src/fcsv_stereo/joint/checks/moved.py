@@ -4,7 +4,7 @@
 A thing that moves along the baselines as they grow looks like one at another depth, and all pairs agree on it. But each
 configuration has a reference picture of its own, of the moment of its other picture and from nearly the same place:
 there it shows itself. Where the first and a later one differ, that configuration's pair does not count
-(docs/decisions/0008).
+(docs/design/decisions/0008).
 """
 
 from dataclasses import dataclass, fields, replace

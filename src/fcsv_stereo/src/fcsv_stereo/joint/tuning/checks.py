@@ -26,7 +26,7 @@ class Reliability(Tuned):
 
 @dataclass(frozen=True)
 class Sigma(Tuned):
-    """``checks.sigma``: fitted, not chosen (docs/decisions/0007). Relative errors of depth, one per step."""
+    """``checks.sigma``: fitted, not chosen (docs/design/decisions/0007). Relative errors of depth, one per step."""
 
     steps: Tuple[float, ...] = tuned(
         (0.003, 0.01, 0.03, 0.1, 0.25, 0.5), "relative step of inverse depth in the surroundings", "where errors stand"

@@ -17,9 +17,9 @@ FOURTEEN = "seeds 3, 5 and 6 of each world, street 4, plain 4 (H, and with V)"
 SEED_3 = "seed 3 of each world (H)"
 LIT = "seeds 21 and 22 of each world (H), those of seed 22 also overcast, in fog or against the light"
 BENCH = "the bench's eight scenes: seeds 1 and 2 of each world (H, and with V)"
-CAR = "not recorded; measured on the town with a car that drives along the baselines (docs/decisions/0008)"
+CAR = "not recorded; measured on the town with a car that drives along the baselines (docs/design/decisions/0008)"
 TILTED = "not recorded; measured on the study's tilted pairs"
-RIG = "the tilting rig's demo, seed 1 (docs/tilting.md)"
+RIG = "the tilting rig's demo, seed 1 (docs/lab/tilting.md)"
 NOT_RECORDED, NOT_VARIED = "not recorded", "not varied"
 
 
