@@ -93,8 +93,14 @@ class Ground:
 
     @property
     def free_height_m(self) -> np.ndarray:
-        """From the ground's upper edge to what hangs above; inf where nothing does, NaN where unknown."""
-        return self.overhead_m - self.high_m
+        """From the ground's upper edge to what hangs above; inf where nothing does, NaN where unknown.
+
+        A view from above shows the upper side of a beam, and its lower edge only at its near side: so the lowest that
+        hangs within ``OVERHEAD_REACH_M`` counts.
+        """
+        n = int(np.ceil(tuning.OVERHEAD_REACH_M / self.grid.cell_m))
+        hangs = np.where(self.known, self.overhead_m, np.inf).astype(np.float32)
+        return _worst(hangs, np.ones((2 * n + 1, 2 * n + 1), np.uint8), np.inf) - self.high_m
 
     @property
     def step_m(self) -> np.ndarray:

@@ -28,7 +28,8 @@ def occupancy(ground: Ground, robot: Robot) -> np.ndarray:
 
 
 def write_map_server(occupied: np.ndarray, grid: Grid, folder: Path, name: str, scaled: bool = False) -> List[Path]:
-    """NAME.pgm (PNG with alpha where scaled: only so map_server tells unknown) and NAME.yaml; their paths.
+    """NAME.pgm and NAME.yaml; their paths. Scaled it is NAME.png: map_server tells what is unknown from grades of
+    occupancy by transparency, which a PGM cannot hold.
 
     Raises OSError where the disk does not take them.
     """
@@ -57,6 +58,7 @@ def _trinary(occupied: np.ndarray) -> np.ndarray:
 def _scaled(occupied: np.ndarray) -> np.ndarray:
     """(rows, columns, 4) uint8: grey by occupancy; transparent where unknown, which map_server reads as unknown."""
     grey = np.rint(255 * (1 - np.maximum(occupied, 0) / 100.0)).astype(np.uint8)
+    grey[occupied == UNKNOWN] = _TRINARY["unknown"]  # between the thresholds, which are asked first
     return np.dstack([grey, grey, grey, np.where(occupied == UNKNOWN, 0, 255).astype(np.uint8)])
 
 

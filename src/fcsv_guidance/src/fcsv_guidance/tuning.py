@@ -10,6 +10,8 @@ LEAST_POINTS = 2
 #: m: a vertical gap of so much ends the lowest layer; what lies above it hangs over. Assumed: rows of pixels on a
 #: wall lie 0.05 m apart at 30 m (f = 600 px).
 LAYER_GAP_M = 0.2
+#: m: how far a beam's lower edge may lie from a cell over which only its upper side is seen. Assumed.
+OVERHEAD_REACH_M = 0.3
 #: Where pixels lie apart, a cell's evidence is that of a coarser cell of so many cells a side, in this order, of whose
 #: parts so large a share is known. A ditch or a shadow narrower than a quarter of the coarser cell may lie in it.
 COARSER_SIDES = (2, 4)
