@@ -112,8 +112,11 @@ class Ground:
         return _plane_slope(self.height_m, self.grid.cell_m, radius_m)
 
 
-def ground_from(views: Sequence[DepthView], cell_m: float = 0.1, grid: Optional[Grid] = None) -> Ground:
-    """The ground that the views show together; ``grid`` is laid around what they see unless it is given.
+def ground_from(
+    views: Sequence[DepthView], cell_m: float = 0.1, grid: Optional[Grid] = None, reach_m: float = 60.0
+) -> Ground:
+    """The ground that the views show together; ``grid`` is laid around what they see up to ``reach_m`` from their
+    cameras unless it is given.
 
     Raises GroundError where no pixel has a depth, a sigma and a pair that supports it.
     """
@@ -122,7 +125,10 @@ def ground_from(views: Sequence[DepthView], cell_m: float = 0.1, grid: Optional[
     points = [_points(view, cell_m if grid is None else grid.cell_m) for view in views]
     everything = np.concatenate(points)
     if grid is None:
-        low, high = np.percentile(everything[:, :2], (0.2, 99.8), axis=0)
+        near = everything[everything[:, 4] <= reach_m, :2]
+        if not len(near):
+            raise GroundError(f"no map shows anything within {reach_m:g} m of its camera; give a larger reach")
+        low, high = np.percentile(near, (0.2, 99.8), axis=0)
         grid = Grid.around(low, high + cell_m, cell_m)
     ground = _summarised(everything, grid)
     seen_by = _seen_by(points, grid, ground.known)
@@ -142,7 +148,10 @@ def renewed(ground: Ground, view: DepthView) -> Ground:
 
 
 def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
-    """(rows, columns): probability that the robot's wheel can be in the cell; NaN where unknown."""
+    """(rows, columns): probability that the robot's wheel can be in the cell; NaN where unknown.
+
+    A lone cell, whose slope nothing tells, is unknown unless what is seen of it is an obstacle.
+    """
     step, step_sigma = _largest_step(ground.height_m, ground.sigma_m)
     half = max(robot.radius_m, 1.5 * ground.grid.cell_m)
     slope_sigma = ground.sigma_m * np.sqrt(12.0) / (2 * half) / np.sqrt(2.0)
@@ -153,8 +162,9 @@ def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
         _below(ground.slope(half), robot.largest_slope, slope_sigma),
         _below(-ground.free_height_m, -robot.height_m, np.sqrt(2.0) * ground.sigma_m),
     ]
-    p = np.min(parts, axis=0) * ground.trust
-    return np.where(ground.known, np.nan_to_num(p, nan=0.0), np.nan)
+    p = np.nanmin(np.where(ground.known, parts, 0.0), axis=0) * ground.trust
+    judged = ground.known & (np.isfinite(parts[2]) | (p <= tuning.OBSTACLE_P))
+    return np.where(judged, p, np.nan)
 
 
 def stand_probability(ground: Ground, robot: Robot, margin_m: float = 0.0) -> np.ndarray:
@@ -166,7 +176,9 @@ def stand_probability(ground: Ground, robot: Robot, margin_m: float = 0.0) -> np
     p = cell_probability(ground, robot)
     cells = int(np.ceil((robot.radius_m + margin_m) / ground.grid.cell_m))
     y, x = np.mgrid[-cells : cells + 1, -cells : cells + 1]
-    disk = (np.hypot(x, y) * ground.grid.cell_m <= robot.radius_m + margin_m + 0.5 * ground.grid.cell_m).astype(np.uint8)
+    disk = (np.hypot(x, y) * ground.grid.cell_m <= robot.radius_m + margin_m + 0.5 * ground.grid.cell_m).astype(
+        np.uint8
+    )
     known = np.isfinite(p)
     worst = _worst(np.where(known, p, 1.0), disk, 1.0)
     whole = _worst(known.astype(np.float32), disk, 0.0) > 0

@@ -34,7 +34,7 @@ def _ground(args: argparse.Namespace) -> int:
     robot, out = load_robot(args.robot), Path(args.out)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise GroundError(f"{out}: exists and is not an empty folder; give another with -o")
-    ground = ground_from([read_map(folder) for folder in args.maps], args.cell_m)
+    ground = ground_from([read_map(folder) for folder in args.maps], args.cell_m, reach_m=args.reach_m)
     stands = stand_probability(ground, robot)
     found = None
     if args.route:
@@ -51,7 +51,9 @@ def _ground(args: argparse.Namespace) -> int:
     if isinstance(found, NoRoute):
         print(f"{found.reason}; ground.json lists them")
     elif found is not None:
-        print(f"route of {found.length_m:.1f} m, {len(found.points_home_m)} corners, worst cell's risk {found.risk:.3f}")
+        print(
+            f"route of {found.length_m:.1f} m, {len(found.points_home_m)} corners, worst cell's risk {found.risk:.3f}"
+        )
     print(f"wrote {len(written) + 2} files to {out}")
     return 1 if isinstance(found, NoRoute) else 0
 
@@ -89,7 +91,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--robot", required=True, metavar="FILE", help="the robot (config/robots/NAME.yaml)")
     add("-o", "--out", required=True, metavar="OUT", help="an empty or new folder")
     add("--cell-m", type=float, default=0.1, help="side of a cell (default 0.1 m)")
+    add("--reach-m", type=float, default=60.0, help="how far from a camera the grid reaches (default 60 m)")
     add("--route", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="from start to goal, home (m)")
-    add("--place-sigma-m", type=float, default=0.0, help="sigma of the robot's place (m); the way keeps two of it clear")
+    add(
+        "--place-sigma-m", type=float, default=0.0, help="sigma of the robot's place (m); the way keeps two of it clear"
+    )
     add("--through-unknown", type=float, metavar="COST", help="cost of a metre not seen; without it none is crossed")
     return parser

@@ -18,8 +18,8 @@ _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 @dataclass(frozen=True)
 class Route:
-    """``points_home_m`` (N,2) from start to goal; ``length_m``; ``risk``: probability that a cell of the way is not
-    free, cells taken as independent; ``unknown_cells`` (M,2) rows and columns that it crosses unseen."""
+    """``points_home_m`` (N,2) from start to goal; ``length_m``; ``risk``: probability that its worst seen cell is
+    not free; ``unknown_cells`` (M,2) rows and columns that it crosses unseen."""
 
     points_home_m: np.ndarray
     length_m: float
@@ -132,7 +132,7 @@ def _is_cheaper(cost: np.ndarray, a: np.ndarray, b: np.ndarray, bound: float) ->
 
 
 def _cells_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N,2): every cell within which the straight piece between two middles comes, sampled at a quarter of a cell."""
+    """(N,2): the cells that the straight piece between two middles crosses, sampled at a quarter of a cell."""
     n = int(np.ceil(4 * np.hypot(*(b - a)))) + 1
     line = np.asarray(a) + np.linspace(0, 1, n)[:, None] * (np.asarray(b) - a)
     return np.unique(np.rint(line).astype(int), axis=0)
