@@ -15,7 +15,8 @@ from fcsv_sim.machines.machines import Machine, free_port
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 until = within(usual_s=90.0)
-PACKAGES = [f"fcsv_{name}" for name in ("console", "control", "geometry", "multimaster", "sim", "stereo", "tracking")]
+NAMES = ("console", "control", "geometry", "guidance", "multimaster", "sim", "stereo", "tracking")
+PACKAGES = [f"fcsv_{name}" for name in NAMES]
 #: rosdep's keys of what comes as a Debian package; all else that is no ROS package stands in requirements.txt
 KEYS = {"rospkg": "python3-rospkg", "yaml": "python3-yaml", "cryptography": "python3-cryptography"}
 ROS_PACKAGES = {

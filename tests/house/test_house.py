@@ -16,6 +16,7 @@ BELOW = {
     "fcsv_geometry": set(),
     "fcsv_tracking": {"fcsv_geometry"},
     "fcsv_stereo": {"fcsv_geometry"},
+    "fcsv_guidance": {"fcsv_geometry", "fcsv_stereo"},
     "fcsv_multimaster": {"fcsv_geometry"},
     "fcsv_control": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo"},
     "fcsv_sim": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo", "fcsv_control"},

@@ -116,9 +116,15 @@ def _closed(height: np.ndarray, rgb: np.ndarray, known: np.ndarray):
 
 
 def _write_height(raster: Raster, path: Path, origin_m: np.ndarray) -> None:
+    """The height map; float32, or float64 where heights are far from home's."""
+    height = raster.height.astype(float) + origin_m[2] if origin_m[2] else raster.height
+    write_geotiff(path, height, raster.cell_m, raster.x0_m + origin_m[0], raster.y0_m + origin_m[1])
+
+
+def write_geotiff(path: Path, values: np.ndarray, cell_m: float, x0_m: float, y0_m: float) -> None:
     """GeoTIFF 1.1 with a user-defined (local) coordinate system, cells as areas, NaN where nothing was seen.
 
-    float32, or float64 where heights are far from home's.
+    Row 0 of ``values`` (H,W) lies at the largest y; ``x0_m``, ``y0_m``: the outer corner of its first cell.
     """
     import tifffile  # only where the product is asked for
 
@@ -128,11 +134,10 @@ def _write_height(raster: Raster, path: Path, origin_m: np.ndarray) -> None:
         3076, 0, 1, 9001,
     ]  # fmt: skip
     tags = [
-        (33550, "d", 3, (raster.cell_m, raster.cell_m, 0.0), False),
-        (33922, "d", 6, (0.0, 0.0, 0.0, raster.x0_m + origin_m[0], raster.y0_m + origin_m[1], 0.0), False),
+        (33550, "d", 3, (cell_m, cell_m, 0.0), False),
+        (33922, "d", 6, (0.0, 0.0, 0.0, x0_m, y0_m, 0.0), False),
         (34735, "H", len(keys), keys, False),
         (34737, "s", 0, _CITATION, False),
         (42113, "s", 0, "nan", False),
     ]
-    height = raster.height.astype(float) + origin_m[2] if origin_m[2] else raster.height
-    tifffile.imwrite(path, height, compression="zlib", extratags=tags, metadata=None, software=False)
+    tifffile.imwrite(path, values, compression="zlib", extratags=tags, metadata=None, software=False)

@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of guidance: one line that names what is wrong and what to do."""
+
+from fcsv_geometry.errors import FcsvError
+
+
+class GuidanceError(FcsvError):
+    """Base of all errors of this package."""
+
+
+class GroundError(GuidanceError):
+    """A map from which no ground model can be made."""
+
+
+class RouteError(GuidanceError):
+    """A start or goal that no route can have."""

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ground in files that robots and GIS read: map_server's pair, and layers as GeoTIFF."""
+
+from pathlib import Path
+from typing import List
+
+import cv2
+import numpy as np
+
+from fcsv_guidance import tuning
+from fcsv_guidance.errors import GroundError
+from fcsv_guidance.ground import Grid, Ground, cell_probability
+from fcsv_guidance.robot import Robot
+from fcsv_stereo.products.from_above import write_geotiff
+
+UNKNOWN = -1  # nav_msgs/OccupancyGrid
+#: map_server's thresholds of occupancy: free below, occupied above, unknown between (trinary) or graded (scaled)
+FREE_BELOW, OCCUPIED_ABOVE = 1.0 - tuning.FREE_P, 1.0 - tuning.OBSTACLE_P
+_TRINARY = {"free": 254, "unknown": 205, "occupied": 0}  # map_saver's greys
+_LAYERS = ("height_m", "sigma_m", "roughness_m", "distance_m")
+
+
+def occupancy(ground: Ground, robot: Robot) -> np.ndarray:
+    """(rows, columns) int8 of nav_msgs/OccupancyGrid: 100 times the probability that the cell stops the robot's wheel,
+    -1 where unknown. The footprint is not in it: ``move_base`` inflates by its own."""
+    p = cell_probability(ground, robot)
+    return np.where(np.isfinite(p), np.rint(100 * (1 - np.nan_to_num(p))), UNKNOWN).astype(np.int8)
+
+
+def write_map_server(occupied: np.ndarray, grid: Grid, folder: Path, name: str, scaled: bool = False) -> List[Path]:
+    """NAME.pgm and NAME.yaml; their paths. Scaled it is NAME.png: map_server tells what is unknown from grades of
+    occupancy by transparency, which a PGM cannot hold.
+
+    Raises OSError where the disk does not take them.
+    """
+    picture = _scaled(occupied) if scaled else _trinary(occupied)
+    path = Path(folder) / f"{name}{'.png' if scaled else '.pgm'}"
+    if not cv2.imwrite(str(path), np.ascontiguousarray(picture[::-1])):
+        raise OSError(f"{path}: cannot be written; is the disk full?")
+    lines = [
+        f"image: {path.name}", f"resolution: {grid.cell_m:.6f}", f"origin: [{grid.x0_m:.6f}, {grid.y0_m:.6f}, 0.0]",
+        "negate: 0", f"occupied_thresh: {OCCUPIED_ABOVE:.2f}", f"free_thresh: {FREE_BELOW:.2f}",
+        f"mode: {'scale' if scaled else 'trinary'}",
+    ]  # fmt: skip
+    described = path.with_suffix(".yaml")
+    described.write_text("\n".join(lines) + "\n")
+    return [path, described]
+
+
+def _trinary(occupied: np.ndarray) -> np.ndarray:
+    """uint8; what is neither surely free nor surely an obstacle is unknown to the robot."""
+    grey = np.full(occupied.shape, _TRINARY["unknown"], np.uint8)
+    grey[(occupied >= 0) & (occupied <= 100 * FREE_BELOW)] = _TRINARY["free"]
+    grey[occupied >= 100 * OCCUPIED_ABOVE] = _TRINARY["occupied"]
+    return grey
+
+
+def _scaled(occupied: np.ndarray) -> np.ndarray:
+    """(rows, columns, 4) uint8: grey by occupancy; transparent where unknown, which map_server reads as unknown."""
+    grey = np.rint(255 * (1 - np.maximum(occupied, 0) / 100.0)).astype(np.uint8)
+    grey[occupied == UNKNOWN] = _TRINARY["unknown"]  # between the thresholds, which are asked first
+    return np.dstack([grey, grey, grey, np.where(occupied == UNKNOWN, 0, 255).astype(np.uint8)])
+
+
+def write_layers(ground: Ground, stands: np.ndarray, folder: Path) -> List[Path]:
+    """height.tif, sigma.tif, roughness.tif, distance.tif, slope.tif, step.tif, free_height.tif, stand.tif (the
+    probability ``stands``); NaN where unknown. Row 0 of a file lies at the largest y. Their paths."""
+    grid = ground.grid
+    layers = {name[:-2]: getattr(ground, name) for name in _LAYERS}
+    layers.update(
+        slope=ground.slope(1.5 * grid.cell_m), step=ground.step_m, free_height=ground.free_height_m, stand=stands
+    )
+    paths = []
+    for name, values in layers.items():
+        if values.shape != grid.shape:
+            raise GroundError(f"layer {name} has shape {values.shape}, not the grid's {grid.shape}")
+        paths.append(Path(folder) / f"{name}.tif")
+        top_m = grid.y0_m + grid.rows * grid.cell_m
+        write_geotiff(paths[-1], values[::-1].astype(np.float32), grid.cell_m, grid.x0_m, top_m)
+    return paths

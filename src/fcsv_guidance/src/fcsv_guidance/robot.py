@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot on the ground as the planner sees it: size, what it can climb, how it drives."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from fcsv_geometry.config import load, require_positive
+
+_STEEPEST_DEG = 60.0  # no wheeled robot holds a steeper slope
+
+
+@dataclass(frozen=True)
+class _Positive:
+    """The numbers of a robot that must be above zero."""
+
+    radius_m: float
+    height_m: float
+    clearance_m: float
+    largest_step_m: float
+    largest_slope_deg: float
+    speed_mps: float
+    acceleration_mps2: float
+    turning_rate_radps: float
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot with a round footprint; a file ``config/robots/NAME.yaml`` names these fields.
+
+    ``height_m`` is what has to pass under a beam, ``clearance_m`` what its belly passes over. A step above
+    ``largest_step_m`` and a slope above ``largest_slope_deg`` stop it. ``turning_radius_m`` is 0 where it turns on the
+    spot.
+    """
+
+    name: str
+    radius_m: float
+    height_m: float
+    clearance_m: float
+    largest_step_m: float
+    largest_slope_deg: float
+    speed_mps: float
+    acceleration_mps2: float
+    turning_rate_radps: float
+    turning_radius_m: float = 0.0
+
+    def __post_init__(self):
+        if not self.name:
+            raise ValueError("name: must not be empty")
+        if not 0 <= self.turning_radius_m < np.inf:
+            raise ValueError(f"turning_radius_m: must not be negative, got {self.turning_radius_m}")
+        require_positive(_Positive(*(getattr(self, f.name) for f in fields(_Positive))))
+        if self.largest_slope_deg > _STEEPEST_DEG:
+            raise ValueError(f"largest_slope_deg: at most {_STEEPEST_DEG:.0f}, got {self.largest_slope_deg}")
+        if self.clearance_m >= self.height_m:
+            raise ValueError(f"clearance_m: must be below height_m ({self.height_m}), got {self.clearance_m}")
+        if self.largest_step_m > 2 * self.radius_m:
+            raise ValueError(f"largest_step_m: must be below the robot's width, got {self.largest_step_m}")
+
+    @property
+    def largest_slope(self) -> float:
+        """Rise over run."""
+        return float(np.tan(np.radians(self.largest_slope_deg)))
+
+
+def load_robot(path) -> Robot:
+    """The robot in a YAML file. Raises ConfigError naming file and field."""
+    return load(path, Robot)

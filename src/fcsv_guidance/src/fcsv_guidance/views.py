@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a ground model is made of: depth with sigma and kind, seen by one camera at a known place."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_geometry.errors import GeometryError
+from fcsv_guidance.errors import GroundError
+
+
+@dataclass(frozen=True)
+class DepthView:
+    """Depth of a pinhole picture: ``depth`` and ``sigma`` (H,W) m along the optical axis, NaN where none; ``kind``
+    (H,W) uint8 of ``fcsv_stereo.model.kinds``; ``K`` 3x3 px; ``T_home_cam`` 4x4; ``stamp_s`` NaN where nobody says it.
+
+    Raises GroundError, which names the view, where these do not belong together or the pose is none.
+    """
+
+    name: str
+    depth: np.ndarray
+    sigma: np.ndarray
+    kind: np.ndarray
+    K: np.ndarray
+    T_home_cam: np.ndarray
+    stamp_s: float = float("nan")
+
+    def __post_init__(self):
+        for what in ("sigma", "kind"):
+            if getattr(self, what).shape != self.depth.shape:
+                raise GroundError(f"{self.name}: {what} has shape {getattr(self, what).shape}, not {self.depth.shape}")
+        if self.depth.ndim != 2 or not np.isfinite(self.K).all():
+            raise GroundError(f"{self.name}: depth is no picture, or its camera is not finite")
+        try:
+            transforms.require_rigid(self.T_home_cam, "T_home_cam")
+        except GeometryError as error:
+            raise GroundError(f"{self.name}: the pose of its camera cannot be used: {error}") from error
+
+
+def read_map(folder) -> DepthView:
+    """The depth view of a folder that ``map`` wrote. Raises GroundError naming folder and file."""
+    folder = Path(folder)
+    try:
+        document = json.loads((folder / "report.json").read_text())
+        arrays = {name: np.load(folder / f"{name}.npy") for name in ("depth", "sigma", "kind")}
+        reference = document["reference"]
+        K = np.array([[reference["fx"], 0, reference["cx"]], [0, reference["fy"], reference["cy"]], [0, 0, 1]], float)
+        T_home_cam = np.array(reference["T_home_cam"], float)
+    except FileNotFoundError as error:
+        lacking = Path(error.filename).name
+        raise GroundError(f"{folder}: has no {lacking}; give a folder that 'map' wrote with -o") from error
+    except (KeyError, TypeError, ValueError, OSError) as error:
+        raise GroundError(f"{folder}: is not a map of this program ({error})") from error
+    return DepthView(str(folder), K=K, T_home_cam=T_home_cam, **arrays)

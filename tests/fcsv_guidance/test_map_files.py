@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of the ground, read back by map_server's rules and by a TIFF reader; the command that writes them."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+import yaml
+
+from fcsv_guidance import ground_command
+from fcsv_guidance.ground import Grid, ground_from, stand_probability
+from fcsv_guidance.map_files import occupancy, write_layers, write_map_server
+from fcsv_guidance.robot import load_robot
+
+GRID = Grid.around((5, -8), (26, 8), 0.1)
+BOX = (13.0, 14.0, -2.0, 1.0, 0.0, 0.6)
+ROBOT = "config/robots/rescue.yaml"
+
+
+@pytest.fixture
+def ground(scene):
+    return ground_from([scene([BOX]).view()], grid=GRID)
+
+
+def map_server_reads(path):
+    """(rows, columns) int8 as map_server's image_loader gives it, by its documented rules (negate 0)."""
+    described = yaml.safe_load(path.read_text())
+    picture = cv2.imread(str(path.parent / described["image"]), cv2.IMREAD_UNCHANGED)
+    grey, alpha = (picture, np.full(picture.shape, 255)) if picture.ndim == 2 else (picture[..., 0], picture[..., 3])
+    if described["mode"] == "trinary" and picture.ndim == 3:
+        grey = picture.mean(-1)
+    occupied = (255 - grey.astype(float)) / 255
+    low, high = described["free_thresh"], described["occupied_thresh"]
+    graded = np.where(alpha < 1, -1, np.rint(99 * (occupied - low) / (high - low)))
+    between = graded if described["mode"] == "scale" else -1
+    return np.select([occupied > high, occupied < low], [100, 0], between)[::-1].astype(np.int8), described
+
+
+def test_map_server_reads_free_occupied_and_unknown(ground, root, tmp_path):
+    occupied = occupancy(ground, load_robot(root / ROBOT))
+    read, described = map_server_reads(write_map_server(occupied, GRID, tmp_path, "map")[1])
+    assert described["resolution"] == 0.1 and described["origin"] == [GRID.x0_m, GRID.y0_m, 0.0]
+    assert (read[(occupied >= 0) & (occupied < 5)] == 0).all()
+    assert (read[occupied > 50] == 100).all() and (read[occupied == -1] == -1).all()
+    assert read[GRID.cell_of(13.05, -0.5)] == 100 and read[GRID.cell_of(10, 3)] == 0
+    assert read[GRID.cell_of(14.6, -0.5)] == -1  # hidden by the box
+
+
+def test_the_scaled_pair_keeps_grades_and_what_is_unknown(ground, root, tmp_path):
+    occupied = occupancy(ground, load_robot(root / ROBOT))
+    occupied[0, :3] = 20, 30, 40
+    read, _ = map_server_reads(write_map_server(occupied, GRID, tmp_path, "map", scaled=True)[1])
+    assert (read[occupied == -1] == -1).all() and (read[occupied > 50] == 100).all()
+    assert 0 < read[0, 0] < read[0, 1] < read[0, 2] < 100
+
+
+def test_layers_lie_where_the_grid_does(ground, root, tmp_path):
+    stands = stand_probability(ground, load_robot(root / ROBOT))
+    paths = {path.stem: path for path in write_layers(ground, stands, tmp_path)}
+    with tifffile.TiffFile(paths["height"]) as file:
+        page = file.pages[0]
+        height, tie, scale = page.asarray(), page.tags[33922].value, page.tags[33550].value
+    assert tuple(tie[3:5]) == (GRID.x0_m, GRID.y0_m + 0.1 * GRID.rows) and scale[0] == 0.1
+    column, row = int((13.05 - tie[3]) / 0.1), int((tie[4] + 0.5) / 0.1)
+    assert height[row, column] > 0.2  # the box's near face, at y = -0.5
+    assert np.isnan(height).sum() == (~ground.known).sum()
+    read = tifffile.imread(paths["stand"])[::-1]
+    assert np.array_equal(np.isfinite(read), np.isfinite(stands))
+
+
+def write_map(view, folder):
+    folder.mkdir()
+    for name in ("depth", "sigma", "kind"):
+        np.save(folder / f"{name}.npy", getattr(view, name))
+    K = view.K
+    camera = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "T_home_cam": view.T_home_cam.tolist()}
+    (folder / "report.json").write_text(json.dumps({"reference": camera}))
+
+
+def test_the_command_writes_all_and_says_what_it_found(scene, root, tmp_path, capsys):
+    write_map(scene([BOX]).view(), tmp_path / "map")
+    call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
+    assert ground_command.main([*call, "--route", "10", "0", "18", "0"]) == 0
+    text = capsys.readouterr().out
+    assert "free to stand on" in text and "route of" in text
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"map.pgm", "map.yaml", "map_scaled.png", "height.tif", "ground.png", "ground.json"} <= names
+    assert json.loads((tmp_path / "out/ground.json").read_text())["route"]["length_m"] > 8
+
+
+def test_the_command_without_a_route_ends_with_one(scene, root, tmp_path, capsys):
+    write_map(scene(blank=[(13, 16, -9, 9)]).view(), tmp_path / "map")
+    call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
+    assert ground_command.main([*call, "--route", "10", "0", "20", "0"]) == 1
+    assert "no safe route is known" in capsys.readouterr().out
+    assert json.loads((tmp_path / "out/ground.json").read_text())["no_route"]["to_see_m"]
+
+
+@pytest.mark.parametrize(
+    "lacking, words", [("sigma.npy", "has no sigma.npy"), ("report.json", "has no report.json")]
+)  # fmt: skip
+def test_the_command_refuses_a_map_that_lacks_a_file(scene, root, tmp_path, capsys, lacking, words):
+    write_map(scene().view(), tmp_path / "map")
+    (tmp_path / "map" / lacking).unlink()
+    call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
+    assert ground_command.main(call) == 2
+    assert words in capsys.readouterr().err and not (tmp_path / "out").exists()
