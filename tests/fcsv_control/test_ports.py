@@ -8,6 +8,7 @@ import pytest
 #: Core -> where it may be named besides the package of its port; add a row for each port.
 CORES = {
     "MissionMachine": "fcsv_sim/rehearsal/control.py",  # to look at: a property's type
+    "Guardian": "fcsv_sim/rehearsal/board.py",  # likewise
     "VehicleHeard": "",
     "TagInFront": "",
     "PairsSeen": "",
@@ -17,7 +18,7 @@ CORES = {
     "calibrate_link": "",
     "merge_loops": "",
 }
-_CALLED = ("machine",)  # attributes that hold a core: read, never called
+_CALLED = ("machine", "guardian")  # attributes that hold a core: read, never called
 
 
 def adapters(root):

@@ -62,7 +62,10 @@ class Warned:
 
 @dataclass(frozen=True)
 class RestartLink:
-    """The flight link's process hangs: end it, so that it is started again. Without it the autopilot gets no poses."""
+    """The flight link's process ``pid`` hangs: end it, so that it is started again. Without it the autopilot gets no
+    poses."""
+
+    pid: int = 0
 
 
 Output = Union[AskMode, HoldAt, RestartLink, Warned]

@@ -13,9 +13,9 @@ from std_msgs.msg import Bool
 
 from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.holder import Limits
-from fcsv_control.agent.messages import DONE, Ack, Ask, Instruction, Kind, Output, Pictures, Said, SetPoint
+from fcsv_control.agent.messages import DONE, Ack, Ask, Output, Pictures, Said, SetPoint
 from fcsv_control.agent.twins import Twins
-from fcsv_control.errors import ControlError
+from fcsv_control.ros.board_messages import instruction_of
 from fcsv_control.ros.link_services import LinkServices
 from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
@@ -127,24 +127,11 @@ class AgentNode:
 
     def _on_command(self, message: Command) -> None:
         try:
-            instruction = self._instruction(message)
+            instruction = instruction_of(message)
         except FcsvError as error:
             self._send_ack(Ack(message.sender, message.number, CommandAck.REFUSED, str(error)))
             return
         self._do(lambda: self._core.take(time.monotonic(), instruction))
-
-    @staticmethod
-    def _instruction(m: Command) -> Instruction:
-        """Raises FcsvError on a kind that is not known or a target that is no pose."""
-        try:
-            kind = Kind(m.kind)
-        except ValueError as error:
-            raise ControlError(f"command kind {m.kind} is not known") from error
-        target = conversions.pose_to_transform(m.target.pose) if kind is Kind.GOTO else None
-        return Instruction(
-            m.vehicle, m.sender, m.number, kind, m.sent_s, m.ordered_s, m.lifetime_s, m.mode, bool(m.flag),
-            m.altitude_m, target, m.target.header.frame_id,
-        )  # fmt: skip
 
     # ---- what is done --------------------------------------------------------------------------------------
 

@@ -16,8 +16,9 @@ from fcsv_control.flight.link import FlightLink
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_control.ros.posed import pose_in
 from fcsv_geometry import frames
+from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
-from fcsv_msgs.msg import SceneMotion
+from fcsv_msgs.msg import ModeAsked, SceneMotion
 from mavros_msgs.msg import StatusText
 
 WATCH_S = 0.05
@@ -43,6 +44,7 @@ class PoseFeed:
     def begin(self, link: FlightLink) -> None:
         """Feed the autopilot behind this link from now on."""
         self._link = link
+        self._asks = rospy.Publisher("flight_link/mode_asked", ModeAsked, queue_size=10, tcp_nodelay=True)
         rospy.Subscriber("mavros/vision_pose/pose", PoseStamped, self._on_vision, queue_size=1, tcp_nodelay=True)
         rospy.Subscriber("tags/scene_motion", SceneMotion, self._on_scene, queue_size=1)
 
@@ -114,6 +116,7 @@ class PoseFeed:
             self._landing.start()
 
     def _land_now(self) -> None:
+        self._asks.publish(ModeAsked(conversions.header(rospy.get_time(), ""), "LAND"))  # else it is a pilot's
         try:
             self._link.set_mode("LAND")
         except ControlError as error:

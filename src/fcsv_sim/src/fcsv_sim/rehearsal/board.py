@@ -1,52 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
 """What runs on a rehearsed vehicle's computer: odometry, flight link, agent and guardian, the cores that fly."""
 
-import math
-from dataclasses import dataclass
-from typing import Callable, Dict, List, Optional, Tuple
+from functools import lru_cache
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.messages import Ack, Ask, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.control_messages import MissionAlive
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.feed_check import FeedCheck
 from fcsv_control.flight.listener import BarometerHeard, BatteryHeard, EstimateMoved, PoseHeard, StateHeard
+from fcsv_control.flight.profile import Profile, load_profile
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
-from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
 from fcsv_control.guardian.core import Guardian
-from fcsv_control.guardian.messages import AskMode, HoldAt
+from fcsv_control.guardian.messages import AskMode, HoldAt, Verdict
+from fcsv_control.guardian.port import (
+    AgentAlive,
+    AutopilotLimits,
+    GuardianPort,
+    LinkLives,
+    ModeAsked,
+    OtherGuarded,
+    PoseEstimated,
+    PoseFed,
+)
 from fcsv_control.guardian.rules import GuardianRules
+from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.home import Place
+from fcsv_geometry.arrivals import RELAY
+from fcsv_geometry.flight_limits import FlightBounds
+from fcsv_geometry.flow import RateGate
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
+from fcsv_sim.bringup import bringup
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose
 from fcsv_tracking.scene_motion import SceneLook
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _TEXTS = {"STATUSTEXT": "text", "PARAM_VALUE": "param_id", "PARAM_SET": "param_id", "PARAM_REQUEST_READ": "param_id"}
+_PORT = 2  # of the autopilot, at which the companion is
 _GUARDIAN_EVERY = 4  # passes between two steps of the guardian: 25 Hz
-
-
-@dataclass(frozen=True)
-class Told:
-    """What a vehicle tells the others of itself."""
-
-    name: str
-    T_odom_body: np.ndarray
-    speed_mps: float
-    armed: bool
-    mode: str
-    uncontrolled: bool
-    lost: bool
-    lost_s: float
-    taken: bool
-    going_to_m: Optional[Tuple[float, float, float]]
 
 
 class OnBoard:
@@ -63,12 +61,13 @@ class OnBoard:
         self.epoch = self._odometry.epoch
         self._feed = VisionFeed(FeedParameters())
         self.watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
-        self.link = LinkCore(LinkParameters(target_system=geometry.system_id))
+        self.link = new_link(geometry)
         self.agent = AgentCore(self.name, rules)
-        self.guardian = Guardian(self.name, guardian)
+        self.guardian_port = GuardianPort(self.name, guardian, 0.0)
+        self.verdict = Verdict()  # as its guardian told it last
         self.check = FeedCheck()
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
-        self.places: Dict[str, Place] = {}  # of odometry frames in home, as the control PC told it last
+        self._latched: Dict[object, object] = {}  # what the control PC told for good, as it came last
         self._tell_epoch()
         self.recording = False
         self.pictures = 0
@@ -80,8 +79,9 @@ class OnBoard:
         self.told: Callable[[float, str, object], None] = _nobody  # "sent" a message, "ordered" an instruction, "held"
         self.agent_runs = self.link_runs = True
         self._requests: List[Tuple[Ask, object]] = []
+        self._gate, self._urgent = RateGate(5.0), ()
         self._do: Dict[type, Callable[[float, object], None]] = {
-            Ack: lambda now_s, o: self.acks.append(o), Ask: self._ask, Pictures: self._switch, SetPoint: self._hold,
+            Ack: self._acknowledge, Ask: self._ask, Pictures: self._switch, SetPoint: self._hold,
         }  # fmt: skip
 
     # ---- the radio ---------------------------------------------------------------------------------------------
@@ -90,47 +90,47 @@ class OnBoard:
         """A command came over the radio."""
         now_s = self.now_s
         self.told(now_s, "ordered", instruction)
-        if instruction.kind in (Kind.GOTO, Kind.HOLD):
-            self.guardian.moved(now_s, instruction.target)
+        self.guardian_port.receive(now_s, instruction)
         self.agent.take(now_s, instruction)
 
-    def hear_control(self, sender: str, sent_s: float, places: Dict[str, Place], fence: Fence) -> None:
-        """The mission's state and fence came, sent at ``sent_s`` by its own monotonic clock, and where odometry frames
-        stand in home."""
-        self.agent.control_heard(self.now_s, sender, sent_s)
-        self.guardian.control_heard(self.now_s)
-        self.guardian.mission_fence(fence)
-        self.places = places
-        place = places.get(self.name)
-        if place is None:
-            self.guardian.home(None)
-        else:
-            self.guardian.home(place.T_a_b, place.sigma_m(self.guardian.air.p_odom_m))
+    def hear_control(self, alive: MissionAlive, latched: Mapping[object, object]) -> None:
+        """A sign of life of the mission came, and what the control PC told for good: once each."""
+        now_s = self.now_s
+        self.agent.control_heard(now_s, alive.sender, alive.sent_s)
+        self.guardian_port.receive(now_s, alive)
+        for key, message in latched.items():
+            if self._latched.get(key) is not message:
+                self._latched[key] = message
+                self.guardian_port.receive(now_s, message)
+                if isinstance(message, tm.EpochsFound):
+                    self._calibrated(message)
 
-    def calibrated(self, epoch: Optional[int]) -> None:
-        """For which epoch of its odometry a calibration was found."""
-        if epoch is not None:
-            self.guardian.calibrated(epoch)
-            if self.agent_runs:
-                self.agent.rights.frame.calibrated(epoch)
+    def _calibrated(self, found: tm.EpochsFound) -> None:
+        epoch = found.epochs.get(self.name)
+        if found.of == tm.CALIBRATION and epoch is not None and self.agent_runs:
+            self.agent.rights.frame.calibrated(epoch)
 
-    def tell(self) -> Optional[Told]:
+    def tell(self) -> Sequence[object]:
         """What the other vehicles are told."""
         if self.odometry is None:
-            return None
-        state, v = self.link.state, self.guardian.verdict
-        speed = math.hypot(*self.odometry.linear_mps)
-        who = (self.name, self.T_odom_body, speed, state.armed, state.mode)
-        return Told(*who, v.uncontrolled, v.lost, v.lost_s, v.taken, v.going_to_m)
+            return ()
+        p, state = self.odometry, self.link.state
+        return (
+            tm.VehicleOdometry(self.name, RELAY, p.stamp_s, self.T_odom_body, p.linear_mps),
+            tm.VehicleState(self.name, RELAY, state.mode, state.armed, self.link.connected(self.now_s)),
+            OtherGuarded(self.name, self.verdict),
+        )
 
-    def hear_other(self, now_s: float, told: Told) -> None:
-        """Another vehicle told of itself."""
-        place = self.places.get(told.name)
-        if place is not None:
-            p_odom = told.T_odom_body[:3, 3]
-            p, sigma_m = transforms.apply(place.T_a_b, p_odom), place.sigma_m(p_odom)
-            other = Other(p, now_s, told.speed_mps, told.armed, told.mode, sigma_m=sigma_m).guarded(told)
-            self.guardian.other(told.name, other.sent(place.T_a_b, told.going_to_m))
+    def hear_other(self, sent_s: float, messages: Sequence[object]) -> None:
+        """Another vehicle told of itself, at ``sent_s`` as the relay measured it."""
+        topics = [f"/{m.vehicle}/{m.topic}" for m in messages if isinstance(m, tm.VehicleOdometry)]
+        for message in (tm.RelayAges(topics, [sent_s] * len(topics)), *messages):
+            self.guardian_port.receive(self.now_s, message)
+
+    @property
+    def guardian(self) -> Guardian:
+        """To look at."""
+        return self.guardian_port.core
 
     # ---- odometry, link, agent, guardian -----------------------------------------------------------------------
 
@@ -148,7 +148,7 @@ class OnBoard:
             self._tell_epoch()
         if self._feed.judge(now_s, stamp_s)[0] is FeedVerdict.SEND:
             T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
-            self.guardian.feed(now_s, T_odom_body)
+            self.guardian_port.receive(now_s, PoseFed(T_odom_body))
             if not self.link_runs:
                 return  # who judges poses is the link's process, too
             in_the_air = self.link.state.in_the_air
@@ -164,7 +164,8 @@ class OnBoard:
 
     def _tell_epoch(self) -> None:
         self.agent.epoch(self.epoch.number, self.epoch.reason)
-        self.guardian.epoch(self.epoch.number)
+        told = tm.OdometryEpoch(self.name, "", self.epoch.number, self.epoch.reason)
+        self.guardian_port.receive(self.now_s, told)
 
     def _scene_looked(self, now_s: float, seen: SceneLook) -> None:
         """Its pictures were held against its tracker."""
@@ -185,16 +186,14 @@ class OnBoard:
                 self.agent.estimate_moved(now_s, event.step_m)
             elif self.link.state.mode and isinstance(event, (StateHeard, BatteryHeard)):
                 self.agent.state(self.link.state.mode, self.link.state.armed)
-                self.guardian.state(now_s, self.link.state.mode, self.link.state.armed)
-                share = self.link.state.battery_share if self.battery_said is None else self.battery_said
-                self.guardian.battery(now_s, share)
+                self._tell_guardian(now_s)
         state = self.link.state
-        if self.watchdog.check(now_s, state.armed, state.mode) is Alarm.LAND:
+        if self.watchdog.check(now_s, state.armed, state.mode, self.link.mode_is_ours) is Alarm.LAND:
             self._set_mode(now_s, "LAND")
         if self._passes % _GUARDIAN_EVERY == 0:
             self._guard(now_s)
         if self.agent_runs:
-            self.guardian.agent_lives(now_s)
+            self.guardian_port.receive(now_s, AgentAlive())
         self.agent.step(now_s)
         for output in self.agent.outgoing():
             handler = self._do.get(type(output))
@@ -208,28 +207,45 @@ class OnBoard:
 
     def _guard(self, now_s: float) -> None:
         """One step of the guardian, and what it wants done."""
-        if self.link_runs:
-            s = self.link.state
-            failsafe = s.system_status in AUTOPILOT_FAILSAFE
-            report = LinkReport(
-                self.check.doubt, s.ekf_variance, s.throttle, failsafe, self.link.origin_set(now_s),
-                in_the_air=s.in_the_air,
+        s = self.link.state
+        if self.link_runs and self._link_tells(now_s):
+            parameters = self.link.heard.parameters
+            wrong = parameters.wrong()
+            health = LinkLives(
+                self.check.doubt, s.ekf_variance, s.throttle, now_s - s.throttle_heard_s, s.system_status,
+                self.link.origin_set(now_s), parameters.known and not wrong, wrong[0] if wrong else "", s.in_the_air,
+                self.link.connected(now_s), pid=0,
             )  # fmt: skip
-            self.guardian.link(now_s, report)
-        self.guardian.step(now_s)
-        for output in self.guardian.outgoing():
+            limits = AutopilotLimits({n: parameters.value(n) for n in FlightBounds().autopilot_parameters})
+            for message in (limits, health):
+                self.guardian_port.receive(now_s, message)
+        for output in self.guardian_port.step(now_s):
             if isinstance(output, AskMode) and self.link_runs:
                 self._set_mode(now_s, output.mode)
             elif isinstance(output, HoldAt):
                 self.link.send_set_point(output.T_odom_body)
                 self.told(now_s, "held", output)
-        verdict = self.guardian.verdict
-        self.agent.guarded(now_s, verdict.action, verdict.holds, "; ".join(verdict.reasons), verdict.forbids)
+            elif isinstance(output, Verdict):
+                self.verdict = v = output
+                self.agent.guarded(now_s, v.action, v.holds, "; ".join(v.reasons), v.forbids)
+
+    def _tell_guardian(self, now_s: float) -> None:
+        """Mode and battery."""
+        s = self.link.state
+        self.guardian_port.receive(now_s, tm.VehicleState(self.name, "", s.mode, s.armed, self.link.connected(now_s)))
+        share = s.battery_share if self.battery_said is None else self.battery_said
+        self.guardian_port.receive(now_s, tm.BatteryCharge(self.name, "", share))
+
+    def _link_tells(self, now_s: float) -> bool:
+        """Whether it tells of itself now, as LinkHealthReport does."""
+        s, before = self.link.state, self._urgent
+        self._urgent = (self.check.doubt, self.link.connected(now_s), self.link.origin_set(now_s), s.booting)
+        return self._urgent != before or self._gate.passes(now_s)
 
     def _estimate(self, now_s: float, heard: PoseHeard) -> None:
         T_odom_body = heard.T_odom_body
         self.agent.pose(now_s, T_odom_body)
-        self.guardian.estimate(now_s, T_odom_body)
+        self.guardian_port.receive(now_s, PoseEstimated(T_odom_body))
         self.check.estimate(now_s, T_odom_body, heard.v_odom_mps)
         if self.link.state.mode and not self.link.state.armed:
             self._ground_m = float(T_odom_body[2, 3])
@@ -252,7 +268,7 @@ class OnBoard:
 
     def _set_mode(self, now_s: float, mode: str):
         self.modes_asked.append((now_s, mode))
-        self.guardian.mode_asked(now_s, mode)
+        self.guardian_port.receive(now_s, ModeAsked(mode))
         return self.link.set_mode(now_s, mode)
 
     def _end_requests(self) -> None:
@@ -263,6 +279,10 @@ class OnBoard:
                 self.agent.finished(ask, "")
             except ControlError as error:
                 self.agent.finished(ask, str(error))
+
+    def _acknowledge(self, now_s: float, ack: Ack) -> None:
+        self.acks.append(ack)
+        self.guardian_port.receive(now_s, ack)
 
     def _switch(self, _now_s: float, output: Pictures) -> None:
         self.recording = output.on
@@ -287,6 +307,17 @@ class OnBoard:
 
     def _wall_s(self, now_s: float) -> float:
         return WALL_S + now_s + self.clock_offset_s
+
+
+def new_link(geometry: VehicleGeometry) -> LinkCore:
+    """A flight link's process as it begins, with the parameters that an autopilot must have."""
+    return LinkCore(LinkParameters(target_system=geometry.system_id), _profile())
+
+
+@lru_cache(maxsize=None)
+def _profile() -> Profile:
+    """As launch/uav.launch names it."""
+    return load_profile(str(bringup() / "config" / "autopilot" / "arducopter-4.3-t265.param")).at_port(_PORT)
 
 
 def _nobody(_now_s: float, _what: str, _which: object) -> None:

@@ -11,6 +11,7 @@ from fcsv_control.control_messages import (
     Abort,
     CommandAnswered,
     Confirm,
+    MissionAlive,
     MissionStatus,
     PairLooked,
     ServiceAnswered,
@@ -20,6 +21,7 @@ from fcsv_control.control_messages import (
     WallClock,
 )
 from fcsv_control.errors import SessionError
+from fcsv_control.guardian.port import MissionFence
 from fcsv_control.mission import memory as memories
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
@@ -58,6 +60,7 @@ class ControlPc:
         self._runs = 0
         self._memory: Optional[Memory] = None  # what lies on its disk
         self._latched: Dict[object, object] = {}  # calibration, home, and their epochs: told to who begins to listen
+        self._fence = MissionFence(mission.fence)
         self._in_home = HomeFrames()
         self._begin(None)
         self.stop_all_port = StopAllPort(list(fleet), "stop_all")
@@ -196,7 +199,7 @@ class ControlPc:
             self.mission_port.receive(clock_s, PairLooked(self._mission.reference, name, off))
         self._dispatch(now_s, self.mission_port.step(clock_s))
         for name, vehicle in self._fleet.items():
-            told = (self.sender, clock_s, self._in_home.places, self._mission.fence)
+            told = (MissionAlive(self.sender, clock_s), {MissionFence: self._fence, **self._latched})
             self._radios[name].send(now_s, lambda m, v=vehicle: v.hear_control(*m), told)
 
     def _dispatch(self, now_s: float, outputs: Sequence[object]) -> None:
@@ -288,9 +291,6 @@ class ControlPc:
             self._in_home.calibrate(found.links)
         elif isinstance(found, tm.HomeFound):
             self._in_home.set_home(found.reference, found.T_odom_home)
-        elif found.of == tm.CALIBRATION:
-            for name, vehicle in self._fleet.items():
-                vehicle.calibrated(found.epochs.get(name))
 
 
 def _clock_s(now_s: float) -> float:

@@ -108,7 +108,7 @@ class Flight:
         for name, vehicle in self.fleet.items():
             told = vehicle.tell()
             for other, hearer in self.fleet.items():
-                if told is not None and other != name and not self.radios[other].cut:
+                if told and other != name and not self.radios[other].cut:
                     self.radios[name].send(now_s, lambda m, v=hearer, t=now_s: v.hear_other(t, m), told)
 
     def _people(self, now_s: float) -> None:

@@ -4,8 +4,9 @@
 from typing import List
 
 from fcsv_control.errors import LinkError
-from fcsv_control.flight.core import LinkCore, LinkParameters
+from fcsv_control.flight.core import LinkCore
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_sim.rehearsal.board import new_link
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 
 _MOST_UNREAD = 2000  # what a socket keeps of a line that nobody reads
@@ -24,13 +25,15 @@ class _NoWatchdog:
     def feed(self, _now_s: float) -> None:
         """Not heard."""
 
-    def check(self, _now_s: float, _armed: bool, _mode: str) -> Alarm:
+    def check(self, _now_s: float, _armed: bool, _mode: str, _ours: bool) -> Alarm:
         """Nobody looks."""
         return Alarm.NONE
 
 
 class DeadLink:
     """A flight link that was killed. What others know of the autopilot is what it said last."""
+
+    mode_is_ours = False
 
     def __init__(self, link: LinkCore):
         self.state, self.heard = link.state, link.heard
@@ -115,8 +118,7 @@ def kill_link(vehicle: RehearsedVehicle) -> None:
 def start_link(vehicle: RehearsedVehicle, now_s: float) -> None:
     """A new process, which knows nothing of what was before."""
     vehicle.link_runs = True
-    link = LinkCore(LinkParameters(target_system=vehicle.geometry.system_id))
-    vehicle.swap_link(link, FeedWatchdog(WatchdogParameters(), now_s), knows=False)
+    vehicle.swap_link(new_link(vehicle.geometry), FeedWatchdog(WatchdogParameters(), now_s), knows=False)
 
 
 def stop_link(vehicle: RehearsedVehicle, now_s: float) -> SleepingLink:

@@ -7,6 +7,7 @@ from typing import Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.agent.core import AgentRules
+from fcsv_control.guardian.port import TrackerConfidence
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
@@ -107,7 +108,7 @@ class RehearsedVehicle(OnBoard):
     def _track(self, now_s: float) -> None:
         """A sample of the tracker, which has a clock of its own; its driver stamps it by the computer's time of day."""
         stamp_s = self._wall_s(now_s)
-        self.guardian.confidence(self.tracker.confidence)
+        self.guardian_port.receive(now_s, TrackerConfidence(self.tracker.confidence))
         T_world_body = self.body.T_world_body
         self._sampled(now_s, stamp_s, *self.tracker.odometry(now_s, T_world_body))
         if self._passes % _PICTURE_EVERY == 0 and self.odometry is not None and self.odometry.stamp_s == stamp_s:

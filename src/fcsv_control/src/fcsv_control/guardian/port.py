@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The guardian's process without its transport: what vehicles and the control PC tell in, modes and verdicts out."""
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_control.agent.messages import DONE, Ack, Instruction, Kind
+from fcsv_control.control_messages import MissionAlive
+from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
+from fcsv_control.guardian.core import Guardian
+from fcsv_control.guardian.messages import Output, RestartLink, Verdict
+from fcsv_control.guardian.rules import GuardianRules
+from fcsv_geometry import telemetry as tm
+from fcsv_geometry import transforms
+from fcsv_geometry.arrivals import Arrivals
+from fcsv_geometry.fence import Fence
+from fcsv_geometry.home import HomeFrames
+
+_STATE_S = 0.2  # a verdict is told at least so often
+_THROTTLE_OLD_S = 2.0  # no transmitter is heard
+_COMMANDS_KEPT = 20  # that may still be acknowledged
+_CM = 0.01
+
+
+@dataclass(frozen=True)
+class PoseFed:
+    """T_odom_body of the odometry, as it goes to the autopilot."""
+
+    T_odom_body: np.ndarray
+
+
+@dataclass(frozen=True)
+class PoseEstimated:
+    """T_odom_body by the autopilot's estimate."""
+
+    T_odom_body: np.ndarray
+
+
+@dataclass(frozen=True)
+class TrackerConfidence:
+    """Of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
+
+    level: float
+
+
+@dataclass(frozen=True)
+class LinkLives:
+    """What the flight link tells of itself; fields as in fcsv_msgs/LinkHealth, ``in_the_air`` None: it has not said."""
+
+    doubt: str
+    ekf_variance: float
+    throttle: float
+    throttle_age_s: float
+    system_status: int
+    origin_set: bool
+    parameters_ok: bool
+    parameter: str
+    in_the_air: Optional[bool]
+    connected: bool
+    pid: int
+
+
+@dataclass(frozen=True)
+class AutopilotLimits:
+    """The autopilot's parameters that limit how it flies, in its units."""
+
+    values: Dict[str, float]
+
+
+@dataclass(frozen=True)
+class ModeAsked:
+    """A process on board asks the autopilot for a mode."""
+
+    mode: str
+
+
+@dataclass(frozen=True)
+class AgentAlive:
+    """A sign of life of the agent."""
+
+
+@dataclass(frozen=True)
+class MissionFence:
+    """The fence of the mission that is flown."""
+
+    fence: Fence
+
+
+@dataclass(frozen=True)
+class OtherGuarded:
+    """What the guardian of another vehicle tells."""
+
+    vehicle: str
+    verdict: Verdict
+
+
+@dataclass
+class _Heard:
+    """Another vehicle, as it told of itself; one that has not told its mode counts as flying."""
+
+    odometry: Optional[tm.VehicleOdometry] = None
+    came_s: float = -math.inf
+    armed: bool = True
+    mode: str = ""
+    verdict: Verdict = Verdict()
+
+
+class GuardianPort:
+    """Gives AskMode, HoldAt, RestartLink, Warned and Verdict; ``step`` it at 25 Hz."""
+
+    def __init__(self, vehicle: str, rules: GuardianRules, now_s: float):
+        self.core = Guardian(vehicle, rules, now_s)
+        self._vehicle = vehicle
+        self._in_home, self._arrivals = HomeFrames(), Arrivals()
+        self._others: Dict[str, _Heard] = {}
+        self._commands: OrderedDict[Tuple[str, int], Instruction] = OrderedDict()
+        self._link_pid = 0
+        self._told, self._told_s = Verdict(), -math.inf
+        core = self.core
+        self._take: Dict[type, Callable[[float, Any], None]] = {
+            PoseFed: lambda now_s, m: core.feed(now_s, m.T_odom_body),
+            PoseEstimated: lambda now_s, m: core.estimate(now_s, m.T_odom_body),
+            TrackerConfidence: lambda _now_s, m: core.confidence(m.level),
+            LinkLives: self._link,
+            AutopilotLimits: lambda _now_s, m: core.slows(m.values.get("WPNAV_ACCEL", math.nan) * _CM),
+            ModeAsked: lambda now_s, m: core.mode_asked(now_s, m.mode),
+            AgentAlive: lambda now_s, _m: core.agent_lives(now_s),
+            MissionAlive: lambda now_s, _m: core.control_heard(now_s),
+            MissionFence: lambda _now_s, m: core.mission_fence(m.fence),
+            Instruction: self._command,
+            Ack: self._answered,
+            OtherGuarded: lambda _now_s, m: setattr(self._other(m.vehicle), "verdict", m.verdict),
+            tm.VehicleOdometry: self._odometry,
+            tm.VehicleState: self._state,
+            tm.BatteryCharge: lambda now_s, m: core.battery(now_s, m.share),
+            tm.OdometryEpoch: lambda _now_s, m: core.epoch(m.number),
+            tm.EpochsFound: self._epochs,
+            tm.CalibrationFound: lambda _now_s, m: self._in_home.calibrate(m.links),
+            tm.HomeFound: lambda _now_s, m: self._in_home.set_home(m.reference, m.T_odom_home),
+            tm.RelayAges: lambda _now_s, m: self._arrivals.told(m.topics, m.sent_s),
+        }
+
+    def receive(self, now_s: float, message: object) -> None:
+        """A message came. Raises TypeError where its type is not known."""
+        take = self._take.get(type(message))
+        if take is None:
+            raise TypeError(f"a guardian takes no {type(message).__name__}")
+        take(now_s, message)
+
+    def step(self, now_s: float) -> Sequence[object]:
+        """Look at everything; what is to be done, and the verdict where it is another one or 0.2 s old."""
+        self._place()
+        self.core.step(now_s)
+        out: List[object] = [self._addressed(o) for o in self.core.outgoing()]
+        verdict = self.core.verdict
+        if verdict != self._told or now_s - self._told_s >= _STATE_S:
+            self._told, self._told_s = verdict, now_s
+            out.append(verdict)
+        return out
+
+    # ---- its own vehicle -----------------------------------------------------------------------------------------
+
+    def _state(self, now_s: float, m: tm.VehicleState) -> None:
+        if not m.mode:  # its link hears no autopilot (yet): that says nothing of its motors
+            return
+        if m.vehicle == self._vehicle:
+            self.core.state(now_s, m.mode, m.armed)
+        else:
+            other = self._other(m.vehicle)
+            other.armed, other.mode = m.armed, m.mode
+
+    def _link(self, now_s: float, m: LinkLives) -> None:
+        self._link_pid = m.pid
+        throttle = m.throttle if m.throttle_age_s < _THROTTLE_OLD_S else math.nan
+        report = LinkReport(
+            m.doubt, m.ekf_variance, throttle, m.system_status in AUTOPILOT_FAILSAFE, m.origin_set, m.parameters_ok,
+            m.parameter, m.in_the_air, m.connected,
+        )  # fmt: skip
+        self.core.link(now_s, report)
+
+    def _epochs(self, _now_s: float, m: tm.EpochsFound) -> None:
+        if m.of == tm.CALIBRATION and self._vehicle in m.epochs:
+            self.core.calibrated(m.epochs[self._vehicle])
+
+    def _command(self, now_s: float, command: Instruction) -> None:
+        self.core.control_heard(now_s)
+        if command.kind is Kind.SET_MODE:
+            self.core.mode_asked(now_s, command.mode)
+        elif command.kind is Kind.LAND:
+            self.core.mode_asked(now_s, "LAND")
+        self._commands[command.sender, command.number] = command
+        while len(self._commands) > _COMMANDS_KEPT:
+            self._commands.popitem(last=False)
+
+    def _answered(self, now_s: float, ack: Ack) -> None:
+        """A way-point that the agent took: the mission flies the vehicle, as its operator has confirmed."""
+        command = self._commands.get((ack.sender, ack.number))
+        if command is not None and ack.result == DONE and command.kind in (Kind.GOTO, Kind.HOLD):
+            self.core.moved(now_s, command.target if command.kind is Kind.GOTO else None)
+
+    # ---- the others ----------------------------------------------------------------------------------------------
+
+    def _other(self, name: str) -> _Heard:
+        return self._others.setdefault(name, _Heard())
+
+    def _odometry(self, now_s: float, m: tm.VehicleOdometry) -> None:
+        self._arrivals.came(_topic(m.vehicle), m.publisher)
+        other = self._other(m.vehicle)
+        other.odometry, other.came_s = m, now_s
+
+    def _place(self) -> None:
+        """Where it is in home, and where the others are, as far as that is known."""
+        places = self._in_home.places
+        own = places.get(self._vehicle)
+        if own is None:
+            self.core.home(None)
+        else:
+            self.core.home(own.T_a_b, own.sigma_m(self.core.air.p_odom_m))
+        for name, heard in self._others.items():
+            if name in places and heard.odometry is not None:
+                self.core.other(name, self._in_the_air(heard, places[name]))
+
+    def _in_the_air(self, heard: _Heard, place) -> Other:
+        p_odom_m = heard.odometry.T_odom_body[:3, 3]
+        heard_s = self._arrivals.since_s(_topic(heard.odometry.vehicle), heard.came_s)
+        speed_mps = math.hypot(*heard.odometry.v_body_mps)
+        p_home_m = transforms.apply(place.T_a_b, p_odom_m)
+        other = Other(p_home_m, heard_s, speed_mps, heard.armed, heard.mode, sigma_m=place.sigma_m(p_odom_m))
+        return other.guarded(heard.verdict).sent(place.T_a_b, heard.verdict.going_to_m)
+
+    def _addressed(self, output: Output) -> Output:
+        return replace(output, pid=self._link_pid) if isinstance(output, RestartLink) else output
+
+
+def _topic(vehicle: str) -> str:
+    return f"/{vehicle}/{tm.VehicleOdometry.topic}"

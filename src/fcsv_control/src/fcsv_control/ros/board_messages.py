@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What processes on board hear of each other and of the mission, as the dataclasses of their ports."""
+
+import rospy
+from nav_msgs.msg import Odometry
+
+from fcsv_control.agent.messages import Ack, Instruction, Kind
+from fcsv_control.errors import ControlError
+from fcsv_control.guardian.messages import Verdict
+from fcsv_control.guardian.port import AutopilotLimits, LinkLives, MissionFence
+from fcsv_control.tracker_confidence import confidence
+from fcsv_geometry.ros import conversions, fences
+from fcsv_msgs.msg import Command, CommandAck, GuardianState, LinkHealth, ParameterReport
+from fcsv_msgs.msg import Fence as FenceMessage
+
+
+def instruction_of(m: Command) -> Instruction:
+    """Raises FcsvError on a kind that is not known or a target that is no pose."""
+    try:
+        kind = Kind(m.kind)
+    except ValueError as error:
+        raise ControlError(f"command kind {m.kind} is not known") from error
+    target = conversions.pose_to_transform(m.target.pose) if kind is Kind.GOTO else None
+    return Instruction(
+        m.vehicle, m.sender, m.number, kind, m.sent_s, m.ordered_s, m.lifetime_s, m.mode, bool(m.flag), m.altitude_m,
+        target, m.target.header.frame_id,
+    )  # fmt: skip
+
+
+def ack_of(m: CommandAck) -> Ack:
+    """The agent's answer to a command."""
+    return Ack(m.sender, m.number, m.result, m.reason)
+
+
+def link_lives_of(m: LinkHealth) -> LinkLives:
+    """What the flight link tells of itself."""
+    return LinkLives(
+        m.doubt, m.ekf_variance, m.throttle, m.throttle_age_s, m.system_status, m.origin_set, m.parameters_ok,
+        m.parameter, None if m.in_the_air < 0 else bool(m.in_the_air), m.connected, m.pid,
+    )  # fmt: skip
+
+
+def limits_of(m: ParameterReport) -> AutopilotLimits:
+    """What limits how the autopilot flies."""
+    return AutopilotLimits(dict(zip(m.limits, m.limit_values)))
+
+
+def fence_of(m: FenceMessage) -> MissionFence:
+    """Raises GeometryError where it is no fence."""
+    fence = fences.from_message(m)
+    rospy.loginfo("the mission's fence is %s", fence)
+    return MissionFence(fence)
+
+
+def confidence_of(m: Odometry) -> float:
+    """Of the tracking camera, 0 to 3; NaN where not known."""
+    return confidence(m.pose.covariance[0])
+
+
+def verdict_of(m: GuardianState) -> Verdict:
+    """What a guardian tells."""
+    going_to_m = (m.going_to.x, m.going_to.y, m.going_to.z) if m.sent else None
+    return Verdict(
+        m.action, m.holds, m.uncontrolled, tuple(m.reasons), tuple(m.forbids), m.lost, m.taken, going_to_m, m.lost_s
+    )
