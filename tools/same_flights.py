@@ -113,7 +113,9 @@ def main(argv: Optional[List[str]] = None) -> int:
     parser.add_argument("--write", type=Path, help="file for what happened")
     parser.add_argument("--against", type=Path, help="file that --write made with other code")
     parser.add_argument("--many", action="store_true", help="every fault, and more flights of five vehicles")
-    parser.add_argument("--only", default="", metavar="TEXT", help="only flights with this text in their name (commas: or)")
+    parser.add_argument(
+        "--only", default="", metavar="TEXT", help="only flights with this text in their name (commas: or)"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="flights at a time")
     args = parser.parse_args(argv)
     before = json.loads(args.against.read_text()) if args.against else {}
