@@ -324,8 +324,9 @@ def test_a_command_before_the_companion_heard_of_the_pilot_does_not_count(missio
     assert not flight.invariants.violations
 
 
-def test_the_first_command_to_stop_answers_a_fault(mission):
-    flight = hover(mission)
+def test_the_first_command_to_stop_answers_a_fault():
+    """While a configuration is recorded: a mission that is flown to its end lands everybody, and answers nothing."""
+    flight = hover(Mission("rehearsed", [StereoConfiguration("vertical", 4.0, record_s=20.0)]))
     fault = begun(flight, "tracker gone", seed=4)
     fly(flight, 2.0)
     (answer,) = flight.witness.answers
