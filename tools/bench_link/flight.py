@@ -105,8 +105,9 @@ def fly(
     not well.
     """
     from fcsv_sim.demo.demo import build_world  # not for the watch
+    from fcsv_sim.demo.narration import Narrator
 
-    build_world(plan, print)
+    build_world(plan, Narrator())
     with Radio((*plan.vehicles, CONTROL), conditions, clock=clock) as radio:
         fleet = RadioFleet(plan, radio)
         try:
