@@ -64,3 +64,19 @@ def go(self, name, names):
         End("hears", "a", "Odometry"), End("hears", "b", "Pose"), End("hears", "/VEHICLE/c", "Joy"),
         End("publishes", "/tf", "tf2_msgs/TFMessage"),
     }  # fmt: skip
+
+
+def test_what_is_heard_by_shared_functions_counts_where_they_are_called(monkeypatch):
+    """The mission hears all of its vehicles by a table of topics; stop-all two of them, and no relay."""
+    monkeypatch.syspath_prepend(str(ROOT / "tools" / "docs"))
+    from node_topics import End, ends_of_node
+
+    mission, stop_all = (ends_of_node(ROOT, f"fcsv_control.ros.{name}_node") for name in ("mission", "stop_all"))
+    assert {
+        End("hears", "/VEHICLE/odometry/state", "Odometry"), End("hears", "/VEHICLE/command_ack", "CommandAck"),
+        End("hears", "/VEHICLE/tags/detections", "TagDetections"), End("hears", "/relay/ages", "RelayAges"),
+        End("hears", "/calibration_epochs", "Epochs"), End("hears", "/stop_all", "String"),
+    } <= mission  # fmt: skip
+    heard = {e.name for e in stop_all if e.does == "hears" and e.name.startswith("/VEHICLE")}
+    assert heard == {"/VEHICLE/mavros/state", "/VEHICLE/command_ack"}
+    assert not any("relay" in e.name or "epochs" in e.name for e in stop_all)

@@ -2,9 +2,11 @@
 """What a node publishes, hears, offers and calls, read from its source and from the ROS modules that it imports."""
 
 import ast
+import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Set, Tuple
+from typing import Dict, Iterator, List, Mapping, Optional, Set, Tuple
+from unittest import mock
 
 #: How a call makes an end of a topic or service, by the last name of what is called.
 KINDS = {
@@ -12,7 +14,9 @@ KINDS = {
     "SimpleActionServer": "offers", "SimpleActionClient": "calls",
 }  # fmt: skip
 BROADCASTERS = {"TransformBroadcaster": "/tf", "StaticTransformBroadcaster": "/tf_static"}
-_VEHICLE = {"n", "name", "vehicle", "v", "_name", "_vehicle"}
+#: Its functions subscribe for whoever calls them, to topics of tables.
+SHARED = "fcsv_geometry.ros.telemetry_messages"
+_VEHICLE = {"n", "name", "vehicle", "v", "own", "_name", "_vehicle"}
 
 
 @dataclass(frozen=True)
@@ -32,13 +36,13 @@ def module_file(root: Path, module: str) -> Optional[Path]:
 
 
 def ros_modules(root: Path, module: str) -> List[str]:
-    """``module`` and those about ROS (in a folder ``ros``) that it imports, directly or not."""
+    """``module`` and those about ROS (in a folder ``ros``) that it imports, directly or not, but for SHARED."""
     found: Set[str] = set()
     waiting = [module]
     while waiting:
         name = waiting.pop()
         path = module_file(root, name)
-        if name in found or path is None or (name != module and ".ros" not in name):
+        if name in found or name == SHARED or path is None or (name != module and ".ros" not in name):
             continue
         found.add(name)
         for node in ast.walk(ast.parse(path.read_text())):
@@ -47,9 +51,43 @@ def ros_modules(root: Path, module: str) -> List[str]:
     return sorted(found)
 
 
-def ends(path: Path) -> Set[End]:
-    """Of one module."""
-    tree = ast.parse(path.read_text())
+def ends_of_node(root: Path, module: str) -> Set[End]:
+    """Of a node's module and the ROS modules that it imports."""
+    found: Set[End] = set()
+    for name in ros_modules(root, module):
+        path, space = module_file(root, name), vars(importlib.import_module(name))
+        found |= ends(path, space) | _shared_ends(path, space)
+    return found
+
+
+def _shared_ends(path: Path, space: Mapping[str, object]) -> Set[End]:
+    """What one module hears by the shared functions that it calls: each is called, and what it subscribes to noted."""
+    found: Set[End] = set()
+
+    def noted(topic, kind, *_, **__):
+        found.add(End("hears", topic, kind.__name__))
+
+    for call in _calls(ast.parse(path.read_text())):
+        if not _last(call.func).startswith("hear"):
+            continue
+        function = _value(call.func, space)
+        if getattr(function, "__module__", "") == SHARED:
+            with mock.patch("rospy.Subscriber", noted):
+                function(*(_value(a, space) for a in call.args))
+    return found
+
+
+def _value(expr: ast.expr, space: Mapping[str, object]) -> object:
+    """Of an expression in a module; what only a running node knows is written as it stands in topics."""
+    try:
+        return eval(compile(ast.Expression(expr), "<topics>", "eval"), dict(space))
+    except (NameError, AttributeError):
+        return _text(expr, {}) or "VEHICLE"
+
+
+def ends(path: Path, space: Optional[Mapping[str, object]] = None) -> Set[End]:
+    """Of one module; ``space`` are its names, for constants that it imports."""
+    tree = _Constants(space or {}).visit(ast.parse(path.read_text()))
     found: Set[End] = set()
     scopes = [(scope, constants, dict(_helpers(scope))) for scope, constants in _scopes(tree)]
     inside = {id(call) for _, _, helpers in scopes for call, _ in helpers.values()}  # they count where it is called
@@ -58,6 +96,26 @@ def ends(path: Path) -> Set[End]:
         for env in _environments(scope, constants):
             found |= {e for call in calls for e in _ends_of(call, env, helpers)}
     return found
+
+
+class _Constants(ast.NodeTransformer):
+    """Writes out constants of other modules, imported (``STOP``) or of an imported module (``telemetry.HOME``)."""
+
+    def __init__(self, space: Mapping[str, object]):
+        self._space = space
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        return self._written(node, self._space.get(node.id))
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        owner = node.value.id if isinstance(node.value, ast.Name) else ""
+        found = self._written(node, getattr(self._space.get(owner), node.attr, None))
+        return self.generic_visit(node) if found is node else found
+
+    @staticmethod
+    def _written(node, value: object) -> ast.expr:
+        is_constant = isinstance(value, str) and _last(node).isupper() and isinstance(node.ctx, ast.Load)
+        return ast.Constant(value) if is_constant else node
 
 
 def _scopes(tree: ast.Module) -> Iterator[Tuple[ast.AST, Dict[str, ast.expr]]]:

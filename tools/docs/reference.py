@@ -15,8 +15,7 @@ import xml.etree.ElementTree as xml
 from pathlib import Path
 from typing import Callable, Dict, List, Optional, Tuple
 
-from node_topics import ends as ends_of
-from node_topics import module_file, ros_modules
+from node_topics import ends_of_node, module_file, ros_modules
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACE = ROOT / "docs" / "reference"
@@ -156,8 +155,7 @@ def nodes_page(nodes: List[Path]) -> str:
     for path in nodes:
         module = entry_module(path)
         lines += [f"## {package_of(path)}/{path.name}", "", _sentence(_first_line(module)), ""]
-        found = {e for m in ros_modules(ROOT, module) for e in ends_of(module_file(ROOT, m))}
-        told = sorted((e.does, e.name, e.type) for e in found)
+        told = sorted((e.does, e.name, e.type) for e in ends_of_node(ROOT, module))
         rows = [f"| {does} | `{name}` | `{kind}` |" for does, name, kind in told]
         lines += ["| | name | type |", "|---|---|---|", *rows, ""] if rows else ["It has no topic of its own.", ""]
         lines += _parameters(module)
