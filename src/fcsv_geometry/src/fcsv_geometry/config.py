@@ -5,7 +5,7 @@ import dataclasses
 import math
 import typing
 from pathlib import Path
-from typing import Any, Mapping, Optional, Type, TypeVar
+from typing import Any, Collection, Mapping, Optional, Type, TypeVar
 
 import yaml
 
@@ -24,11 +24,12 @@ def load(path, cls: Type[T]) -> T:
     return from_mapping(read_yaml(path), cls, str(path))
 
 
-def require_positive(rules) -> None:
-    """For a dataclass's ``__post_init__``: ValueError ("field: what is wrong") unless its numbers are positive."""
+def require_positive(rules, but: Collection[str] = ()) -> None:
+    """For a dataclass's ``__post_init__``: ValueError ("field: what is wrong") unless its numbers are positive, ``but``
+    for those of these names."""
     for field in dataclasses.fields(rules):
         value = getattr(rules, field.name)
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and not 0 < value < math.inf:
+        if field.name not in but and isinstance(value, (int, float)) and not isinstance(value, bool) and not 0 < value < math.inf:
             raise ValueError(f"{field.name}: must be positive, got {value}")
 
 

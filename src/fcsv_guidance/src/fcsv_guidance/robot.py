@@ -1,27 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot on the ground as the planner sees it: size, what it can climb, how it drives."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from fcsv_geometry.config import load, require_positive
 
 _STEEPEST_DEG = 60.0  # no wheeled robot holds a steeper slope
-
-
-@dataclass(frozen=True)
-class _Positive:
-    """The numbers of a robot that must be above zero."""
-
-    radius_m: float
-    height_m: float
-    clearance_m: float
-    largest_step_m: float
-    largest_slope_deg: float
-    speed_mps: float
-    acceleration_mps2: float
-    turning_rate_radps: float
 
 
 @dataclass(frozen=True)
@@ -49,7 +35,7 @@ class Robot:
             raise ValueError("name: must not be empty")
         if not 0 <= self.turning_radius_m < np.inf:
             raise ValueError(f"turning_radius_m: must not be negative, got {self.turning_radius_m}")
-        require_positive(_Positive(*(getattr(self, f.name) for f in fields(_Positive))))
+        require_positive(self, but=("turning_radius_m",))
         if self.largest_slope_deg > _STEEPEST_DEG:
             raise ValueError(f"largest_slope_deg: at most {_STEEPEST_DEG:.0f}, got {self.largest_slope_deg}")
         if self.clearance_m >= self.height_m:
