@@ -28,7 +28,7 @@ from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.port import MissionPort
 from fcsv_control.mission.snapshot import VehicleView
 from fcsv_control.mission.standing import CaptureWindow
-from fcsv_control.ports import Port
+from fcsv_control.ports import ServingPort
 from fcsv_control.stopping.core import STOP, Report
 from fcsv_control.stopping.port import StopAllPort
 from fcsv_geometry import telemetry as tm
@@ -164,9 +164,9 @@ class ControlPc:
             self._newest_s[kind] = now_s
             came_s, topics = _clock_s(self._fleet[name].now_s), [f"/{name}/{m.topic}" for m in messages]
             ages = tm.RelayAges(topics, [_clock_s(now_s)] * len(topics))
-            for port in [self.mission_port] if mission is self.mission_port else []:  # a new process hears what is new
+            if mission is self.mission_port:  # a new process hears what is new
                 for m in (ages, *messages):
-                    port.receive(came_s, m)
+                    mission.receive(came_s, m)
             for m in messages:
                 if isinstance(m, (tm.VehicleOdometry, tm.OdometryEpoch, tm.SeenTags)):
                     self.calibration_port.receive(came_s, m)
@@ -228,7 +228,7 @@ class ControlPc:
             elif isinstance(output, StopCalled) and self.alive:
                 self.mission_port.receive(_clock_s(now_s), output)
 
-    def _ask(self, now_s: float, port: Port, request: object) -> tm.Reply:
+    def _ask(self, now_s: float, port: ServingPort, request: object) -> tm.Reply:
         """A service is called."""
         answer, *outputs = port.serve(_clock_s(now_s), request)
         self._dispatch(now_s, outputs)
