@@ -27,7 +27,7 @@ import psutil
 from pymavlink import mavutil
 
 M = mavutil.mavlink
-NAME, METRES_PER_DEG, FEED_Z_M = "uav1", 111319.49, 0.05
+NAME, FEED_Z_M = "uav1", 0.05
 SQUARE = ((4.0, 0.0, 0.3), (4.0, 4.0, 1.8), (0.0, 4.0, -2.5), (0.0, 0.0, 0.3))
 ROOT = Path(__file__).resolve().parents[1]
 LAUNCH = {  # as launch/uav.launch has them
@@ -51,7 +51,7 @@ class Truth:
     def __init__(self, address: str):
         from fcsv_control.flight.transport import Transport
 
-        self.T, self.on_pose, self._zero, self._line = None, lambda T, stamp_s: None, None, Transport(address)
+        self.T, self.on_pose, self._first, self._line = None, lambda T, stamp_s: None, None, Transport(address)
         threading.Thread(target=self._hear, daemon=True).start()
 
     def _hear(self):
@@ -73,13 +73,10 @@ class Truth:
                 self._take(m)
 
     def _take(self, m):
-        from fcsv_geometry import transforms
+        from fcsv_sim.autopilot.elsewhere import rounded_pose
 
-        self._zero = self._zero or (m.lat_int, m.lon_int, m.alt)
-        lat, lon, alt = self._zero
-        north, east = np.array([m.lat_int - lat, m.lon_int - lon]) / 1e7 * METRES_PER_DEG
-        east *= math.cos(math.radians(lat / 1e7))
-        self.T = transforms.from_xyz_rpy([east, north, m.alt - alt], [m.roll, -m.pitch, math.pi / 2 - m.yaw])
+        self._first = self._first or m
+        self.T = rounded_pose(m, self._first)
         self.on_pose(self.T, time.time())
 
     @property

@@ -25,13 +25,13 @@ from fcsv_control.flight.state import MODES
 from fcsv_control.flight.transport import Transport
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot.core import Autopilot
+from fcsv_sim.autopilot.elsewhere import rounded_pose
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.vehicles.dynamics import Airframe, Quadrotor
 from fcsv_sim.vehicles.vehicle import PASS_S, Piloted
 from support.autopilots import PROFILE
 
 M = mavutil.mavlink
-_METRES_PER_DEG = 111319.49
 _SLICE_S = 0.01  # two loops take turns
 _FEED_Z_M = 0.05  # the tracker's zero is a little under the vehicle that stands
 
@@ -248,7 +248,7 @@ class AddressLoop(Loop):
         key = read_key(file) if file else None
         self._line = Transport(url, key)
         self._truth = Transport(os.environ.get("FCSV_AUTOPILOT_TRUTH", f"{host}:{port + 2}"), key)
-        self.line_up, self.T_true, self._zero, self.t = True, None, None, time.monotonic()
+        self.line_up, self.T_true, self._first, self.t = True, None, None, time.monotonic()
         self._running = True
         self._thread = threading.Thread(target=self._hear_truth, daemon=True)
         self._thread.start()
@@ -293,11 +293,8 @@ class AddressLoop(Loop):
                 self.T_true = self._pose(m)
 
     def _pose(self, m):
-        self._zero = self._zero or (m.lat_int, m.lon_int, m.alt)
-        lat_int, lon_int, alt = self._zero
-        north = (m.lat_int - lat_int) / 1e7 * _METRES_PER_DEG
-        east = (m.lon_int - lon_int) / 1e7 * _METRES_PER_DEG * math.cos(math.radians(lat_int / 1e7))
-        return transforms.from_xyz_rpy([east, north, m.alt - alt], [m.roll, -m.pitch, math.pi / 2 - m.yaw])
+        self._first = self._first or m
+        return rounded_pose(m, self._first)
 
 
 def _command(system, number, *values, source=None):

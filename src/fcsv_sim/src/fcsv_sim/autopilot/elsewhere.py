@@ -56,6 +56,19 @@ class Moments:
         return self._last_s
 
 
+def units_m(first) -> np.ndarray:
+    """(2,) how far east and north one unit of the position in SIM_STATE is, at the place of such a message."""
+    north_m = _METRES_PER_DEGREE * _DEGREES
+    return np.array([north_m * math.cos(math.radians(first.lat_int * _DEGREES)), north_m])
+
+
+def rounded_pose(message, first) -> np.ndarray:
+    """T_enu_body (4, 4) that a SIM_STATE tells, from the place of the ``first`` one: east and north are rounded."""
+    east_m, north_m = units_m(first) * (message.lon_int - first.lon_int, message.lat_int - first.lat_int)
+    rpy_rad = [message.roll, -message.pitch, math.pi / 2 - message.yaw]
+    return transforms.from_xyz_rpy([east_m, north_m, message.alt - first.alt], rpy_rad)
+
+
 class TrueMotion:
     """Turns SIM_STATE into poses in the simulated world.
 
@@ -86,10 +99,10 @@ class TrueMotion:
         self._came_s = came_s
         stamp_s = self._moments.of(came_s)
         v_enu_mps = np.array([message.ve, message.vn, -message.vd], dtype=float)
-        self._move(stamp_s, v_enu_mps, message)
-        rpy = [message.roll, -message.pitch, math.pi / 2 - message.yaw]
+        T_enu_body = rounded_pose(message, self._first)
+        T_enu_body[:3, 3] = self._moved(stamp_s, v_enu_mps, T_enu_body[:3, 3])
         T_world_enu = self._T_world_start @ self._T_start_enu
-        self._T_world_body = T_world_enu @ transforms.from_xyz_rpy(self._p_enu_m, rpy)
+        self._T_world_body = T_world_enu @ T_enu_body
         return TrueState(stamp_s, self._T_world_body, T_world_enu[:3, :3] @ v_enu_mps)
 
     def _begin(self, message) -> None:
@@ -113,16 +126,14 @@ class TrueMotion:
         self._T_world_start = transforms.from_xyz_yaw(p_world_m, transforms.yaw(self._T_world_body))
         self._stamp_s = None
 
-    def _move(self, stamp_s: float, v_enu_mps: np.ndarray, message) -> None:
-        """On by the velocity, and back to where the rounded position allows it."""
-        east_m = _METRES_PER_DEGREE * math.cos(math.radians(self._first.lat_int * _DEGREES)) * _DEGREES
-        cell_m = np.array([east_m, _METRES_PER_DEGREE * _DEGREES, 0.0])
-        told = (message.lon_int - self._first.lon_int, message.lat_int - self._first.lat_int, 0)
-        told_m = np.array(told) * cell_m + [0.0, 0.0, message.alt - self._first.alt]
+    def _moved(self, stamp_s: float, v_enu_mps: np.ndarray, told_m: np.ndarray) -> np.ndarray:
+        """(3,) on by the velocity, and back to where the rounded position allows it."""
         if self._stamp_s is None or stamp_s - self._stamp_s > _SILENT_S:
-            self._p_enu_m = told_m
+            self._p_enu_m = told_m.copy()
         else:
+            cell_m = np.array([*units_m(self._first), 0.0])
             self._p_enu_m = self._p_enu_m + v_enu_mps * (stamp_s - self._stamp_s)
             outside = self._p_enu_m - np.clip(self._p_enu_m, told_m - cell_m, told_m + cell_m)
             self._p_enu_m = self._p_enu_m - [_GAIN * outside[0], _GAIN * outside[1], outside[2]]
         self._stamp_s = stamp_s
+        return self._p_enu_m
