@@ -26,6 +26,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_sim.demo.autopilots import addresses, rc_port, require_there
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, SimulatedFleet
 from fcsv_sim.machines import slow_motion
+from fcsv_sim.machines.machines import MachineError, node_process
 from fcsv_sim.people.rc import RcSender
 from fcsv_sim.truth import TruthReader
 
@@ -119,13 +120,8 @@ class Flight:
         return self._said[-1]
 
     def process(self, machine: str, node: str) -> psutil.Process:
-        """Of a node."""
-        folder = str(self.fleet.machines[machine].folder)
-        for process in psutil.process_iter(["cmdline"]):
-            words = process.info["cmdline"] or []
-            if f"__name:={node}" in words and any(folder in w for w in words):
-                return process
-        raise AssertionError(f"{machine} has no {node}")
+        """Of a node. Raises MachineError."""
+        return node_process(self.fleet.machines[machine].folder, node)
 
     def place(self, vehicle: str) -> np.ndarray:
         return self.truth[vehicle].latest()[1][:3, 3]
@@ -268,7 +264,7 @@ def fly(name: str, out: Path, autopilots, speed: float) -> Dict[str, str]:
         for machine, node in ((CONTROL, "operator"), (VICTIM, "t265")):
             try:
                 flight.process(machine, node).send_signal(signal.SIGCONT)
-            except AssertionError:
+            except MachineError:
                 pass
         flight.fleet.stop()
 

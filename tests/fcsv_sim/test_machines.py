@@ -2,6 +2,8 @@
 """Ports of machines that share a computer, and the end of what was started on them."""
 
 import socket
+import subprocess
+import sys
 import time
 
 import psutil
@@ -41,3 +43,19 @@ def test_what_a_process_started_in_a_session_of_its_own_ends_with_it(tmp_path, e
     psutil.wait_procs(children, timeout=5.0)
     assert not [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE]
     process.stop()  # safe to call again
+
+
+def test_a_node_of_a_machine_is_found_by_its_name_and_the_machines_folder(tmp_path):
+    """Two machines of one computer run a node of the same name each."""
+    sleeps = [sys.executable, "-c", "import time; time.sleep(60)", "__name:=camera"]
+    started = {n: subprocess.Popen([*sleeps, f"__log:={tmp_path}/{n}/log/camera.log"]) for n in ("uav1", "uav2")}
+    try:
+        assert {n: machines.node_process(tmp_path / n, "camera").pid for n in started} == {
+            n: p.pid for n, p in started.items()
+        }
+        with pytest.raises(machines.MachineError, match="uav1: no agent runs there"):
+            machines.node_process(tmp_path / "uav1", "agent")
+    finally:
+        for process in started.values():
+            process.kill()
+            process.wait()

@@ -13,9 +13,8 @@ import time
 from pathlib import Path
 from typing import Callable, Dict, List
 
-import psutil
-
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, SimulatedFleet
+from fcsv_sim.machines.machines import node_process
 from fcsv_sim.machines.slow_motion import slow_motion
 from fcsv_sim.truth import TruthReader
 
@@ -53,13 +52,7 @@ class FaultedFleet(SimulatedFleet):
 
     def signal(self, machine: str, node: str, number: int) -> None:
         """To the process of a node; roslaunch starts anew what dies, not what is stopped."""
-        folder = str(self.machines[machine].folder)
-        for process in psutil.process_iter(["cmdline"]):
-            words = process.info["cmdline"] or []
-            if f"__name:={node}" in words and any(folder in w for w in words):
-                process.send_signal(number)
-                return
-        raise AssertionError(f"{machine} has no {node}")
+        node_process(self.machines[machine].folder, node).send_signal(number)
 
 
 class Story:

@@ -15,9 +15,8 @@ import time
 from pathlib import Path
 from typing import Dict, List
 
-import psutil
-
 from fcsv_geometry.errors import PoseUnavailable
+from fcsv_sim.machines.machines import node_process
 
 NAMES = ("tello1", "tello2")
 UPPER = "tello2"
@@ -100,13 +99,7 @@ class Story:
             self._wait(0.05)
 
     def _signal_tracker(self, number: int) -> None:
-        run = str(self._out / "run")
-        for process in psutil.process_iter(["cmdline"]):
-            words = process.info["cmdline"] or []
-            if "__name:=mocap_tracker" in words and any(run in w for w in words):
-                process.send_signal(number)
-                return
-        raise AssertionError("there is no mocap_tracker")
+        node_process(self._out / "run", "mocap_tracker").send_signal(number)
 
     def _on_mission(self, m) -> None:
         self._said, self._phase = m.detail, m.phase_name

@@ -122,6 +122,18 @@ def _kill(tree: Sequence[psutil.Process]) -> None:
             process.kill()
 
 
+def node_process(folder, node: str) -> psutil.Process:
+    """The process of a node that roslaunch started on a machine whose files are in ``folder``, or in a folder below it.
+
+    Raises MachineError where there is none.
+    """
+    for process in psutil.process_iter(["cmdline"]):
+        words = process.info["cmdline"] or []
+        if f"__name:={node}" in words and any(str(folder) in w for w in words):
+            return process
+    raise MachineError(f"{folder}: no {node} runs there")
+
+
 class Machine:
     """One machine: a roscore on ``port`` (free by default), its own ROS home, and what is launched on it."""
 
