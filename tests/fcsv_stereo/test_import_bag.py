@@ -118,6 +118,13 @@ def test_both_axes_are_chosen_and_the_wanted_reference():
     assert sum(a[1] > 0 for a in away) >= 2 and sum(a[2] > 0 for a in away) >= 2
 
 
+def test_a_long_walk_is_chosen_from_near_pictures():
+    """Half an hour at 10 Hz and 1 m/s: what serves a scene at 20 m lies within two seconds."""
+    found = choose(stamps_at([[0.0, 0.1 * i, 0.0] for i in range(18000)]), 20.0, 8)
+    away = [np.linalg.norm(p.T_world_cam[:3, 3] - found[0].T_world_cam[:3, 3]) for p in found[1:]]
+    assert len(found) >= 6 and away == sorted(away) and max(away) <= 2.0
+
+
 @pytest.mark.parametrize("places, look, words", [
     ([[0, 0, 0], [1, 0, 0]], (0, 0, 0), "move forward"),
     ([[0, 0, 0], [0, 0.01, 0]], (0, 0, 0), "at most 0.01 m; does --range-m fit?"),

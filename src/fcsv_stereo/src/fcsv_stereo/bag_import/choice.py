@@ -6,7 +6,7 @@ tenth of its distance (docs/user/concepts.md), sideways or up, with nearly the s
 """
 
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ _LEAST_OVERLAP = 0.5  # of the reference picture, at the scene's distance
 _MOST_FORWARD = 0.5  # of the baseline: forward motion gives disparity at the border alone
 _GRID = 7
 _REFERENCES = 60  # pictures of the first camera, evenly in time, that are tried as the reference
-_CANDIDATES = 400  # of each camera, evenly in time, at most
+_TRIED = 50  # pictures of a step of the baseline whose overlap is looked at, nearest in time first
 
 
 @dataclass(frozen=True)
@@ -48,63 +48,66 @@ def choose(
         references = sorted(first, key=lambda p: abs(p.stamp_s - reference_s))[:1]
     else:
         references = _spread(first, _REFERENCES)
-    candidates = [p for k in sorted({p.camera for p in posed}) for p in _spread([q for q in posed if q.camera == k],
-                                                                               _CANDIDATES)]  # fmt: skip
+    candidates = _Candidates(posed, range_m)
     best: Tuple[tuple, List[PosedStamp]] = ((), [])
     for reference in references:
-        found = _others(reference, candidates, range_m, most - 1)
+        found = candidates.of(reference, most - 1)
         rank = (len(found), -sum(abs(p.stamp_s - reference.stamp_s) for p in found))
         if found and (not best[1] or rank > best[0]):
             best = (rank, [reference, *found])
     if not best[1]:
-        raise InputError(_why_none(references, candidates, range_m))
+        raise InputError(candidates.why_none(references))
     return best[1]
 
 
-def _others(
-    reference: PosedStamp, candidates: Sequence[PosedStamp], range_m: float, count: int
-) -> List[PosedStamp]:
-    """At most one for each step of the baseline and each axis, the nearest in time to the reference."""
-    serving = [p for p in candidates if p is not reference and _serves(reference, p, range_m)]
-    if not serving:
-        return []
-    baselines = {id(p): _baseline(reference, p) for p in serving}
-    vertical = {id(p) for p in serving if abs(baselines[id(p)][1]) > abs(baselines[id(p)][0])}
-    axes = 2 if 0 < len(vertical) < len(serving) and count > 1 else 1
-    steps = max(1, count // axes)
-    bins: Dict[Tuple[int, bool], PosedStamp] = {}
-    low, high = np.log(np.array(SHARES) * range_m)
-    for p in serving:
-        length = np.log(np.linalg.norm(baselines[id(p)]))
-        place = (
-            int(np.clip((length - low) / (high - low) * steps, 0, steps - 1)),
-            axes == 2 and id(p) in vertical,
-        )
-        held = bins.get(place)
-        if held is None or _rank(reference, p, baselines) < _rank(reference, held, baselines):
-            bins[place] = p
-    return sorted(bins.values(), key=lambda p: float(np.linalg.norm(baselines[id(p)])))
+class _Candidates:
+    """All pictures, and which of them serve a reference: an hour of a camera is 100,000, so by arrays."""
 
+    def __init__(self, posed: Sequence[PosedStamp], range_m: float):
+        self._posed, self._range_m = posed, range_m
+        self._places_m = np.array([p.T_world_cam[:3, 3] for p in posed]).reshape(-1, 3)
+        self._stamps_s = np.array([p.stamp_s for p in posed])
 
-def _rank(reference: PosedStamp, p: PosedStamp, baselines) -> tuple:
-    """Nearest in time, to a tenth of a second: what moves stands nearly where it was; then the longer baseline."""
-    return round(abs(p.stamp_s - reference.stamp_s), 1), -float(np.linalg.norm(baselines[id(p)]))
+    def of(self, reference: PosedStamp, count: int) -> List[PosedStamp]:
+        """At most one for each step of the baseline and each axis, the nearest in time to the reference."""
+        baselines_m, lengths_m = self._baselines(reference)
+        low_m, high_m = (share * self._range_m for share in SHARES)
+        fit = (lengths_m >= low_m) & (lengths_m <= high_m)
+        (fit,) = np.nonzero(fit & (np.abs(baselines_m[:, 2]) <= _MOST_FORWARD * lengths_m))
+        if not len(fit):
+            return []
+        vertical = np.abs(baselines_m[fit, 1]) > np.abs(baselines_m[fit, 0])
+        axes = 2 if vertical.any() and not vertical.all() and count > 1 else 1
+        steps = max(1, count // axes)
+        step = np.log(lengths_m[fit] / low_m) / np.log(high_m / low_m) * steps
+        places = np.clip(step.astype(int), 0, steps - 1) * axes + (vertical if axes == 2 else 0)
+        # to a tenth of a second: what moves stands nearly where it was; then the longer baseline
+        apart_s = np.round(np.abs(self._stamps_s[fit] - reference.stamp_s), 1)
+        order = np.lexsort((-lengths_m[fit], apart_s))
+        found = [self._first(reference, fit[order[places[order] == k]]) for k in np.unique(places)]
+        return [self._posed[i] for i in sorted((i for i in found if i >= 0), key=lambda i: lengths_m[i])]
 
+    def _first(self, reference: PosedStamp, indices: np.ndarray) -> int:
+        """The first that sees enough of the reference picture; -1: none of the first ones does."""
+        tried = (i for i in indices[:_TRIED])
+        sees = (i for i in tried if overlap(reference, self._posed[i], self._range_m) >= _LEAST_OVERLAP)
+        return int(next(sees, -1))
 
-def _baseline(reference: PosedStamp, p: PosedStamp) -> np.ndarray:
-    """(3,) m in the reference's optical axes."""
-    return reference.T_world_cam[:3, :3].T @ (p.T_world_cam[:3, 3] - reference.T_world_cam[:3, 3])
+    def _baselines(self, reference: PosedStamp) -> Tuple[np.ndarray, np.ndarray]:
+        """(N, 3) m in the reference's optical axes, and (N,) their lengths."""
+        away_m = self._places_m - reference.T_world_cam[:3, 3]
+        return away_m @ reference.T_world_cam[:3, :3], np.linalg.norm(away_m, axis=1)
 
-
-def _serves(reference: PosedStamp, p: PosedStamp, range_m: float) -> bool:
-    baseline = _baseline(reference, p)
-    length = float(np.linalg.norm(baseline))
-    if (
-        not SHARES[0] * range_m <= length <= SHARES[1] * range_m
-        or abs(baseline[2]) > _MOST_FORWARD * length
-    ):
-        return False
-    return overlap(reference, p, range_m) >= _LEAST_OVERLAP
+    def why_none(self, references: Sequence[PosedStamp]) -> str:
+        """In words, why no reference has a partner."""
+        low_m, high_m = (share * self._range_m for share in SHARES)
+        said = f"no two pictures make a pair for a scene {self._range_m:g} m away"
+        lengths_m = np.concatenate([self._baselines(r)[1] for r in references])
+        if ((lengths_m >= low_m) & (lengths_m <= high_m)).any():
+            apart = f"those {low_m:.3g} to {high_m:.3g} m apart"
+            return f"{said}: {apart} move forward, or look elsewhere; check --mount"
+        far = f"none are {low_m:.3g} to {high_m:.3g} m apart, and at most {lengths_m.max():.3g} m"
+        return f"{said}: {far}; does --range-m fit?"
 
 
 def overlap(reference: PosedStamp, p: PosedStamp, range_m: float) -> float:
@@ -123,18 +126,3 @@ def _spread(posed: Sequence[PosedStamp], most: int) -> List[PosedStamp]:
     if len(posed) <= most:
         return list(posed)
     return [posed[i] for i in np.linspace(0, len(posed) - 1, most).round().astype(int)]
-
-
-def _why_none(
-    references: Sequence[PosedStamp], candidates: Sequence[PosedStamp], range_m: float
-) -> str:
-    least, longest = (share * range_m for share in SHARES)
-    said = f"no two pictures make a pair for a scene {range_m:g} m away"
-    lengths = [
-        float(np.linalg.norm(_baseline(r, p))) for r in references for p in candidates if p is not r
-    ]
-    fit = [b for b in lengths if least <= b <= longest]
-    if fit:
-        return f"{said}: those {least:.3g} to {longest:.3g} m apart move forward, or look elsewhere; check --mount"
-    far = max(lengths, default=0.0)
-    return f"{said}: none are {least:.3g} to {longest:.3g} m apart, and at most {far:.3g} m; does --range-m fit?"
