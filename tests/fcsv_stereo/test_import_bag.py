@@ -53,6 +53,7 @@ SOURCES = {
     "pose": ({"pose": "/pose", "mount": MOUNT}, IDENTITY),
     "pose of a frame": ({"pose": "/pose", "mount": "base_link"}, IDENTITY),
     "covariance": ({"pose": "/pose_cov", "mount": MOUNT}, IDENTITY),
+    "transform": ({"pose": "/vicon"}, IDENTITY),
     "tf": ({"pose": "camera_optical_frame"}, fb.T_MAP_ODOM),
     "tf of the body": ({"pose": "base_link", "world": "odom"}, IDENTITY),
     "odometry in map": ({"pose": "/odom", "world": "map"}, fb.T_MAP_ODOM),
@@ -79,7 +80,7 @@ def test_poses_are_those_of_the_camera(bags, tmp_path, kind, source):
     np.testing.assert_allclose((camera.fx, camera.cx), (fb.SMALL.fx, fb.SMALL.cx))
     given = colmap.read_photographs(tmp_path / "out")
     assert given.configurations[0].references[0].name == done.pictures[0].name
-    assert done.has_priors == (source not in ("pose", "pose of a frame", "tf", "tf of the body", "tum"))
+    assert done.has_priors == (source not in ("pose", "pose of a frame", "transform", "tf", "tf of the body", "tum"))
 
 
 def test_covariances_are_carried_to_the_camera(bags, tmp_path):
@@ -191,6 +192,18 @@ def test_silence_of_poses_is_not_bridged_unless_asked(bags, tmp_path):
 # ---- what is refused ----
 
 
+def test_two_worlds_that_nothing_connects_are_refused(bags, tmp_path):
+    def other(message):
+        message.header.frame_id = "robot2/odom"
+
+    bag = fb.write(tmp_path / "a.bag", spoilt("/pose_cov", other))
+    cameras = (CameraRequest("/cam/image_raw", "/odom"), CameraRequest("/jpg/image_raw", "/pose_cov", "base_link"))
+    with pytest.raises(InputError, match="/pose_cov is in frame 'robot2/odom', other poses or --world in 'odom'"):
+        import_bag([bag], tmp_path / "out", ImportRequest(cameras, 20.0))
+    done = import_bag([bags["mcap"]], tmp_path / "out", ImportRequest(cameras, 20.0))
+    assert (truth(done) < 1e-6).all() and len(done.lags_s) == 4
+
+
 def without(*names):
     return entries(lambda topic, message, stamp_s: [] if topic in names else [(topic, message, stamp_s)])
 
@@ -217,10 +230,10 @@ def other_frame(message):
 
 
 @pytest.mark.parametrize("options, words", [
-    ({"topic": "/kam"}, r"--camera /kam: is not in the bag; topics of pictures there: /cam/image_raw \(sensor_msgs/Image\), /jpg"),
+    ({"topic": "/kam"}, r"/kam: is not in the bag; topics of pictures there: /cam/image_raw \(sensor_msgs/Image\), /jpg"),
     ({"topic": "/odom"}, r"--camera /odom: is of type nav_msgs/Odometry"),
-    ({"info": "/odom"}, r"no camera_info: /odom is of type nav_msgs/Odometry; name it by --info, there are: /cam/camera_info"),
-    ({"pose": "/odometry"}, r"--pose /odometry: is no topic of the bag and no file; topics of poses there: /odom \(nav_msgs"),
+    ({"info": "/odom"}, r"no camera_info: /odom is of type nav_msgs/Odometry; name it by --info, there are: /cam/cam"),
+    ({"pose": "/odometry"}, r"/odometry: is no topic of the bag and no file; topics of poses there: /odom \(nav_msgs"),
     ({"pose": "/cam/camera_info"}, r"is of type sensor_msgs/CameraInfo"),
     ({"pose": "drone"}, r"frame 'drone' is not in the bag's tf; frames there: base_link, camera_link, camera_opt"),
     ({"pose": "map"}, "is the root of tf"),
@@ -260,6 +273,7 @@ def test_single_wrong_poses_are_left_out_and_said(tmp_path):
 
 def test_axes_of_a_frame_that_is_not_named_optical(tmp_path):
     """The pictures name camera_link, whose x looks forward."""
+
     def link(message):
         message.header.frame_id = "camera_link"
 
@@ -398,4 +412,4 @@ def test_the_command_says_what_is_wrong_in_one_line(bags, tmp_path, capsys):
     assert main([str(tmp_path / "no.bag"), *arguments[1:]]) == 2
     assert "no.bag: does not exist" in capsys.readouterr().err
     assert main([*arguments, "--mount", "optical", "--mount", "camera"]) == 2
-    assert "--mount is given 2 times for 1 cameras" in capsys.readouterr().err
+    assert "--mount is given 2 times for 1 camera:" in capsys.readouterr().err

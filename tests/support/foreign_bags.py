@@ -8,10 +8,10 @@ import rosbag
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from support.scenes import CAMERA
 from tf2_msgs.msg import TFMessage
 
 from fcsv_geometry import transforms
+from support.scenes import CAMERA
 
 START_S, PICTURES, POSES = 1000.0, 21, 121
 SMALL = CAMERA.resized(64, 48)
@@ -109,6 +109,7 @@ def messages():
     for s in pose_stamps():
         T = T_odom_base(s)
         found += [("/odom", odometry(s, T), s), ("/pose", pose(s, T), s)]
+        found.append(("/vicon", transform(s, "odom", "base_link", T), s))
         with_covariance = header(PoseWithCovarianceStamped(), s, "odom")
         fill(with_covariance.pose.pose, T)
         with_covariance.pose.covariance = COVARIANCE.ravel().tolist()

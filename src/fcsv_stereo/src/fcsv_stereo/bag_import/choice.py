@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which pictures of posed cameras make a good map: one reference and others at baselines in equal ratios. No I/O.
+"""Which pictures of posed cameras make a good map: one reference and others at baselines in equal
+ratios. No I/O.
 
-A baseline serves a range of distances that grows with it in proportion: useful ones for a scene are a hundredth to a
-tenth of its distance (docs/user/concepts.md), sideways or up, with nearly the same view.
+A baseline serves a range of distances that grows with it in proportion: useful ones for a scene are
+a hundredth to a tenth of its distance (docs/user/concepts.md), sideways or up, with nearly the same
+view.
 """
 
 from dataclasses import dataclass
@@ -25,8 +27,9 @@ _TRIED = 50  # pictures of a step of the baseline whose overlap is looked at, ne
 
 @dataclass(frozen=True)
 class PosedStamp:
-    """A picture that was not decoded yet: its camera's number and intrinsics, T_world_cam (4, 4), its stamp (s) by the
-    poses' clock and by its own."""
+    """A picture that was not decoded yet: its camera's number and intrinsics, T_world_cam (4, 4),
+    its stamp (s) by the poses' clock and by its own.
+    """
 
     camera: int
     stamp_s: float
@@ -40,8 +43,8 @@ def choose(
 ) -> List[PosedStamp]:
     """The reference, of camera 0, then others by length of baseline; ``most`` in all.
 
-    Without ``reference_s`` the reference is the picture whose others fill the most steps of the baseline. Raises
-    InputError where no two pictures make a pair.
+    Without ``reference_s`` the reference is the picture whose others fill the most steps of the
+    baseline. Raises InputError where no two pictures make a pair.
     """
     first = [p for p in posed if p.camera == 0]
     if reference_s is not None:
@@ -61,7 +64,9 @@ def choose(
 
 
 class _Candidates:
-    """All pictures, and which of them serve a reference: an hour of a camera is 100,000, so by arrays."""
+    """All pictures, and which of them serve a reference: an hour of a camera is 100,000, so by
+    arrays.
+    """
 
     def __init__(self, posed: Sequence[PosedStamp], range_m: float):
         self._posed, self._range_m = posed, range_m
@@ -69,7 +74,9 @@ class _Candidates:
         self._stamps_s = np.array([p.stamp_s for p in posed])
 
     def of(self, reference: PosedStamp, count: int) -> List[PosedStamp]:
-        """At most one for each step of the baseline and each axis, the nearest in time to the reference."""
+        """At most one for each step of the baseline and each axis, the nearest in time to the
+        reference.
+        """
         baselines_m, lengths_m = self._baselines(reference)
         low_m, high_m = (share * self._range_m for share in SHARES)
         fit = (lengths_m >= low_m) & (lengths_m <= high_m)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``rosrun fcsv_stereo import_bag BAG --camera TOPIC --pose SOURCE -o OUT`` (``fcsv import-bag``)."""
+"""The command ``rosrun fcsv_stereo import_bag BAG --camera TOPIC --pose SOURCE -o OUT`` (``fcsv
+import-bag``).
+"""
 
 import argparse
 import shlex
@@ -24,7 +26,9 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Optional[List[str]] = None) -> int:
-    """Exit status 0 with a folder that ``map`` reads; 2 with one line on stderr, 130 on Ctrl-C, and nothing is left."""
+    """Exit status 0 with a folder that ``map`` reads; 2 with one line on stderr, 130 on Ctrl-C, and
+    nothing is left.
+    """
     return commands.run(_parser(), argv, _import, left="nothing was written")
 
 
@@ -104,9 +108,9 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--mount", action="append", metavar="HOW",
-        help="what the pose is of: optical (the camera, z forward), camera (the camera, x forward), x,y,z,roll,pitch,yaw "
-        "of the camera (x forward) in it (m, degrees), or a FRAME of tf; by default the frame that the pose names, "
-        "joined with that of the pictures by tf",
+        help="what the pose is of: optical (the camera, z forward), camera (the camera, x forward), "
+        "x,y,z,roll,pitch,yaw of the camera (x forward) in it (m, degrees), or a FRAME of tf; by "
+        "default the frame that the pose names, joined with that of the pictures by tf",
     )  # fmt: skip
     add(
         "--axes",

@@ -69,7 +69,9 @@ def base_of(topic: str) -> str:
 
 
 def info_topic(pictures: str, given: str, topics: Dict[str, str]) -> str:
-    """The topic of camera_info, ``given`` or beside the pictures. Raises InputError that lists what there is."""
+    """The topic of camera_info, ``given`` or beside the pictures. Raises InputError that lists what
+    there is.
+    """
     name = given or base_of(pictures).rpartition("/")[0] + "/camera_info"
     if topics.get(name) == INFO:
         return name
@@ -80,7 +82,9 @@ def info_topic(pictures: str, given: str, topics: Dict[str, str]) -> str:
 
 
 def foreign(topics: Dict[str, str], path: Path) -> str:
-    """Words that tell a user of a bag with pictures, which is no session, how it is imported; empty: it has none."""
+    """Words that tell a user of a bag with pictures, which is no session, how it is imported;
+    empty: it has none.
+    """
     pictures = [t for t, kind in sorted(topics.items()) if kind in IMAGES]
     if not pictures:
         return ""

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tree of frames that tf and tf_static of a bag make, and a frame's pose in another at a stamp. No I/O."""
+"""The tree of frames that tf and tf_static of a bag make, and a frame's pose in another at a stamp.
+No I/O.
+"""
 
 from dataclasses import dataclass, field
 from typing import Dict, List, Optional, Tuple, Union
@@ -45,7 +47,8 @@ class FrameTree:
     def at(self, a: str, b: str, stamp_s: float) -> np.ndarray:
         """T_a_b (4, 4) at a stamp (s).
 
-        Raises InputError where the frames are not of one tree, PoseUnavailable where an edge is silent at the stamp.
+        Raises InputError where the frames are not of one tree, PoseUnavailable where an edge is
+        silent at the stamp.
         """
         if not self.connected(a, b):
             raise InputError(

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag's pictures and poses as a folder that ``map`` reads: the story from topics to posed photographs."""
+"""A bag's pictures and poses as a folder that ``map`` reads: the story from topics to posed
+photographs.
+"""
 
 import shutil
 import tempfile
@@ -41,7 +43,9 @@ Step = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class ImportedPicture:
-    """A picture that was written: its name, topic and stamp (s), T_world_cam, and its covariance, if known."""
+    """A picture that was written: its name, topic and stamp (s), T_world_cam, and its covariance,
+    if known.
+    """
 
     name: str
     topic: str
@@ -51,8 +55,9 @@ class ImportedPicture:
 
 @dataclass(frozen=True)
 class ImportedBag:
-    """The reference first. ``world``: the frame of the poses; empty: none was named. ``lags_s``: by source its name
-    and the time from stamp to recording (s)."""
+    """The reference first. ``world``: the frame of the poses; empty: none was named. ``lags_s``: by
+    source its name and the time from stamp to recording (s).
+    """
 
     pictures: List[ImportedPicture]
     world: str
@@ -64,8 +69,10 @@ class ImportedBag:
 def import_bag(
     paths: Sequence[Path], out: Path, request: ImportRequest, step: Step = lambda *_: None
 ) -> ImportedBag:
-    """``out`` with images/, cameras.txt, images.txt and, where messages say it, priors.csv. Nothing is left where it
-    fails. Raises InputError for what is wrong with the bags, OutputError where ``out`` is not empty."""
+    """``out`` with images/, cameras.txt, images.txt and, where messages say it, priors.csv. Nothing
+    is left where it fails. Raises InputError for what is wrong with the bags, OutputError where
+    ``out`` is not empty.
+    """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"{out}: is not empty; name a new folder")
     require_folder(out)
@@ -257,7 +264,9 @@ class _Posing:
         return f"{why}{stamps}"
 
     def _other_clock(self, number: int) -> float:
-        """How much later than poses pictures are recorded after their stamps (s), said where it is no transport."""
+        """How much later than poses pictures are recorded after their stamps (s), said where it is
+        no transport.
+        """
         pictures, poses = self._topics[number], self._pose_topics[number]
         lags = (
             self._recorded.lag_s([pictures]),
@@ -294,7 +303,8 @@ def _chosen(
     bags: Sequence[Path], request: ImportRequest, sources: _Sources, recorded: BagContents,
     posed: Sequence[PosedStamp], warnings: List[str], step: Step,
 ) -> Tuple[List[PosedStamp], List[np.ndarray]]:  # fmt: skip
-    """The reference first, with 8-bit RGB; pictures that cannot be decoded are replaced by others."""
+    """The reference first, with 8-bit RGB; pictures that cannot be decoded are replaced by others.
+    """
     step("choosing pictures", 0.4)
     left, decoded = list(posed), {}  # type: ignore[var-annotated]
     for _ in range(_ROUNDS):
@@ -419,7 +429,9 @@ def _write(
 
 
 def _as_colmap(camera: PinholeCamera, image: np.ndarray) -> Tuple[PinholeCamera, np.ndarray]:
-    """Camera and picture as COLMAP's OPENCV model holds them; what it cannot is undistorted, without empty borders."""
+    """Camera and picture as COLMAP's OPENCV model holds them; what it cannot is undistorted,
+    without empty borders.
+    """
     if not any(camera.distortion[_COLMAP_COEFFICIENTS:]):
         return camera, image
     D, size = np.array(camera.distortion), (camera.width, camera.height)

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pose of each camera's optical frame at a stamp, from what a pose source, tf and the mount say. No I/O."""
+"""The pose of each camera's optical frame at a stamp, from what a pose source, tf and the mount
+say. No I/O.
+"""
 
 from dataclasses import dataclass, field
 from typing import Callable, List, Optional, Tuple
@@ -24,8 +26,9 @@ At = Callable[[float], np.ndarray]
 
 @dataclass(frozen=True)
 class PoseSource:
-    """Poses of one body. ``world`` and ``body`` are frames; empty: the source names none. ``span_s``: first and last
-    stamp; None: tf's."""
+    """Poses of one body. ``world`` and ``body`` are frames; empty: the source names none.
+    ``span_s``: first and last stamp; None: tf's.
+    """
 
     name: str
     world: str
@@ -60,7 +63,9 @@ class PoseSource:
 
 @dataclass(frozen=True)
 class PosedCamera:
-    """``T_world_cam`` at a stamp raises PoseUnavailable. ``covariance`` (6, 6) is about the world's axes."""
+    """``T_world_cam`` at a stamp raises PoseUnavailable. ``covariance`` (6, 6) is about the world's
+    axes.
+    """
 
     source: PoseSource
     T_target_world: At
@@ -72,7 +77,9 @@ class PosedCamera:
         return self.T_target_world(stamp_s) @ self.source.at(stamp_s) @ self.T_body_cam(stamp_s)
 
     def covariance(self, stamp_s: float) -> Optional[np.ndarray]:
-        """(6, 6) of the camera's position and small turn about the world's axes; None where none was said."""
+        """(6, 6) of the camera's position and small turn about the world's axes; None where none
+        was said.
+        """
         known = None if self.source.covariances is None else self.source.covariances.at(stamp_s)
         if known is None:
             return None
@@ -85,7 +92,9 @@ class PosedCamera:
 def posed_camera(
     request: CameraRequest, source: PoseSource, picture_frame: str, tree: FrameTree, target: str
 ) -> PosedCamera:
-    """``target``: the world of all cameras; empty: no source names one. Raises InputError naming what is not known."""
+    """``target``: the world of all cameras; empty: no source names one. Raises InputError naming
+    what is not known.
+    """
     said: List[str] = []
     T_body_cam = _mount(request, source, picture_frame, tree, said)
     T_target_world = _world(source, target, tree, said)
@@ -138,7 +147,8 @@ def _mount(
 
 
 def _axes(where: str, request: CameraRequest, frame: str) -> np.ndarray:
-    """T_frame_optical of the frame that the pictures name. Raises InputError where it is not known."""
+    """T_frame_optical of the frame that the pictures name. Raises InputError where it is not known.
+    """
     if request.axes is not None:
         return AXES[request.axes]
     if _OPTICAL in frame:

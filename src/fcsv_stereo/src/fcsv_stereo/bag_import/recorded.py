@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One pass over the bags: stamps of pictures, camera_info, poses and tf, without the pictures themselves."""
+"""One pass over the bags: stamps of pictures, camera_info, poses and tf, without the pictures
+themselves.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -45,7 +47,9 @@ class PictureTopic:
 
 @dataclass
 class BagContents:
-    """By topic what was recorded; ``lags_s``: by topic the time from each stamp to its recording (s)."""
+    """By topic what was recorded; ``lags_s``: by topic the time from each stamp to its recording
+    (s).
+    """
 
     pictures: Dict[str, PictureTopic]
     poses: Dict[str, PoseTopic]
@@ -65,7 +69,9 @@ def stamp_of(message, recorded_s: float, by_receipt: bool) -> float:
 
 
 class BagPass:
-    """Reads ``pictures`` (topic of pictures to topic of camera_info) and ``poses`` (topics), and tf."""
+    """Reads ``pictures`` (topic of pictures to topic of camera_info) and ``poses`` (topics), and
+    tf.
+    """
 
     def __init__(
         self, pictures: Dict[str, str], poses: Sequence[str], by_receipt: bool, warnings: List[str]

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user asks of an import: cameras, where their poses are, and how many pictures of which baselines."""
+"""What a user asks of an import: cameras, where their poses are, and how many pictures of which
+baselines.
+"""
 
 import math
 from dataclasses import dataclass
@@ -39,11 +41,12 @@ class CameraRequest:
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """``range_m``: how far away the scene is. ``most``: pictures in all. ``reference_s``: stamp of the reference.
+    """``range_m``: how far away the scene is. ``most``: pictures in all. ``reference_s``: stamp of
+    the reference.
 
-    ``world``: the frame in which poses of tf are given; None: the root of its tree. ``gap_s``: the longest silence of
-    poses that is bridged; None: four of their usual periods, 0.1 to 0.4 s. ``by_receipt``: the time at which a message
-    was recorded counts in place of its stamp.
+    ``world``: the frame in which poses of tf are given; None: the root of its tree. ``gap_s``: the
+    longest silence of poses that is bridged; None: four of their usual periods, 0.1 to 0.4 s.
+    ``by_receipt``: the time at which a message was recorded counts in place of its stamp.
     """
 
     cameras: Tuple[CameraRequest, ...]
@@ -69,10 +72,11 @@ class ImportRequest:
 
 
 def numbers_of(mount: str) -> Optional[np.ndarray]:
-    """T_pose_optical (4, 4) of "optical", "camera" or "x,y,z,roll,pitch,yaw" (m, degrees); None where it is none.
+    """T_pose_optical (4, 4) of "optical", "camera" or "x,y,z,roll,pitch,yaw" (m, degrees); None
+    where it is none.
 
-    The six numbers place the camera as a body (x forward, y left, z up) in the frame that the pose is of. Raises
-    InputError where six were meant.
+    The six numbers place the camera as a body (x forward, y left, z up) in the frame that the pose
+    is of. Raises InputError where six were meant.
 
     >>> np.allclose(numbers_of("0,0,0,0,0,0"), numbers_of("camera"))
     True
@@ -103,6 +107,6 @@ def each(option: str, values: Sequence, count: int, default=None) -> Tuple:
         return (default,) * count
     if len(values) not in (1, count):
         raise InputError(
-            f"{option} is given {len(values)} times for {count} cameras: once, or once for each"
+            f"{option} is given {len(values)} times for {count} camera{'s' * (count > 1)}: once, or once for each"
         )
     return tuple(values) if len(values) == count else (values[0],) * count

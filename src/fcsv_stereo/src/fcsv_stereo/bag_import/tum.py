@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of a text file of TUM's format: ``stamp x y z qx qy qz qw`` a line (s, m), ``#`` before a comment."""
+"""Poses of a text file of TUM's format: ``stamp x y z qx qy qz qw`` a line (s, m), ``#`` before a
+comment.
+"""
 
 from pathlib import Path
 from typing import List, Tuple
