@@ -111,6 +111,13 @@ def test_two_cameras_that_stand_give_one_pair_at_one_instant():
     assert [p.camera for p in found] == [0, 1] and abs(found[0].stamp_s - found[1].stamp_s) < 0.05
 
 
+def test_the_nearest_in_time_is_taken():
+    """The other camera stands: of its fifty pictures, that of the reference's instant."""
+    posed = [*stamps_at([[0.0, 0.0, 0.0]] * 50), *stamps_at([[0.0, -0.8, 0.0]] * 50, 1, stamp_s=10.02)]
+    found = choose(posed, 20.0, 8, reference_s=40.0)
+    assert [round(p.stamp_s, 2) for p in found] == [40.0, 40.02]
+
+
 def test_both_axes_are_chosen_and_the_wanted_reference():
     places = [[0, 0, 0], *([0, y, 0] for y in (0.3, 0.6, 1.2)), *([0, 0, z] for z in (0.3, 0.6, 1.2))]
     found = choose(stamps_at(places), 20.0, 7, reference_s=10.2)
@@ -230,7 +237,7 @@ def other_frame(message):
 
 
 @pytest.mark.parametrize("options, words", [
-    ({"topic": "/kam"}, r"/kam: is not in the bag; topics of pictures there: /cam/image_raw \(sensor_msgs/Image\), /jpg"),
+    ({"topic": "/kam"}, r"/kam: is not in the bag; topics of pictures there: /cam/image_raw \(sensor_msgs/Image\), "),
     ({"topic": "/odom"}, r"--camera /odom: is of type nav_msgs/Odometry"),
     ({"info": "/odom"}, r"no camera_info: /odom is of type nav_msgs/Odometry; name it by --info, there are: /cam/cam"),
     ({"pose": "/odometry"}, r"/odometry: is no topic of the bag and no file; topics of poses there: /odom \(nav_msgs"),
