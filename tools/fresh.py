@@ -320,6 +320,17 @@ def report(runs: Sequence[Run], new: Sequence[str], write: bool) -> int:
     return FAILED if any(run.status for run in runs) else 0
 
 
+def remove(folder: Path) -> None:
+    """Remove the folder, in which nothing is mounted any more: the namespace ended with its last process, which may
+    still be dying."""
+    for _ in range(50):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
+        time.sleep(0.1)
+    shutil.rmtree(folder)
+
+
 def main(arguments: Sequence[str], environ: Optional[dict] = None) -> int:
     environ = os.environ if environ is None else environ
     asked = parser().parse_args(arguments)
@@ -343,8 +354,8 @@ def main(arguments: Sequence[str], environ: Optional[dict] = None) -> int:
     finally:
         if asked.keep:
             print(f"fresh: kept: {folder}")
-        else:  # nothing is mounted here: the namespace is gone with its processes
-            shutil.rmtree(folder, ignore_errors=False)
+        else:
+            remove(folder)
 
 
 if __name__ == "__main__":
