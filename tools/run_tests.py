@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole test run: plain tests on all cores, tests of nodes four at a time, in slow motion two at a
-time, flights alone; one count of all.
+"""The whole test run: plain tests on all cores, tests of nodes two at a time, in slow motion two at a time, flights
+alone; one count of all.
 
     tools/run_tests.py [pytest's arguments]
 
@@ -17,9 +17,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SIDE_BY_SIDE = ["--numprocesses=logical", "--maxprocesses=8", "--dist=loadgroup"]  # a worker takes up to 2 GB
-TWO = ["--numprocesses=2", "--dist=loadgroup"]
-FOUR = ["--numprocesses=4", "--dist=loadgroup"]  # nodes wait for one another more than they work
-TIERS = {"plain": SIDE_BY_SIDE, "nodes": FOUR, "slowed": TWO, "alone": []}
+TWO = ["--numprocesses=2", "--dist=loadgroup"]  # nodes wait for one another more than they work
+TIERS = {"plain": SIDE_BY_SIDE, "nodes": TWO, "slowed": TWO, "alone": []}
 SLOWEST = ["--durations=25", "--durations-min=3"]
 PASSED, FAILED, NOTHING = 0, 1, 5  # pytest's exit statuses; above FAILED and below NOTHING it could not run
 SHOWN = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a test run is divided: plain tests side by side on all cores, then tests of nodes, four at a time, then those
-of them whose time passes slowly on a busy machine, two at a time, then what must have the machine for itself. Marks and
+"""How a test run is divided: plain tests side by side on all cores, then tests of nodes, two at a time, then those of
+them whose time passes slowly on a busy machine, likewise, then what must have the machine for itself. Marks and
 fixtures say which a test is. How to run them: docs/design/testing.md.
 """
 
