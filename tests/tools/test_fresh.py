@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import fresh
@@ -22,9 +23,11 @@ http://c.example/debian/ stable bookworm main
 """
 
 
-def run(number, **more):
-    given = dict(who="root", command="make demo", status=0, took_s=60.0, disk_bytes=10**9, packages=5, date="2026-01-01")
-    return fresh.Run(**{**given, "took_s": 60.0 * number, **more})
+RUN = fresh.Run("root", "make demo", 0, 60.0, 10**9, 5, "2026-01-01")
+
+
+def run(minutes, **more):
+    return replace(RUN, took_s=60.0 * minutes, **more)
 
 
 def test_the_archive_is_the_one_of_debian_12_in_apts_sources():
@@ -85,7 +88,8 @@ def test_a_failure_leaves_nothing_behind(tmp_path, root):
     if subprocess.run(["unshare", "--mount", "--pid", "--fork", "true"], capture_output=True).returncode:
         pytest.skip("this machine permits no namespaces of mounts")
     tools, folder = tmp_path / "bin", tmp_path / "made"
-    tools.mkdir(), folder.mkdir()
+    tools.mkdir()
+    folder.mkdir()
     for name in ("debootstrap", "apt-get"):
         (tools / name).write_text(FAKE)
         (tools / name).chmod(0o755)
