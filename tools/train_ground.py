@@ -8,9 +8,9 @@ import argparse
 import sys
 
 import numpy as np
+from bench_ground import footing_of, grid_of
 from scipy.optimize import minimize
 
-from bench_ground import footing_of, grid_of
 from fcsv_guidance.ground import ground_from
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.standing import FREE_SIGN, features, seen_below

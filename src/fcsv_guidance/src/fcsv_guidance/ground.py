@@ -70,8 +70,8 @@ class Ground:
     ``sigma_m``, lower and upper edge ``low_m`` and ``high_m``, ``roughness_m`` (spread of its points), ``overhead_m``
     (bottom of what hangs above, inf where nothing does). ``trust`` is the probability that the cell's points are no
     gross errors, ``distance_m`` the camera's distance, ``seen_s`` when it was seen last (NaN: not told), ``seen_by``
-    the index in ``views`` (-1 where unknown). ``maps``: the ground as each of several maps alone shows it; their heights
-    differ by errors of pose, so that steps are looked for in each.
+    the index in ``views`` (-1 where unknown). ``maps``: the ground as each of several maps alone shows it: their
+    heights differ by errors of pose, so that steps are looked for in each.
     """
 
     grid: Grid
@@ -145,10 +145,11 @@ def renewed(ground: Ground, view: DepthView) -> Ground:
     new = _summarised(_points(view, ground.grid.cell_m), ground.grid)
     layers = {name: np.where(new.known, getattr(new, name), getattr(ground, name)) for name in LAYERS}
     before = tuple(_without(part, new.known) for part in ground.maps or (ground,))
+    seen_s = np.where(new.known, view.stamp_s, ground.seen_s)
+    seen_by = np.where(new.known, len(ground.views), ground.seen_by)
     return replace(
-        ground, **layers, maps=(*before, new), views=(*ground.views, view.name), seen_s=np.where(new.known, view.stamp_s, ground.seen_s),
-        seen_by=np.where(new.known, len(ground.views), ground.seen_by),
-    )  # fmt: skip
+        ground, **layers, maps=(*before, new), views=(*ground.views, view.name), seen_s=seen_s, seen_by=seen_by
+    )
 
 
 def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
