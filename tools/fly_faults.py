@@ -247,7 +247,7 @@ def reset(flight: Flight) -> Dict[str, str]:
     flight.watch.abort()
     end = flight.ended(150.0)
     return {"said after": f"{said_s:.1f} s", "stands after": f"{stood_s:.1f} s, {way_m:.1f} m further",
-            "5 s later": f"{off_m:.2f} m from where it was", "landed": "yes" if landed else "no", "end": end}  # fmt: skip
+            "5 s later": f"{off_m:.2f} m off its place", "landed": "yes" if landed else "no", "end": end}  # fmt: skip
 
 
 def restart(flight: Flight) -> Dict[str, str]:
