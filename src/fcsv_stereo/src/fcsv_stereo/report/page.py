@@ -19,6 +19,7 @@ from fcsv_stereo.report.sections import ReportData
 #: Title and maker of every section, in order; one that gives nothing is left out. A new page is a line here.
 SECTIONS: List[Tuple[str, Callable[[ReportData], List[Part]]]] = [
     ("Summary", sections.summary),
+    ("Picture and depth", sections.picture_and_depth),
     ("Against truth", sections.truth),
     ("Map from above", sections.from_above),
     ("In three dimensions", sections.in_three_dimensions),
@@ -67,7 +68,8 @@ def write_report(
         _environment()
         .get_template("report.html")
         .render(
-            title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts], version=VERSION
+            title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts], version=VERSION,
+            has_views=any(p.kind in ("cloud_view", "pixel_view") for s in drawn for p in s.parts),
         )
     )
     path = Path(out_dir) / "report.html"
