@@ -36,7 +36,9 @@ def result():
     depth[0, 1:] = sigma[0, 1:] = np.nan
     image = random.integers(0, 255, (*shape, 3), np.uint8)
     reference = Reference("uav1/10.000", 10.0, "uav1", image, CAMERA, camera_pose([1.0, -2.0, 3.0]))
-    none = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8), np.empty(0, np.float32), np.empty(0, np.uint8))
+    none = Cloud(
+        np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8), np.empty(0, np.float32), np.empty(0, np.uint8)
+    )
     return MapResult("joint", reference, [], [], depth, sigma, none, kind=kind)
 
 
@@ -95,7 +97,7 @@ def test_an_origin_is_added(result):
 
 
 def test_distance_and_height_have_the_sigma_of_both_depths(result):
-    """Against draws of both depths: their spread is what the page says, to 3 % (20,000 draws: 0.5 %; 2nd order: 1 %)."""
+    """Against draws of both depths: their spread is the page's, to 3 % (20,000 draws: 0.5 %; second order: 1 %)."""
     depth = np.full_like(result.depth, 50.0)
     depth[:, 160:] = 40.0
     sigma = np.full_like(depth, 0.5)
@@ -144,7 +146,8 @@ def test_depth_is_as_large_as_the_picture(result, tmp_path):
     shapes = {cv2.imdecode(np.frombuffer(base64.b64decode(j), np.uint8), 1).shape for j in (view.picture, view.depth)}
     assert shapes == {(CAMERA.height, CAMERA.width, 3)}
     text = write_report(result, tmp_path).read_text()
-    assert re.search(r'<input type="range" id="pixel-view-slider"', text) and "http" not in text.replace("http-equiv", "")
+    assert re.search(r'<input type="range" id="pixel-view-slider"', text)
+    assert "http" not in text.replace("http-equiv", "")
 
 
 def test_a_map_without_depth_shows_its_picture_alone(result):

@@ -68,7 +68,9 @@ def write_report(
         _environment()
         .get_template("report.html")
         .render(
-            title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts], version=VERSION,
+            title=f"Map of {count}, method {result.method}",
+            sections=[s for s in drawn if s.parts],
+            version=VERSION,
             has_views=any(p.kind in ("cloud_view", "pixel_view") for s in drawn for p in s.parts),
         )
     )
