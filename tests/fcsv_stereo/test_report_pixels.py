@@ -13,10 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.scenes import CAMERA, camera_pose
+from support.scenes import CAMERA
 
 from fcsv_stereo import report
-from fcsv_stereo.model import Cloud, MapResult, Reference
 from fcsv_stereo.model.kinds import WORDS, masks
 from fcsv_stereo.report import pixel_view as pixels
 from fcsv_stereo.report import sections, write_report
@@ -25,21 +24,9 @@ MEASURE = Path(report.__file__).parent / "templates" / "measure.js"
 PLACES = [(0, 0), (17, 40), (100, 7), (CAMERA.width - 1, CAMERA.height - 1)]
 
 
-@pytest.fixture(scope="module")
-def result():
-    """Depths of 1 cm to 2 km, sigma of 0.1 to 30 % of them, every kind; none in the first row but a corner."""
-    random = np.random.default_rng(3)
-    shape = (CAMERA.height, CAMERA.width)
-    depth = np.exp(random.uniform(np.log(0.01), np.log(2000.0), shape)).astype(np.float32)
-    sigma = (depth * random.uniform(0.001, 0.3, shape)).astype(np.float32)
-    kind = random.choice(np.array([0, 1, 2, 3, 199, 201, 202, 203, 204, 205, 206], np.uint8), shape)
-    depth[0, 1:] = sigma[0, 1:] = np.nan
-    image = random.integers(0, 255, (*shape, 3), np.uint8)
-    reference = Reference("uav1/10.000", 10.0, "uav1", image, CAMERA, camera_pose([1.0, -2.0, 3.0]))
-    none = Cloud(
-        np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8), np.empty(0, np.float32), np.empty(0, np.uint8)
-    )
-    return MapResult("joint", reference, [], [], depth, sigma, none, kind=kind)
+@pytest.fixture
+def result(tiny_map):
+    return tiny_map
 
 
 def codes(view):

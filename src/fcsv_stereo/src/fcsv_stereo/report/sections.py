@@ -155,10 +155,10 @@ def poses(data: ReportData) -> List[Part]:
         degrees, metres = correction(i)
         state = "reference" if i.name == data.result.reference.name else "yes" if i.refined else "no"
         rows.append((
-            i.name, i.vehicle, state, f"{degrees:.3f}°", f"{metres:.3f} m",
+            i.name, state, f"{degrees:.3f}°", f"{metres:.3f} m",
             "–" if i.inliers is None else f"{i.inliers:,}", number(i.epipolar_rms_px, "{:.2f} px"),
         ))  # fmt: skip
-    head = ("picture", "vehicle", "refined", "turned by", "moved by", "inliers", "epipolar rms after")
+    head = ("picture", "refined", "turned by", "moved by", "inliers", "epipolar rms after")
     if not any(i.refined for i in data.result.images):
         return [Table(head, rows), note(f"Method {data.result.method} uses the recorded poses as they are.")]
     return [Table(head, rows), image(charts.corrections(data.result))]
