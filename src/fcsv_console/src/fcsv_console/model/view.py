@@ -78,6 +78,10 @@ class View:
             return "no mission is heard"
         if not self.mission_alive:
             return f"THE MISSION IS NOT HEARD (was in {m.phase})"
+        if m.waits_for == "resume":
+            return f"PAUSED, Resume goes on: {'; '.join(m.problems[:1]) or m.detail}".rstrip(": ")
+        if m.phase == "CONFIGURATIONS" and m.problems:
+            return f"PAUSED: {m.problems[0]}"
         waits = f", waits for {m.waits_for.replace('_', ' ').upper()}" if m.waits_for else ""
         stage = f", {self.stage.words}" if self.stage.words else ""
         return f"{m.phase}{waits}: {m.detail}".rstrip(": ") + stage
