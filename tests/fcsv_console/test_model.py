@@ -381,7 +381,9 @@ def test_a_pause_takes_nothing_of_the_progress_and_says_what_ends_it():
     before = c.view(10.0 + 0.5 * record_s).progress
     paused = doing(c, 20.0, MOVES, detail="recording horizontal 4 m", waits_for="resume",
                    problems=("paused by the operator",))  # fmt: skip
-    assert paused.headline == "PAUSED, Resume goes on: paused by the operator"
+    assert paused.headline == "PAUSED: paused by the operator. Resume is locked: the flight check is not heard"
+    c.tell(20.0, facts.Check(GREEN))
+    assert c.view(20.0).headline == "PAUSED: paused by the operator. Resume goes on"
     assert paused.progress == before == pytest.approx((1 + (hold_s + 0.5 * record_s) / (hold_s + record_s)) / 8)
     assert paused.actions["hand_over"].title == "Resume" and paused.actions["hand_over"].key == "G"
     assert "Resume" in paused.actions["pause"].why_not

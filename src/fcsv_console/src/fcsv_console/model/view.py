@@ -79,7 +79,9 @@ class View:
         if not self.mission_alive:
             return f"THE MISSION IS NOT HEARD (was in {m.phase})"
         if m.waits_for == "resume":
-            return f"PAUSED, Resume goes on: {'; '.join(m.problems[:1]) or m.detail}".rstrip(": ")
+            resume = self.actions["hand_over"]
+            ends = "Resume goes on" if resume.enabled else f"Resume is locked: {resume.why_not}"
+            return f"PAUSED: {'; '.join(m.problems[:1]) or m.detail}".rstrip(": ") + f". {ends}"
         if m.phase == "CONFIGURATIONS" and m.problems:
             return f"PAUSED: {m.problems[0]}"
         waits = f", waits for {m.waits_for.replace('_', ' ').upper()}" if m.waits_for else ""
