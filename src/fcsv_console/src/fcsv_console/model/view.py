@@ -78,6 +78,12 @@ class View:
             return "no mission is heard"
         if not self.mission_alive:
             return f"THE MISSION IS NOT HEARD (was in {m.phase})"
+        if m.waits_for == "resume":
+            resume = self.actions["hand_over"]
+            ends = "Resume goes on" if resume.enabled else f"Resume is locked: {resume.why_not}"
+            return f"PAUSED: {'; '.join(m.problems[:1]) or m.detail}".rstrip(": ") + f". {ends}"
+        if m.phase == "CONFIGURATIONS" and m.problems:
+            return f"PAUSED: {m.problems[0]}"
         waits = f", waits for {m.waits_for.replace('_', ' ').upper()}" if m.waits_for else ""
         stage = f", {self.stage.words}" if self.stage.words else ""
         return f"{m.phase}{waits}: {m.detail}".rstrip(": ") + stage
