@@ -191,8 +191,8 @@ def in_three_dimensions(data: ReportData) -> List[Part]:
     share = "all" if view.shown == view.points else f"{view.shown:,} drawn at random of"
     said = (
         f"Shown: {share} {view.points:,} points; red: the reference camera, blue: the others. Drag to turn, scroll to "
-        "come nearer, drag with the right button to move. Click two points for the distance and the height between "
-        "them. No network is needed."
+        "come nearer, drag with the right button to move. Click two points for their distance and, where home "
+        "is level, height; Escape clears. No network is needed."
     )
     return [view, note(said)]
 
