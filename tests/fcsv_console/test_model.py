@@ -835,3 +835,23 @@ def test_an_odometry_that_began_anew_is_told_in_words():
         c.tell(now_s, facts.EpochHeard("uav1", epoch))
     told = [e.what for e in c.view(13.0).events if e.who == "uav1"]
     assert told == ["its odometry began", "its odometry began anew"]
+
+
+def test_a_recording_says_so_and_commands_nobody():
+    c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2}, recorded=True)
+    c.load(OUTDOOR)
+    view = flying(c, 10.0).view(10.1)
+    assert view.headline.startswith("RECORDING: CONFIGURATIONS")
+    assert {n for n, a in view.actions.items() if a.enabled} <= {"rehearse", "waive"}
+    assert view.actions["stop_all"].why_not == "a recording is played: nobody flies"
+
+
+def test_a_mission_that_ended_is_not_missed():
+    c = flying(console(), 10.0, "DONE")
+    c.tell(10.0, facts.MissionTold("DONE", "all configurations flown", "", 7, 8))
+    view = c.view(40.0)
+    assert view.headline == (
+        "DONE: all configurations flown. The flight is over; After [F5] maps what was recorded"
+    )
+    assert view.actions["land"].why_not == view.actions["pause"].why_not == "the mission is over (DONE)"
+    assert view.actions["stop_all"].enabled and not c.view(40.0).recorded

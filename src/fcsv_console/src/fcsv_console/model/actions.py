@@ -68,10 +68,12 @@ class Situation:
     file: MissionFile
     rehearsal: Rehearsal
     flown: Optional[Mission] = None  # as the mission node read it; None: not heard
+    recorded: bool = False  # a recording is played
+    over: str = ""  # the phase in which a mission ended that is not heard any more
 
 
 def actions(s: Situation) -> Dict[str, Action]:
-    """By name, in the order of the table. Stop-all is always enabled."""
+    """By name, in the order of the table. Stop-all is always enabled, but for where a recording is played."""
     found = {
         name: Action(name, title, key, does, _why_not(name, s), hold_s) for name, title, key, does, hold_s in TABLE
     }
@@ -99,10 +101,14 @@ def accept(line: Line, master_problem: str = "") -> Action:
 
 
 def _why_not(name: str, s: Situation) -> str:
-    if name == "stop_all":
-        return ""
     if name in ("rehearse", "waive"):
         return _of_rehearsal(name, s)
+    if s.recorded:
+        return "a recording is played: nobody flies"
+    if name == "stop_all":
+        return ""
+    if s.over:
+        return f"the mission is over ({s.over})"
     if s.master_problem:
         return s.master_problem
     if name in s.pending:

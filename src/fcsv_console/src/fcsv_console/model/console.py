@@ -39,15 +39,17 @@ class Console:
     ``since_s``: from when the newest message of a topic counts that came at some time (Arrivals.since_s).
 
     ``verdict_s``: how long another verdict on the pair lasts before it is shown. ``wall_offset_s`` as Chronicle's.
+    ``recorded``: a recording is played.
     """
 
     def __init__(
         self, vehicles: Sequence[str], tags: Optional[Mapping[str, int]] = None,
         optics: files.Optics = files.USUAL, target_m: float = 0.0,
         since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s, verdict_s: float = HOLD_S,
+        recorded: bool = False,
     ):  # fmt: skip
         self.names, self.optics, self.file = list(vehicles), optics, files.MissionFile()
-        self._chronicle = Chronicle()
+        self._recorded, self._chronicle = recorded, Chronicle()
         self._target_m = target_m
         self._vehicles = {name: Vehicle(name, since_s) for name in vehicles}
         self._sightings = Sightings(dict(tags or {}))
@@ -196,9 +198,12 @@ class Console:
         column = column_problems(self.names, sees)
         rehearsal = self._rehearsals.of(self.file.text)
         pair = self._steady.at(now_s, running, self._stereo(now_s, rows, running, told))
+        last = mission.value.phase if mission.value is not None else ""
+        ended = last if told is None and last in OVER else ""
         situation = Situation(
-            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal, self._flown
-        )
+            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal, self._flown,
+            self._recorded, ended,
+        )  # fmt: skip
         return View(
             now_s, rows, mission, alive, self.file, running, self._progress(told), check,
             actions(situation),
@@ -208,6 +213,7 @@ class Console:
             self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
             self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
             self._problems(now_s, told, column), self._master_problem, stage, self._ground_views.shown(now_s),
+            self._recorded,
         )  # fmt: skip
 
     def _lines(self, now_s: float):
