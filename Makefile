@@ -16,7 +16,7 @@ OPERATOR ?=
 AUTOPILOT ?=
 export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR START SPEED OUT OVERWRITE OPERATOR AUTOPILOT
 
-.PHONY: setup build demo play test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs
+.PHONY: setup build demo play test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs fresh
 setup build:
 	@tools/setup.sh
 demo: setup
@@ -41,3 +41,5 @@ study: setup
 	@tools/run study
 docs:
 	@tools/docs/site.sh
+fresh:
+	@python3 tools/fresh.py $(ARGS)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the cells that a map's ground model calls free with the true mesh of its simulated world.
+"""Compares the cells that ground models call free with the truth of drawn places; the table of docs/lab/evidence.md.
 
-python tools/bench_ground.py out/demo/map out/demo/session/truth --robot config/robots/rescue.yaml
+python tools/bench_ground.py [--worlds maze rubble] [--seeds 1 2 3] [--robot config/robots/rescue.yaml]
+python tools/bench_ground.py --map out/demo/map out/demo/session/truth
 """
 
 import argparse
@@ -12,15 +13,34 @@ from pathlib import Path
 
 import numpy as np
 
-from fcsv_guidance.ground import Ground, ground_from, stand_probability
+from fcsv_guidance.ground import Grid, Ground, cell_probability, ground_from, stand_probability
 from fcsv_guidance.robot import Robot, load_robot
+from fcsv_guidance.standing import disk, least
 from fcsv_guidance.tuning import FREE_P
 from fcsv_guidance.views import read_map
+from fcsv_sim.robot.survey import stations, survey
+from fcsv_sim.world.footing import Footing
+from fcsv_sim.world.town import PLACES, Town
 from fcsv_stereo.truth import load_truth
 
-_BANDS_M = (0, 20, 30, 40, 60)
+_BANDS_M = (0, 30, 40, 60)
 _TRUE_SIGMA_M = 1e-3
-_P_EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+_P_EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.95, FREE_P, 1.0)
+
+
+def grid_of(plan, cell_m: float) -> Grid:
+    """The grid of a place's area."""
+    x0, x1, y0, y1 = plan.area_m
+    return Grid.around((x0, y0), (x1, y1), cell_m)
+
+
+def footing_of(plan, grid: Grid, robot: Robot):
+    """(rows, columns) bool twice: where the truth reaches all around the footprint, and whether the robot can stand."""
+    clear = Footing.of(plan).clearance(robot)
+    xy = grid.middle_of(*np.indices(grid.shape))
+    x0, x1, y0, y1 = plan.area_m
+    edge = np.minimum(np.minimum(xy[..., 0] - x0, x1 - xy[..., 0]), np.minimum(xy[..., 1] - y0, y1 - xy[..., 1]))
+    return edge > robot.radius_m + 0.15, ~clear.touches(xy[..., 0], xy[..., 1])
 
 
 def true_stands(ground: Ground, robot: Robot, mesh: Path) -> np.ndarray:
@@ -38,35 +58,71 @@ def true_stands(ground: Ground, robot: Robot, mesh: Path) -> np.ndarray:
     z = np.where(ground.known & np.isfinite(reach), top - reach, np.nan).astype(np.float32)
     flat = np.full(grid.shape, _TRUE_SIGMA_M, np.float32)
     truth = replace(
-        ground, height_m=z, sigma_m=flat, low_m=z, high_m=z, overhead_m=np.full_like(z, np.inf), trust=np.ones_like(z)
-    )
-    return np.nan_to_num(stand_probability(truth, robot)) > 0.5
+        ground, height_m=z, sigma_m=flat, low_m=z, high_m=z, overhead_m=np.full_like(z, np.inf), trust=np.ones_like(z),
+        maps=(),
+    )  # fmt: skip
+    passes = np.nan_to_num(cell_probability(truth, robot)) > 0.5
+    return least(passes.astype(np.float32), disk(robot.radius_m, grid.cell_m), 0.0) > 0
+
+
+def table(name: str, ground: Ground, p: np.ndarray, true: np.ndarray, inside: np.ndarray) -> None:
+    """Prints what is called free by band of distance, and how often that is true by probability."""
+    for near, far in zip(_BANDS_M[:-1], _BANDS_M[1:]):
+        band = inside & (ground.distance_m >= near) & (ground.distance_m < far)
+        free = (p >= FREE_P) & band
+        wrong, found = (free & ~true).sum(), (free & true).sum() / max((band & true).sum(), 1)
+        share = f"{wrong / max(free.sum(), 1):.2%}"
+        print(f"| {name} | {near} to {far} | {free.sum()} | {wrong} | {share} | {found:.0%} |")
+
+
+def reliability(rows) -> None:
+    """Prints for classes of p how many of the footprints can truly be stood on; rows of (p, true)."""
+    p, true = (np.concatenate(part) for part in zip(*rows))
+    print("| p | footprints | truly free |\n| --- | --- | --- |")
+    for low, high in zip(_P_EDGES[:-1], _P_EDGES[1:]):
+        cells = (p >= low) & (p < high if high < 1 else p <= 1)
+        print(f"| {low} to {high} | {cells.sum()} | {true[cells].mean() if cells.any() else np.nan:.1%} |")
+    order = np.argsort(p, kind="stable")
+    rank = np.empty(len(p))
+    rank[order] = np.arange(1, len(p) + 1)
+    n = true.sum()
+    print(f"AUC {(rank[true].sum() - n * (n + 1) / 2) / max(n * (len(p) - n), 1):.3f}")
 
 
 def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("map", type=Path)
-    parser.add_argument("truth", type=Path, help="folder with scene.ply and cameras.csv")
-    parser.add_argument("--robot", required=True)
-    parser.add_argument("--cell-m", type=float, default=0.2)
+    parser.add_argument("--worlds", nargs="+", choices=PLACES, default=list(PLACES))
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--map", type=Path, nargs=2, metavar=("MAP", "TRUTH"), help="a map and its session's truth")
+    parser.add_argument("--robot", default="config/robots/rescue.yaml")
+    parser.add_argument("--cell-m", type=float, default=0.1)
     args = parser.parse_args(argv)
     robot = load_robot(args.robot)
-    name = json.loads((args.map / "report.json").read_text())["reference"]["image"]
-    vehicle, stamp = name.split("/")
-    view = replace(read_map(args.map), T_home_cam=load_truth(args.truth).T_world_cam(vehicle, float(stamp)))
-    ground = ground_from([view], args.cell_m)
-    p = stand_probability(ground, robot)
-    true = true_stands(ground, robot, args.truth / "scene.ply")
-    print(f"{'band':>12} {'called free':>12} {'not free':>9} {'share':>7}")
-    for near, far in zip(_BANDS_M[:-1], _BANDS_M[1:]):
-        free = (p >= FREE_P) & (ground.distance_m >= near) & (ground.distance_m < far)
-        wrong = (free & ~true).sum()
-        print(f"{f'{near} to {far} m':>12} {free.sum():>12} {wrong:>9} {wrong / max(free.sum(), 1):>7.2%}")
-    print(f"{'p':>12} {'cells':>12} {'truly free':>21}")
-    for low, high in zip(_P_EDGES[:-1], _P_EDGES[1:]):
-        cells = (p >= low) & (p < high if high < 1 else p <= 1)
-        print(f"{f'{low} to {high}':>12} {cells.sum():>12} {true[cells].mean() if cells.any() else np.nan:>21.2%}")
+    print("| place | m from a camera | called free | not free | share | of what is free |\n" + "| --- " * 6 + "|")
+    rows = []
+    for name, ground, true, inside in _mapped(*args.map, robot, args.cell_m) if args.map else _drawn(args, robot):
+        p = stand_probability(ground, robot)
+        table(name, ground, p, true, inside)
+        judged = inside & np.isfinite(p)
+        rows.append((p[judged], true[judged]))
+    reliability(rows)
     return 0
+
+
+def _drawn(args, robot: Robot):
+    for world in args.worlds:
+        for seed in args.seeds:
+            town = Town.generate(seed, world)
+            grid = grid_of(town.plan, args.cell_m)
+            inside, true = footing_of(town.plan, grid, robot)
+            yield f"{world} {seed}", ground_from(survey(town, stations(town.plan), seed), grid=grid), true, inside
+
+
+def _mapped(folder: Path, truth: Path, robot: Robot, cell_m: float):
+    vehicle, stamp = json.loads((folder / "report.json").read_text())["reference"]["image"].split("/")
+    view = replace(read_map(folder), T_home_cam=load_truth(truth).T_world_cam(vehicle, float(stamp)))
+    ground = ground_from([view], cell_m)
+    yield folder.name, ground, true_stands(ground, robot, truth / "scene.ply"), np.ones(ground.grid.shape, bool)
 
 
 if __name__ == "__main__":

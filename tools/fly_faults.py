@@ -10,6 +10,7 @@ of a table. Start the two simulations as docs/user/simulation.md says, on a quie
 
 import argparse
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -53,6 +54,42 @@ while not rospy.is_shutdown():
     m.header.stamp = rospy.Time.from_sec(time.time() - 0.01)
     out.publish(m)
     time.sleep(rate)
+"""
+_SHIFTED = """
+import time, numpy as np, rospy
+from nav_msgs.msg import Odometry
+from std_srvs.srv import Trigger
+from fcsv_geometry.messages import pose_to_transform
+from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.vehicle import load_vehicles
+from fcsv_sim.truth import TruthReader
+node.begin("shifted", anonymous=True)
+own = lambda name: rospy.get_param("/{v}/t265/" + name)
+truth = TruthReader(own("sim_dir"), "{v}")
+T_body_t265 = load_vehicles(own("vehicles_dir"), ["{v}"])["{v}"].T_body_t265
+last = rospy.wait_for_message("/{v}/t265/odom/sample", Odometry, 10.0)
+T_world_t265 = truth.wait_for(last.header.stamp.to_sec()) @ T_body_t265
+T_odom_world = pose_to_transform(last.pose.pose) @ np.linalg.inv(T_world_t265)
+T_odom_world[1, 3] += 1.0
+out = rospy.Publisher("/{v}/t265/odom/sample", Odometry, queue_size=5)
+noise, sent_s = np.random.default_rng(1), 0.0
+print("ready", flush=True)
+input()
+rospy.ServiceProxy("/{v}/flight_link/odometry_reset", Trigger)()
+print("announced", flush=True)
+while not rospy.is_shutdown():
+    time.sleep(1.0 / 200.0)
+    stamp_s, T_world_body = truth.latest()
+    if stamp_s <= sent_s:
+        continue
+    sent_s = stamp_s
+    T_odom_t265 = T_odom_world @ T_world_body @ T_body_t265
+    T_odom_t265[:3, 3] += noise.normal(0.0, 1e-3, 3)
+    last.header.stamp = rospy.Time.from_sec(stamp_s)
+    last.pose.pose = conversions.transform_to_pose(T_odom_t265)
+    v = (T_world_body @ T_body_t265)[:3, :3].T @ truth.velocity()
+    last.twist.twist.linear.x, last.twist.twist.linear.y, last.twist.twist.linear.z = v
+    out.publish(last)
 """
 
 
@@ -185,6 +222,34 @@ def freeze(flight: Flight) -> Dict[str, str]:
             "the other's guardian after": aside, "end": end}  # fmt: skip
 
 
+def reset(flight: Flight) -> Dict[str, str]:
+    """The tracker goes on 1 m elsewhere on the way, and says so; the operator ends the mission."""
+    script = flight.plan.folder / "shifted.py"
+    go = flight.plan.folder / "go"
+    os.mkfifo(go)
+    script.write_text(_SHIFTED.replace("{v}", VICTIM).replace("input()", f"open({str(go)!r}).read()"))
+    flight.said("on its way to horizontal 8")
+    shifted = flight.fleet.machines[VICTIM].run([sys.executable, str(script)], "shifted")
+    flight.until(lambda: "ready" in shifted.log.read_text(), 15.0, "the shifted tracker did not start")
+    _moves(flight, 1.0)
+    flight.process(VICTIM, "t265").suspend()
+    go.write_text("")
+    flight.until(lambda: "announced" in shifted.log.read_text(), 5.0, "the reset was not announced")
+    at_s, began = time.monotonic(), flight.place(VICTIM)
+    flight.said("began anew", 15.0)
+    said_s = time.monotonic() - at_s
+    flight.until(lambda: np.linalg.norm(flight.truth[VICTIM].velocity()) < 0.1, 20.0, "it does not stand")
+    stood_s, way_m = time.monotonic() - at_s, float(np.linalg.norm(flight.place(VICTIM) - began))
+    held_until_s = time.monotonic() + 5.0
+    flight.until(lambda: time.monotonic() > held_until_s, 6.0, "")
+    off_m = float(np.linalg.norm(flight.place(VICTIM) - began))
+    landed = flight.first(VICTIM, "mode", at_s, lambda m: m["mode"] == "LAND") < 99
+    flight.watch.abort()
+    end = flight.ended(150.0)
+    return {"said after": f"{said_s:.1f} s", "stands after": f"{stood_s:.1f} s, {way_m:.1f} m further",
+            "5 s later": f"{off_m:.2f} m off its place", "landed": "yes" if landed else "no", "end": end}  # fmt: skip
+
+
 def restart(flight: Flight) -> Dict[str, str]:
     """After the calibration its pilot lands; its autopilot restarts on the ground."""
     flight.said("MOVE_HOME")
@@ -228,7 +293,7 @@ def restart(flight: Flight) -> Dict[str, str]:
             "ready to arm after": "never" if ready_s is None else f"{ready_s:.1f} s", "end": end}  # fmt: skip
 
 
-FAULTS = {"pilot": pilot, "link": link, "freeze": freeze, "restart": restart}
+FAULTS = {"pilot": pilot, "link": link, "freeze": freeze, "reset": reset, "restart": restart}
 
 
 def listen(vehicle: str) -> None:

@@ -4,10 +4,13 @@ alone; one count of all.
 
     tools/run_tests.py [pytest's arguments]
 
-Exit status 0 where nothing failed; 5 where a tier, or with arguments all, collected none. More: docs/design/testing.md.
+Exit status 0 where nothing failed; 5 where a tier, or with arguments all, collected none; 4 at once where a file or
+test that is named is not there. More: docs/design/testing.md.
 """
 
+import difflib
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -21,7 +24,44 @@ TWO = ["--numprocesses=2", "--dist=loadgroup"]  # nodes wait for one another mor
 TIERS = {"plain": SIDE_BY_SIDE, "nodes": TWO, "slowed": TWO, "alone": []}
 SLOWEST = ["--durations=25", "--durations-min=3"]
 PASSED, FAILED, NOTHING = 0, 1, 5  # pytest's exit statuses; above FAILED and below NOTHING it could not run
+MISTYPED = 4  # pytest's for a wrong argument
+# pytest's options whose value is a word of its own
+WITH_VALUE = {
+    "-k", "-m", "-n", "-p", "-c", "-o", "-r", "-W", "--deselect", "--ignore", "--junitxml", "--rootdir", "--tb",
+    "--durations", "--maxfail", "--basetemp", "--dist", "--numprocesses", "--maxprocesses", "--color",
+}  # fmt: skip
 SHOWN = ("passed", "failed", "error", "skipped", "xfailed", "xpassed")
+
+
+def mistyped(arguments, root: Path) -> str:
+    """What is wrong with the files and tests that pytest's ``arguments`` name, with the nearest name; "" if nothing.
+
+    Pytest says it too, but after it started workers for a tier, and once for each.
+    """
+    named = [word for before, word in zip(["", *arguments], arguments) if before not in WITH_VALUE and word[:1] != "-"]
+    for word in named:
+        name, *parts = word.split("[")[0].split("::")
+        path = root / name
+        if not path.exists():
+            return f"no file '{name}'{_nearest(name, _test_files(root))}"
+        text = path.read_text() if path.is_file() else ""
+        for part in parts:
+            if not re.search(rf"^ *(?:(?:async )?def|class) {re.escape(part)}\b|^{re.escape(part)} =", text, re.M):
+                known = re.findall(r"^ *(?:def|class) (test_\w+|Test\w+)", text, re.M)
+                return f"{name} has no test '{part}'{_nearest(part, known)}"
+    return ""
+
+
+def _test_files(root: Path):
+    return [str(path.relative_to(root)) for path in sorted(root.glob("tests/**/test_*.py"))]
+
+
+def _nearest(name: str, known) -> str:
+    """What was likely meant, in words: by its last part first, so that a wrong folder is found too."""
+    tails = {Path(k).name: k for k in known}
+    near = (difflib.get_close_matches(word, tails, n=1) for word in (Path(name).name, Path(name).stem))
+    found = next(filter(None, near), None)
+    return f"; did you mean '{tails[found[0]]}'?" if found else ""
 
 
 def pytest_status(arguments) -> int:
@@ -51,6 +91,10 @@ def overall(statuses, explicit: bool) -> int:
 
 
 def main(arguments) -> int:
+    wrong = mistyped(arguments, ROOT)
+    if wrong:
+        print(f"test: {wrong}", file=sys.stderr)
+        return MISTYPED
     began_s = time.monotonic()
     statuses, counts = {}, {}
     with tempfile.TemporaryDirectory() as folder:

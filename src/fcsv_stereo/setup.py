@@ -9,6 +9,6 @@ PACKAGES = sorted(".".join(p.parent.relative_to(SOURCES).parts) for p in SOURCES
 
 setup(
     **generate_distutils_setup(
-        packages=PACKAGES, package_dir={"": "src"}, package_data={"fcsv_stereo.report": ["templates/*.html"]}
+        packages=PACKAGES, package_dir={"": "src"}, package_data={"fcsv_stereo.report": ["templates/*"]}
     )
 )

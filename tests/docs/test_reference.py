@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/reference/ is as the code has it, and reads what it should out of the code."""
 
+import importlib
 import os
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as xml
@@ -40,6 +42,19 @@ def test_every_executable_stands_in_one_page():
 def test_every_argument_of_a_launch_file_says_what_it_is(path):
     arguments = [a for a in xml.parse(path).getroot().findall("arg") if "value" not in a.attrib]
     assert not [a.get("name") for a in arguments if not a.get("doc")]
+
+
+@pytest.mark.parametrize("section, module, registry", [
+    ("A matcher", "fcsv_stereo.thesis.matchers", "MATCHERS"), ("A matcher", "fcsv_stereo.pipeline", "METHODS"),
+    ("A tracker", "fcsv_sim.demo.systems", "SYSTEMS"), ("A simulated world", "fcsv_sim.world.town", "WORLDS"),
+])  # fmt: skip
+def test_a_recipe_names_the_command_that_writes_its_new_entry_into_the_reference(section, module, registry):
+    entries, commands = getattr(importlib.import_module(module), registry), (PAGES / "commands.md").read_text()
+    assert entries and all(re.search(rf"\b{name}\b", commands) for name in entries), "entries stand in the reference"
+    page = (ROOT / "docs/design/changing.md").read_text()
+    recipe = page.partition(f"\n## {section}\n")[2].partition("\n## ")[0]
+    assert registry in recipe or registry == "METHODS"
+    assert "`tools/run reference`" in recipe
 
 
 def test_topics_are_read_through_loops_helpers_and_names(monkeypatch, tmp_path):

@@ -16,6 +16,7 @@ from rich.console import Console as Screen
 from fcsv_console.model import facts, samples
 from fcsv_console.model.console import Console
 from fcsv_console.terminal.screen import screen
+from fcsv_control.flight_check.lines import Line, State
 from fcsv_geometry.errors import FcsvError
 
 OUTDOOR = str(Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml")
@@ -238,21 +239,36 @@ def test_a_vehicle_without_a_file_is_named():
     assert done.returncode == 2 and done.stderr.startswith("status: ") and "uav9.yaml" in done.stderr
 
 
+class Shell:
+    def __init__(self):
+        self.console, self.did = Console(["uav1", "uav2"]), []
+
+    def view(self):
+        return self.console.view(time.monotonic())
+
+    def do(self, name):
+        self.did.append(name)
+
+
 def test_keys_are_capital_letters_and_what_is_not_enabled_is_told_and_not_sent():
     from fcsv_console.ros.status_command import press
-
-    class Shell:
-        def __init__(self):
-            self.console, self.did = Console(["uav1", "uav2"]), []
-
-        def view(self):
-            return self.console.view(time.monotonic())
-
-        def do(self, name):
-            self.did.append(name)
 
     shell = Shell()
     for key in ("s", "l", "p", "x", "", "S", "L", "P"):
         press(shell, key)
     assert shell.did == ["stop_all", "land"]
     assert shell.view().events[-1].answer == "not now: the mission node is not heard: start it, or mend its file"
+
+
+def test_the_terminal_resumes_what_is_paused_and_hands_nobody_over():
+    from fcsv_console.ros.status_command import press
+
+    shell = Shell()
+    green = tuple(Line(name, "battery", State.GREEN, "80 %") for name in ("uav1", "uav2"))
+    shell.console.tell(time.monotonic(), facts.Check(green))
+    for phase, waits_for in (("SET_HOME", "execute"), ("CONFIGURATIONS", "resume")):
+        shell.console.tell(time.monotonic(), facts.MissionTold(phase, "", waits_for, 0, 2))
+        press(shell, "G")
+    assert shell.did == ["hand_over"]
+    answers = [e.answer for e in shell.view().events if e.answer]
+    assert answers == ["not now: nothing waits for Resume; vehicles are handed over in the window"]

@@ -28,6 +28,8 @@ from fcsv_console.model import (
 )
 from fcsv_console.model.console import Console
 from fcsv_console.model.events import EventLog
+from fcsv_console.model.steady import SteadyVerdict
+from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
 from fcsv_control.flight_check.lines import Line, State
 from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS, TURNS
@@ -39,7 +41,7 @@ GREEN = (Line("uav1", "battery", State.GREEN, "80 %"), Line("uav2", "battery", S
 
 
 def console():
-    c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2})
+    c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2}, verdict_s=0.0)
     c.load(OUTDOOR)
     return c
 
@@ -370,6 +372,39 @@ def test_progress_goes_on_within_the_running_configuration():
     assert view.headline == f"CONFIGURATIONS: recording horizontal 4 m, {0.5 * record_s:.0f} of {record_s:g} s"
     assert doing(c, 99.0, RECORDS).progress == pytest.approx(2 / 8), "late: no more than the file says"
     assert doing(c, 100.0, MOVES, 2).progress == pytest.approx(2 / 8)
+
+
+def test_a_pause_takes_nothing_of_the_progress_and_says_what_ends_it():
+    c = console()
+    hold_s, record_s = c.file.rows[1].settle_s, c.file.rows[1].record_s
+    doing(c, 10.0, RECORDS)
+    before = c.view(10.0 + 0.5 * record_s).progress
+    paused = doing(c, 20.0, MOVES, detail="recording horizontal 4 m", waits_for="resume",
+                   problems=("paused by the operator",))  # fmt: skip
+    assert paused.headline == "PAUSED: paused by the operator. Resume is locked: the flight check is not heard"
+    c.tell(20.0, facts.Check(GREEN))
+    assert c.view(20.0).headline == "PAUSED: paused by the operator. Resume goes on"
+    assert paused.progress == before == pytest.approx((1 + (hold_s + 0.5 * record_s) / (hold_s + record_s)) / 8)
+    assert paused.actions["hand_over"].title == "Resume" and paused.actions["hand_over"].key == "G"
+    assert "Resume" in paused.actions["pause"].why_not
+    again = doing(c, 30.0, RECORDS)
+    assert again.progress == before and again.actions["hand_over"].title == "Hand over"
+    assert doing(c, 40.0, MOVES, problems=("uav2 is not heard",)).headline == "PAUSED: uav2 is not heard"
+
+
+def test_a_list_that_was_flown_is_shown_as_flown_while_all_land():
+    c = console()
+    doing(c, 10.0, RECORDS, 7)
+    doing(c, 99.0, RECORDS, 7)
+    assert doing(c, 100.0, "", 7, "all configurations flown", phase="LAND").progress == 1.0
+    assert doing(c, 101.0, MOVES, 0).progress == 0.0, "another flight"
+
+
+def test_a_hold_is_told_as_exactly_as_its_bound():
+    c = console()
+    doing(c, 10.0, HOLDS)
+    hold_s = c.file.rows[1].settle_s
+    assert c.view(10.0 + 0.6 * hold_s).stage.words == f"held {0.6 * hold_s:.1f} of {hold_s:g} s"
 
 
 def test_a_recording_that_was_interrupted_begins_anew():
@@ -757,3 +792,66 @@ def test_what_the_bags_of_a_playback_do_not_have_is_told_and_in_flight_it_is_not
     clocks = next(of for label, of in cells.vehicle_rows(c.view(0.1)) if label == "clock")
     assert [cell.text for cell in clocks] == ["not known", "not in the bags" if recorded else "not known"]
     assert row(c, 0.1, "uav1").connection == "never heard", "that it is played is no sign of the vehicle's life"
+
+
+# ---- what does not flicker ---------------------------------------------------------------------------------------
+
+
+def judged(go, reason="", pair=("uav1", "uav2")):
+    return StereoHealth(pair, go=go, reasons=(reason,) if reason else (), judged=True, skew_s=0.0 if go else 0.2)
+
+
+def test_a_verdict_changes_where_the_other_lasts():
+    steady, late = SteadyVerdict(), "the pictures are 200 ms apart"
+    assert steady.at(10.0, 1, judged(True)).go
+    shown = steady.at(11.0, 1, judged(False, late))
+    assert shown.go and shown.reasons == () and shown.skew_s == 0.2, "figures are those of now"
+    assert steady.at(12.0, 1, judged(True)).go
+    assert steady.at(13.0, 1, judged(False, late)).go and steady.at(15.9, 1, judged(False, late)).go
+    assert not steady.at(16.0, 1, judged(False, late)).go
+    assert steady.at(17.0, 2, judged(True)).go, "another configuration is judged by itself"
+
+
+def test_ten_flickering_recordings_have_one_verdict_each():
+    steady = SteadyVerdict()
+    for index in range(10):
+        shown = [steady.at(0.1 * k, index, judged(k % 7 > 1, "late")).go for k in range(7, 100)]
+        assert set(shown) == {shown[0]}
+
+
+def test_a_diagnosis_that_comes_and_goes_is_one_event():
+    c = console()
+    for k in range(50):
+        c.tell(10.0 + k, facts.Diagnosed("uav2", (("uav2/tags: health", 1, "slow"),) if k % 2 else ()))
+    told = [e for e in c.view(61.0).events if "not well" in e.what]
+    assert len(told) == 1
+    c.tell(200.0, facts.Diagnosed("uav2", (("uav2/tags: health", 1, "slow"),)))
+    assert len([e for e in c.view(200.1).events if "not well" in e.what]) == 2
+
+
+def test_an_odometry_that_began_anew_is_told_in_words():
+    c = console()
+    for now_s, epoch in ((10.0, 1795759387), (10.1, 1795759387), (12.0, 1795759388)):
+        c.tell(now_s, facts.EpochHeard("uav1", epoch))
+    told = [e.what for e in c.view(13.0).events if e.who == "uav1"]
+    assert told == ["its odometry began", "its odometry began anew"]
+
+
+def test_a_recording_says_so_and_commands_nobody():
+    c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2}, recorded=True)
+    c.load(OUTDOOR)
+    view = flying(c, 10.0).view(10.1)
+    assert view.headline.startswith("RECORDING: CONFIGURATIONS")
+    assert {n for n, a in view.actions.items() if a.enabled} <= {"rehearse", "waive"}
+    assert view.actions["stop_all"].why_not == "a recording is played: nobody flies"
+
+
+def test_a_mission_that_ended_is_not_missed():
+    c = flying(console(), 10.0, "DONE")
+    c.tell(10.0, facts.MissionTold("DONE", "all configurations flown", "", 7, 8))
+    view = c.view(40.0)
+    assert view.headline == (
+        "DONE: all configurations flown. The flight is over; After [F5] maps what was recorded"
+    )
+    assert view.actions["land"].why_not == view.actions["pause"].why_not == "the mission is over (DONE)"
+    assert view.actions["stop_all"].enabled and not c.view(40.0).recorded

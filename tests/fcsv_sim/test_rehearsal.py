@@ -13,12 +13,13 @@ import pytest
 from fcsv_geometry.flight_limits import PauseLimits
 from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration, load_mission
 from fcsv_sim.errors import SimulationError
-from fcsv_sim.rehearsal import takeover
+from fcsv_sim.rehearsal import command, takeover
 from fcsv_sim.rehearsal.command import Job, main, on_all_cores, prepare, rehearse
 from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of
-from fcsv_sim.rehearsal.flight import Flight
+from fcsv_sim.rehearsal.flight import Flight, Result
+from fcsv_sim.rehearsal.invariants import Violation
 from fcsv_sim.rehearsal.radio import Radio, RadioQuality
-from fcsv_sim.rehearsal.tables import table
+from fcsv_sim.rehearsal.tables import table, verdict_line
 
 FLIGHTS, LONGEST_S = 60, 180.0
 
@@ -166,7 +167,9 @@ def test_the_command_flies_tells_and_draws(tmp_path, capsys):
     assert "| abort | 1 | 0 |" in told and "simulated seconds per second of one processor" in told
     asked = [str(path), "--faults", "mission dies", "--seed", "3", "--longest", "70"]
     assert main([*asked, "--flights", "1", "--jobs", "1"]) == 1
-    assert "--faults 'mission dies' --seed 3: 70.0 s: still" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "--faults 'mission dies' --seed 3: 70.0 s: still" in told
+    assert told.splitlines()[-1].startswith("Verdict: do not fly it: 1 of 1 flights with faults were unsafe (no end)")
     assert main([*asked, "--trace", str(picture)]) == 1
     told = capsys.readouterr().out
     assert "FAULT mission dies (uav" in told and "VIOLATION no end" in told
@@ -187,3 +190,35 @@ def test_which_fault_befalls_a_flight_depends_on_its_seed_alone():
     assert set(singles) == {(), *((name,) for name in FAULTS)} and max(singles.values()) - min(singles.values()) <= 1
     assert all(len(set(names)) == 2 for names in drawn[1::2]) and len(set(drawn[1::2])) > 100
     assert faults_of("abort, battery", 0) == ("abort",) and faults_of("abort, battery", 1) == ("battery",)
+
+
+def test_a_plan_is_rehearsed_calm_with_the_vehicles_that_it_names(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "m.yaml"
+    path.write_text("name: m\nair: {horizontal_m: 1.1}\nconfigurations:\n"
+                    "- {axis: horizontal, baseline_m: 3.0, record_s: 1.0, vehicle: uav3}\n")  # fmt: skip
+    flown = []
+    monkeypatch.setattr(command, "rehearse", lambda job: flown.append(job) or rehearse(job))
+    assert main([str(path), "--flights", "2", "--jobs", "1"]) == 0
+    assert [(job.vehicles, job.name) for job in flown] == [(3, "none")] * 2
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("Verdict: nothing unsafe in 2 calm flights; 2 recorded every configuration")
+
+
+def _went(seed: int, captures: int, faults=(), violations=()) -> Result:
+    """A flight of a mission of four captures."""
+    return Result(seed, "DONE", "flown", 60.0, captures, 2.0, list(violations), faults, wanted=4)
+
+
+@pytest.mark.parametrize(
+    "flown, words",
+    [
+        ([("none", _went(1, 4)), ("none", _went(2, 3))],
+         "safe, but not whole: 1 of 2 calm flights left configurations out, the first with 3 of 4"),
+        ([("abort", _went(7, 0, ["abort"])), ("none", _went(8, 4))],
+         "nothing unsafe in 2 flights with faults; 1 recorded every configuration"),
+        ([("none", _went(1, 4)), ("abort", _went(9, 4, ["abort"], [Violation("contact", 3.0, "uav1, uav2")]))],
+         "do not fly it: 1 of 2 flights with faults were unsafe (contact); see one: --faults 'abort' --seed 9 --trace"),
+    ],
+)  # fmt: skip
+def test_the_table_ends_with_a_verdict(flown, words):
+    assert verdict_line(flown).startswith(f"Verdict: {words}")

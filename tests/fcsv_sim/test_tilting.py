@@ -77,6 +77,9 @@ class TestDemo:
     def test_it_refuses_missions_and_leaves_what_is_there(self, tmp_path, capsys):
         assert demo.main(["--system", "tilting", "--mission", "short", "--out", str(tmp_path / "o")]) == 2
         assert "system tilting flies none" in capsys.readouterr().err and not (tmp_path / "o").exists()
+        elsewhere = ["--autopilot", "tcp:127.0.0.1:5760", "--out", str(tmp_path / "o")]
+        assert demo.main(["--system", "tilting", *elsewhere]) == 2
+        assert "in system tilting no autopilot flies" in capsys.readouterr().err
         for there, words in (("pairs", "OVERWRITE=1"), ("session", "recorded flight")):
             out = tmp_path / there
             (out / there).mkdir(parents=True)

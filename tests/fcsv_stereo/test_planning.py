@@ -151,6 +151,21 @@ def test_bad_requests_name_the_option_and_write_nothing(words, named, capsys, tm
     assert named in error and error.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("words, noted", [
+    ("--range-m 400 --error 0.4%", "horizontal: 83, 125, 166 m would leave the fence (60 m): accept a larger --error"),
+    ("--range-m 400 --error 0.4% --axis both", "vertical: 42, 83, 125, 166 m would leave the fence (40 m)"),
+    ("--range-m 7 --error 10% --number 1", "horizontal: 0.12 m is nearer than two vehicles may fly (1.5 m)"),
+])  # fmt: skip
+def test_baselines_that_nobody_can_fly_are_remarked(words, noted, capsys):
+    assert command.main(words.split()) == 0
+    assert f"note: {noted}" in capsys.readouterr().out
+
+
+def test_baselines_that_can_be_flown_are_not_remarked(capsys):
+    assert command.main("--range-m 400 --error 10%".split()) == 0
+    assert "note:" not in capsys.readouterr().out
+
+
 def test_the_command_writes_what_it_says(tmp_path, capsys):
     words = f"--range-m 400 --error 10% --baselines 2 4 6 8 --figures {tmp_path} --mission {tmp_path}/m.yaml"
     assert command.main(words.split()) == 0

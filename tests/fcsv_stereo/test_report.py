@@ -217,13 +217,17 @@ def test_the_cloud_can_be_turned_without_a_network(result, tmp_path, monkeypatch
     monkeypatch.setattr(cloud_view, "MOST_POINTS", 500)
     text = write_report(result, tmp_path).read_text()
     assert unpacked(text, "plotly") == get_plotlyjs()
-    points, cameras = json.loads(unpacked(text, "figure"))["data"]
+    figure = json.loads(unpacked(text, "figure"))
+    points, cameras, measured = figure["data"]
     found = np.stack([np.frombuffer(base64.b64decode(points[a]["bdata"]), points[a]["dtype"]) for a in "xyz"], -1)
     assert found.shape == (500, 3) and f"500 drawn at random of {result.points:,} points" in text
     distance, nearest = cKDTree(result.cloud.points_home_m).query(found)
     assert distance.max() < 0.01  # half a centimetre along each axis
     colours = ["#" + bytes(c).hex() for c in result.cloud.colors[nearest]]
     assert np.mean([a == b for a, b in zip(colours, points["marker"]["color"])]) > 0.9  # of neighbours within 1 cm: any
+    sigma = np.frombuffer(base64.b64decode(points["customdata"]["bdata"]), points["customdata"]["dtype"])
+    assert np.mean(np.abs(sigma - result.cloud.sigma_m[nearest]) < 6e-4) > 0.9  # rounded to 1 mm
+    assert np.allclose(figure["view"]["camera_m"], result.reference.T_home_cam[:3, 3]) and measured["x"] == []
     assert cameras["text"] == [i.name for i in result.images]
     assert "This browser has no WebGL" in text and "needs a browser that runs scripts" in text
 
@@ -231,7 +235,7 @@ def test_the_cloud_can_be_turned_without_a_network(result, tmp_path, monkeypatch
 def test_a_page_without_points_has_no_view(result, tmp_path):
     nothing = type(result.cloud)(*(getattr(result.cloud, n)[:0] for n in result.cloud.__dataclass_fields__))
     text = write_report(replace(result, cloud=nothing), tmp_path).read_text()
-    assert "In three dimensions" not in text and "<script" not in text
+    assert "In three dimensions" not in text and 'id="cloud-view' not in text
 
 
 def test_names_cannot_break_the_page(result, tmp_path):
@@ -240,8 +244,8 @@ def test_names_cannot_break_the_page(result, tmp_path):
     images = [replace(i, vehicle=word) for i in result.images]
     evil = replace(result, warnings=[word], pairs=pairs, images=images, method=word)
     text = write_report(evil, tmp_path).read_text()
-    own, scripts = re.subn(r"<script( type=\"text/plain\" id=\"[a-z-]+\")?>.*?</script>", "", text, flags=re.DOTALL)
-    assert scripts == 3 and not any(word in s for s in re.findall(r"<script.*?</script>", text, re.DOTALL))
+    own, scripts = re.subn(r"<script( type=\"text/plain\" id=\"[a-z_-]+\")?>.*?</script>", "", text, flags=re.DOTALL)
+    assert scripts == 9 and not any(word in s for s in re.findall(r"<script.*?</script>", text, re.DOTALL))
     assert "<script>" not in own and text.count("&lt;script&gt;alert(") >= 2 + 1 + 2 * len(pairs) + len(images)
 
 

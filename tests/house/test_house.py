@@ -19,7 +19,7 @@ BELOW = {
     "fcsv_guidance": {"fcsv_geometry", "fcsv_stereo"},
     "fcsv_multimaster": {"fcsv_geometry"},
     "fcsv_control": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo"},
-    "fcsv_sim": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo", "fcsv_control"},
+    "fcsv_sim": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo", "fcsv_control", "fcsv_guidance"},
     "fcsv_console": {"fcsv_geometry", "fcsv_tracking", "fcsv_stereo", "fcsv_control", "fcsv_multimaster"},
 }
 

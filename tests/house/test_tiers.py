@@ -84,8 +84,35 @@ def test_quotes_in_args_hold_words_together_and_the_last_line_counts_all_tiers()
     assert said.splitlines()[-1].startswith("10 tests: 10 passed, 0 failed, 0 skipped, in "), said
 
 
-def test_a_file_that_does_not_exist_is_an_error():
-    assert run_tests("-n0 tests/absent.py")[0] == 4
+@pytest.fixture
+def runner(root, monkeypatch):
+    """The script's module, which starts no pytest."""
+    monkeypatch.setattr(sys, "path", [str(root / "tools"), *sys.path])
+    import run_tests
+
+    monkeypatch.setattr(run_tests, "pytest_status", lambda _: pytest.fail("pytest was started"))
+    return run_tests
+
+
+@pytest.mark.parametrize("arguments, words", [
+    (["-n0", "tests/absent.py"], "no file 'tests/absent.py'"),
+    (["tests/house/test_tier.py"], "no file 'tests/house/test_tier.py'; did you mean 'tests/house/test_tiers.py'?"),
+    (["test_tiers.py"], "no file 'test_tiers.py'; did you mean 'tests/house/test_tiers.py'?"),
+    (["-k", "flies", "tests/house/test_tiers.py::test_the_exit_state"],
+     "test_tiers.py has no test 'test_the_exit_state'; did you mean 'test_the_exit_status_is_that_of_all_tiers'?"),
+])  # fmt: skip
+def test_what_is_mistyped_is_refused_by_name_before_a_tier_begins(runner, capsys, arguments, words):
+    assert runner.main(arguments) == 4
+    said = capsys.readouterr()
+    assert words in said.err and said.err.startswith("test: ") and not said.out
+
+
+@pytest.mark.parametrize("arguments", [
+    [], ["-k", "absent"], ["-m", "not slow", "tests/house"], ["--deselect", "tests/absent.py", "-x"],
+    ["tests/house/test_tiers.py::test_the_exit_status_is_that_of_all_tiers[0-0-False-0]"],
+])  # fmt: skip
+def test_what_is_there_is_not_refused(runner, root, arguments):
+    assert runner.mistyped(arguments, root) == ""
 
 
 @pytest.mark.parametrize("plain, nodes, explicit, status", [

@@ -2,6 +2,7 @@
 """Synthetic scene for pose refinement: textured boards from 10 to 250 m before an even sky, drawn by homographies."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Sequence, Tuple
 
 import cv2
@@ -85,7 +86,9 @@ def noisy(picture: Picture, reference: Picture, random, rotation_deg: float = 0.
     return with_prior(picture, xyz_m, random.normal(0.0, rotation_deg, 3))
 
 
+@lru_cache(maxsize=512)  # three quarters of the time of a drawing; a texture is some 25 kB
 def _texture(board: Board) -> np.ndarray:
+    """The board's texture (uint8), read only: every picture of it has the same."""
     w, h = (int(np.clip(2 * m / board.xyz[0] * 1000, 64, 2000)) for m in board.half_m)
     random = np.random.default_rng(board.seed)
     layers = []
@@ -93,7 +96,9 @@ def _texture(board: Board) -> np.ndarray:
         layer = cv2.GaussianBlur(random.random((h, w)).astype(np.float32), (0, 0), sigma)
         layers.append((layer - layer.mean()) / max(float(layer.std()), 1e-6))
     base = random.uniform(70, 170)
-    return np.clip(base + 22 * sum(layers), 0, 255).astype(np.uint8)
+    texture = np.clip(base + 22 * sum(layers), 0, 255).astype(np.uint8)
+    texture.flags.writeable = False
+    return texture
 
 
 def depth(T_home_cam: np.ndarray, boards: Sequence[Board], camera: PinholeCamera = CAMERA) -> np.ndarray:

@@ -177,7 +177,7 @@ class WindowFlight:
         self._window.key("p")
         self._until(lambda: self._headline()[1] == "resume", "it is paused", 30.0)
         self._picture("paused")
-        self._until(lambda: window.find("Hand over")["on"], "it can be handed over", 60.0)
+        self._until(lambda: window.find("Resume")["on"], "it can be resumed", 60.0)
         self._window.key("g", TOO_SHORT_S)
         time.sleep(1.0)
         self.seen["after a slip of the key"] = self._headline()
@@ -266,8 +266,11 @@ class WindowFlight:
         return self._window.text("What the mission does", LABEL)
 
     def _headline(self) -> Tuple[str, str]:
-        """Phase, and what it waits for as the mission calls it."""
-        found = _HEADLINE.match(self._says())
+        """Phase, and what it waits for as the mission calls it; of a pause that ends by itself ("PAUSED", "")."""
+        says = self._says()
+        if says.startswith("PAUSED"):
+            return ("CONFIGURATIONS", "resume") if ". Resume " in says else ("PAUSED", "")
+        found = _HEADLINE.match(says)
         return (found["phase"], (found["waits"] or "").lower().replace(" ", "_")) if found else ("", "")
 
     def _until(self, condition: Callable[[], Any], what: str, limit_s: float) -> Any:

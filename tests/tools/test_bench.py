@@ -159,7 +159,7 @@ def test_what_is_answered_is_judged_by_its_kind(scene, monkeypatch):
     row = [s.strip() for s in lines[2].split("|")]
     assert row[1:9] == ["as it is", "walls 1", "50.0%", "50.0%", "0.0%", "–", "50.0%", "100.0%"]
     assert lines[4].split("|")[3:9] == lines[2].split("|")[3:9] and "2 maps" in lines[4]
-    assert "| two pairs or more agree | 25.0% | 0.0% | 100.0% | 100.0% |" in lines
+    assert "| agreed: two pairs or more | 25.0% | 0.0% | 100.0% | 100.0% |" in lines
 
 
 def test_growth_exponents_and_options():

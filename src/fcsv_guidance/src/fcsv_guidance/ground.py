@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.special import ndtr
 
-from fcsv_guidance import kernels, tuning
+from fcsv_guidance import kernels, standing, tuning
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.robot import Robot
 from fcsv_guidance.views import DepthView
@@ -70,7 +70,8 @@ class Ground:
     ``sigma_m``, lower and upper edge ``low_m`` and ``high_m``, ``roughness_m`` (spread of its points), ``overhead_m``
     (bottom of what hangs above, inf where nothing does). ``trust`` is the probability that the cell's points are no
     gross errors, ``distance_m`` the camera's distance, ``seen_s`` when it was seen last (NaN: not told), ``seen_by``
-    the index in ``views`` (-1 where unknown).
+    the index in ``views`` (-1 where unknown). ``maps``: the ground as each of several maps alone shows it: their
+    heights differ by errors of pose, so that steps are looked for in each.
     """
 
     grid: Grid
@@ -85,6 +86,7 @@ class Ground:
     seen_s: np.ndarray
     seen_by: np.ndarray
     views: Tuple[str, ...] = ()
+    maps: Tuple["Ground", ...] = ()
 
     @property
     def known(self) -> np.ndarray:
@@ -134,17 +136,20 @@ def ground_from(
     seen_by = _seen_by(points, grid, ground.known)
     stamps = np.array([view.stamp_s for view in views])
     seen_s = np.where(seen_by >= 0, stamps[seen_by], np.nan)
-    return replace(ground, seen_s=seen_s, seen_by=seen_by, views=tuple(view.name for view in views))
+    alone = tuple(_summarised(part, grid) for part in points) if len(points) > 1 else ()
+    return replace(ground, seen_s=seen_s, seen_by=seen_by, views=tuple(view.name for view in views), maps=alone)
 
 
 def renewed(ground: Ground, view: DepthView) -> Ground:
     """The ground with the cells that an instant shows replaced by what it shows; all others stay as they are."""
     new = _summarised(_points(view, ground.grid.cell_m), ground.grid)
     layers = {name: np.where(new.known, getattr(new, name), getattr(ground, name)) for name in LAYERS}
+    before = tuple(_without(part, new.known) for part in ground.maps or (ground,))
+    seen_s = np.where(new.known, view.stamp_s, ground.seen_s)
+    seen_by = np.where(new.known, len(ground.views), ground.seen_by)
     return replace(
-        ground, **layers, views=(*ground.views, view.name), seen_s=np.where(new.known, view.stamp_s, ground.seen_s),
-        seen_by=np.where(new.known, len(ground.views), ground.seen_by),
-    )  # fmt: skip
+        ground, **layers, maps=(*before, new), views=(*ground.views, view.name), seen_s=seen_s, seen_by=seen_by
+    )
 
 
 def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
@@ -168,21 +173,18 @@ def cell_probability(ground: Ground, robot: Robot) -> np.ndarray:
 
 
 def stand_probability(ground: Ground, robot: Robot, margin_m: float = 0.0) -> np.ndarray:
-    """(rows, columns): probability that the robot can stand with its middle in the cell; NaN where unknown.
+    """(rows, columns): calibrated probability that the robot can stand with its middle in the cell; NaN where unknown.
 
-    It is that of the worst cell below the footprint grown by ``margin_m``. It is unknown where a cell below the
-    footprint is, unless another one there is an obstacle.
+    The footprint is grown by ``margin_m``. It is unknown where no map knows all cells below the footprint, unless one
+    shows an obstacle there. What one map calls free and another does not is uncertain.
     """
-    p = cell_probability(ground, robot)
-    cells = int(np.ceil((robot.radius_m + margin_m) / ground.grid.cell_m))
-    y, x = np.mgrid[-cells : cells + 1, -cells : cells + 1]
-    disk = (np.hypot(x, y) * ground.grid.cell_m <= robot.radius_m + margin_m + 0.5 * ground.grid.cell_m).astype(
-        np.uint8
-    )
-    known = np.isfinite(p)
-    worst = _worst(np.where(known, p, 1.0), disk, 1.0)
-    whole = _worst(known.astype(np.float32), disk, 0.0) > 0
-    return np.where(whole | (worst <= tuning.OBSTACLE_P), worst, np.nan)
+    each = [standing.probability(alone, robot, margin_m) for alone in ground.maps or (ground,)]
+    return standing.together(each)
+
+
+def _without(ground: Ground, cells: np.ndarray) -> Ground:
+    """The ground with ``cells`` (rows, columns) made unknown."""
+    return replace(ground, maps=(), **{name: np.where(cells, np.nan, getattr(ground, name)) for name in LAYERS})
 
 
 def _worst(values: np.ndarray, disk: np.ndarray, outside: float) -> np.ndarray:

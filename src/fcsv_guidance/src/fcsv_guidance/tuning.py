@@ -1,8 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuned numbers of the ground model, each with unit, source and the range in which it does not matter."""
 
-#: A cell counts as free from this probability on (issue: of these at least 95 % are free in the truth).
-FREE_P = 0.95
+#: A cell counts as free from this probability on: of those with 0.95 and more at least 95 % are free in the truth, and
+#: few of those with 0.98 and more are not (docs/lab/evidence.md).
+FREE_P = 0.98
+#: Where one map says free and another gives less than this, the cell is uncertain.
+CONTRADICTED_P = 0.85
+#: Of standing.features: tools/train_ground.py, mazes and rubble, seeds 11 to 13, robot rescue.
+STAND_WEIGHTS = (
+    5.820, -0.460, 0.000, -1.997, -0.709, 0.000, 0.000, -2.226, 0.000, 0.000, 0.000, 0.000, 0.000, 0.000,
+    0.000, -1.765, 0.000, 0.000, 0.000, 0.000, 0.000, 0.000, -4.013, -3.150, -0.963, -1.140, 0.000, 0.000,
+)  # fmt: skip
 #: A known cell below this probability is an obstacle; between the two it is uncertain, and no route crosses it.
 OBSTACLE_P = 0.5
 #: Points in a cell without which it stays unknown. One wrong pixel must not make a cell. Assumed.

@@ -3,7 +3,9 @@
 
 import argparse
 import math
+import shlex
 import sys
+from functools import partial
 from pathlib import Path
 from typing import List, Optional, Union
 
@@ -42,10 +44,22 @@ _EXAMPLES = """examples:
 
 def main(argv: Optional[List[str]] = None) -> int:
     """Exit status 0 with a map, 2 with one line on stderr that says what is wrong, 130 on Ctrl-C."""
-    return commands.run(_parser(), argv, _map, (FcsvError, ValueError), "nothing was written")
+    given = sys.argv[1:] if argv is None else argv
+    action = partial(_map, command=command_line(sys.argv[0], given))
+    return commands.run(_parser(), argv, action, (FcsvError, ValueError), "nothing was written")
 
 
-def _map(args) -> None:
+def command_line(program: str, given: List[str]) -> str:
+    """What a user pastes to make the map again.
+
+    >>> command_line("/usr/bin/fcsv", ["my photos", "-o", "out"])
+    "fcsv map 'my photos' -o out"
+    """
+    name = "fcsv map" if Path(program).name == "fcsv" else "rosrun fcsv_stereo map"
+    return " ".join([name, *map(shlex.quote, given)])
+
+
+def _map(args, command: str) -> None:
     products = parse_products(args.products)
     poi = Path(args.poi) if args.poi else None
     options, instant = _options(args), _instant(args.instant)
@@ -58,7 +72,7 @@ def _map(args) -> None:
 
         document = pipeline.run(
             Path(args.input), Path(args.out), args.method, options, args.reference, progress, poi, products,
-            instant, bounds, not args.no_near,
+            instant, bounds, not args.no_near, command,
         )  # fmt: skip
     print(demo_table(document))
     written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]

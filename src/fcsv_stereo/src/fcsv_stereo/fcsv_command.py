@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``fcsv map|plan|import-photos|ground ...`` without ROS: each is what ``rosrun fcsv_stereo`` runs."""
+"""The command ``fcsv COMMAND ...`` without ROS: each is what ``rosrun fcsv_stereo`` runs."""
 
 import importlib
 import sys
@@ -13,6 +13,7 @@ COMMANDS = {
     "map": ("fcsv_stereo.cli", "depth, a cloud and a report from a session, a bag or posed photographs"),
     "plan": ("fcsv_stereo.planning.command", "the baselines to fly, their ranges and errors"),
     "import-photos": ("fcsv_stereo.photos.command", "GPS-tagged photographs as a folder that map reads, in metres"),
+    "import-bag": ("fcsv_stereo.bag_import.command", "any bag with posed cameras as a folder that map reads"),
     "ground": ("fcsv_guidance.ground_command", "where a robot can drive, from maps; a route across it"),
 }
 _HELP = ("-h", "--help")

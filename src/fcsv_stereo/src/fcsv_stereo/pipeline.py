@@ -23,6 +23,7 @@ from fcsv_stereo.poi import load_points, sample
 from fcsv_stereo.products import write_products
 from fcsv_stereo.report import write_report
 from fcsv_stereo.report.charts import STEPS
+from fcsv_stereo.report.origin import Origin
 from fcsv_stereo.sessions import is_session, read_session
 from fcsv_stereo.thesis import Thesis
 from fcsv_stereo.truth import TrueScene, Truth, load_truth
@@ -58,13 +59,14 @@ def run(
     instant: Optional[str] = None,
     bounds: Optional[CloudBounds] = None,
     near: bool = True,
+    command: str = "",
 ) -> dict:
     """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written.
 
     ``options`` are of the method's ``options`` class. ``poi`` names a file of points of interest; a session may hold
     one (poi.yaml). ``products`` are written besides. ``instant``: only pictures of one, ``last`` or a stamp (s).
     ``bounds`` are those of the cloud (None: its defaults). ``near``: join what depth cameras saw, where a session holds
-    it (docs/user/maps.md).
+    it (docs/user/maps.md). ``command``: what the user gave, for the report.
     """
     started = time.perf_counter()
     output.check_out(out)
@@ -92,7 +94,8 @@ def run(
         if sampled:
             document["points_of_interest"] = [p.to_dict() for p in sampled]
         output.write_report_json(document, staged.folder)
-        write_report(result, staged.folder, evaluation, true_depth, sampled)
+        origin = Origin.of(path, command, time.time())
+        write_report(result, staged.folder, evaluation, true_depth, sampled, origin)
     return document
 
 

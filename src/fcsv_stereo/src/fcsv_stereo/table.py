@@ -7,11 +7,12 @@ from fcsv_stereo.evaluation import Moving
 def demo_table(document: dict) -> str:
     """Text of a report.json: configurations, coverage, seconds, and, where truth is, the errors by range."""
     lines = [f"method {document['method']}, reference {document['reference']['image']}, {document['points']} points"]
-    lines.append(f"{'configuration':<40} {'effective range':>18} {'matched':>8} {'skew':>8}")
+    wide = max([40, *(len(c["name"]) for c in document["configurations"])])  # whole: cut names read alike
+    lines.append(f"{'configuration':<{wide}} {'effective range':>18} {'matched':>8} {'skew':>8}")
     for c in document["configurations"]:
         near, far = c["effective_range_m"]
         skew = "-" if c.get("skew_ms") is None else f"{c['skew_ms']:.0f} ms"
-        lines.append(f"{c['name'][:40]:<40} {f'{near:.0f} to {far:.0f} m':>18} {c['match_rate']:>8.0%} {skew:>8}")
+        lines.append(f"{c['name']:<{wide}} {f'{near:.0f} to {far:.0f} m':>18} {c['match_rate']:>8.0%} {skew:>8}")
     cut = document.get("cloud")
     if cut and cut["beyond_range"] + cut["beyond_sigma"]:
         lines.append(f"left out of the cloud: {cut['beyond_range']} points too far, {cut['beyond_sigma']} too unsure")

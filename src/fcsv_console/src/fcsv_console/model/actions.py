@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the operator can do now, and why not where he cannot. Asking for it is the shell's work."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
@@ -68,11 +68,23 @@ class Situation:
     file: MissionFile
     rehearsal: Rehearsal
     flown: Optional[Mission] = None  # as the mission node read it; None: not heard
+    recorded: bool = False  # a recording is played
+    over: str = ""  # the phase in which a mission ended that is not heard any more
 
 
 def actions(s: Situation) -> Dict[str, Action]:
-    """By name, in the order of the table. Stop-all is always enabled."""
-    return {name: Action(name, title, key, does, _why_not(name, s), hold_s) for name, title, key, does, hold_s in TABLE}
+    """By name, in the order of the table. Stop-all is always enabled, but for where a recording is played."""
+    found = {
+        name: Action(name, title, key, does, _why_not(name, s), hold_s) for name, title, key, does, hold_s in TABLE
+    }
+    if paused(s.mission):
+        found["hand_over"] = replace(found["hand_over"], title="Resume", does="Go on with the list")
+    return found
+
+
+def paused(mission: Optional[f.MissionTold]) -> bool:
+    """Whether the mission goes on when the operator says so."""
+    return mission is not None and mission.waits_for == "resume"
 
 
 def accept(line: Line, master_problem: str = "") -> Action:
@@ -89,10 +101,14 @@ def accept(line: Line, master_problem: str = "") -> Action:
 
 
 def _why_not(name: str, s: Situation) -> str:
-    if name == "stop_all":
-        return ""
     if name in ("rehearse", "waive"):
         return _of_rehearsal(name, s)
+    if s.recorded:
+        return "a recording is played: nobody flies"
+    if name == "stop_all":
+        return ""
+    if s.over:
+        return f"the mission is over ({s.over})"
     if s.master_problem:
         return s.master_problem
     if name in s.pending:
@@ -116,7 +132,7 @@ def _of_mission(name: str, s: Situation, m: f.MissionTold) -> str:
     if name in ("pause", "skip", "repeat", "next", "previous"):
         if m.phase not in FLOWN:
             return f"it is for vehicles that fly the list; this is {m.phase}"
-        return "it is paused: hand over to go on" if name == "pause" and m.waits_for == "resume" else ""
+        return "it is paused: Resume goes on" if name == "pause" and paused(m) else ""
     wanted = {"hand_over": ("execute", "resume"), "execute": ("execute",)}.get(name, (name,))
     if m.waits_for not in wanted:
         return _not_waited_for(name, s, m)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
 from fcsv_console.model import rehearsal
-from fcsv_console.model.hearing import Aged, clock_words
+from fcsv_console.model.hearing import Aged, clock_words, disk_words
 from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_console.model.poses import Relative
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
@@ -49,7 +49,6 @@ def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
         ("recorder", _recorder),
         ("clock", _clock),
         ("calibration", lambda v: Cell(v.calibration, BAD if v.calibration.startswith("OUT") else PLAIN)),
-        ("epoch", lambda v: Cell("-" if v.epoch is None else str(v.epoch), QUIET)),
         ("it said", lambda v: Cell(f"{v.said.value.text} ({v.said.words})" if v.said.value else "-", QUIET)),
     )
     return [(label, [cell(v) for v in view.vehicles]) for label, cell in table]
@@ -135,7 +134,7 @@ def _recorder(v: VehicleRow) -> Cell:
         return Cell("not heard", GONE)
     if r.problem:
         return Cell(r.problem, BAD)
-    left = f", disk {r.minutes_left:.0f} min" if math.isfinite(r.minutes_left) else ""
+    left = f", disk {disk_words(r.minutes_left)}" if math.isfinite(r.minutes_left) else ""
     dropped = f", {r.dropped} DROPPED" if r.dropped else ""
     gap = f", no picture for {v.no_picture_s:.0f} s" if v.no_picture_s else ""
     words = f"{'RECORDS' if r.pictures_on else 'ready'}{gap}{dropped}{left}"

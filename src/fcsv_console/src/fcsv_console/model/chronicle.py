@@ -10,6 +10,7 @@ from fcsv_console.model.goals import GoalsElsewhere
 from fcsv_console.model.rehearsal import RUNS
 
 _PROBLEM_S = 5.0  # so long a message that could not be used is shown
+_UNWELL_S = 60.0  # a diagnosis that comes and goes is an event again after so long without it
 _LOUD = 4  # MAV_SEVERITY_WARNING
 
 
@@ -19,6 +20,8 @@ class Chronicle:
     def __init__(self):
         self.log, self.wall_offset_s = EventLog(), 0.0
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
+        self._last_epoch: Dict[str, int] = {}
+        self._unwell_s: Dict[str, float] = {}  # when a vehicle's diagnosis was heard last
         self._last_words: Dict[str, str] = {}  # what was logged last, by subject
 
     def event(self, now_s: float, who: str, what: str, answer: str = "", level: str = "info") -> int:
@@ -46,6 +49,14 @@ class Chronicle:
         bad = [(w, n) for w, (at_s, n) in self._bad.items() if now_s - at_s <= _PROBLEM_S]
         return [f"{words} ({number} times)" if number > 1 else words for words, number in bad]
 
+    def _diagnosed(self, now_s: float, fact: f.Diagnosed) -> None:
+        """An event where a diagnosis is another than those of the last minute."""
+        if fact.wrong:
+            words = f"diagnostics: {fact.wrong[0][0]} is not well"
+            if now_s - self._unwell_s.get(f"{fact.vehicle} {words}", -math.inf) > _UNWELL_S:
+                self.event(now_s, fact.vehicle, words, level="warning")
+            self._unwell_s[f"{fact.vehicle} {words}"] = now_s
+
     def remember(self, now_s: float, fact: Any) -> None:  # noqa: C901
         """A fact that was found sound: an event where it changes something."""
         if isinstance(fact, f.MissionTold):
@@ -57,13 +68,15 @@ class Chronicle:
             armed = "armed" if fact.armed else "motors off"
             self._changed(now_s, f"mode {fact.vehicle}", fact.vehicle, f"{fact.mode}, {armed}")
         elif isinstance(fact, f.EpochHeard):
-            self._changed(now_s, f"epoch {fact.vehicle}", fact.vehicle, f"odometry epoch {fact.epoch}")
+            before = self._last_epoch.get(fact.vehicle)
+            if before != fact.epoch:
+                self.event(now_s, fact.vehicle, "its odometry began" if before is None else "its odometry began anew")
+            self._last_epoch[fact.vehicle] = fact.epoch
         elif isinstance(fact, f.Said):
             level = "warning" if fact.severity <= _LOUD else "info"
             self._changed(now_s, f"said {fact.vehicle} {fact.who}", f"{fact.vehicle} {fact.who}", fact.text, level)
         elif isinstance(fact, f.Diagnosed):
-            words = f"diagnostics: {fact.wrong[0][0]} is not well" if fact.wrong else ""
-            self._changed(now_s, f"diagnostics {fact.vehicle}", fact.vehicle, words, "warning")
+            self._diagnosed(now_s, fact)
         elif isinstance(fact, f.Answered) and fact.outcome:
             who = f"{fact.vehicle} agent"
             self.event(now_s, who, f"command {fact.number} of {fact.sender}", fact.outcome, "warning")

@@ -20,6 +20,7 @@ from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import Rehearsals
 from fcsv_console.model.soundness import unsound
 from fcsv_console.model.stage import StageWatch
+from fcsv_console.model.steady import HOLD_S, SteadyVerdict
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.sightings import Sightings
@@ -37,16 +38,18 @@ class Console:
     """``vehicles``: the column, front first; ``tags``: the tag that each carries; ``target_m``: the range wanted;
     ``since_s``: from when the newest message of a topic counts that came at some time (Arrivals.since_s).
 
-    ``wall_offset_s`` as Chronicle's.
+    ``verdict_s``: how long another verdict on the pair lasts before it is shown. ``wall_offset_s`` as Chronicle's.
+    ``recorded``: a recording is played.
     """
 
     def __init__(
         self, vehicles: Sequence[str], tags: Optional[Mapping[str, int]] = None,
         optics: files.Optics = files.USUAL, target_m: float = 0.0,
-        since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s,
+        since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s, verdict_s: float = HOLD_S,
+        recorded: bool = False,
     ):  # fmt: skip
         self.names, self.optics, self.file = list(vehicles), optics, files.MissionFile()
-        self._chronicle = Chronicle()
+        self._recorded, self._chronicle = recorded, Chronicle()
         self._target_m = target_m
         self._vehicles = {name: Vehicle(name, since_s) for name in vehicles}
         self._sightings = Sightings(dict(tags or {}))
@@ -55,7 +58,7 @@ class Console:
         self._check: Heard[f.Check] = Heard(math.inf)
         self._map: Heard[f.MapTold] = Heard(math.inf)
         self._stop: Heard[f.StopTold] = slow()
-        self._pair, self._stage = PairWatch(vehicles), StageWatch()
+        self._pair, self._stage, self._steady = PairWatch(vehicles), StageWatch(), SteadyVerdict(verdict_s)
         self._recorder: Heard[f.Recorder] = slow()
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
@@ -194,18 +197,23 @@ class Console:
         sees = [self._sightings.sees(now_s, b, a) for a, b in zip(self.names, self.names[1:])]
         column = column_problems(self.names, sees)
         rehearsal = self._rehearsals.of(self.file.text)
+        pair = self._steady.at(now_s, running, self._stereo(now_s, rows, running, told))
+        last = mission.value.phase if mission.value is not None else ""
+        ended = last if told is None and last in OVER else ""
         situation = Situation(
-            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal, self._flown
-        )
+            self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal, self._flown,
+            self._recorded, ended,
+        )  # fmt: skip
         return View(
-            now_s, rows, mission, alive, self.file, running, self._progress(told, stage.share), check,
+            now_s, rows, mission, alive, self.file, running, self._progress(told), check,
             actions(situation),
-            self.log.events, self._stereo(now_s, rows, running, told), tuple(self._above(rows)),
+            self.log.events, pair, tuple(self._above(rows)),
             self._recorder.at(now_s),
             self._map.at(now_s), stop, self._home.value is not None, rehearsal,
             self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
             self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
             self._problems(now_s, told, column), self._master_problem, stage, self._ground_views.shown(now_s),
+            self._recorded,
         )  # fmt: skip
 
     def _lines(self, now_s: float):
@@ -228,11 +236,12 @@ class Console:
             for n, v in self._vehicles.items()
         )
 
-    def _progress(self, told: Optional[f.MissionTold], share: float) -> float:
-        """Of the list; ``share``: of the running configuration."""
+    def _progress(self, told: Optional[f.MissionTold]) -> float:
+        """Of the list."""
         if told is None or not told.configurations:
             return 0.0
-        return 1.0 if told.phase == "DONE" else min(1.0, (told.configuration + share) / told.configurations)
+        done = told.configuration + self._stage.reached(told.configuration)
+        return 1.0 if told.phase == "DONE" else min(1.0, done / told.configurations)
 
     def _above(self, rows: Sequence[VehicleRow]) -> List[Above]:
         rules = self.file.mission.air if self.file.mission else SeparationRules(Mission.min_separation_m)

@@ -20,12 +20,13 @@ from fcsv_console.model.stage import Stage
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_control.flight_check.lines import Line, State, worst
+from fcsv_geometry.phases import OVER
 
 
 @dataclass(frozen=True)
 class View:
     """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of the list,
-    ``stage``: how far the running one is."""
+    ``stage``: how far the running one is; ``recorded``: a recording is played, nobody flies."""
 
     now_s: float
     vehicles: Tuple[VehicleRow, ...]
@@ -53,6 +54,7 @@ class View:
     master_problem: str = ""
     stage: Stage = Stage()
     ground_views: Tuple[GroundView, ...] = ()
+    recorded: bool = False
 
     @property
     def check_state(self) -> State:
@@ -73,11 +75,23 @@ class View:
     @property
     def headline(self) -> str:
         """One line: what the mission does and waits for."""
+        return f"RECORDING: {self._does}" if self.recorded else self._does
+
+    @property
+    def _does(self) -> str:
         m = self.mission.value
         if m is None:
             return "no mission is heard"
+        if not self.mission_alive and m.phase in OVER:
+            return f"{m.phase}: {m.detail}".rstrip(": ") + ". The flight is over; After [F5] maps what was recorded"
         if not self.mission_alive:
             return f"THE MISSION IS NOT HEARD (was in {m.phase})"
+        if m.waits_for == "resume":
+            resume = self.actions["hand_over"]
+            ends = "Resume goes on" if resume.enabled else f"Resume is locked: {resume.why_not}"
+            return f"PAUSED: {'; '.join(m.problems[:1]) or m.detail}".rstrip(": ") + f". {ends}"
+        if m.phase == "CONFIGURATIONS" and m.problems:
+            return f"PAUSED: {m.problems[0]}"
         waits = f", waits for {m.waits_for.replace('_', ' ').upper()}" if m.waits_for else ""
         stage = f", {self.stage.words}" if self.stage.words else ""
         return f"{m.phase}{waits}: {m.detail}".rstrip(": ") + stage

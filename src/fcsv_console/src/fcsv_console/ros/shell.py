@@ -218,7 +218,7 @@ def open_shell(
     """
     found = fleet(vehicles, mission, vehicles_dir)
     arrivals = Arrivals()
-    console = Console(found.vehicles, found.tags, target_m=target_m, since_s=arrivals.since_s)
+    console = Console(found.vehicles, found.tags, target_m=target_m, since_s=arrivals.since_s, recorded=recorded)
     if found.mission:
         console.load(found.mission)
     shell = Shell(console, name, recorded, windowed, arrivals)

@@ -8,17 +8,19 @@ import sys
 import termios
 import time
 import tty
+from dataclasses import replace
 from typing import Iterator, Optional, Sequence
 
 import rospy
 from rich.console import Console as Screen
 from rich.live import Live
 
+from fcsv_console.model.actions import paused
 from fcsv_console.ros.shell import Shell, open_shell
 from fcsv_console.terminal.screen import WIDTH, screen
 from fcsv_geometry.errors import FcsvError
 
-KEYS = {"S": "stop_all", "L": "land", "P": "pause"}
+KEYS = {"S": "stop_all", "L": "land", "P": "pause", "G": "hand_over"}
 _REFRESH_S = 0.25
 _ONCE_S = 3.0
 
@@ -70,7 +72,10 @@ def press(shell: Shell, key: str) -> None:
     name = KEYS.get(key)
     if name is None:
         return
-    action = shell.view().actions[name]
+    view = shell.view()
+    action = view.actions[name]
+    if name == "hand_over" and not paused(view.mission.value):
+        action = replace(action, why_not="nothing waits for Resume; vehicles are handed over in the window")
     if action.enabled:
         shell.do(name)
     else:

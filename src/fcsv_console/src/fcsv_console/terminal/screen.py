@@ -11,7 +11,7 @@ from rich.text import Text
 
 from fcsv_console.model import cells
 from fcsv_console.model.cells import check_lines
-from fcsv_console.model.hearing import Aged, clock_words
+from fcsv_console.model.hearing import Aged, clock_words, disk_words
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.lines import State
@@ -23,7 +23,7 @@ _STATES = {State.GREEN: "bold blue", State.AMBER: "bold yellow", State.RED: "bol
 _GONE = "bold magenta"
 _LEVELS = {"info": "", "warning": "yellow", "error": "bold red"}
 _CHECKS, _EVENTS, _PROBLEMS, _BAR = 6, 5, 3, 20
-KEYS = "S stop all   L land all   P pause   Q quit"
+KEYS = "S stop all   L land all   P pause   G resume   Q quit"
 
 
 def screen(view: View) -> Group:
@@ -135,7 +135,7 @@ def _disk(v: VehicleRow) -> Text:
         return Text("no recorder", "bold magenta")
     if r.problem:
         return Text("recorder BAD", "bold white on red")
-    left = f"{r.minutes_left:.0f} min" if math.isfinite(r.minutes_left) else "disk ok"
+    left = disk_words(r.minutes_left) if math.isfinite(r.minutes_left) else "disk ok"
     return Text(f"{'REC ' if r.pictures_on else ''}{left}", "bold blue" if r.pictures_on else "dim")
 
 

@@ -35,6 +35,22 @@ def messages(
     not its type's, with the time at which it was recorded (s); the others follow. Raises BagError where the bag cannot
     be read (on), or where nobody wants to be told, naming it.
     """
+    for topic, _, message in timed_messages(path, wanted, broken):
+        yield topic, message
+
+
+def topics(path: Path) -> Dict[str, str]:
+    """Types by topic, named as in ROS 1. Raises BagError like messages()."""
+    found: Dict[str, str] = {}
+    for _ in messages(path, lambda topic, kind: found.update({topic: kind})):  # it returns None: nothing is wanted
+        pass
+    return found
+
+
+def timed_messages(
+    path: Path, wanted: Callable[[str, str], bool], broken: Optional[Callable[[str, float, str], None]] = None
+) -> Iterator[Tuple[str, float, object]]:
+    """(topic, time at which it was recorded (s), message), else as messages()."""
     try:
         with (Reader2 if is_ros2(path) else Reader1)(path) as reader:
             chosen = [c for c in reader.connections if wanted(c.topic, _ros1_name(c.msgtype))]
@@ -49,7 +65,7 @@ def messages(
                         raise
                     broken(connection.topic, recorded_ns / 1e9, _words(error))
                 else:
-                    yield connection.topic, message
+                    yield connection.topic, recorded_ns / 1e9, message
     except FcsvError:  # of who asked
         raise
     except Exception as error:  # a damaged bag: the library's errors, and those of sqlite, zstd, lz4, struct below it

@@ -170,6 +170,8 @@ def _tilt(args, say) -> int:
     """The demo that flies nothing."""
     if args.mission:
         raise MachineError(f"--mission {args.mission}: system {TILTING} flies none")
+    if args.autopilot:
+        raise MachineError(f"--autopilot {args.autopilot}: in system {TILTING} no autopilot flies")
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
     from fcsv_sim.demo import tilting  # a second of imports that no flight needs

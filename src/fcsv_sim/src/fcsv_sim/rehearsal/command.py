@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`rosrun fcsv_sim rehearse`: many flights of a mission with faults, and what broke."""
+"""`rosrun fcsv_sim rehearse`: many flights of a mission, calm or with faults, and what broke."""
 
 import argparse
 import gc
 import json
 import logging
 import os
+import re
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -24,12 +25,12 @@ from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import takeover, trace
 from fcsv_sim.rehearsal.faults import FAULTS, NONE, faults_of, make_faults
 from fcsv_sim.rehearsal.flight import LONGEST_S, Flight, Result
-from fcsv_sim.rehearsal.tables import feeds_lines, speed_line, table
+from fcsv_sim.rehearsal.tables import feeds_lines, speed_line, table, verdict_line
 
 _HELP = """examples:
-  rosrun fcsv_sim rehearse short --flights 1000
+  rosrun fcsv_sim rehearse five
+  rosrun fcsv_sim rehearse short --faults all --flights 1000
   rosrun fcsv_sim rehearse short --faults "radio cut,tracker gone+abort" --flights 50
-  rosrun fcsv_sim rehearse five --vehicles 5 --flights 300
   rosrun fcsv_sim rehearse short --seed 17 --trace seed17.png
   rosrun fcsv_sim rehearse short --faults takeover-table
 """
@@ -91,6 +92,7 @@ def _rehearse(args) -> int:
         print(_told(job, r))
     if len(broken) > args.show:
         print(f"and {len(broken) - args.show} more flights with violations (--show {len(broken)})")
+    print(verdict_line([(job.name, r) for job, r in results]))
     return int(bool(broken))
 
 
@@ -174,6 +176,8 @@ def _takeover_table(args, mission: Mission) -> int:
 
 def _jobs(args) -> List[Job]:
     mission = load_mission(mission_file(args.mission))
+    if args.vehicles is None:
+        args.vehicles = _vehicles_of(mission)
     if args.flights < 1 or not 2 <= args.vehicles <= 20:
         raise SimulationError("--flights must be 1 or more, --vehicles 2 to 20")
     fleet = [f"uav{k + 1}" for k in range(args.vehicles)]
@@ -185,18 +189,24 @@ def _jobs(args) -> List[Job]:
     return [Job(mission, args.vehicles, args.seed + i, faults, args.longest) for i in range(args.flights)]
 
 
+def _vehicles_of(mission: Mission) -> int:
+    """How many a mission flies: up to the last uavN that it names, two at least."""
+    named = [re.fullmatch(r"uav([1-9]\d?)", c.vehicle or "") for c in mission.configurations]
+    return max([2, *(int(match[1]) for match in named if match)])
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="rehearse", description=__doc__, epilog=_HELP, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("mission", help="a mission file, or the name of one in config/missions")
-    parser.add_argument("--flights", type=int, default=100)
+    parser.add_argument("--flights", type=int, default=20, help="how many, each with its own seed")
     parser.add_argument(
-        "--faults", default="all",
-        help="all (single faults and pairs in turn), none, pairs, takeover-table, or names with commas, of which each "
-        "may be a pair (A+B): " + ", ".join(FAULTS),
+        "--faults", default=NONE,
+        help="none: calm flights; all (single faults and pairs in turn), pairs, takeover-table, or names with commas, "
+        "of which each may be a pair (A+B): " + ", ".join(FAULTS),
     )  # fmt: skip
-    parser.add_argument("--vehicles", type=int, default=2)
+    parser.add_argument("--vehicles", type=int, help="how many, uav1 first; by default those that the mission names")
     parser.add_argument("--seed", type=int, default=1, help="of the first flight; the next have the next numbers")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="flights at a time")
     parser.add_argument("--show", type=int, default=10, help="so many flights with violations are listed")

@@ -55,6 +55,30 @@ def speed_line(results: Sequence[Result]) -> str:
     )
 
 
+def verdict_line(flown: Sequence[Tuple[str, Result]]) -> str:
+    """Flights and the names of their faults in one sentence: whether anything unsafe happened, and what was left."""
+    count = len(flown)
+    calm = not any(r.faults for _, r in flown)
+    how = "calm flights" if calm else "flights with faults"
+    broken = [(name, r) for name, r in flown if r.violations]
+    if broken:
+        kinds = ", ".join(kind for kind in KINDS if any(r.has(kind) for _, r in broken))
+        name, first = broken[0]
+        return (
+            f"Verdict: do not fly it: {len(broken)} of {count} {how} were unsafe ({kinds}); see one: "
+            f"--faults '{name}' --seed {first.seed} --trace"
+        )
+    short = [r for _, r in flown if r.captures < r.wanted]
+    if calm and short:
+        first = short[0]
+        return (
+            f"Verdict: safe, but not whole: {len(short)} of {count} {how} left configurations out, the first with "
+            f"{first.captures} of {first.wanted} ({first.phase}: {first.detail}); see it: --seed {first.seed} --trace"
+        )
+    whole = f"; {count - len(short)} recorded every configuration"
+    return f"Verdict: nothing unsafe in {count} {how}{whole}{'' if not calm else '; with faults: --faults all'}"
+
+
 def _row(fault: str, results: List[Result]) -> List[str]:
     answers = [a for r in results for a in r.answers if a.flown] if fault != _PAIRS else []
     return [

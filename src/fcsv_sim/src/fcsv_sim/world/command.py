@@ -19,7 +19,7 @@ from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.export import write_ply
-from fcsv_sim.world.town import WORLDS, Town
+from fcsv_sim.world.town import PLACES, WORLDS, Town
 
 
 def main(argv: Optional[List[str]] = None) -> int:
@@ -86,7 +86,7 @@ def _write_picture(path: str, rgb: np.ndarray) -> None:
 def _parse(argv):
     parser = argparse.ArgumentParser(prog="world", description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--world", choices=list(WORLDS), default="street", help="kind of world")
+    parser.add_argument("--world", choices=[*WORLDS, *PLACES], default="street", help="kind of world")
     parser.add_argument("--ply", help="write the town as a binary PLY mesh")
     parser.add_argument("--picture", help="write a picture (.png, .jpg) as the simulated camera takes it")
     parser.add_argument("--xyz", type=float, nargs=3, default=[1.0, 0.0, 8.0], help="camera's place (m)")

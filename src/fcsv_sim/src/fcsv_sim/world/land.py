@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every world has: ground, a foreground ahead of the vehicles, trees at their level of detail, wooded hills."""
 
+from typing import Optional, Tuple
+
 import numpy as np
 
 from fcsv_sim.world import furniture, vegetation
@@ -9,11 +11,14 @@ from fcsv_sim.world.mesh import MeshBuilder, Placement
 from fcsv_sim.world.plan import FAR_M, HILLS_END_M, TownPlan
 
 
-def ground(mesh: MeshBuilder, plan: TownPlan) -> None:
-    """A height field, finer where it is near."""
-    xs = np.concatenate([np.arange(-60, 120, 5.0), np.arange(120, HILLS_END_M + 61, 8.0)])
-    ys = np.arange(-420, 421, 8.0)
-    x, y = np.meshgrid(xs, ys, indexing="ij")
+def ground_axes_m() -> Tuple[np.ndarray, np.ndarray]:
+    """x (N) and y (M) of the ground's nodes, closer where it is near."""
+    return np.concatenate([np.arange(-60, 120, 5.0), np.arange(120, HILLS_END_M + 61, 8.0)]), np.arange(-420, 421, 8.0)
+
+
+def ground(mesh: MeshBuilder, plan: TownPlan, axes_m: Optional[Tuple[np.ndarray, np.ndarray]] = None) -> None:
+    """A height field with nodes at the axes' places."""
+    x, y = np.meshgrid(*(axes_m or ground_axes_m()), indexing="ij")
     p = np.stack([x, y, plan.height(x, y)], -1)
     quads = np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], 2).reshape(-1, 4, 3)
     mesh.faces(quads, GROUND, mesh.instance([0.1, 0.12, 0.05]), np.zeros((len(quads), 4, 2)))

@@ -8,8 +8,10 @@ import numpy as np
 
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.world.field import build_field
+from fcsv_sim.world.maze import build_maze
 from fcsv_sim.world.mesh import MeshBuilder
 from fcsv_sim.world.plan import TownPlan
+from fcsv_sim.world.rubble import build_rubble
 from fcsv_sim.world.street import build_plain, build_street
 from fcsv_sim.world.village import build_village
 
@@ -20,6 +22,9 @@ WORLDS: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {
     "field": build_field,  # open farmland with tree lines
     "plain": build_plain,  # the town with blank walls, on snow or sand: little texture
 }
+
+#: Kinds of worlds for a robot on the ground: their plan is a PlacePlan. Demos do not fly in them.
+PLACES: Dict[str, Callable[[MeshBuilder, np.random.Generator], TownPlan]] = {"maze": build_maze, "rubble": build_rubble}
 
 
 @dataclass(frozen=True)
@@ -39,9 +44,10 @@ class Town:
     @classmethod
     def generate(cls, seed: int, world: str = "street") -> "Town":
         """The same world for the same seed and kind, on every machine. Raises SimulationError on an unknown kind."""
-        if world not in WORLDS:
-            raise SimulationError(f"world '{world}' is not one of {', '.join(WORLDS)}")
+        worlds = {**WORLDS, **PLACES}
+        if world not in worlds:
+            raise SimulationError(f"world '{world}' is not one of {', '.join(worlds)}")
         random = np.random.default_rng([seed, 1])
         mesh = MeshBuilder()
-        plan = WORLDS[world](mesh, random)
+        plan = worlds[world](mesh, random)
         return cls(seed, plan, *mesh.build())

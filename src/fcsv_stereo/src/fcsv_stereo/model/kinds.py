@@ -22,17 +22,17 @@ class Kind(IntEnum):
     NEAR = 206  # of a depth camera, not of pairs (fcsv_stereo.near)
 
 
-#: In words, for reports.
+#: In words, for reports: the name as in docs/user/concepts.md, and what it says.
 WORDS: Dict[str, str] = {
-    "agreed": "two pairs or more agree",
-    "one pair": "one pair agrees, or more that hardly stand out",
-    "hidden": "hidden, or no pair agrees",
-    "outside": "outside of every other picture",
-    "blank": "too little texture to tell",
-    "sky": "sky",
-    "moved": "something moved there",
-    "near": "the depth camera's",
-    "nothing": "not known",
+    "agreed": "agreed: two pairs or more",
+    "one pair": "one pair: one agrees, or more that hardly stand out",
+    "hidden": "hidden: in view of others, and none agrees",
+    "outside": "outside: in no other picture's view",
+    "blank": "blank: too little texture",
+    "sky": "sky: no depth",
+    "moved": "moved: somewhere else in the other recordings",
+    "near": "near: a depth camera's",
+    "nothing": "nothing: the camera saw nothing there, or the method does not say",
 }
 
 

@@ -7,6 +7,8 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.fence import Fence
+from fcsv_geometry.mission import Mission
 from fcsv_stereo.equations import ErrorThreshold, baseline_for, depth_error, farthest, segment_ends
 from fcsv_stereo.errors import PlanError
 from fcsv_stereo.model import AXES, Axis
@@ -87,6 +89,7 @@ def make_plan(request: PlanRequest) -> Plan:
             start_m = ends_m[i]
     if request.tilt_per_m_rad and Axis.VERTICAL in request.axes:
         notes.append("a vertical baseline's tilt is pitch, which a fixed camera on a hovering multirotor cannot have")
+    notes += _not_flown(planned)
     return Plan(request, planned, notes)
 
 
@@ -179,6 +182,26 @@ def _planned(request: PlanRequest, axis: str, b: float, range_m: Tuple[float, fl
     shares = tuple(float(non_overlap(z, b, fov_rad, tilt_rad)) for z in (near_m, range_m[1]))
     error_m = float(depth_error(range_m[1], b, focal_px, request.disparity_error_px))
     return PlannedBaseline(axis, b, tilt_rad, range_m, far_m, error_m, starts_m, shares)
+
+
+def _not_flown(planned: Sequence[PlannedBaseline]) -> List[str]:
+    """Why some baselines cannot be flown with the usual fence and separation, a line for each axis."""
+    fence, least_m, notes = Fence(), Mission.min_separation_m, []
+    for axis, most_m in ((Axis.HORIZONTAL, fence.radius_m), (Axis.VERTICAL, fence.ceiling_m)):
+        lengths_m = [b.baseline_m for b in planned if b.axis == axis]
+        long = ", ".join(f"{b:.0f}" for b in lengths_m if b > most_m)
+        short = ", ".join(f"{b:.2f}" for b in lengths_m if b < least_m)
+        if long:
+            notes.append(
+                f"{axis.value}: {long} m would leave the fence ({most_m:g} m): accept a larger --error, a shorter "
+                f"--range-m, or a longer focal length"
+            )
+        if short:
+            notes.append(
+                f"{axis.value}: {short} m is nearer than two vehicles may fly ({least_m:g} m): lower --number, or "
+                f"raise --nearest-m"
+            )
+    return notes
 
 
 def _needed(request: PlanRequest) -> float:

@@ -11,7 +11,8 @@ from functools import lru_cache
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.model import MapResult
+from fcsv_stereo.model import Cloud, MapResult
+from fcsv_stereo.near import NEAR_BASELINE
 from fcsv_stereo.report.figures import T_view_home
 from fcsv_stereo.report.parts import CloudView
 
@@ -34,16 +35,26 @@ def cloud_view(result: MapResult) -> CloudView:
     marks = ["#d62728" if i.name == result.reference.name else "#1f77b4" for i in result.images]
     figure = go.Figure([
         go.Scatter3d(x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers", name="points",
-                     marker={"size": 1.6}, hovertemplate=_HOVER),
+                     marker={"size": 1.6}, hovertemplate=_HOVER, customdata=_sigma_m(cloud[keep])),
         go.Scatter3d(x=cameras[:, 0], y=cameras[:, 1], z=cameras[:, 2], mode="markers", name="cameras",
                      marker={"size": 4, "color": marks, "symbol": "diamond"}, text=[i.name for i in result.images],
                      hovertemplate="%{text}<extra></extra>"),
+        go.Scatter3d(x=[], y=[], z=[], mode="lines+markers+text", name="measured", hoverinfo="skip",
+                     marker={"size": 5, "color": "#000000"}, line={"width": 4, "color": "#000000"}, text=["A", "B"]),
     ])  # fmt: skip
     figure.update_layout(template="none", showlegend=False, margin={"l": 0, "r": 0, "t": 0, "b": 0}, height=640,
                          scene=_scene())  # fmt: skip
     drawn = figure.to_plotly_json()
     drawn["data"][0]["marker"]["color"] = colours  # plotly would look at each of them for seconds
+    T_view_reference = T_view_cam @ result.reference.T_home_cam
+    drawn["view"] = {"camera_m": T_view_reference[:3, 3].tolist(), "axis": T_view_reference[:3, 2].tolist(),
+                     "is_level": result.reference.is_level}  # fmt: skip
     return CloudView(_script(), _packed(to_json_plotly(drawn)), len(keep), len(cloud))
+
+
+def _sigma_m(cloud: Cloud) -> np.ndarray:
+    """(N,) standard deviation of depth; NaN for points of a depth camera, which are seen from elsewhere."""
+    return np.where(cloud.baseline_index == NEAR_BASELINE, np.nan, np.round(cloud.sigma_m, 3)).astype(np.float32)
 
 
 _HOVER = "x %{x:.1f} m, y %{y:.1f} m, z %{z:.1f} m<extra></extra>"

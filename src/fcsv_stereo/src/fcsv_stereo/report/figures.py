@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a map, each a matplotlib figure."""
 
+from typing import Callable, Tuple
+
 import matplotlib
 
 matplotlib.use("Agg")
@@ -31,13 +33,13 @@ _KIND_COLOURS = {
 }  # fmt: skip
 
 
-def _drawn_picture(image: np.ndarray) -> np.ndarray:
+def drawn_picture(image: np.ndarray) -> np.ndarray:
     """A picture made smaller to what a figure shows of it: matplotlib takes long for large ones."""
     scale = _DRAWN_PX / max(image.shape[:2])
     return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else image
 
 
-def _drawn_values(image: np.ndarray) -> np.ndarray:
+def drawn_values(image: np.ndarray) -> np.ndarray:
     """The same of an HxW image whose values must not be mixed."""
     step = max(1, round(max(image.shape) / _DRAWN_PX))
     return image[::step, ::step]
@@ -46,7 +48,7 @@ def _drawn_values(image: np.ndarray) -> np.ndarray:
 def picture(image: np.ndarray, title: str):
     """A photograph."""
     figure, axes = plt.subplots(figsize=(7.2, 5.4))
-    axes.imshow(_drawn_picture(image))
+    axes.imshow(drawn_picture(image))
     axes.set_title(title, fontsize=10)
     axes.axis("off")
     return figure
@@ -56,7 +58,7 @@ def pair(p: Pair):
     """Both rectified pictures with a few corresponding lines, and the disparity beside them."""
     figure, axes = plt.subplots(1, 3, figsize=(15, 4.0))
     for ax, image, name in zip(axes, (p.reference_rectified, p.other_rectified), (p.reference_name, p.other_name)):
-        image = _drawn_picture(image)
+        image = drawn_picture(image)
         ax.imshow(image)
         ax.set_title(name, fontsize=9)
         _lines(ax, image.shape, p.configuration.axis)
@@ -64,7 +66,7 @@ def pair(p: Pair):
     shown = np.abs(p.disparity)
     known = shown[np.isfinite(shown)]
     top = float(np.percentile(known, 99)) if known.size else 1.0
-    drawn = axes[2].imshow(_drawn_values(shown), cmap=_with_none("turbo"), vmin=0, vmax=top)
+    drawn = axes[2].imshow(drawn_values(shown), cmap=_with_none("turbo"), vmin=0, vmax=top)
     axes[2].set_title(f"disparity, {p.match_rate:.0%} matched", fontsize=9)
     axes[2].axis("off")
     figure.colorbar(drawn, ax=axes[2], label="px", shrink=0.85)
@@ -72,13 +74,24 @@ def pair(p: Pair):
     return figure
 
 
-def depth(image: np.ndarray, title: str, label: str = "m"):
-    """Depth or sigma on a logarithmic scale of colour."""
+def depth_colours(image: np.ndarray) -> Tuple[Callable[[np.ndarray], np.ndarray], float, float]:
+    """Colours (RGBA, 0 to 1) of depth (HxW m) on a logarithmic scale, and the ends of the scale, m."""
+    norm = _log_norm(image)
+    colormap = _with_none(DEPTH_MAP)
+    return (lambda values: colormap(norm(np.ma.masked_invalid(values)))), norm.vmin, norm.vmax
+
+
+def _log_norm(image: np.ndarray) -> LogNorm:
     known = image[np.isfinite(image) & (image > 0)]
     low, high = np.percentile(known, [1, 99]) if known.size else (1.0, 10.0)
+    return LogNorm(max(low, 1e-3), max(high, low * 1.01))
+
+
+def depth(image: np.ndarray, title: str, label: str = "m"):
+    """Depth or sigma on a logarithmic scale of colour."""
     figure, axes = plt.subplots(figsize=(7.2, 4.9))
-    norm = LogNorm(max(low, 1e-3), max(high, low * 1.01))
-    drawn = axes.imshow(_drawn_values(image), cmap=_with_none(DEPTH_MAP), norm=norm)
+    norm = _log_norm(image)
+    drawn = axes.imshow(drawn_values(image), cmap=_with_none(DEPTH_MAP), norm=norm)
     axes.set_title(title, fontsize=10)
     axes.axis("off")
     bar = figure.colorbar(drawn, ax=axes, label=label, shrink=0.85)
@@ -88,8 +101,8 @@ def depth(image: np.ndarray, title: str, label: str = "m"):
 
 def kinds(kind: np.ndarray):
     """Why each pixel has its depth, or none, in colours that colour-blind people tell apart (Okabe and Ito 2008)."""
-    found = {name: mask for name, mask in masks(_drawn_values(kind)).items() if mask.any()}
-    kind = _drawn_values(kind)
+    found = {name: mask for name, mask in masks(drawn_values(kind)).items() if mask.any()}
+    kind = drawn_values(kind)
     image = np.zeros((*kind.shape, 3))
     figure, axes = plt.subplots(figsize=(7.2, 5.4))
     for name, mask in found.items():
@@ -107,7 +120,7 @@ def depth_error(found: np.ndarray, truth: np.ndarray):
     with np.errstate(invalid="ignore", divide="ignore"):
         error = (found / truth - 1.0) * 100.0
     figure, axes = plt.subplots(figsize=(7.2, 4.9))
-    drawn = axes.imshow(_drawn_values(error), cmap=_with_none("RdBu", "#b8b8b8"), vmin=-20, vmax=20)
+    drawn = axes.imshow(drawn_values(error), cmap=_with_none("RdBu", "#b8b8b8"), vmin=-20, vmax=20)
     axes.set_title("error of depth against truth (red: too near)", fontsize=10)
     axes.axis("off")
     figure.colorbar(drawn, ax=axes, label="% of the distance", shrink=0.85, extend="both")
@@ -131,7 +144,7 @@ def from_above(result: MapResult, by_baseline: bool):
         if result.near is not None:
             colors[index == NEAR_BASELINE] = matplotlib.colors.to_rgba(_KIND_COLOURS["near"])
             axes.scatter([], [], color=_KIND_COLOURS["near"], label="depth camera", s=20)
-        axes.legend(fontsize=8, loc="upper right")
+        axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, frameon=False)
     else:
         colors = cloud.colors[keep] / 255.0
     axes.scatter(-points[:, 1], points[:, 0], c=colors, s=0.6, linewidths=0)
@@ -171,7 +184,7 @@ def errors_by_range(result: MapResult, truth: np.ndarray, evaluation: Evaluation
     axes.set_ylabel("error of depth (m)")
     axes.set_ylim(0, 3.0 * max([*predicted, *half, 1.0]))
     axes.grid(alpha=0.3)
-    axes.legend()
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncol=3, frameon=False)
     return figure
 
 

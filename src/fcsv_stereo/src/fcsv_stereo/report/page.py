@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page: plain HTML with its pictures inside, to be read anywhere and without a network."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable, List, Optional, Sequence, Tuple
 
@@ -13,12 +13,16 @@ from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.poi import PoiResult
 from fcsv_stereo.report import evidence, figures, near, pictures, sections
+from fcsv_stereo.report.naming import named, picture_names
+from fcsv_stereo.report.origin import Origin
 from fcsv_stereo.report.parts import Part, image
 from fcsv_stereo.report.sections import ReportData
 
+NOT_KNOWN = Origin()
 #: Title and maker of every section, in order; one that gives nothing is left out. A new page is a line here.
 SECTIONS: List[Tuple[str, Callable[[ReportData], List[Part]]]] = [
     ("Summary", sections.summary),
+    ("Picture and depth", sections.picture_and_depth),
     ("Against truth", sections.truth),
     ("Map from above", sections.from_above),
     ("In three dimensions", sections.in_three_dimensions),
@@ -54,8 +58,15 @@ def write_report(
     evaluation: Optional[Evaluation] = None,
     true_depth: Optional[np.ndarray] = None,
     points: Sequence[PoiResult] = (),
+    origin: Origin = NOT_KNOWN,
 ) -> Path:
-    """``out_dir``/report.html of a map; with truth where it is known, and points of interest where they were given."""
+    """``out_dir``/report.html of a map; with truth where it is known, and points of interest where they were given.
+    ``origin`` stands at its top."""
+    if evaluation is not None:
+        names = picture_names(result)
+        errors = {names.get(n, n): e for n, e in evaluation.pose_errors.items()}
+        evaluation = replace(evaluation, pose_errors=errors)
+    result = named(result)
     found, shown = [], []
     for i, pair in enumerate(result.pairs):  # a pair's rectified pictures are made once, and let go
         found.append(evidence.pair_evidence(result, i))
@@ -67,7 +78,11 @@ def write_report(
         _environment()
         .get_template("report.html")
         .render(
-            title=f"Map of {count}, method {result.method}", sections=[s for s in drawn if s.parts], version=VERSION
+            title=f"Map of {count}, method {result.method}",
+            origin=origin.rows(result),
+            sections=[s for s in drawn if s.parts],
+            version=VERSION,
+            has_views=any(p.kind in ("cloud_view", "pixel_view") for s in drawn for p in s.parts),
         )
     )
     path = Path(out_dir) / "report.html"

@@ -68,7 +68,23 @@ class CloudView:
     kind: ClassVar[str] = "cloud_view"
 
 
-Part = Union[Paragraph, Heading, Table, Figures, CloudView]
+@dataclass(frozen=True)
+class PixelView:
+    """Picture and depth over each other: JPEGs in base64, colours and numbers of the legend, and what tells each pixel
+    (``pixel_view``), each gzip in base64."""
+
+    picture: str
+    depth: str
+    colours: str
+    ticks: Tuple[str, ...]
+    about: str
+    depth_codes: str
+    sigma_codes: str
+    kind_codes: str
+    kind: ClassVar[str] = "pixel_view"
+
+
+Part = Union[Paragraph, Heading, Table, Figures, CloudView, PixelView]
 
 
 def note(text: str) -> Paragraph:

@@ -5,6 +5,7 @@ from typing import List
 
 from fcsv_stereo.ground_sample import GroundSample
 from fcsv_stereo.picture_list import PictureUse, picture_list
+from fcsv_stereo.report.naming import are_photographs, time_of
 from fcsv_stereo.report.parts import Part, Table, note
 from fcsv_stereo.report.sections import ReportData
 
@@ -25,8 +26,11 @@ def ground_sample(data: ReportData) -> List[Part]:
 
 def pictures(data: ReportData) -> List[Part]:
     """Name, stamp, role, shift by refinement, used or why not; what the recordings hold beyond."""
-    head = ("picture", "vehicle", "stamp", "role", "matched for", "turned by", "moved by", "used")
-    parts: List[Part] = [Table(head, [_row(p) for p in picture_list(data.result)])]
+    head = ["picture", "vehicle", "taken", "role", "matched for", "turned by", "moved by", "used"]
+    rows = [_row(p) for p in picture_list(data.result)]
+    if are_photographs(data.result):  # of no vehicle, and their stamps are only their order
+        head, *rows = ([row[0], *row[3:]] for row in (head, *rows))
+    parts: List[Part] = [Table(head, rows)]
     if data.result.spare:
         said = ", ".join(f"{count:,} of {vehicle}" for vehicle, count in data.result.spare.items())
         parts.append(note(f"Not needed, since one picture of each recording is enough: {said}."))
@@ -39,7 +43,7 @@ def _row(p: PictureUse) -> List[str]:
     return [
         p.name,
         p.vehicle,
-        f"{p.stamp_s:.3f} s",
+        time_of(p.stamp_s),
         p.role,
         matched or "–",
         *shift,

@@ -8,6 +8,7 @@ import numpy as np
 from fcsv_stereo.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction
+from fcsv_stereo.report.naming import are_photographs
 
 LEAST_COVERAGE, LEAST_MATCHED, LEAST_OVERLAP, LEAST_FOUND = 0.25, 0.3, 0.5, 0.1
 MOST_EPIPOLAR_PX, MOST_CORRECTION_DEG, MOST_SEAM, MOST_APART_S = 1.0, 1.0, 0.05, 0.2
@@ -62,8 +63,7 @@ def _of_pairs(result: MapResult, evidence: Sequence[PairEvidence]) -> List[str]:
 
 def _nearer(result: MapResult) -> str:
     """What to do for more overlap: photographs are taken already, each by a camera of its own (``colmap``)."""
-    photographs = all(i.vehicle in ("camera", i.name) for i in result.images)
-    return "map with photographs that show more of the same" if photographs else "tilt it inwards"
+    return "map with photographs that show more of the same" if are_photographs(result) else "tilt it inwards"
 
 
 def _of_poses(result: MapResult) -> List[str]:
@@ -75,12 +75,20 @@ def _of_poses(result: MapResult) -> List[str]:
         kept += [i.name] if any_refined and not i.refined and i.name != result.reference.name else []
     found = []
     if turned:
-        found.append(
-            f"Refinement moved pictures a lot: {', '.join(turned)}. Check calibration and odometry of these vehicles."
+        check = (
+            "the camera and the poses of the model"
+            if are_photographs(result)
+            else ("calibration and odometry of these vehicles")
         )
+        found.append(f"Refinement moved pictures a lot: {', '.join(turned)}. Check {check}.")
     if kept:
         found.append(f"The poses of these pictures could not be refined and are as recorded: {', '.join(kept)}.")
     return found
+
+
+def _longer(result: MapResult) -> str:
+    photographs = "take photographs from farther apart for what is far"
+    return photographs if are_photographs(result) else "fly a longer baseline for what is far"
 
 
 def _of_sigma(result: MapResult, evaluation: Optional[Evaluation]) -> List[str]:
@@ -89,8 +97,8 @@ def _of_sigma(result: MapResult, evaluation: Optional[Evaluation]) -> List[str]:
     wide = float((result.sigma[known] > WIDE_SIGMA * result.depth[known]).mean()) if known.any() else 0.0
     if wide > MOST_WIDE:
         found.append(
-            f"{wide:.0%} of the depths have a standard deviation above {WIDE_SIGMA:.0%} of the distance; fly a longer "
-            "baseline for what is far."
+            f"{wide:.0%} of the depths have a standard deviation above {WIDE_SIGMA:.0%} of the distance; "
+            f"{_longer(result)}."
         )
     return found + (_of_truth(evaluation) if evaluation is not None else [])
 

@@ -27,6 +27,7 @@ from fcsv_stereo.report.parts import (
     percent,
     side,
 )
+from fcsv_stereo.report.pixel_view import pixel_view
 from fcsv_stereo.report.plain_words import warnings
 
 
@@ -77,10 +78,20 @@ def summary(data: ReportData) -> List[Part]:
             ("wrong by more, of the answered", f"{o.wrong_of_answered:.1%}"),
             ("median error", percent(o.median_relative_error, 2)),
         ]
-    reference = figures.picture(result.reference.image, f"reference {result.reference.name}")
-    both = side(reference, figures.depth(result.depth, "depth"))
     shares = Table(("pixels", "share"), _kinds(result))
-    return [*parts, Table((), rows), both, image(figures.kinds(result.kind)), shares]
+    return [*parts, Table((), rows), image(figures.kinds(result.kind)), shares]
+
+
+def picture_and_depth(data: ReportData) -> List[Part]:
+    """Both in one place; what each pixel is."""
+    result = data.result
+    if not np.isfinite(result.depth).any():
+        return [side(figures.picture(result.reference.image, f"reference {result.reference.name}"))]
+    said = (
+        "± is one standard deviation of the depths' errors, taken as independent. An error of the scale (of the "
+        "baselines) comes on top: it is one for the whole map."
+    )
+    return [pixel_view(result), note(said)]
 
 
 def _unseen(result: MapResult) -> List[str]:
@@ -144,10 +155,10 @@ def poses(data: ReportData) -> List[Part]:
         degrees, metres = correction(i)
         state = "reference" if i.name == data.result.reference.name else "yes" if i.refined else "no"
         rows.append((
-            i.name, i.vehicle, state, f"{degrees:.3f}°", f"{metres:.3f} m",
+            i.name, state, f"{degrees:.3f}°", f"{metres:.3f} m",
             "–" if i.inliers is None else f"{i.inliers:,}", number(i.epipolar_rms_px, "{:.2f} px"),
         ))  # fmt: skip
-    head = ("picture", "vehicle", "refined", "turned by", "moved by", "inliers", "epipolar rms after")
+    head = ("picture", "refined", "turned by", "moved by", "inliers", "epipolar rms after")
     if not any(i.refined for i in data.result.images):
         return [Table(head, rows), note(f"Method {data.result.method} uses the recorded poses as they are.")]
     return [Table(head, rows), image(charts.corrections(data.result))]
@@ -180,7 +191,8 @@ def in_three_dimensions(data: ReportData) -> List[Part]:
     share = "all" if view.shown == view.points else f"{view.shown:,} drawn at random of"
     said = (
         f"Shown: {share} {view.points:,} points; red: the reference camera, blue: the others. Drag to turn, scroll to "
-        "come nearer, drag with the right button to move. No network is needed."
+        "come nearer, drag with the right button to move. Click two points for their distance and, where home "
+        "is level, height; Escape clears. No network is needed."
     )
     return [view, note(said)]
 

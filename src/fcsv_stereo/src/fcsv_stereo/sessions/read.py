@@ -17,8 +17,8 @@ from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.messages import window_of
 from fcsv_stereo.sessions.pictures import PictureSource, PicturesSeen, read_pictures
 from fcsv_stereo.sessions.reasons import why_no_pictures
-from fcsv_stereo.sessions.recorded import Recorded, lacks, read_recorded
-from fcsv_stereo.sessions.told import CALIBRATION, CAPTURE, HOME
+from fcsv_stereo.sessions.recorded import ODOMETRY, Recorded, lacks, read_recorded
+from fcsv_stereo.sessions.told import CALIBRATION, CAPTURE, HOME, TYPES
 from fcsv_stereo.sweeps import on_time, spread
 
 
@@ -26,6 +26,7 @@ def read_session(path: Path) -> MapInput:
     """Pictures of every recording window with their poses in home. Raises InputError naming file, topic and remedy."""
     warnings: List[str] = []
     recorded = read_recorded(bags_of(path, warnings), warnings)
+    _require_own(path, recorded)
     _require(path, recorded, warnings)
     T_home_odom = _odoms_in_home(path, recorded)
     configurations, clocks = _pictures(path, recorded, T_home_odom, warnings)
@@ -44,6 +45,18 @@ def _near(recorded: Recorded, T_home_odom) -> Optional[RecordedDepth]:
         recorded.bags, recorded.depth_cameras, recorded.tracks, T_home_odom, recorded.T_body_cam, recorded.covariances,
         FLOWN,
     )  # fmt: skip
+
+
+def _require_own(path: Path, recorded: Recorded) -> None:
+    """Raises InputError that names the import where nothing in the bags is of a session, but pictures are there."""
+    flown = any(t.endswith(f"/{ODOMETRY}") for t in recorded.topics)
+    if flown or recorded.topics & set(TYPES):
+        return
+    from fcsv_stereo.bag_import import contents  # which reads bags by this package
+
+    words = contents.foreign(contents.topics_of(recorded.bags), path)
+    if words:
+        raise InputError(words)
 
 
 def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Follows a route by pure pursuit (Coulter 1992), and stops where the robot's place or the map cannot be relied on.
+
+A port: messages and monotonic time in, a DriveCommand out.
+"""
+
+from dataclasses import dataclass
+from typing import Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from fcsv_guidance.errors import RouteError
+from fcsv_guidance.ground import Grid
+from fcsv_guidance.robot import Robot
+
+
+@dataclass(frozen=True)
+class RobotPlace:
+    """Where the robot is in home: x, y (m), yaw (rad), standard deviation of x and y together (m), when (s)."""
+
+    stamp_s: float
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    sigma_m: float
+
+
+@dataclass(frozen=True)
+class RouteToFollow:
+    """``points_home_m`` (N,2), from where the robot is to the goal."""
+
+    points_home_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class ClearanceMap:
+    """``clear_m`` (rows, columns) of ``grid``: how far the nearest cell is in which the robot must not stand with its
+    middle; 0 there. ``stamp_s``: when its pictures were taken."""
+
+    stamp_s: float
+    grid: Grid
+    clear_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class StopRobot:
+    """stop_all, or the operator: the robot stands until a new route comes."""
+
+
+@dataclass(frozen=True)
+class DriveCommand:
+    """Forward speed and turning rate; ``reason`` says why the robot stands, empty where it drives."""
+
+    speed_mps: float
+    turning_radps: float
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class FollowerRules:
+    """Bounds of following; ages count from a stamp. ``sigmas`` of the robot's place are kept clear."""
+
+    oldest_place_s: float = 0.5
+    oldest_map_s: float = 60.0
+    sigmas: float = 2.0
+    goal_m: float = 0.3
+    look_ahead_m: float = 0.6
+    look_ahead_s: float = 0.8
+    most_off_m: float = 0.5
+    lateral_mps2: float = 0.5
+
+
+Message = Union[RobotPlace, RouteToFollow, ClearanceMap, StopRobot]
+
+
+class RouteFollower:
+    """Drives ``robot`` along the last route that came."""
+
+    def __init__(self, robot: Robot, rules: FollowerRules = FollowerRules()):
+        self._robot, self._rules = robot, rules
+        self._place: Optional[RobotPlace] = None
+        self._map: Optional[ClearanceMap] = None
+        self._points: Optional[np.ndarray] = None
+        self._reached_m, self._speed_mps, self._stepped_s = 0.0, 0.0, None
+        self._standing = "no route has come"
+
+    def receive(self, now_s: float, message: Message) -> None:
+        """A message came. Raises TypeError where its type is not known, RouteError where a route is none; a place that
+        is not finite counts as lost."""
+        if isinstance(message, RobotPlace):
+            values = (message.stamp_s, message.x_m, message.y_m, message.yaw_rad, message.sigma_m)
+            self._place = message if np.isfinite(values).all() and message.sigma_m >= 0 else None
+        elif isinstance(message, RouteToFollow):
+            points = np.asarray(message.points_home_m, float)
+            if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
+                raise RouteError("a route needs two points and more, each with a finite x and y; plan it again")
+            self._points, self._reached_m, self._standing = points, 0.0, ""
+        elif isinstance(message, ClearanceMap):
+            self._map = message
+        elif isinstance(message, StopRobot):
+            self._points, self._standing = None, "stopped by the operator"
+        else:
+            raise TypeError(f"a route follower does not know {type(message).__name__}")
+
+    def step(self, now_s: float) -> Sequence[DriveCommand]:
+        """The command of now."""
+        reason = self._why_not(now_s)
+        if reason:
+            self._speed_mps, self._stepped_s = 0.0, now_s
+            return [DriveCommand(0.0, 0.0, reason)]
+        return [self._pursued(now_s)]
+
+    def _why_not(self, now_s: float) -> str:
+        place, rules = self._place, self._rules
+        if self._points is None:
+            return self._standing
+        if place is None:
+            return "the robot's place is not known"
+        if now_s - place.stamp_s > rules.oldest_place_s:
+            return f"the robot's place is {now_s - place.stamp_s:.1f} s old"
+        if self._map is None or now_s - self._map.stamp_s > rules.oldest_map_s:
+            return "no map, or one that is too old; look at the place again"
+        clear_m = self._clear_m(np.array([[place.x_m, place.y_m]]))[0]
+        if clear_m <= rules.sigmas * place.sigma_m:
+            return f"the robot's place is known to {place.sigma_m:.2f} m, and {clear_m:.2f} m are clear"
+        off_m = self._nearest(place)[1]
+        if off_m > rules.most_off_m:
+            return f"the robot is {off_m:.2f} m beside its route; plan it again"
+        if np.hypot(*(self._points[-1] - [place.x_m, place.y_m])) <= rules.goal_m:
+            self._points, self._standing = None, "the goal is reached"
+            return self._standing
+        return ""
+
+    def _pursued(self, now_s: float) -> DriveCommand:
+        """Pure pursuit: the arc through a point of the route that lies ahead by a distance that grows with speed."""
+        robot, rules, place = self._robot, self._rules, self._place
+        self._reached_m = self._nearest(place)[0]
+        ahead_m = rules.look_ahead_m + rules.look_ahead_s * self._speed_mps
+        off = _point_at(self._points, self._reached_m + ahead_m) - [place.x_m, place.y_m]
+        c, s = np.cos(place.yaw_rad), np.sin(place.yaw_rad)
+        forward, left = c * off[0] + s * off[1], c * off[1] - s * off[0]
+        bearing = float(np.arctan2(left, forward))
+        elapsed_s = 0.0 if self._stepped_s is None else max(0.0, now_s - self._stepped_s)
+        self._stepped_s = now_s
+        if abs(bearing) > np.pi / 3 and robot.turning_radius_m == 0:
+            self._speed_mps = 0.0
+            return DriveCommand(0.0, float(np.clip(2.0 * bearing, -1, 1) * robot.turning_rate_radps))
+        curvature = 2.0 * left / max(float(off @ off), 1e-6)
+        if robot.turning_radius_m > 0:
+            curvature = float(np.clip(curvature, -1 / robot.turning_radius_m, 1 / robot.turning_radius_m))
+        wanted = self._wanted_mps(curvature)
+        if wanted <= 0.0:
+            self._speed_mps = 0.0
+            return DriveCommand(0.0, 0.0, "what lies ahead on the route is not clear; plan it again")
+        self._speed_mps = float(min(wanted, self._speed_mps + robot.acceleration_mps2 * max(elapsed_s, 0.02)))
+        return DriveCommand(self._speed_mps, self._speed_mps * curvature)
+
+    def _wanted_mps(self, curvature: float) -> float:
+        """By the robot's own bound, the curvature, and the way to where it could stop before what is not clear."""
+        robot, rules, place = self._robot, self._rules, self._place
+        bounds = [robot.speed_mps]
+        if abs(curvature) > 1e-6:
+            bounds += [robot.turning_rate_radps / abs(curvature), np.sqrt(rules.lateral_mps2 / abs(curvature))]
+        braking_m = robot.speed_mps**2 / (2 * robot.acceleration_mps2) + robot.speed_mps * rules.oldest_place_s
+        along = np.arange(0.0, braking_m + 0.5, 0.05)
+        points = _point_at(self._points, self._reached_m + along)
+        blocked = self._clear_m(points) <= rules.sigmas * place.sigma_m
+        blocked[0] = False  # where the robot itself is was judged before
+        left_m = float(self._length_m() - self._reached_m)
+        room_m = min(float(along[int(np.argmax(blocked))]) - 0.1 if blocked.any() else np.inf, left_m)
+        delay_m = rules.oldest_place_s * robot.acceleration_mps2
+        reach = max(room_m, 0.0)
+        bounds.append(-delay_m + np.sqrt(delay_m**2 + 2 * robot.acceleration_mps2 * reach))
+        return float(min(bounds))
+
+    def _clear_m(self, points: np.ndarray) -> np.ndarray:
+        """(N,) m at points (N,2); 0 outside of the map."""
+        grid, clear_m = self._map.grid, self._map.clear_m
+        column, row = np.floor((points - [grid.x0_m, grid.y0_m]) / grid.cell_m).astype(int).T
+        inside = (row >= 0) & (column >= 0) & (row < grid.rows) & (column < grid.columns)
+        return np.where(inside, clear_m[np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1)], 0.0)
+
+    def _nearest(self, place: RobotPlace) -> Tuple[float, float]:
+        """How far along the route (m) its nearest point is, not far behind what was reached, and how far off (m)."""
+        along = np.arange(max(0.0, self._reached_m - 0.5), min(self._length_m(), self._reached_m + 2.0) + 0.05, 0.05)
+        points = _point_at(self._points, along)
+        off = np.hypot(*(points - [place.x_m, place.y_m]).T)
+        k = int(np.argmin(off))
+        return float(along[k]), float(off[k])
+
+    def _length_m(self) -> float:
+        return float(np.hypot(*np.diff(self._points, axis=0).T).sum())
+
+
+def _point_at(points: np.ndarray, at_m) -> np.ndarray:
+    """(...,2) on a polyline at distances (...) m along it, at most its last point.
+
+    >>> _point_at(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]), 3.0).tolist()
+    [2.0, 1.0]
+    """
+    run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    return np.stack([np.interp(at_m, run, points[:, k]) for k in (0, 1)], -1)

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The calibrated probability that a robot can stand: a logistic regression on what one map shows below a footprint.
+
+Its weights (tuning.STAND_WEIGHTS) come of tools/train_ground.py, on seeds that the tests and the tables do not use.
+"""
+
+import cv2
+import numpy as np
+
+from fcsv_guidance import tuning
+
+_FAR = 1e6
+_SIDE = np.ones((3, 3), np.uint8)
+_AROUND_M = 0.25  # what is seen so near beside the footprint counts too
+_KNOTS = (0.0, 0.3, 0.8, 1.5, 4.0)  # of a limit of the robot
+FEATURES = 28
+FREE_SIGN = 2  # features whose weight may have any sign: 1 and distance. All others only lower p.
+
+
+def disk(radius_m: float, cell_m: float) -> np.ndarray:
+    """(2n+1, 2n+1) uint8: cells whose middle lies within the radius and half a cell."""
+    n = int(np.ceil(radius_m / cell_m))
+    y, x = np.mgrid[-n : n + 1, -n : n + 1]
+    return (np.hypot(x, y) * cell_m <= radius_m + 0.5 * cell_m).astype(np.uint8)
+
+
+def features(ground, robot, margin_m: float = 0.0) -> np.ndarray:
+    """(rows, columns, FEATURES) float32 of the footprint with its middle in each cell of a Ground of one map, as shares
+    of the robot's limits; the first is 1. Only where the whole footprint is known do they mean anything."""
+    known, cell_m = ground.known, ground.grid.cell_m
+    step_m, slope = robot.largest_step_m, robot.largest_slope
+    inner = disk(robot.radius_m + margin_m, cell_m)
+    outer = disk(robot.radius_m + margin_m + _AROUND_M, cell_m)
+    high, low = np.where(known, ground.high_m, -_FAR), np.where(known, ground.low_m, _FAR)
+    edges = np.where(known, most(high, _SIDE) - least(low, _SIDE), 0.0)
+    plane = np.nan_to_num(ground.slope(max(robot.radius_m, 1.5 * cell_m)))
+    room = np.where(known, np.minimum(ground.free_height_m, 5.0), 5.0) - robot.height_m
+
+    edge = most(edges, inner) / step_m
+    edge_around = most(edges, outer) / step_m
+    steep = most(plane, inner) / slope
+    rise = (most(high, inner) - least(low, inner)) / step_m
+    rise_around = (most(high, outer) - least(low, outer)) / step_m
+    rough = _spread(np.where(known, ground.height_m, 0.0), known, inner) / step_m
+    sigma = np.clip(most(np.where(known, ground.sigma_m, 0.0), inner) / step_m, 0, 3)
+    far = np.log(np.maximum(most(np.where(known, ground.distance_m, 1.0), inner), 1.0) / 30.0)
+    hangs = np.clip(-least(room, inner), -1, 1)
+    pieces = [_pieces(values) for values in (edge, edge_around, steep, rise, rise_around, rough)]
+    return np.stack([np.ones_like(edge), far, *sum(pieces, []), sigma, hangs], -1).astype(np.float32)
+
+
+def _pieces(values: np.ndarray) -> list:
+    """What of the values lies in each interval between _KNOTS: a weight on each is a line with corners there."""
+    return [np.clip(values - low, 0.0, high - low) for low, high in zip(_KNOTS[:-1], _KNOTS[1:])]
+
+
+def probability(ground, robot, margin_m: float = 0.0) -> np.ndarray:
+    """(rows, columns) float32 of a Ground of one map; NaN where a cell below the footprint is unknown, unless what is
+    known there is an obstacle."""
+    inner = disk(robot.radius_m + margin_m, ground.grid.cell_m)
+    p = 1.0 / (1.0 + np.exp(-(features(ground, robot, margin_m) @ np.asarray(tuning.STAND_WEIGHTS, np.float32))))
+    touched = most(ground.known, inner) > 0
+    return np.where(seen_below(ground, robot, margin_m) | (touched & (p <= tuning.OBSTACLE_P)), p, np.nan)
+
+
+def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
+    """(rows, columns) bool: whether all cells below the footprint are known."""
+    return least(ground.known, disk(robot.radius_m + margin_m, ground.grid.cell_m), 0.0) > 0
+
+
+def together(each) -> np.ndarray:
+    """Of several maps, (N, rows, columns) each with NaN where unknown: the most that one says, but no more than
+    OBSTACLE_P < p < FREE_P where another contradicts it; NaN where none knows."""
+    each = np.asarray(each)
+    known = np.isfinite(each)
+    best = np.where(known, each, -1.0).max(0)
+    worst = np.where(known, each, 2.0).min(0)
+    p = np.where((best >= tuning.FREE_P) & (worst < tuning.CONTRADICTED_P), tuning.CONTRADICTED_P, best)
+    p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
+    return np.where(known.any(0), p, np.nan).astype(np.float32)
+
+
+def most(values: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """The largest value (float32) of the cells ``around`` each."""
+    return cv2.dilate(values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=-_FAR)
+
+
+def least(values: np.ndarray, around: np.ndarray, outside: float = _FAR) -> np.ndarray:
+    """The smallest value (float32) of the cells ``around`` each."""
+    return cv2.erode(values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=outside)
+
+
+def _spread(height: np.ndarray, known: np.ndarray, around: np.ndarray) -> np.ndarray:
+    weights = around.astype(float)
+    count = np.maximum(cv2.filter2D(known.astype(float), -1, weights), 1.0)
+    mean = cv2.filter2D(height.astype(float), -1, weights) / count
+    square = cv2.filter2D(height.astype(float) ** 2, -1, weights) / count
+    return np.sqrt(np.maximum(square - mean**2, 0.0))

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The truth of a place for a robot on the ground: where its footprint touches something."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from fcsv_guidance.robot import Robot
+from fcsv_sim.errors import SimulationError
+from fcsv_sim.world.place import PlacePlan
+
+_RESTS_M = 0.05  # a solid whose lower side is so near to what is below rests on it
+_SLOPE_REACH_M = 0.2
+
+
+@dataclass(frozen=True)
+class Footing:
+    """Columns of ``cell_m`` from (``x0_m``, ``y0_m``), (rows, columns) by y and x, in m above the world's origin:
+    ``ground_m``, ``top_m`` of what stands on it, ``overhead_m``: the lowest that hangs above, inf where nothing does.
+    """
+
+    x0_m: float
+    y0_m: float
+    cell_m: float
+    ground_m: np.ndarray
+    top_m: np.ndarray
+    overhead_m: np.ndarray
+
+    @classmethod
+    def of(cls, plan: PlacePlan, cell_m: float = 0.05) -> "Footing":
+        """Of a place's area."""
+        x0, x1, y0, y1 = plan.area_m
+        x, y = np.meshgrid(np.arange(x0 + cell_m / 2, x1, cell_m), np.arange(y0 + cell_m / 2, y1, cell_m))
+        ground = plan.drawn_height(x, y)
+        top, overhead = ground.copy(), np.full(ground.shape, np.inf)
+        spans = []
+        for solid in plan.solids:
+            low, high = solid.corners_m[:, :2].min(0), solid.corners_m[:, :2].max(0)
+            rows = slice(*_bounds(low[1], high[1], y0, cell_m, len(x)))
+            columns = slice(*_bounds(low[0], high[0], x0, cell_m, x.shape[1]))
+            spans.append((rows, columns, *solid.span_m(x[rows, columns], y[rows, columns])))
+        for hangs in (False, True):  # first what stands on the ground: the rest may lie on it
+            for rows, columns, low, high in spans:
+                rests = low <= (top if hangs else ground)[rows, columns] + _RESTS_M
+                top[rows, columns] = np.where(rests, np.maximum(top[rows, columns], high), top[rows, columns])
+                if hangs:
+                    lowest = np.minimum(overhead[rows, columns], low)
+                    overhead[rows, columns] = np.where(rests, overhead[rows, columns], lowest)
+        return cls(x0, y0, cell_m, ground, top, overhead)
+
+    def impassable(self, robot: Robot) -> np.ndarray:
+        """(rows, columns) bool: no part of the robot's footprint may be there: an edge higher than its step, what hangs
+        lower than its height, a slope that it does not hold."""
+        lowest = cv2.erode(self.top_m, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
+        n = max(1, int(round(_SLOPE_REACH_M / self.cell_m)))
+        wide = np.pad(self.ground_m, n, mode="edge")
+        run = 2 * n * self.cell_m
+        gx = (wide[n:-n, 2 * n :] - wide[n:-n, : -2 * n]) / run
+        gy = (wide[2 * n :, n:-n] - wide[: -2 * n, n:-n]) / run
+        steep = np.hypot(gx, gy) > robot.largest_slope
+        return (self.top_m - lowest > robot.largest_step_m) | (self.overhead_m - self.top_m < robot.height_m) | steep
+
+    def clearance(self, robot: Robot) -> "Clearance":
+        """How far from every place the nearest is that stops the robot."""
+        free = (~self.impassable(robot)).astype(np.uint8)
+        padded = np.pad(free, 1)  # what lies outside of the place is not known to be free
+        far = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+        return Clearance(self.x0_m, self.y0_m, self.cell_m, (far - 0.5) * self.cell_m, robot)
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """``far_m`` (rows, columns): distance (m) from a column's middle to the nearest column that stops ``robot``."""
+
+    x0_m: float
+    y0_m: float
+    cell_m: float
+    far_m: np.ndarray
+    robot: Robot
+
+    def at(self, x_m, y_m) -> np.ndarray:
+        """m, of places (any shape); negative outside of the area."""
+        column = np.floor((np.asarray(x_m) - self.x0_m) / self.cell_m).astype(int)
+        row = np.floor((np.asarray(y_m) - self.y0_m) / self.cell_m).astype(int)
+        rows, columns = self.far_m.shape
+        inside = (row >= 0) & (column >= 0) & (row < rows) & (column < columns)
+        return np.where(inside, self.far_m[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], -1.0)
+
+    def touches(self, x_m, y_m) -> np.ndarray:
+        """Whether the footprint with its middle there touches something, or leaves the place."""
+        return self.at(x_m, y_m) < self.robot.radius_m
+
+    def leads(self, start_m, goal_m, margin_m: float = 0.0) -> bool:
+        """Whether a way with so much margin leads from start to goal (x, y). Raises SimulationError where either is
+        no place for the robot."""
+        stands = self.far_m >= self.robot.radius_m + margin_m
+        _, parts = cv2.connectedComponents(stands.astype(np.uint8), connectivity=4)
+        found = []
+        for name, (x, y) in (("start", start_m), ("goal", goal_m)):
+            if self.at(x, y) < self.robot.radius_m + margin_m:
+                raise SimulationError(f"the {name} ({x:.1f}, {y:.1f}) m is no place for the robot {self.robot.name}")
+            found.append(parts[int((y - self.y0_m) / self.cell_m), int((x - self.x0_m) / self.cell_m)])
+        return found[0] == found[1]
+
+
+def _bounds(low: float, high: float, origin: float, cell_m: float, count: int):
+    first, last = int(np.floor((low - origin) / cell_m)), int(np.ceil((high - origin) / cell_m)) + 1
+    return max(0, min(first, count)), max(0, min(last, count))

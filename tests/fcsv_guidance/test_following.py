@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The route follower, driven by an exact unicycle: it arrives, keeps to its route, and stops for every doubt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fcsv_guidance.errors import RouteError
+from fcsv_guidance.following import ClearanceMap, RobotPlace, RouteFollower, RouteToFollow, StopRobot
+from fcsv_guidance.ground import Grid
+from fcsv_guidance.robot import load_robot
+
+STEP_S = 0.05
+CORNERS = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0]])
+GRID = Grid.around((-3, -5), (12, 10), 0.1)
+
+
+@pytest.fixture
+def rescue(root):
+    return load_robot(root / "config/robots/rescue.yaml")
+
+
+def clear(value_m=1.0, stamp_s=0.0):
+    return ClearanceMap(stamp_s, GRID, np.full(GRID.shape, value_m))
+
+
+def with_wall(x_m):
+    """What is clear before a wall across the way at x."""
+    x = GRID.middle_of(*np.indices(GRID.shape))[..., 0]
+    return ClearanceMap(0.0, GRID, np.maximum(x_m - x, 0.0))
+
+
+class Drive:
+    """The follower with a robot that does what it is told."""
+
+    def __init__(self, robot, yaw_rad=0.0, sigma_m=0.05):
+        self.follower, self.at, self.now_s, self.way = RouteFollower(robot), [0.0, 0.0, yaw_rad], 0.0, []
+        self.sigma_m = sigma_m
+        self.follower.receive(0.0, clear())
+        self.follower.receive(0.0, RouteToFollow(CORNERS))
+
+    def place(self):
+        return RobotPlace(self.now_s, *self.at, self.sigma_m)
+
+    def run(self, seconds, place=True):
+        for _ in range(int(round(seconds / STEP_S))):
+            if place:
+                self.follower.receive(self.now_s, self.place())
+            (command,) = self.follower.step(self.now_s)
+            x, y, yaw = self.at
+            turned = yaw + command.turning_radps * STEP_S
+            middle = 0.5 * (yaw + turned)
+            self.at = [x + command.speed_mps * STEP_S * np.cos(middle),
+                       y + command.speed_mps * STEP_S * np.sin(middle), turned]  # fmt: skip
+            self.now_s += STEP_S
+            self.way.append((*self.at, command.speed_mps, command.turning_radps))
+        return command
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, np.pi, -1.5])
+def test_it_arrives_near_its_route_within_its_bounds(rescue, yaw_rad):
+    drive = Drive(rescue, yaw_rad)
+    command = drive.run(40.0)
+    assert command.reason == "the goal is reached" and command.speed_mps == 0.0
+    way = np.array(drive.way)
+    assert np.hypot(*(way[-1, :2] - CORNERS[-1])) <= 0.3
+    off = np.minimum(
+        np.abs(way[:, 1]) + np.maximum(way[:, 0] - 6, 0), np.abs(way[:, 0] - 6) + np.maximum(-way[:, 1], 0)
+    )
+    assert off.max() < 0.45  # the corner is cut by less than the distance that is looked ahead
+    assert way[:, 3].max() <= rescue.speed_mps and np.abs(way[:, 4]).max() <= rescue.turning_rate_radps + 1e-9
+    assert np.diff(way[:, 3]).max() <= rescue.acceleration_mps2 * STEP_S + 1e-9
+
+
+def test_a_place_that_is_lost_old_or_not_finite_stops_it(rescue):
+    drive = Drive(rescue)
+    assert drive.run(3.0).speed_mps > 0.3
+    assert drive.run(0.4, place=False).speed_mps > 0.0
+    stopped = drive.run(0.3, place=False)
+    assert stopped.speed_mps == 0.0 and "s old" in stopped.reason
+    assert drive.run(1.0).speed_mps > 0.0  # it drives on
+    drive.follower.receive(drive.now_s, replace(drive.place(), x_m=np.nan))
+    assert drive.follower.step(drive.now_s)[0].reason == "the robot's place is not known"
+
+
+def test_a_place_no_better_known_than_what_is_clear_stops_it(rescue):
+    drive = Drive(rescue, sigma_m=0.6)
+    command = drive.run(0.1)
+    assert command.speed_mps == 0.0 and command.reason == "the robot's place is known to 0.60 m, and 1.00 m are clear"
+
+
+def test_an_old_map_and_the_operator_stop_it(rescue):
+    drive = Drive(rescue)
+    drive.run(1.0)
+    drive.follower.receive(drive.now_s, clear(stamp_s=-100.0))
+    assert "no map, or one that is too old" in drive.run(0.1).reason
+    drive.follower.receive(drive.now_s, clear())
+    assert drive.run(0.2).speed_mps > 0.0
+    drive.follower.receive(drive.now_s, StopRobot())
+    assert drive.run(5.0).reason == "stopped by the operator"
+    drive.follower.receive(drive.now_s, RouteToFollow(CORNERS))
+    assert drive.run(0.2).speed_mps > 0.0
+
+
+@pytest.mark.parametrize("closed_after_s", [0.1, 3.0])
+def test_it_stands_before_what_closes_its_way(rescue, closed_after_s):
+    """The wall appears ahead: the robot brakes and its middle stays out of where it must not be."""
+    drive = Drive(rescue)
+    drive.run(closed_after_s)
+    drive.follower.receive(drive.now_s, with_wall(drive.at[0] + 1.4))
+    wall_m = drive.at[0] + 1.4
+    assert drive.run(10.0).speed_mps == pytest.approx(0.0, abs=0.02)
+    assert wall_m - 1.0 < drive.at[0] < wall_m - 2 * drive.sigma_m
+
+
+def test_narrow_bends_are_driven_slower(rescue):
+    drive = Drive(rescue)
+    drive.run(40.0)
+    way = np.array(drive.way)
+    straight, bend = way[(way[:, 0] > 3) & (way[:, 0] < 5)], way[(way[:, 0] > 5.4) & (way[:, 1] < 0.6)]
+    assert bend[:, 3].min() < 0.9 * straight[:, 3].max()
+
+
+def test_wrong_messages_are_refused(rescue):
+    follower = RouteFollower(rescue)
+    assert follower.step(0.0)[0].reason == "no route has come"
+    with pytest.raises(RouteError, match="a route needs two points"):
+        follower.receive(0.0, RouteToFollow(np.array([[0.0, np.nan], [1, 1]])))
+    with pytest.raises(TypeError, match="does not know str"):
+        follower.receive(0.0, "stop")
