@@ -27,10 +27,10 @@ def transform_from_msg(message) -> np.ndarray:
 
 def camera_from_info(info) -> PinholeCamera:
     """Intrinsics from sensor_msgs/CameraInfo. Raises GeometryError where they are none (``intrinsics``)."""
-    K, D = (_field(info, name) for name in "KD")
+    K, D = (info_field(info, name) for name in "KD")
     return camera_of_matrix(info.width, info.height, K, D, info.distortion_model)
 
 
-def _field(info, name: str):
-    """ROS 2 writes the matrices of camera_info in lower case."""
+def info_field(info, name: str):
+    """D, K, R or P of camera_info; ROS 2 writes them in lower case."""
     return getattr(info, name) if hasattr(info, name) else getattr(info, name.lower())

@@ -56,7 +56,7 @@ def command_line(program: str, given: List[str]) -> str:
     "fcsv map 'my photos' -o out"
     """
     name = "fcsv map" if Path(program).name == "fcsv" else "rosrun fcsv_stereo map"
-    return " ".join([name, *map(shlex.quote, given)])
+    return f"{name} {shlex.join(given)}"
 
 
 def _map(args, command: str) -> None:

@@ -3,8 +3,6 @@
 
 import json
 import re
-import shutil
-import tempfile
 from pathlib import Path
 from typing import Optional
 
@@ -48,32 +46,6 @@ def check_out(out: Path) -> None:
     foreign = [p.name for p in out.iterdir() if p.name not in (*FILES, *names.FILES)] if out.exists() else []
     if foreign:
         raise OutputError(f"{out}: holds '{foreign[0]}', which is not of a map; give another folder with -o")
-
-
-class StagedOutput:
-    """A folder beside OUT that takes its place when everything is in it, and leaves no trace otherwise."""
-
-    def __init__(self, out: Path):
-        self._out = out
-        check_out(out)
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            self.folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
-        except OSError as error:
-            raise OutputError(in_words(error, out.parent)) from error
-
-    def __enter__(self) -> "StagedOutput":
-        return self
-
-    def __exit__(self, kind, _value, _traceback) -> None:
-        try:
-            if kind is None:
-                self.folder.chmod(0o755)
-                if self._out.exists():
-                    shutil.rmtree(self._out)
-                self.folder.rename(self._out)
-        finally:
-            shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def write_arrays(result: MapResult, folder: Path) -> None:

@@ -25,6 +25,7 @@ from fcsv_stereo.report import write_report
 from fcsv_stereo.report.charts import STEPS
 from fcsv_stereo.report.origin import Origin
 from fcsv_stereo.sessions import is_session, read_session
+from fcsv_stereo.staging import StagedFolder
 from fcsv_stereo.thesis import Thesis
 from fcsv_stereo.truth import TrueScene, Truth, load_truth
 
@@ -82,7 +83,7 @@ def run(
     result = with_near(result, given) if near else result
     result.timing_s["load"] = loaded - started
     truth, true_depth, on = _truth(given, result)
-    with output.StagedOutput(out) as staged:
+    with StagedFolder(out, output.check_out) as staged:
         writing = time.perf_counter()
         output.write_arrays(result, staged.folder)
         result.timing_s["write"] = time.perf_counter() - writing

@@ -3,8 +3,6 @@
 photographs.
 """
 
-import shutil
-import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
@@ -28,12 +26,12 @@ from fcsv_stereo.colmap import PosedImage
 from fcsv_stereo.errors import InputError, OutputError
 from fcsv_stereo.exposure import Exposure
 from fcsv_stereo.photos.models import write_model
-from fcsv_stereo.sessions import compressed
 from fcsv_stereo.sessions.cameras import timeline
 from fcsv_stereo.sessions.files import bags_of
-from fcsv_stereo.sessions.pictures import rgb_of
+from fcsv_stereo.sessions.pictures import compressed_rgb_of, rgb_of
 from fcsv_stereo.sessions.stamped import Stamped
 from fcsv_stereo.sessions.tracks import track_of
+from fcsv_stereo.staging import StagedFolder, check_new
 
 _OTHER_CLOCK_S = 0.2  # between the lags of pictures and poses: more is no transport
 _ROUNDS = 5  # in which pictures that turn out damaged are replaced
@@ -73,8 +71,7 @@ def import_bag(
     is left where it fails. Raises InputError for what is wrong with the bags, OutputError where
     ``out`` is not empty.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise OutputError(f"{out}: is not empty; name a new folder")
+    check_new(out)
     require_folder(out)
     warnings: List[str] = []
     bags = [bag for path in paths for bag in bags_of(path, warnings)]
@@ -350,24 +347,13 @@ def _decoded(
                 key = numbers[topic], stamp_s
                 if key in wanted and key not in found:
                     try:
-                        found[key] = _rgb(bag.name, message, wanted[key].intrinsics)
+                        rgb = compressed_rgb_of if hasattr(message, "format") else rgb_of
+                        found[key] = rgb(bag.name, message, wanted[key].intrinsics)
                     except InputError as error:
                         recorded.left_out.add(topic, stamp_s, str(error))
         except BagError:  # said in the first pass
             continue
     return found
-
-
-def _rgb(where: str, message, camera: PinholeCamera) -> np.ndarray:
-    if not hasattr(message, "format"):
-        return rgb_of(where, message, camera)
-    image = compressed.decoded(where, message)
-    if image.shape[:2] != (camera.height, camera.width):
-        size = f"{image.shape[1]}x{image.shape[0]}"
-        raise InputError(
-            f"{where}: picture is {size}, camera_info says {camera.width}x{camera.height}"
-        )
-    return image
 
 
 def _require_one_size(request: ImportRequest, chosen: Sequence[PosedStamp]) -> None:
@@ -399,11 +385,9 @@ def _write(
     has_priors: bool,
     warnings: List[str],
 ) -> None:
-    parent = out.absolute().parent
-    parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=parent) as work:
-        made = Path(work) / "made"
-        (made / "images").mkdir(parents=True)
+    with StagedFolder(out) as staged:
+        made = staged.folder
+        (made / "images").mkdir()
         cameras: Dict[int, PinholeCamera] = {}
         posed: List[PosedImage] = []
         for d, image in zip(done, images):
@@ -423,9 +407,6 @@ def _write(
         if has_priors:
             sigmas = {d.name: _sigmas(d.covariance) for d in done}
             priors.write_priors(made / priors.FILE, sigmas, 0.0)
-        if out.exists():
-            out.rmdir()
-        shutil.move(str(made), str(out))
 
 
 def _as_colmap(camera: PinholeCamera, image: np.ndarray) -> Tuple[PinholeCamera, np.ndarray]:

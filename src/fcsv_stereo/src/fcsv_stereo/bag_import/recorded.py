@@ -14,7 +14,7 @@ from fcsv_geometry.bags import reading
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import BagError, GeometryError
 from fcsv_geometry.intrinsics import camera_of_matrix
-from fcsv_geometry.messages import camera_from_info, pose_to_transform, seconds, transform_from_msg
+from fcsv_geometry.messages import camera_from_info, info_field, pose_to_transform, seconds, transform_from_msg
 from fcsv_stereo.bag_import.contents import TF, base_of
 from fcsv_stereo.bag_import.frame_tree import FrameCollector
 from fcsv_stereo.errors import InputError
@@ -128,10 +128,7 @@ class BagPass:
         if not base_of(pictures.stamps.topic).rpartition("/")[2].startswith("image_rect"):
             camera = camera_from_info(message)
         else:
-            P, R = (
-                np.array(getattr(message, n, getattr(message, n.lower(), None)), float)
-                for n in "PR"
-            )
+            P, R = (np.array(info_field(message, name), float) for name in "PR")
             P = P.reshape(3, 4)
             camera = camera_of_matrix(
                 message.width, message.height, P[:, :3].ravel(), (), "plumb_bob"

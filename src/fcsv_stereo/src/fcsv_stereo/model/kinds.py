@@ -22,6 +22,8 @@ class Kind(IntEnum):
     NEAR = 206  # of a depth camera, not of pairs (fcsv_stereo.near)
 
 
+#: By code, of kinds that are one code.
+NAMES: Dict[int, str] = {1: "one pair", **{kind.value: kind.name.lower() for kind in Kind}}
 #: In words, for reports: the name as in docs/user/concepts.md, and what it says.
 WORDS: Dict[str, str] = {
     "agreed": "agreed: two pairs or more",
@@ -43,9 +45,9 @@ def supported(kind: np.ndarray) -> np.ndarray:
 
 def masks(kind: np.ndarray) -> Dict[str, np.ndarray]:
     """HxW bool by the names of ``WORDS``; "near" only where there is a near field."""
-    found = {"agreed": (kind >= 2) & (kind <= MOST_PAIRS), "one pair": kind == 1}
-    for one in (Kind.HIDDEN, Kind.OUTSIDE, Kind.BLANK, Kind.SKY, Kind.MOVED, Kind.NOTHING):
-        found[one.name.lower()] = kind == one
+    found = {"agreed": (kind >= 2) & (kind <= MOST_PAIRS)}
+    for one in (1, Kind.HIDDEN, Kind.OUTSIDE, Kind.BLANK, Kind.SKY, Kind.MOVED, Kind.NOTHING):
+        found[NAMES[one]] = kind == one
     if (kind == Kind.NEAR).any():
         found["near"] = kind == Kind.NEAR
     return found

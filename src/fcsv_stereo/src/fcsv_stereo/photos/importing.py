@@ -2,7 +2,6 @@
 """GPS-tagged photographs as a folder that ``map`` reads: the story from files to metres."""
 
 import shutil
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Set, Tuple
@@ -13,7 +12,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.writing import require_folder
 from fcsv_stereo import priors
 from fcsv_stereo.colmap import PosedImage
-from fcsv_stereo.errors import InputError, OutputError
+from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos import pictures
 from fcsv_stereo.photos.finding import by_model, find_photographs
 from fcsv_stereo.photos.gps import Gps
@@ -22,6 +21,7 @@ from fcsv_stereo.photos.placing import Photograph, place
 from fcsv_stereo.photos.posing import CameraKey, pose, require_pycolmap
 from fcsv_stereo.photos.similarity import FEWEST, SAME_COST, Similarity
 from fcsv_stereo.photos.tags import Tags, read_tags
+from fcsv_stereo.staging import StagedFolder, check_new
 
 #: How good structure from motion is, apart from its scale (one standard deviation). Measured: docs/lab/photographs.md.
 ROTATION_SIGMA_DEG, POSITION_SHARE = 0.1, 0.003
@@ -62,8 +62,7 @@ def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions]
     Raises InputError for what is wrong with the photographs, OutputError where ``out`` is not empty.
     """
     options = options or ImportOptions()
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise OutputError(f"{out}: is not empty; name a new folder")
+    check_new(out)
     files, unreadable = _read(find_photographs(photographs))
     _require_gps(photographs, files)
     if options.model is None:
@@ -73,11 +72,9 @@ def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions]
         model = read_model(options.model)
         tags = _of_model(photographs, files, unreadable, model)
     require_folder(out)
-    parent = out.absolute().parent
-    parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=parent) as work:
-        made = Path(work) / "made"
-        (made / "images").mkdir(parents=True)
+    with StagedFolder(out) as staged:
+        made = staged.folder
+        (made / "images").mkdir()
         cameras, posed = (
             _posed(tags, made / "images", options) if model is None else _copied(tags, made / "images", model)
         )
@@ -89,9 +86,6 @@ def import_photos(photographs: Path, out: Path, options: Optional[ImportOptions]
         priors.write_priors(made / priors.FILE, _sigmas(at_home), placed.similarity.scale_sigma)
         names = [p.name for p in at_home]
         left_out = {**unreadable, **_left_out(tags, files, names, made / "images")}
-        if out.exists():
-            out.rmdir()
-        shutil.move(str(made), str(out))
     return Imported(names, placed.similarity, placed.origin, placed.remarks, left_out)
 
 

@@ -4,8 +4,6 @@
 The script and the points are gzip in base64, which browsers unpack themselves (DecompressionStream, since 2023).
 """
 
-import base64
-import gzip
 from functools import lru_cache
 
 import numpy as np
@@ -14,7 +12,7 @@ from fcsv_geometry import transforms
 from fcsv_stereo.model import Cloud, MapResult
 from fcsv_stereo.near import NEAR_BASELINE
 from fcsv_stereo.report.figures import T_view_home
-from fcsv_stereo.report.parts import CloudView
+from fcsv_stereo.report.parts import CloudView, packed
 
 MOST_POINTS = 40000  # about 0.6 MB of the page; ordinary graphics turn so many smoothly
 _STEP_M = 0.01  # points are rounded to it: they compress better
@@ -49,7 +47,7 @@ def cloud_view(result: MapResult) -> CloudView:
     T_view_reference = T_view_cam @ result.reference.T_home_cam
     drawn["view"] = {"camera_m": T_view_reference[:3, 3].tolist(), "axis": T_view_reference[:3, 2].tolist(),
                      "is_level": result.reference.is_level}  # fmt: skip
-    return CloudView(_script(), _packed(to_json_plotly(drawn)), len(keep), len(cloud))
+    return CloudView(_script(), packed(to_json_plotly(drawn).encode()), len(keep), len(cloud))
 
 
 def _sigma_m(cloud: Cloud) -> np.ndarray:
@@ -70,9 +68,4 @@ def _scene() -> dict:
 def _script() -> str:
     from plotly.offline import get_plotlyjs
 
-    return _packed(get_plotlyjs())
-
-
-def _packed(text: str) -> str:
-    """gzip in base64, the same for the same text."""
-    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+    return packed(get_plotlyjs().encode())

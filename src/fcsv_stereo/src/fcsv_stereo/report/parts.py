@@ -5,6 +5,7 @@
 """
 
 import base64
+import gzip
 import io
 from dataclasses import dataclass
 from enum import Enum
@@ -110,6 +111,11 @@ def percent(share: float, digits: int = 0) -> str:
 def number(value, text: str) -> str:
     """``value`` in a format such as "{:.2f} m"; a dash where it is not known."""
     return "–" if value is None or value != value else text.format(value)
+
+
+def packed(data: bytes) -> str:
+    """gzip in base64, the same for the same bytes; browsers unpack it (DecompressionStream)."""
+    return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode()
 
 
 def _jpeg(figure) -> str:

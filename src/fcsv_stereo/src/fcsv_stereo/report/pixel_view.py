@@ -2,7 +2,6 @@
 """Picture and depth in one place, with a slider between both; depth, sigma and kind of each pixel for the page."""
 
 import base64
-import gzip
 import io
 import json
 
@@ -11,9 +10,9 @@ from matplotlib.colors import to_hex
 from PIL import Image
 
 from fcsv_stereo.model import MapResult
-from fcsv_stereo.model.kinds import WORDS
+from fcsv_stereo.model.kinds import MOST_PAIRS, NAMES, WORDS
 from fcsv_stereo.report.figures import depth_colours, drawn_picture, drawn_values
-from fcsv_stereo.report.parts import PixelView
+from fcsv_stereo.report.parts import PixelView, packed
 
 DEPTH_STEP, SIGMA_STEP = 1e-3, 1e-2  # of the logarithm: depth to 0.05 %, sigma to 0.5 %
 MOST_PIXELS = 700_000  # about 1 MB of the page; larger pictures are thinned
@@ -34,6 +33,7 @@ def pixel_view(result: MapResult) -> PixelView:
         "width": camera.width, "height": camera.height, "step": step, "columns": kept["depth"].shape[1],
         "depth_low_m": depth_low, "depth_step": DEPTH_STEP, "sigma_low_m": sigma_low, "sigma_step": SIGMA_STEP,
         "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy, "words": WORDS,
+        "kinds": NAMES, "most_pairs": MOST_PAIRS,
         "T_home_cam": reference.T_home_cam[:3].tolist(), "origin_m": result.origin_m.tolist(),
         "is_level": reference.is_level,
     }  # fmt: skip
@@ -60,11 +60,6 @@ def log_codes(values: np.ndarray, step: float):
     codes = np.zeros(values.shape, "<u2")
     codes[known] = np.minimum(np.rint(np.log(values[known].astype(float) / low) / step) + 1, 65535)
     return codes, low
-
-
-def packed(data: bytes) -> str:
-    """gzip in base64, the same for the same bytes; browsers unpack it (DecompressionStream)."""
-    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()
 
 
 def _jpeg(image: np.ndarray) -> str:

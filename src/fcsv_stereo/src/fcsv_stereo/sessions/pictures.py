@@ -65,7 +65,7 @@ def read_pictures(
     """
     found: List[Tuple[float, Any]] = []
     for name, kind, rgb in (
-        (source.topic, _TYPE, rgb_of), (source.topic + compressed.SUFFIX, compressed.TYPE, _compressed_rgb),
+        (source.topic, _TYPE, rgb_of), (source.topic + compressed.SUFFIX, compressed.TYPE, compressed_rgb_of),
     ):  # fmt: skip
         reader = _Reader(source, Stamped(name), kind, rgb, left_out, warnings)
         for bag in source.bags:
@@ -139,7 +139,8 @@ def _same(a, b) -> bool:
     return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a[0], b[0]))
 
 
-def _compressed_rgb(where: str, message, camera: PinholeCamera) -> np.ndarray:
+def compressed_rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
+    """As rgb_of, of a sensor_msgs/CompressedImage."""
     image = compressed.decoded(where, message)
     _require_size(where, image.shape[1], image.shape[0], camera)
     return image

@@ -10,10 +10,8 @@ const fcsvMeasure = {
     return [inside(x, about.width), inside(y, about.height)];
   },
 
-  kindName(code) {
-    if (code >= 2 && code <= 199) return "agreed";
-    const names = {1: "one pair", 201: "hidden", 202: "outside", 203: "blank", 204: "sky", 205: "moved", 206: "near"};
-    return names[code] || "nothing";
+  kindName(about, code) {
+    return code >= 2 && code <= about.most_pairs ? "agreed" : about.kinds[code] || about.kinds[0];
   },
 
   // Of the kept pixel nearest to (u, v): depth_m, sigma_m, kind, place_m in home, and way = change of the place per
@@ -29,7 +27,7 @@ const fcsvMeasure = {
     const ray = [(u - about.cx) / about.fx, (v - about.cy) / about.fy, 1];
     const way = about.T_home_cam.map((r) => r[0] * ray[0] + r[1] * ray[1] + r[2] * ray[2]);
     const place_m = way.map((w, k) => about.T_home_cam[k][3] + depth_m * w + about.origin_m[k]);
-    return {u, v, depth_m, sigma_m, code: codes.kind[i], kind: fcsvMeasure.kindName(codes.kind[i]), place_m, way};
+    return {u, v, depth_m, sigma_m, code: codes.kind[i], kind: fcsvMeasure.kindName(about, codes.kind[i]), place_m, way};
   },
 
   // The way of a point of the cloud: the line from the camera through it, per metre along the camera's axis.
