@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import rankdata
 
 from fcsv_guidance.ground import Grid, Ground, cell_probability, ground_from, stand_probability
 from fcsv_guidance.robot import Robot, load_robot
@@ -82,11 +83,8 @@ def reliability(rows) -> None:
     for low, high in zip(_P_EDGES[:-1], _P_EDGES[1:]):
         cells = (p >= low) & (p < high if high < 1 else p <= 1)
         print(f"| {low} to {high} | {cells.sum()} | {true[cells].mean() if cells.any() else np.nan:.1%} |")
-    order = np.argsort(p, kind="stable")
-    rank = np.empty(len(p))
-    rank[order] = np.arange(1, len(p) + 1)
     n = true.sum()
-    print(f"AUC {(rank[true].sum() - n * (n + 1) / 2) / max(n * (len(p) - n), 1):.3f}")
+    print(f"AUC {(rankdata(p)[true].sum() - n * (n + 1) / 2) / max(n * (len(p) - n), 1):.3f}")
 
 
 def main(argv=None) -> int:

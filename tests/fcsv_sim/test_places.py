@@ -42,8 +42,7 @@ def test_the_truth_is_that_of_the_drawn_mesh(places, world):
     town = places[world]
     footing = Footing.of(town.plan)
     rows, columns = np.random.default_rng(3).integers(0, footing.top_m.shape, (4000, 2)).T
-    x = footing.x0_m + (columns + 0.5) * footing.cell_m
-    y = footing.y0_m + (rows + 0.5) * footing.cell_m
+    x, y = footing.grid.middle_of(rows, columns).T
     rays = ray_buffer(len(x))
     set_rays(rays, np.column_stack([x, y, np.full(len(x), _DOWN_FROM_M)]), np.tile([0.0, 0.0, -1.0], (len(x), 1)))
     make_caster(town.vertices, town.triangles, 1).cast(rays)

@@ -80,7 +80,7 @@ class RouteFollower:
         self._robot, self._rules = robot, rules
         self._place: Optional[RobotPlace] = None
         self._map: Optional[ClearanceMap] = None
-        self._points: Optional[np.ndarray] = None
+        self._route: Optional[_Polyline] = None
         self._reached_m, self._speed_mps, self._stepped_s = 0.0, 0.0, None
         self._standing = "no route has come"
 
@@ -94,11 +94,11 @@ class RouteFollower:
             points = np.asarray(message.points_home_m, float)
             if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
                 raise RouteError("a route needs two points and more, each with a finite x and y; plan it again")
-            self._points, self._reached_m, self._standing = points, 0.0, ""
+            self._route, self._reached_m, self._standing = _Polyline.of(points), 0.0, ""
         elif isinstance(message, ClearanceMap):
             self._map = message
         elif isinstance(message, StopRobot):
-            self._points, self._standing = None, "stopped by the operator"
+            self._route, self._standing = None, "stopped by the operator"
         else:
             raise TypeError(f"a route follower does not know {type(message).__name__}")
 
@@ -112,7 +112,7 @@ class RouteFollower:
 
     def _why_not(self, now_s: float) -> str:
         place, rules = self._place, self._rules
-        if self._points is None:
+        if self._route is None:
             return self._standing
         if place is None:
             return "the robot's place is not known"
@@ -126,8 +126,8 @@ class RouteFollower:
         off_m = self._nearest(place)[1]
         if off_m > rules.most_off_m:
             return f"the robot is {off_m:.2f} m beside its route; plan it again"
-        if np.hypot(*(self._points[-1] - [place.x_m, place.y_m])) <= rules.goal_m:
-            self._points, self._standing = None, "the goal is reached"
+        if np.hypot(*(self._route.points[-1] - [place.x_m, place.y_m])) <= rules.goal_m:
+            self._route, self._standing = None, "the goal is reached"
             return self._standing
         return ""
 
@@ -136,7 +136,7 @@ class RouteFollower:
         robot, rules, place = self._robot, self._rules, self._place
         self._reached_m = self._nearest(place)[0]
         ahead_m = rules.look_ahead_m + rules.look_ahead_s * self._speed_mps
-        off = _point_at(self._points, self._reached_m + ahead_m) - [place.x_m, place.y_m]
+        off = self._route.at(self._reached_m + ahead_m) - [place.x_m, place.y_m]
         c, s = np.cos(place.yaw_rad), np.sin(place.yaw_rad)
         forward, left = c * off[0] + s * off[1], c * off[1] - s * off[0]
         bearing = float(np.arctan2(left, forward))
@@ -163,10 +163,10 @@ class RouteFollower:
             bounds += [robot.turning_rate_radps / abs(curvature), np.sqrt(rules.lateral_mps2 / abs(curvature))]
         braking_m = robot.speed_mps**2 / (2 * robot.acceleration_mps2) + robot.speed_mps * rules.oldest_place_s
         along = np.arange(0.0, braking_m + 0.5, 0.05)
-        points = _point_at(self._points, self._reached_m + along)
+        points = self._route.at(self._reached_m + along)
         blocked = self._clear_m(points) <= rules.sigmas * place.sigma_m
         blocked[0] = False  # where the robot itself is was judged before
-        left_m = float(self._length_m() - self._reached_m)
+        left_m = self._route.length_m - self._reached_m
         room_m = min(float(along[int(np.argmax(blocked))]) - 0.1 if blocked.any() else np.inf, left_m)
         delay_m = rules.oldest_place_s * robot.acceleration_mps2
         reach = max(room_m, 0.0)
@@ -175,28 +175,38 @@ class RouteFollower:
 
     def _clear_m(self, points: np.ndarray) -> np.ndarray:
         """(N,) m at points (N,2); 0 outside of the map."""
-        grid, clear_m = self._map.grid, self._map.clear_m
-        column, row = np.floor((points - [grid.x0_m, grid.y0_m]) / grid.cell_m).astype(int).T
-        inside = (row >= 0) & (column >= 0) & (row < grid.rows) & (column < grid.columns)
-        return np.where(inside, clear_m[np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1)], 0.0)
+        row, column, inside = self._map.grid.cells_of(*points.T)
+        return np.where(inside, self._map.clear_m[row, column], 0.0)
 
     def _nearest(self, place: RobotPlace) -> Tuple[float, float]:
         """How far along the route (m) its nearest point is, not far behind what was reached, and how far off (m)."""
-        along = np.arange(max(0.0, self._reached_m - 0.5), min(self._length_m(), self._reached_m + 2.0) + 0.05, 0.05)
-        points = _point_at(self._points, along)
+        last_m = min(self._route.length_m, self._reached_m + 2.0)
+        along = np.arange(max(0.0, self._reached_m - 0.5), last_m + 0.05, 0.05)
+        points = self._route.at(along)
         off = np.hypot(*(points - [place.x_m, place.y_m]).T)
         k = int(np.argmin(off))
         return float(along[k]), float(off[k])
 
-    def _length_m(self) -> float:
-        return float(np.hypot(*np.diff(self._points, axis=0).T).sum())
 
+@dataclass(frozen=True)
+class _Polyline:
+    """``points`` (N,2) and how far along it each is, ``run_m`` (N,)."""
 
-def _point_at(points: np.ndarray, at_m) -> np.ndarray:
-    """(...,2) on a polyline at distances (...) m along it, at most its last point.
+    points: np.ndarray
+    run_m: np.ndarray
 
-    >>> _point_at(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]), 3.0).tolist()
-    [2.0, 1.0]
-    """
-    run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    return np.stack([np.interp(at_m, run, points[:, k]) for k in (0, 1)], -1)
+    @classmethod
+    def of(cls, points: np.ndarray) -> "_Polyline":
+        return cls(points, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]))
+
+    @property
+    def length_m(self) -> float:
+        return float(self.run_m[-1])
+
+    def at(self, along_m) -> np.ndarray:
+        """(...,2) at distances (...) m along it, at most its last point.
+
+        >>> _Polyline.of(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]])).at(3.0).tolist()
+        [2.0, 1.0]
+        """
+        return np.stack([np.interp(along_m, self.run_m, self.points[:, k]) for k in (0, 1)], -1)

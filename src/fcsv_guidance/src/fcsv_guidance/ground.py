@@ -54,9 +54,15 @@ class Grid:
 
     def cell_of(self, x_m: float, y_m: float) -> Optional[Tuple[int, int]]:
         """Row and column; None outside."""
-        column, row = np.floor((x_m - self.x0_m) / self.cell_m), np.floor((y_m - self.y0_m) / self.cell_m)
-        inside = 0 <= row < self.rows and 0 <= column < self.columns
+        row, column, inside = self.cells_of(x_m, y_m)
         return (int(row), int(column)) if inside else None
+
+    def cells_of(self, x_m, y_m) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows and columns of places (any shape, m), 0 where they are outside; whether they are inside."""
+        column = np.floor((np.asarray(x_m) - self.x0_m) / self.cell_m)
+        row = np.floor((np.asarray(y_m) - self.y0_m) / self.cell_m)
+        inside = (row >= 0) & (column >= 0) & (row < self.rows) & (column < self.columns)
+        return np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int), inside
 
     def middle_of(self, row, column) -> np.ndarray:
         """(...,2): x, y (m) of the middles of cells."""
@@ -102,7 +108,7 @@ class Ground:
         """
         n = int(np.ceil(tuning.OVERHEAD_REACH_M / self.grid.cell_m))
         hangs = np.where(self.known, self.overhead_m, np.inf).astype(np.float32)
-        return _worst(hangs, np.ones((2 * n + 1, 2 * n + 1), np.uint8), np.inf) - self.high_m
+        return standing.least(hangs, np.ones((2 * n + 1, 2 * n + 1), np.uint8), np.inf) - self.high_m
 
     @property
     def step_m(self) -> np.ndarray:
@@ -187,10 +193,6 @@ def _without(ground: Ground, cells: np.ndarray) -> Ground:
     return replace(ground, maps=(), **{name: np.where(cells, np.nan, getattr(ground, name)) for name in LAYERS})
 
 
-def _worst(values: np.ndarray, disk: np.ndarray, outside: float) -> np.ndarray:
-    return cv2.erode(values.astype(np.float32), disk, borderType=cv2.BORDER_CONSTANT, borderValue=outside)
-
-
 def _below(value: np.ndarray, bound: float, sigma: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         return ndtr((bound - value) / sigma)
@@ -231,9 +233,7 @@ def _seen_by(points: Sequence[np.ndarray], grid: Grid, known: np.ndarray) -> np.
     """Index of the last view with a point in the cell; -1 where unknown."""
     seen = np.full(grid.shape, -1)
     for i, of_view in enumerate(points):
-        column = np.floor((of_view[:, 0] - grid.x0_m) / grid.cell_m).astype(int)
-        row = np.floor((of_view[:, 1] - grid.y0_m) / grid.cell_m).astype(int)
-        inside = (row >= 0) & (column >= 0) & (row < grid.rows) & (column < grid.columns)
+        row, column, inside = grid.cells_of(of_view[:, 0], of_view[:, 1])
         seen[row[inside], column[inside]] = i
     return np.where(known, seen, -1)
 

@@ -53,9 +53,8 @@ def survey(town: Town, places: Sequence[Station], seed: int) -> List[DepthView]:
         except StereoError:
             continue
         r = found.reference
-        c = r.camera
-        K = np.array([[c.fx, 0, c.cx], [0, c.fy, c.cy], [0, 0, 1.0]])
-        views.append(DepthView(f"station {number}", found.depth, found.sigma, found.kind, K, r.T_home_cam, 0.0))
+        name = f"station {number}"
+        views.append(DepthView(name, found.depth, found.sigma, found.kind, r.camera.K, r.T_home_cam, 0.0))
     return views
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import Robot
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.world.place import PlacePlan
@@ -16,13 +17,11 @@ _SLOPE_REACH_M = 0.2
 
 @dataclass(frozen=True)
 class Footing:
-    """Columns of ``cell_m`` from (``x0_m``, ``y0_m``), (rows, columns) by y and x, in m above the world's origin:
-    ``ground_m``, ``top_m`` of what stands on it, ``overhead_m``: the lowest that hangs above, inf where nothing does.
+    """Columns of ``grid``, in m above the world's origin: ``ground_m``, ``top_m`` of what stands on it, ``overhead_m``:
+    the lowest that hangs above, inf where nothing does.
     """
 
-    x0_m: float
-    y0_m: float
-    cell_m: float
+    grid: Grid
     ground_m: np.ndarray
     top_m: np.ndarray
     overhead_m: np.ndarray
@@ -47,15 +46,15 @@ class Footing:
                 if hangs:
                     lowest = np.minimum(overhead[rows, columns], low)
                     overhead[rows, columns] = np.where(rests, overhead[rows, columns], lowest)
-        return cls(x0, y0, cell_m, ground, top, overhead)
+        return cls(Grid(x0, y0, cell_m, *ground.shape), ground, top, overhead)
 
     def impassable(self, robot: Robot) -> np.ndarray:
         """(rows, columns) bool: no part of the robot's footprint may be there: an edge higher than its step, what hangs
         lower than its height, a slope that it does not hold."""
         lowest = cv2.erode(self.top_m, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
-        n = max(1, int(round(_SLOPE_REACH_M / self.cell_m)))
+        n = max(1, int(round(_SLOPE_REACH_M / self.grid.cell_m)))
         wide = np.pad(self.ground_m, n, mode="edge")
-        run = 2 * n * self.cell_m
+        run = 2 * n * self.grid.cell_m
         gx = (wide[n:-n, 2 * n :] - wide[n:-n, : -2 * n]) / run
         gy = (wide[2 * n :, n:-n] - wide[: -2 * n, n:-n]) / run
         steep = np.hypot(gx, gy) > robot.largest_slope
@@ -66,26 +65,21 @@ class Footing:
         free = (~self.impassable(robot)).astype(np.uint8)
         padded = np.pad(free, 1)  # what lies outside of the place is not known to be free
         far = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-        return Clearance(self.x0_m, self.y0_m, self.cell_m, (far - 0.5) * self.cell_m, robot)
+        return Clearance(self.grid, (far - 0.5) * self.grid.cell_m, robot)
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """``far_m`` (rows, columns): distance (m) from a column's middle to the nearest column that stops ``robot``."""
+    """``far_m`` (rows, columns) of ``grid``: how far (m) a column's middle is from the nearest that stops ``robot``."""
 
-    x0_m: float
-    y0_m: float
-    cell_m: float
+    grid: Grid
     far_m: np.ndarray
     robot: Robot
 
     def at(self, x_m, y_m) -> np.ndarray:
         """m, of places (any shape); negative outside of the area."""
-        column = np.floor((np.asarray(x_m) - self.x0_m) / self.cell_m).astype(int)
-        row = np.floor((np.asarray(y_m) - self.y0_m) / self.cell_m).astype(int)
-        rows, columns = self.far_m.shape
-        inside = (row >= 0) & (column >= 0) & (row < rows) & (column < columns)
-        return np.where(inside, self.far_m[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], -1.0)
+        row, column, inside = self.grid.cells_of(x_m, y_m)
+        return np.where(inside, self.far_m[row, column], -1.0)
 
     def touches(self, x_m, y_m) -> np.ndarray:
         """Whether the footprint with its middle there touches something, or leaves the place."""
@@ -100,7 +94,7 @@ class Clearance:
         for name, (x, y) in (("start", start_m), ("goal", goal_m)):
             if self.at(x, y) < self.robot.radius_m + margin_m:
                 raise SimulationError(f"the {name} ({x:.1f}, {y:.1f}) m is no place for the robot {self.robot.name}")
-            found.append(parts[int((y - self.y0_m) / self.cell_m), int((x - self.x0_m) / self.cell_m)])
+            found.append(parts[self.grid.cell_of(x, y)])
         return found[0] == found[1]
 
 
