@@ -74,7 +74,7 @@ T_odom_world[1, 3] += 1.0
 out = rospy.Publisher("/{v}/t265/odom/sample", Odometry, queue_size=5)
 noise, sent_s = np.random.default_rng(1), 0.0
 print("ready", flush=True)
-input()
+open("{go}").read()
 rospy.ServiceProxy("/{v}/flight_link/odometry_reset", Trigger)()
 print("announced", flush=True)
 while not rospy.is_shutdown():
@@ -227,7 +227,7 @@ def reset(flight: Flight) -> Dict[str, str]:
     script = flight.plan.folder / "shifted.py"
     go = flight.plan.folder / "go"
     os.mkfifo(go)
-    script.write_text(_SHIFTED.replace("{v}", VICTIM).replace("input()", f"open({str(go)!r}).read()"))
+    script.write_text(_SHIFTED.replace("{v}", VICTIM).replace("{go}", str(go)))
     flight.said("on its way to horizontal 8")
     shifted = flight.fleet.machines[VICTIM].run([sys.executable, str(script)], "shifted")
     flight.until(lambda: "ready" in shifted.log.read_text(), 15.0, "the shifted tracker did not start")

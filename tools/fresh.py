@@ -261,7 +261,7 @@ def all_runs(asked, folder: Path) -> Tuple[List[Run], List[str]]:
     """(runs, names of the packages that they installed), each user on a copy of one bare machine."""
     base = folder / "bare"
     began_s = time.monotonic()
-    bootstrap(base, asked.mirror or mirror_of_this_machine())
+    bootstrap(base, asked.mirror)
     way_to_packages(base)
     bundle(ROOT, base / "checkout.bundle")
     bare = installed(base)
@@ -335,22 +335,17 @@ def main(arguments: Sequence[str], environ: Optional[dict] = None) -> int:
     environ = os.environ if environ is None else environ
     asked = parser().parse_args(arguments)
     try:
+        if PRIVATE in environ:  # the folder was made, and is removed, by the process outside
+            return report(*all_runs(asked, asked.folder), asked.write)
         check_machine()
-        if asked.mirror is None:
-            mirror_of_this_machine()
+        mirror = asked.mirror or mirror_of_this_machine()
     except NotHere as why:
         print(f"fresh: cannot be done here: {why}", file=sys.stderr)
         return NOT_HERE
-    if PRIVATE in environ:  # the folder was made, and is removed, by the process outside
-        try:
-            return report(*all_runs(asked, asked.folder), asked.write)
-        except NotHere as why:
-            print(f"fresh: cannot be done here: {why}", file=sys.stderr)
-            return NOT_HERE
     folder = Path(tempfile.mkdtemp(prefix="fcsv-fresh-", dir=asked.folder))
     folder.chmod(0o755)  # the user of the new machine walks through it
     try:
-        return in_namespaces([*arguments, "--folder", str(folder)])
+        return in_namespaces([*arguments, "--folder", str(folder), "--mirror", mirror])
     finally:
         if asked.keep:
             print(f"fresh: kept: {folder}")

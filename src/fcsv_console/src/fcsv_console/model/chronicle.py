@@ -2,7 +2,7 @@
 """What becomes an event: what differs from the last of its subject, and what could not be used."""
 
 import math
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.events import EventLog
@@ -20,7 +20,6 @@ class Chronicle:
     def __init__(self):
         self.log, self.wall_offset_s = EventLog(), 0.0
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
-        self._last_epoch: Dict[str, int] = {}
         self._unwell_s: Dict[str, float] = {}  # when a vehicle's diagnosis was heard last
         self._last_words: Dict[str, str] = {}  # what was logged last, by subject
 
@@ -28,10 +27,13 @@ class Chronicle:
         """Its number; ``now_s`` is monotonic."""
         return self.log.add(now_s + self.wall_offset_s, who, what, answer, level)
 
-    def _changed(self, now_s: float, subject: str, who: str, words: str, level: str = "info") -> None:
-        """An event where the words differ from the last about this subject."""
-        if self._last_words.get(subject, "") != words:
-            self._last_words[subject] = words
+    def _changed(
+        self, now_s: float, subject: str, who: str, words: str, level: str = "info", state: Optional[str] = None
+    ) -> None:
+        """An event where the words, or the ``state`` that they tell of, differ from the last about this subject."""
+        state = words if state is None else state
+        if self._last_words.get(subject, "") != state:
+            self._last_words[subject] = state
             if words:
                 self.event(now_s, who, words, level=level)
 
@@ -68,10 +70,9 @@ class Chronicle:
             armed = "armed" if fact.armed else "motors off"
             self._changed(now_s, f"mode {fact.vehicle}", fact.vehicle, f"{fact.mode}, {armed}")
         elif isinstance(fact, f.EpochHeard):
-            before = self._last_epoch.get(fact.vehicle)
-            if before != fact.epoch:
-                self.event(now_s, fact.vehicle, "its odometry began" if before is None else "its odometry began anew")
-            self._last_epoch[fact.vehicle] = fact.epoch
+            subject = f"epoch {fact.vehicle}"
+            words = f"its odometry began{' anew' if subject in self._last_words else ''}"
+            self._changed(now_s, subject, fact.vehicle, words, state=str(fact.epoch))
         elif isinstance(fact, f.Said):
             level = "warning" if fact.severity <= _LOUD else "info"
             self._changed(now_s, f"said {fact.vehicle} {fact.who}", f"{fact.vehicle} {fact.who}", fact.text, level)
