@@ -150,7 +150,11 @@ class ConsoleWindow(QMainWindow):
         stop = self.buttons["stop_all"]
         stop.setMinimumSize(170, 62)
         stop.setFont(self.font())
-        stop.setStyleSheet(f"background-color: {colours.STOP}; color: white; font-weight: bold; border-radius: 6px")
+        shape = "font-weight: bold; border-radius: 6px"
+        stop.setStyleSheet(
+            f"QPushButton {{ background-color: {colours.STOP}; color: white; {shape} }} "
+            f"QPushButton:disabled {{ background-color: gray; color: lightgray; {shape} }}"
+        )
         head = QHBoxLayout()
         head.addLayout(column(self.headline, self.stop_words, self.progress), 1)
         head.addWidget(stop)
