@@ -129,7 +129,7 @@ def test_the_report_says_what_it_brought_and_warns_of_a_seam():
 
 
 def mapped(session, out, **options):
-    return pipeline.run(session, out, "thesis", ThesisOptions(matcher="sgbm"), None, lambda *_: None, **options)
+    return pipeline.run(pipeline.MapRequest(session, out, "thesis", ThesisOptions(matcher="sgbm"), **options))
 
 
 def test_a_session_that_holds_depth_is_mapped_with_it(tmp_path):

@@ -80,7 +80,7 @@ def test_the_command_counts_what_a_recording_holds_beyond(scene, tmp_path, monke
     monkeypatch.setattr(pipeline, "load", lambda path, reference: replace(
         scene, configurations=[replace(first, others=more)]))  # fmt: skip
     options = ThesisOptions(threshold=ErrorThreshold(5.0, False))
-    document = pipeline.run(tmp_path, tmp_path / "out", "thesis", options, None, lambda *_: None)
+    document = pipeline.run(pipeline.MapRequest(tmp_path, tmp_path / "out", "thesis", options))
     assert document["spare_pictures"] == {"uav2": 1} and len(document["pictures"]) == 2
 
 

@@ -202,7 +202,7 @@ def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch
     options = ThesisOptions(threshold=ErrorThreshold(5.0, False))
     out = tmp_path / "map"
     for products in (list(PRODUCTS), []):  # the second run takes the first one's place, products and all
-        pipeline.run(tmp_path, out, "thesis", options, None, lambda *_: None, products=products)
+        pipeline.run(pipeline.MapRequest(tmp_path, out, "thesis", options, products=products))
         expected = {*output.FILES, *(f for p in products for f in PRODUCTS[p])}
         assert {p.name for p in out.iterdir()} == expected
     assert set(FILES) == {f for files in PRODUCTS.values() for f in files}
@@ -212,7 +212,7 @@ def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch
 
     monkeypatch.setattr("fcsv_stereo.products.clouds.write_laz", broken)
     with pytest.raises(OutputError, match="laz: cannot be written .*No space left"):
-        pipeline.run(tmp_path, tmp_path / "other", "thesis", options, None, lambda *_: None, products=["laz"])
+        pipeline.run(pipeline.MapRequest(tmp_path, tmp_path / "other", "thesis", options, products=["laz"]))
     assert [p.name for p in tmp_path.iterdir()] == ["map"]
 
 

@@ -64,16 +64,17 @@ def _map(args, command: str) -> None:
     poi = Path(args.poi) if args.poi else None
     options, instant = _options(args), _instant(args.instant)
     bounds = CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma)
+    request = pipeline.MapRequest(
+        Path(args.input), Path(args.out), args.method, options, reference=args.reference, poi=poi, products=products,
+        instant=instant, bounds=bounds, near=not args.no_near, command=command,
+    )  # fmt: skip
     with Steps(LiveLine(sys.stderr), "reading pictures").shown() as steps:
 
         def progress(name: str, done: int, total: int) -> None:
             ended = done == total
             steps.begin("writing the map and its report" if ended else name, _MAPPED * done / total)
 
-        document = pipeline.run(
-            Path(args.input), Path(args.out), args.method, options, args.reference, progress, poi, products,
-            instant, bounds, not args.no_near, command,
-        )  # fmt: skip
+        document = pipeline.run(request, progress)
     print(demo_table(document))
     written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]
     print(f"wrote {args.out}: {', '.join(written + [f for p in products for f in PRODUCTS[p]])}")

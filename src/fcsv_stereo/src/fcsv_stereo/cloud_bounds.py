@@ -2,7 +2,7 @@
 """Which points of a map are worth a cloud: near enough, sure enough. Depth and sigma of the pixels stay as they are."""
 
 import re
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Optional, Union
 
 import numpy as np
@@ -97,8 +97,7 @@ def bound_cloud(result: MapResult, bounds: CloudBounds) -> MapResult:
             f"the cloud is empty: all {len(cloud):,} points lie {in_words(cut)}. --cloud-range-m and --cloud-sigma "
             "widen its bounds; depth.npy has all depths."
         )
-    cloud = replace(cloud, **{f.name: getattr(cloud, f.name)[kept] for f in fields(cloud)})
-    return replace(result, cloud=cloud, cut=cut, warnings=warnings)
+    return replace(result, cloud=cloud[kept], cut=cut, warnings=warnings)
 
 
 def _depth_m(result: MapResult) -> np.ndarray:

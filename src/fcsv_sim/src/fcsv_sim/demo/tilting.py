@@ -105,7 +105,7 @@ def _report(out: Path, chosen: Optional[Outcome], say: Callable[[str], None]) ->
     say(f"mapping {pair.name} with its report")
     method = pipeline.METHODS[pipeline.DEFAULT_METHOD]
     try:
-        pipeline.run(pair, out / "map", method.name, replace(method.options(), bars=True), None, lambda *_: None)
+        pipeline.run(pipeline.MapRequest(pair, out / "map", method.name, replace(method.options(), bars=True)))
     except StereoError as error:
         raise SimulationError(f"{pair}: no map ({error})") from error
     print(f"report: {out / 'map' / 'report.html'}")

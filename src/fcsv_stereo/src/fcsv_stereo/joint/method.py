@@ -16,7 +16,7 @@ from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
 from fcsv_stereo.joint.checks.enough_evidence import require_evidence, why_no_depth
 from fcsv_stereo.joint.checks.kinds import supported_only
 from fcsv_stereo.joint.checks.moved import leave_out_moved
-from fcsv_stereo.joint.match import JointDepth, MatchOptions, Suspicion, match_jointly
+from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, NearestUseful
 from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.model import (
@@ -30,6 +30,7 @@ from fcsv_stereo.model import (
     Method,
     Picture,
     PosePrior,
+    PoseUncertainty,
     Progress,
     Reference,
     silent,
@@ -174,11 +175,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     scale = options.scale_of(reference.image.shape[0] * reference.image.shape[1])
     if scale < 1.0:
         reference, pictures = reference.shrunk(scale), [p.shrunk(scale) for p in pictures]
-    told, untold = [refined[i].told for i in kept], [refined[i].untold for i in kept]
-    doubt = max(refined[i].focal_doubt for i in kept)
-    suspicion = Suspicion(doubt, [refined[i].doubted / doubt for i in kept]) if doubt > 0.0 else None
-    in_pixels = [refined[i].in_pixels for i in kept]
-    found = match_jointly(reference, pictures, matching, told, untold, suspicion, in_pixels)
+    found = match_jointly(reference, pictures, matching, [refined[i].uncertainty for i in kept])
     for i, picture in zip(found.used, found.pictures):
         pictures[i] = picture
         refined[kept[i]] = replace(refined[kept[i]], picture=picture)
@@ -251,9 +248,9 @@ def _refine(
     prior = options.refinement.prior
     unrefined = []
     for o in others:
-        told, nan = prior_covariance(reference, o, prior), float("nan")
-        untold = of_scale(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3], prior.scale_sigma)
-        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, told, untold))
+        scale = of_scale(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3], prior.scale_sigma)
+        known, nan = PoseUncertainty(prior_covariance(reference, o, prior), scale), float("nan")
+        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, known))
     return reference, unrefined, []
 
 
@@ -265,7 +262,7 @@ def _unfit_to_match(refined: List[RefinedPicture]) -> Dict[int, str]:
         return {}
     reasons = {}
     for i, r in enumerate(refined):
-        rotation_rad = float(np.sqrt(np.max(np.diag(r.covariance)[:3])))
+        rotation_rad = float(np.sqrt(np.max(np.diag(r.uncertainty.covariance)[:3])))
         off_px = r.picture.camera.fx * rotation_rad
         if not r.refined and off_px > PAIRS.most_pose_off_px(r.picture.camera.fx):
             reasons[i] = f"its pose is only known to {off_px:.1f} px ({r.reason})"

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.model import Picture
+from fcsv_stereo.model import Picture, PoseUncertainty
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
 from fcsv_stereo.refinement.adjust import Adjusted
 from fcsv_stereo.refinement.consensus import Consensus
@@ -34,28 +34,28 @@ def judge(views: List[View], k: int, direct: Link, consensus: Consensus, options
     reason = consensus.refused.get(k, "")
     if not reason and (adjusted is None or k not in adjusted.order):
         reason = direct.reason or "no picture that it overlaps with could be refined"
-    compared, in_pixels = 0, None
+    compared, pixel = 0, None
     if not reason:
-        told, untold = _covariances(views[0], adjusted, k, options)
+        known = _uncertainty(views[0], adjusted, k, options)
         T_home_cam = views[0].picture.T_home_cam @ adjusted.poses[k]
-        if _no_gain(views, k, told, untold, options):
-            sigma_deg = np.degrees(np.sqrt(np.diag(told + untold)[:3]).max())
+        if _no_gain(views, k, known, options):
+            sigma_deg = np.degrees(np.sqrt(np.diag(known.noise + known.shared)[:3]).max())
             reason = f"the pictures fix its rotation no better than {sigma_deg:.2g} degrees"
-            compared, in_pixels = _epipolar(views, k, consensus)[2], untold
+            compared, pixel = _epipolar(views, k, consensus)[2], known.shared
         else:
             reason = _doubt(views, k, T_home_cam, options)
     if reason:
         arm_m = prior_T[:3, 3] - views[0].picture.T_home_cam[:3, 3]
-        told, untold = _prior(views, k, options), of_scale(arm_m, options.prior.scale_sigma)
-        nan = float("nan")
-        picture = _with_common_focal(views[k].picture, adjusted)
-        kept = RefinedPicture(picture, prior_T, False, reason, compared, nan, nan, told, untold)
-        kept = replace(kept, in_pixels=in_pixels)
-        return _with_doubt(kept, views[0], adjusted, k) if _focal_is_wrong(adjusted, k) else kept
+        scale = of_scale(arm_m, options.prior.scale_sigma)
+        known = PoseUncertainty(_prior(views, k, options), scale, pixel=pixel)
+        if _focal_is_wrong(adjusted, k):
+            known = _with_focal(known, views[0], adjusted, k)
+        picture, nan = _with_common_focal(views[k].picture, adjusted), float("nan")
+        return RefinedPicture(picture, prior_T, False, reason, compared, nan, nan, known)
     before, after, inliers = _epipolar(views, k, consensus)
     picture = replace(_with_common_focal(views[k].picture, adjusted), T_home_cam=T_home_cam)
-    found = RefinedPicture(picture, prior_T, True, "", inliers, before, after, told, untold)
-    return found if adjusted.doubted is None else _with_doubt(found, views[0], adjusted, k)
+    known = known if adjusted.focal is None else _with_focal(known, views[0], adjusted, k)
+    return RefinedPicture(picture, prior_T, True, "", inliers, before, after, known)
 
 
 def _with_common_focal(picture: Picture, adjusted: Optional[Adjusted]) -> Picture:
@@ -66,11 +66,12 @@ def _with_common_focal(picture: Picture, adjusted: Optional[Adjusted]) -> Pictur
 
 def _focal_is_wrong(adjusted: Optional[Adjusted], k: int) -> bool:
     """Whether the pictures speak against the focal length: depths are wrong by it, whatever pose is taken."""
-    return adjusted is not None and k in adjusted.order and adjusted.focal_doubt > _WRONG_FOCAL
+    return adjusted is not None and k in adjusted.order and adjusted.focal_probability > _WRONG_FOCAL
 
 
-def _with_doubt(refined: RefinedPicture, reference: View, adjusted: Adjusted, k: int) -> RefinedPicture:
-    return replace(refined, doubted=_own(reference, adjusted, k, adjusted.doubted), focal_doubt=adjusted.focal_doubt)
+def _with_focal(known: PoseUncertainty, reference: View, adjusted: Adjusted, k: int) -> PoseUncertainty:
+    focal = _own(reference, adjusted, k, adjusted.focal)
+    return replace(known, focal=focal, focal_probability=adjusted.focal_probability)
 
 
 def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
@@ -78,9 +79,9 @@ def scaled(camera: PinholeCamera, focal_scale: float) -> PinholeCamera:
     return replace(camera, fx=camera.fx * focal_scale, fy=camera.fy * focal_scale) if focal_scale != 1.0 else camera
 
 
-def _no_gain(views: List[View], k: int, told, untold, options: RefineOptions) -> bool:
+def _no_gain(views: List[View], k: int, known: PoseUncertainty, options: RefineOptions) -> bool:
     """Whether the prior's rotation is as good as what the pictures tell, by their noise or by all their errors."""
-    noise_rad, all_rad = (float(np.sqrt(np.diag(c)[:3]).max()) for c in (told, told + untold))
+    noise_rad, all_rad = (float(np.sqrt(np.diag(c)[:3]).max()) for c in (known.noise, known.noise + known.shared))
     prior_rad = prior_to_reference(views, k, options.prior).rotation_rad
     return noise_rad > _LEAST_GAIN * prior_rad or all_rad > prior_rad
 
@@ -151,13 +152,13 @@ def _position_surprise_m(views: List[View], k: int, options: RefineOptions) -> f
     return _SURPRISE * prior_to_reference(views, k, options.prior).position_m
 
 
-def _covariances(reference: View, adjusted, k: int, options: RefineOptions) -> Tuple[np.ndarray, np.ndarray]:
-    """Told and untold (6x6), rotation in camera axes and position turned from camera to home axes."""
+def _uncertainty(reference: View, adjusted: Adjusted, k: int, options: RefineOptions) -> PoseUncertainty:
+    """Of picture k's pose as it was adjusted, without that of its focal length."""
     arm_m = reference.picture.T_home_cam[:3, :3] @ adjusted.poses[k][:3, 3]
-    untold = of_scale(arm_m, options.prior.scale_sigma)
+    shared = of_scale(arm_m, options.prior.scale_sigma)
     if adjusted.systematic is not None:
-        untold = untold + _own(reference, adjusted, k, adjusted.systematic)
-    return _own(reference, adjusted, k, adjusted.covariance), untold
+        shared = shared + _own(reference, adjusted, k, adjusted.systematic)
+    return PoseUncertainty(_own(reference, adjusted, k, adjusted.covariance), shared)
 
 
 def _own(reference: View, adjusted, k: int, covariance: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
 
 def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinement:
     found, focal = best.found, best.focal
-    consensus, views, direct = _with_systematic(_doubted(best), options), found.views, found.direct
+    consensus, views, direct = _with_systematic(_with_focal(best), options), found.views, found.direct
     judged = [judge(views, k, direct[k], consensus, options) for k in range(1, len(views))]
     refined = [_explained(r, views, k) for k, r in enumerate(judged, 1)]
     clock.lap("adjust")
@@ -55,13 +55,13 @@ def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinemen
     return Refinement(reference, refined, warnings, clock.laps_s, found.focal_scale * rest, offsets_s, unseen)
 
 
-def _doubted(best: Mended) -> Adjustment:
+def _with_focal(best: Mended) -> Adjustment:
     """With what a focal length that may be wrong makes of the poses."""
     found, focal = best.found, best.focal
     if focal is None:
         return found
-    doubted = replace(found.consensus.adjusted, doubted=focal.if_left, focal_doubt=focal.probability)
-    return replace(found, consensus=replace(found.consensus, adjusted=doubted))
+    adjusted = replace(found.consensus.adjusted, focal=focal.if_left, focal_probability=focal.probability)
+    return replace(found, consensus=replace(found.consensus, adjusted=adjusted))
 
 
 def _with_systematic(found: Adjustment, options: RefineOptions) -> Consensus:
