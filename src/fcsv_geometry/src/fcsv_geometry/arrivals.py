@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From when the age of a state counts that came over the radio: from when it was sent, as the relay measured it."""
+"""Says from when the age of a state counts that came over the radio: from when it was sent, as the relay measured
+it."""
 
 from typing import Dict, Sequence, Set
 
@@ -35,8 +36,8 @@ class Arrivals:
         self._sent_s.update(zip(topics, sent_s))
 
     def since_s(self, topic: str, came_s: float) -> float:
-        """From when the newest message of a topic counts, which came at ``came_s``: then, where no relay was between.
-        What no relay has measured yet is as old as a relay lets through."""
+        """Says from when the newest message of a topic counts, which came at ``came_s``: then, where no relay was
+        between. What no relay has measured yet is as old as a relay lets through."""
         if topic not in self._relayed:
             return came_s
         oldest_s = came_s - UNMEASURED_S

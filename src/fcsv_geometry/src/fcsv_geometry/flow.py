@@ -42,7 +42,7 @@ class DropCounter(Mapping):
 
     @property
     def total(self) -> int:
-        """Of all reasons."""
+        """Counts those of all reasons."""
         with self._lock:
             return sum(self._counts.values())
 

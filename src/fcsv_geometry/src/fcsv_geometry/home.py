@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From calibration links and home to every odometry frame and camera in home (thesis 6.3), with what is known of each.
+"""Leads from calibration links and home to every odometry frame and camera in home (thesis 6.3), with what is known of
+each.
 
     T_home_cam = T_home_odom @ T_odom_body @ T_body_cam
 

@@ -15,7 +15,8 @@ _AGAIN_S = 0.05  # by then the callback is over
 
 
 def raise_again(kind: Type[BaseException]) -> None:
-    """From now on an error of this ``kind`` that was dropped is raised again in the main thread, by SIGALRM."""
+    """Takes care that from now on an error of this ``kind`` that was dropped is raised again in the main thread, by
+    SIGALRM."""
     before = sys.unraisablehook
 
     def heard(dropped) -> None:
@@ -40,7 +41,7 @@ def leave_it() -> None:
 
 @contextlib.contextmanager
 def raised_again(kind: Type[BaseException]) -> Iterator[None]:
-    """As ``raise_again``, until the block is left."""
+    """Does as ``raise_again``, until the block is left."""
     before = sys.unraisablehook
     raise_again(kind)
     try:

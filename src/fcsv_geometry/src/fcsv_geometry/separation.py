@@ -72,8 +72,8 @@ def doubt_m(sigmas_m: Sequence[float] = (), age_s: float = 0.0, speed_mps: float
 
 
 def share(offset_m: np.ndarray, rules: SeparationRules, doubt: float = 0.0) -> Union[float, np.ndarray]:
-    """Of the distance that two vehicles must keep, how much they keep: from 1 on it is enough; (N,) of offsets (N, 3).
-    ``doubt`` (m) is ``doubt_m``, where places were heard and are not planned.
+    """Says, of the distance that two vehicles must keep, how much they keep: from 1 on it is enough; (N,) of offsets
+    (N, 3). ``doubt`` (m) is ``doubt_m``, where places were heard and are not planned.
 
     >>> float(share(np.array([2.0, 0.0, 0.0]), SeparationRules(0.8, 3.0), doubt=0.2))
     2.0
@@ -152,8 +152,8 @@ def passes_m(here_m: np.ndarray, place_m: np.ndarray, other_m: np.ndarray) -> fl
 
 
 def room_m(here_m: np.ndarray, place_m: np.ndarray, others_m: Sequence[np.ndarray], clear_m: Clear) -> float:
-    """By how much (m) a way and its end keep clear, horizontally; negative: they do not. Who is near already must not
-    come nearer."""
+    """Says by how much (m) a way and its end keep clear, horizontally; negative: they do not. Who is near already must
+    not come nearer."""
     least_m = np.inf
     for other, room in zip(others_m, np.broadcast_to(clear_m, len(others_m))):
         needed_m = min(0.8 * room, float(np.linalg.norm(other[:2] - here_m[:2])) - 1e-6)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""For how long nothing of a flow came that is wanted. Time is an argument."""
+"""Measures for how long nothing of a flow came that is wanted. Time is an argument."""
 
 import math
 from typing import Optional

@@ -176,7 +176,7 @@ def _stretches(stamps: Sequence[float], indices: Sequence[int]) -> List[List[int
 def _without_shared(
     stamps: Sequence[float], stretches: List[List[int]], found: StampOrder
 ) -> List[int]:
-    """In order of stamp, without the time of which two stretches claim to be."""
+    """Orders the stamps, in order of stamp, without the time of which two stretches claim to be."""
     spans = [(stamps[s[0]], stamps[s[-1]]) for s in stretches]
     kept: List[int] = []
     for k, stretch in enumerate(stretches):

@@ -46,7 +46,7 @@ class Sweep:
 
     @property
     def length_m(self) -> float:
-        """Of the way."""
+        """Measures the length of the way."""
         return abs(self.to_m - self.from_m)
 
     @property
@@ -61,7 +61,7 @@ class Sweep:
 
     @property
     def title(self) -> str:
-        """In words.
+        """Says it in words.
 
         >>> Sweep("vertical", 0.0, 7.0, 1.0, across_m=8.0).title
         'sweep vertical 0 to 7 m at 8 m'
@@ -80,7 +80,7 @@ class Sweep:
         return np.array([0.0, -right, up])
 
     def bounds(self, flight: FlightBounds) -> FlightBounds:
-        """Of a flight that goes no faster than the sweep."""
+        """Gives the bounds of a flight that goes no faster than the sweep."""
         slow = {n: min(self.speed_mps, getattr(flight, n)) for n in ("speed_mps", "climb_mps", "sink_mps")}
         return replace(flight, **slow)
 

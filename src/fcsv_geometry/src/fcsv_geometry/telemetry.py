@@ -151,7 +151,7 @@ CALIBRATION, HOME = "calibration", "home"
 
 @dataclass(frozen=True)
 class EpochsFound:
-    """For which epochs of the vehicles' odometry a CALIBRATION or HOME (``of``) holds."""
+    """Says for which epochs of the vehicles' odometry a CALIBRATION or HOME (``of``) holds."""
 
     of: str
     stamp_s: float
@@ -167,7 +167,7 @@ class MissionPhase:
 
 @dataclass(frozen=True)
 class Reply:
-    """To who called a service: whether it is done, and what to read."""
+    """Answers to who called a service: whether it is done, and what to read."""
 
     done: bool
     text: str

@@ -23,14 +23,14 @@ def new_key():
 
 
 def authority_certificate(name: str, key, days: int) -> x509.Certificate:
-    """Of the fleet, signed by itself."""
+    """Makes the certificate of the fleet, signed by itself."""
     builder = _builder(name, name, key.public_key(), days)
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
     return builder.sign(key, hashes.SHA256(), _BACKEND)
 
 
 def machine_certificate(common_name: str, host: str, key, authority: x509.Certificate, authority_key, days: int):
-    """Of a machine, signed by the fleet."""
+    """Makes the certificate of a machine, signed by the fleet."""
     usages = x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH])
     builder = _builder(common_name, common_name_of(authority), key.public_key(), days)
     builder = builder.add_extension(x509.SubjectAlternativeName([x509.DNSName(host)]), critical=False)
@@ -52,7 +52,7 @@ def _builder(subject: str, issuer: str, public_key, days: int) -> x509.Certifica
 
 
 def write_key(path: Path, key) -> None:
-    """In place of what stands there; nobody but the owner may read it."""
+    """Writes the key in place of what stands there; nobody but the owner may read it."""
     data = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
@@ -94,5 +94,5 @@ def common_name_of(certificate: x509.Certificate) -> str:
 
 
 def public_octets(holder) -> bytes:
-    """Of a key or a certificate; equal where they belong together."""
+    """Gives the public octets of a key or a certificate; equal where they belong together."""
     return holder.public_key().public_bytes(serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo)

@@ -35,7 +35,7 @@ class Endpoint:
 
 
 def is_loopback(host: str) -> bool:
-    """Of an address or a host name."""
+    """Judges the host of an address or a host name."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:

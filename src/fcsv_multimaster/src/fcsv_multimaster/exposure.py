@@ -20,7 +20,7 @@ def listening() -> List[Tuple[str, int]]:
 
 
 def parse_table(text: str) -> List[Tuple[str, int]]:
-    """Of the kernel's table.
+    """Reads the lines of the kernel's table.
 
     >>> parse_table("  sl  local_address\\n   0: 0100007F:2C2F 00000000:0000 0A 0\\n   1: 00000000:0016 0:0 01 0\\n")
     [('127.0.0.1', 11311)]

@@ -7,7 +7,7 @@ from typing import Callable, Dict, Iterable
 
 from fcsv_multimaster import wire
 from fcsv_multimaster.errors import RelayError, WireError
-from fcsv_multimaster.measure import Heard
+from fcsv_multimaster.measure import SignOfLife
 from fcsv_multimaster.parcel import Parcel
 from fcsv_multimaster.peer import Peer
 
@@ -132,12 +132,12 @@ class Inbound:
         """Whether it is the relay that bears the peer's name; a second one of the same name is reported and ignored."""
         with peer.lock:
             heard = peer.heard(boot, now_s, where)
-        if heard is Heard.DOUBLE:
+        if heard is SignOfLife.DOUBLE:
             self._drop(
                 "a second machine of the same name", f"another relay calls itself {peer.name}; give it its own name"
             )
             return False
-        if heard is Heard.NEW:
+        if heard is SignOfLife.NEW:
             _LOG.info("%s: the relay of %s is there", self._name, peer.name)
             self._wake(True)
         return True

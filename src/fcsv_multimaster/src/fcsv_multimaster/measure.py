@@ -49,7 +49,8 @@ class Clocks:
 
     @property
     def unsure_s(self) -> float:
-        """By how much an age may be wrong: the answer to the quickest ping was under way both ways together so long."""
+        """Says by how much an age may be wrong: the answer to the quickest ping was under way both ways together so
+        long."""
         return min(self._samples)[0] / 2 if self._samples else 0.0
 
 
@@ -66,7 +67,7 @@ class TopicCount:
     last_s: Optional[float] = None
 
 
-class Heard(Enum):
+class SignOfLife(Enum):
     """Whose sign of life it is."""
 
     SAME = auto()  # the relay's that we know
@@ -92,7 +93,7 @@ class PeerMeasure:
         self._twin_where = ""
         self._displaced_since_s: Optional[float] = None
 
-    def heard(self, boot: int, now_s: float, where: str = "") -> Heard:
+    def heard(self, boot: int, now_s: float, where: str = "") -> SignOfLife:
         """A sign of life of a relay that bears the peer's name; every start of a relay has a ``boot`` of its own.
 
         Two that speak at the same time are two machines: the second is refused while the first was heard in the last
@@ -102,18 +103,18 @@ class PeerMeasure:
             self._heard_s = now_s
             self._twins.update((b, now_s) for b, first_s in self._rivals.items() if now_s - first_s > SILENT_S)
             self._rivals = {b: s for b, s in self._rivals.items() if b not in self._twins}
-            return Heard.SAME
+            return SignOfLife.SAME
         patience_s = TWIN_S if boot in self._twins else SILENT_S
         if self.boot is not None and now_s - self._heard_s < patience_s:
             self._heard_double(boot, now_s, where)
-            return Heard.DOUBLE
+            return SignOfLife.DOUBLE
         self.boot, self._heard_s = boot, now_s
         self._rivals.clear()
         self._twins.pop(boot, None)
         self.clocks.forget()
         for count in self.topics.values():
             count.newest_sequence = 0
-        return Heard.NEW
+        return SignOfLife.NEW
 
     def _heard_double(self, boot: int, now_s: float, where: str) -> None:
         self._twin_where = where or self._twin_where

@@ -6,7 +6,7 @@ from typing import Dict, List, Tuple
 
 from fcsv_geometry.flow import RateGate
 from fcsv_multimaster.links import Rule
-from fcsv_multimaster.measure import Heard, PeerMeasure
+from fcsv_multimaster.measure import PeerMeasure, SignOfLife
 from fcsv_multimaster.order import Order
 from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
 
@@ -36,13 +36,13 @@ class Peer:
         self._called_s = 0.0
         self._contact_s = float("-inf")
 
-    def heard(self, boot: int, now_s: float, where: str = "") -> Heard:
+    def heard(self, boot: int, now_s: float, where: str = "") -> SignOfLife:
         """A sign of life of a relay that bears this name."""
         was_there = self.measure.alive(now_s)
         heard = self.measure.heard(boot, now_s, where)
         if not was_there:
             self._contact_s = now_s
-        if heard is Heard.NEW:
+        if heard is SignOfLife.NEW:
             self._restarted(now_s)
         return heard
 

@@ -18,7 +18,7 @@ _H264_BIT_S = (100_000, 8_000_000)
 _LARGEST_PX = 64_000_000  # what a peer may make us decode
 
 
-class Rate:
+class OfferedRate:
     """How often pictures are offered, from the counter and the time of those whose turn comes."""
 
     def __init__(self):

@@ -184,7 +184,7 @@ class Transport:
             self._close_links(LINKS)
 
     def _close_links(self, links: Sequence[str]) -> None:
-        """At once, as each may wait for a machine that vanished."""
+        """Closes all at once, as each may wait for a machine that vanished."""
         sessions = [self._sessions[link] for link in links if link in self._sessions]
         closing = [threading.Thread(target=_close, args=(s,), daemon=True) for s in sessions]
         for thread in closing:

@@ -21,7 +21,7 @@ _PING_KIND, _PONG_KIND, _ACK_KIND = 1, 2, 3
 
 @dataclass(frozen=True)
 class Head:
-    """In front of every message of a topic.
+    """Stands in front of every message of a topic.
 
     ``boot`` changes when a relay restarts; ``to`` is the boot of whom it is meant for, as two may bear his name, or 0
     where the sender has not heard him yet; ``sequence`` counts the topic's messages to this target; ``first`` is the

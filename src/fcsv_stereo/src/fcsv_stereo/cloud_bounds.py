@@ -30,7 +30,7 @@ class CloudBounds:
 
     @classmethod
     def of_words(cls, range_m: str = _AUTO, sigma: Optional[str] = None) -> "CloudBounds":
-        """As an operator writes them. Raises InputError.
+        """Reads the bounds as an operator writes them. Raises InputError.
 
         >>> CloudBounds.of_words("none", "none")
         CloudBounds(range_m=None, sigma=None)

@@ -124,7 +124,7 @@ def read_cameras(path: Path) -> Dict[int, PinholeCamera]:
 
 
 def camera_of(width: int, height: int, values: Dict[str, float]) -> PinholeCamera:
-    """From a camera model's parameters by name, whose pixel centres are at 0.5. Raises GeometryError."""
+    """Makes a camera from a camera model's parameters by name, whose pixel centres are at 0.5. Raises GeometryError."""
     fx, fy = values.get("fx", values.get("f")), values.get("fy", values.get("f"))
     distortion = tuple(values.get(k, 0.0) for k in ("k1", "k2", "p1", "p2")) + (0.0,)
     return require_plausible(PinholeCamera(width, height, fx, fy, values["cx"] - 0.5, values["cy"] - 0.5, distortion))

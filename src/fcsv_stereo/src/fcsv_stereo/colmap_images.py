@@ -161,7 +161,8 @@ def _require_digits(path: Path, lines: Sequence[_Line]) -> None:
 
 
 def _with_frames(path: Path, lines: List[_Line]) -> Tuple[List[_Line], str]:
-    """With the poses of frames.txt and rigs.txt where there are any; what is to be said of it."""
+    """Reads the images' lines with the poses of frames.txt and rigs.txt where there are any; what is to be said of
+    it."""
     frames, rigs = path.with_name("frames.txt"), path.with_name("rigs.txt")
     if not frames.is_file() or not any(line.strip() for _, line in data_lines(frames)):
         return lines, ""
@@ -206,7 +207,7 @@ _Sensor = Tuple[str, str]
 
 
 def _rigs(path: Path) -> Dict[str, Dict[_Sensor, Optional[Tuple[np.ndarray, float]]]]:
-    """By rig and sensor, T_sensor_rig and its rounding; None where the rig has no pose of it.
+    """Reads, by rig and sensor, T_sensor_rig and its rounding; None where the rig has no pose of it.
 
     A line is RIG_ID NUM_SENSORS, type and number of the reference, and of every other sensor type, number, whether it
     has a pose, and that.
@@ -236,7 +237,7 @@ def _rigs(path: Path) -> Dict[str, Dict[_Sensor, Optional[Tuple[np.ndarray, floa
 
 
 def _frame_poses(path: Path, rigs) -> Dict[str, Tuple[int, np.ndarray, float, str]]:
-    """By image: its camera, T_cam_home = T_cam_rig @ T_rig_home, rounding, and the line that it is from."""
+    """Reads, by image: its camera, T_cam_home = T_cam_rig @ T_rig_home, rounding, and the line that it is from."""
     poses: Dict[str, Tuple[int, np.ndarray, float, str]] = {}
     for number, line in data_lines(path):
         where, words = f"{path}, line {number}", line.split()

@@ -42,7 +42,7 @@ class GroupCoverage:
 
 @dataclass(frozen=True)
 class DepthMetrics:
-    """Of the answered pixels. ``interval_coverage``: by nominal level, the share of errors in that
+    """Holds figures of the answered pixels. ``interval_coverage``: by nominal level, the share of errors in that
     level's interval about the depth. ``sharpness``: median of sigma over depth. ``worst_group``:
     None where every group is too small.
     """
@@ -56,7 +56,7 @@ class DepthMetrics:
     overconfident_share: float
 
     def cells(self) -> Tuple[str, ...]:
-        """For tables, by ``TITLES``."""
+        """Formats the figures for tables, by ``TITLES``."""
         worst = self.worst_group
         return (
             f"{self.mean_relative_error:.2%}", f"{self.within_3_percent:.1%}", f"{self.ause:.3f}",
@@ -66,7 +66,7 @@ class DepthMetrics:
         )  # fmt: skip
 
     def to_dict(self) -> dict:
-        """For report.json; levels in percent."""
+        """Gives the figures for report.json; levels in percent."""
         worst = self.worst_group
         return {
             "mean_relative_error": self.mean_relative_error,
@@ -178,7 +178,7 @@ def ause(error: np.ndarray, uncertainty: np.ndarray) -> float:
 
 
 def overconfident_share(error: np.ndarray, uncertainty: np.ndarray) -> float:
-    """Of the worst ``WORST_ERRORS`` of the errors, the share among the ``SUREST`` pixels:
+    """Gives, of the worst ``WORST_ERRORS`` of the errors, the share among the ``SUREST`` pixels:
     ``SUREST`` where uncertainty says nothing, 0 where it tells these errors.
 
     >>> error = np.arange(100.0)

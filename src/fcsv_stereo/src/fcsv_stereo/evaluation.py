@@ -41,7 +41,7 @@ class Moving:
 
     @property
     def words(self) -> str:
-        """For a table."""
+        """Says the figures for a table."""
         e = self.median_relative_error
         error = "" if e is None else f", median error {e:.1%}"
         return f"{self.name}, which moves, at {self.distance_m:.1f} m: {self.answered:.0%} of it answered{error}"
@@ -65,7 +65,7 @@ class Evaluation:
     metrics: Optional[DepthMetrics] = None
 
     def to_dict(self) -> dict:
-        """For report.json, with the main figures on top."""
+        """Gives the figures for report.json, with the main figures on top."""
         return {
             "range_m": self.most_m,
             "within_10_percent": self.overall.within_10_percent,
@@ -85,7 +85,8 @@ def evaluate(
     result: MapResult, truth: Optional[Truth], true_depth: np.ndarray, most_m: float = 400.0,
     on: Optional[Mapping[str, np.ndarray]] = None,
 ) -> Evaluation:  # fmt: skip
-    """Of all pixels whose true depth is at most ``most_m``. ``on``: pixels (H,W bool) of each thing that moves."""
+    """Compares a map with the truth of all pixels whose true depth is at most ``most_m``. ``on``: pixels (H,W bool) of
+    each thing that moves."""
     overall = band(result.depth, true_depth, (0.0, most_m))
     bands = [band(result.depth, true_depth, r) for r in BANDS_M if r[0] < most_m]
     judged = np.isfinite(result.depth) & (true_depth <= most_m)

@@ -21,7 +21,7 @@ class GroundSample:
 
     @classmethod
     def of(cls, result: MapResult) -> "GroundSample":
-        """Of a map's reference picture."""
+        """Takes a sample of a map's reference picture."""
         known = result.depth[np.isfinite(result.depth)]
         median_m = float(np.median(known)) if known.size else None
         return cls(1.0 / min(result.reference.camera.fx, result.reference.camera.fy), median_m)
@@ -40,7 +40,7 @@ class GroundSample:
         return [(d, self.at_m(d)) for d in sorted(depths)]
 
     def to_dict(self) -> dict:
-        """For report.json."""
+        """Gives the sample for report.json."""
         median_m = self.median_depth_m
         return {
             "m_per_px_at_1_m": self.per_m, "median_depth_m": median_m,

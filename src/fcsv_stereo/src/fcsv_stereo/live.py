@@ -30,7 +30,7 @@ _MOST_COVARIANCES = 900  # of a vehicle: half a minute at 30 Hz, longer than a p
 
 
 class MapStage(Word):
-    """Of a map that grows in flight, as fcsv_msgs/MapState has it."""
+    """Names the stage of a map that grows in flight, as fcsv_msgs/MapState has it."""
 
     WAITING = "waiting"
     MAPPING = "mapping"
@@ -40,7 +40,7 @@ class MapStage(Word):
 
 
 @dataclass(frozen=True)
-class Window:
+class RecordingWindow:
     """The recording of one configuration: pictures with start_s <= stamp <= stop_s."""
 
     index: int
@@ -61,7 +61,7 @@ class LiveSession:
 
     most_pictures: int = 60
     T_home_odom: Dict[str, np.ndarray] = field(default_factory=dict)
-    windows: Dict[int, Window] = field(default_factory=dict)
+    windows: Dict[int, RecordingWindow] = field(default_factory=dict)
     _covariances: Dict[str, KnownCovariances] = field(default_factory=dict)
     _newest: Dict[str, Deque[LivePicture]] = field(default_factory=dict)
     _kept: Dict[int, Dict[str, List[LivePicture]]] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class LiveSession:
         """How well a vehicle's camera is known in home, said before its pictures of that time come."""
         self._covariances.setdefault(vehicle, KnownCovariances(_MOST_COVARIANCES)).add(stamp_s, covariance)
 
-    def add_window(self, window: Window) -> None:
+    def add_window(self, window: RecordingWindow) -> None:
         """A recording ended; said again with the same index it is replaced."""
         before = self._kept.get(window.index, {})  # of a sweep that was shorter then
         self.windows[window.index] = window
@@ -132,7 +132,7 @@ class LiveSession:
     def newest(
         self, reference: str, others: Sequence[str], apart_s: float, after_s: float = float("-inf")
     ) -> Optional[MapInput]:
-        """For monitoring (3.6): the newest pictures of vehicles that hold, one pair for each of ``others``.
+        """Chooses, for monitoring (3.6): the newest pictures of vehicles that hold, one pair for each of ``others``.
 
         One that sends no more pictures while the reference does, as after a drop-out, is left out after 2 s. None while
         there is no picture of the reference after ``after_s`` of which every other vehicle has one within ``apart_s``.
@@ -154,8 +154,8 @@ class LiveSession:
         return MapInput(InputKind.SESSION, pairs, prior=FLOWN)
 
     def apart_s(self, reference: str, others: Sequence[str], after_s: float) -> Tuple[float, float]:
-        """Of the reference's pictures after ``after_s``: how long they go on (s), and how far (s) the other vehicles'
-        nearest is from the one that is best off; infinite where one has none.
+        """Says, of the reference's pictures after ``after_s``: how long they go on (s), and how far (s) the other
+        vehicles' nearest is from the one that is best off; infinite where one has none.
         """
         after = [p.stamp_s for p in self._newest.get(reference, ()) if p.stamp_s > after_s]
         if not after:
@@ -172,7 +172,7 @@ class LiveSession:
         since = [p.stamp_s for p in self._newest.get(reference, ()) if not newest or p.stamp_s > newest[-1].stamp_s]
         return bool(since) and since[-1] - since[0] >= _GONE_S
 
-    def _keep(self, window: Window, picture: LivePicture) -> None:
+    def _keep(self, window: RecordingWindow, picture: LivePicture) -> None:
         kept = self._kept[window.index].setdefault(picture.vehicle, [])
         if all(picture.stamp_s != p.stamp_s for p in kept):
             kept.append(picture)
@@ -217,7 +217,7 @@ class Corrections:
         self._C: Dict[str, np.ndarray] = {}
 
     def learn(self, result: MapResult) -> None:
-        """From a map whose poses were refined."""
+        """Learns from a map whose poses were refined."""
         for image in result.images:
             if image.refined:
                 self._C[image.vehicle] = image.T_home_cam @ transforms.invert(image.prior_T_home_cam)

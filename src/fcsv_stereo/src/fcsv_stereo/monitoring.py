@@ -15,7 +15,7 @@ _BAR_PX, _TEXT = 22, 0.42
 _MARKS_M = (0.3, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 400)
 
 
-class Rate:
+class ImageRate:
     """How many depth images a second there were in the last five seconds."""
 
     def __init__(self):
@@ -28,7 +28,7 @@ class Rate:
     def hz(self, now_s: float) -> float:
         """Intervals over their time; 0 with fewer than two.
 
-        >>> rate = Rate()
+        >>> rate = ImageRate()
         >>> for k in range(9): rate.tick(0.25 * k)
         >>> rate.hz(2.0), rate.hz(9.0)
         (4.0, 0.0)

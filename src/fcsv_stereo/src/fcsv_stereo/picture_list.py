@@ -24,7 +24,7 @@ class PictureUse:
     why_not: Optional[str]
 
     def to_dict(self) -> dict:
-        """For report.json."""
+        """Gives the entry for report.json."""
         return {**asdict(self), "configurations": list(self.configurations)}
 
 
@@ -34,7 +34,7 @@ def picture_list(result: MapResult) -> List[PictureUse]:
 
 
 def spare(given: MapInput, result: MapResult) -> Dict[str, int]:
-    """By vehicle, how many pictures of the recordings the map did not need: one of each recording is enough."""
+    """Counts, by vehicle, how many pictures of the recordings the map did not need: one of each recording is enough."""
     looked_at, counts = {i.name for i in result.images}, {}
     for name, vehicle in {p.name: p.vehicle for c in given.configurations for p in (*c.references, *c.others)}.items():
         if name not in looked_at:

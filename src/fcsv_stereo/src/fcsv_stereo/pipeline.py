@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From an input to OUT/: load, map with a method, evaluate against truth where there is one, write."""
+"""Leads from an input to OUT/: load, map with a method, evaluate against truth where there is one, write."""
 
 import time
 from dataclasses import dataclass, field, replace
@@ -72,7 +72,8 @@ class MapRequest:
     command: str = ""
 
     def points_of_interest(self) -> List[PointOfInterest]:
-        """From ``poi``, or from the input's own file; none where neither is there. Raises InputError."""
+        """Loads the points from ``poi``, or from the input's own file; none where neither is there. Raises
+        InputError."""
         file = self.poi or self.path / POI_FILE
         return load_points(file) if self.poi or file.is_file() else []
 

@@ -85,7 +85,7 @@ class PoiResult:
     samples: List[Sample]
 
     def to_dict(self) -> dict:
-        """For report.json."""
+        """Gives the sample for report.json."""
         return {
             "name": self.poi.name, "u_px": self.poi.u_px, "v_px": self.poi.v_px, "width_px": self.poi.width_px,
             "height_px": self.poi.height_px, "truth_m": self.truth_m, "percentiles": list(PERCENTILES),

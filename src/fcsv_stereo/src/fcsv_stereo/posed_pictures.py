@@ -63,7 +63,7 @@ def load_pictures(
     files: Mapping[str, Path], posed: Sequence[PosedImage], cameras: Mapping[int, PinholeCamera], reference: str,
     warnings: List[str],
 ) -> Dict[str, Picture]:  # fmt: skip
-    """By name, undistorted; those of 16 bits share one scale per camera.
+    """Loads pictures by name, undistorted; those of 16 bits share one scale per camera.
 
     A file that cannot be read whole is left out, and ``warnings`` name it. Raises InputError where it is the
     reference's, or no other one is left.

@@ -55,7 +55,7 @@ def read_priors(path: Path, names: Collection[str]) -> Tuple[Dict[str, np.ndarra
 
 
 def _row(words: Sequence[str], columns: Sequence[str]) -> Dict[str, str]:
-    """By column; a name may hold commas, in quotes or without.
+    """Reads a row by column; a name may hold commas, in quotes or without.
 
     >>> _row(["DJI", " 1.JPG", "0.1"], ("name", "x_m"))
     {'name': 'DJI, 1.JPG', 'x_m': '0.1'}

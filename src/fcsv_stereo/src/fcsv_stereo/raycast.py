@@ -19,7 +19,7 @@ def open3d():
 
 
 def scene_of(mesh):
-    """Of an ``open3d.t.geometry.TriangleMesh``, ready for rays."""
+    """Makes the scene of an ``open3d.t.geometry.TriangleMesh``, ready for rays."""
     scene = open3d().t.geometry.RaycastingScene()
     scene.add_triangles(mesh)
     return scene

@@ -109,7 +109,7 @@ class TrueScene:
 
 
 def _at(poses: Poses, name: str, stamp_s: float):
-    """Of a stamp within a millisecond, or None."""
+    """Finds the pose of a stamp within a millisecond, or None."""
     key = round(stamp_s * 1000)
     return next((poses[name, near] for near in (key, key - 1, key + 1) if (name, near) in poses), None)
 
@@ -126,7 +126,8 @@ def _scene(path: Path):
 
 
 def load_truth(folder: Path) -> Truth:
-    """From ``folder``/scene.ply and cameras.csv, and, where something moved, movers.csv and movers/NAME.ply.
+    """Loads the truth from ``folder``/scene.ply and cameras.csv, and, where something moved, movers.csv and
+    movers/NAME.ply.
 
     Raises InputError naming the line that is wrong.
     """

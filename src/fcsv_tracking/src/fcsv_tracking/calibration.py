@@ -112,7 +112,7 @@ def _require_slow(parent: str, child: str, ordered: Sequence[Detection], rules: 
 def _require_facing(
     parent: str, child: str, used: Sequence[Detection], solution: LinkSolution, rules: CalibrationRules
 ) -> None:
-    """By the joint solution: a single detection's normal may be the mirrored one."""
+    """Checks, by the joint solution: a single detection's normal may be the mirrored one."""
     angles_deg = []
     for d in used:
         T_cam_tag = transforms.invert(d.T_odom_cam) @ transforms.invert(solution.T_Op_Oc) @ d.T_odom_tag

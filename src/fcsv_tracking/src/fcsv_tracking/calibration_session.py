@@ -29,8 +29,8 @@ class _Seen:
 
 
 class CalibrationSession:
-    """Of a ``column``, front first, begun at ``now_s``; ``duration_s`` 0: as long as it takes. ``drop(what, why)`` is
-    told what is of no use. Raises TrackingError where the column is none."""
+    """Calibrates the vehicles of a ``column``, front first, begun at ``now_s``; ``duration_s`` 0: as long as it takes.
+    ``drop(what, why)`` is told what is of no use. Raises TrackingError where the column is none."""
 
     def __init__(
         self, now_s: float, column: Sequence[str], duration_s: float, vehicles: Mapping[str, VehicleGeometry],

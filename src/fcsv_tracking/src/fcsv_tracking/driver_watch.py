@@ -12,7 +12,7 @@ _RATE_OVER_S = 3.0
 
 
 class Remedy(Enum):
-    """From mild to strong."""
+    """Orders remedies from mild to strong."""
 
     RESET = "the device is reset"  # by the driver's own service
     RESTART = "its driver is restarted"  # asked to end; roslaunch starts it again
@@ -46,7 +46,7 @@ class DeviceRules:
 
     @property
     def remedies(self) -> List[Remedy]:
-        """In the order in which they are tried."""
+        """Lists the remedies in the order in which they are tried."""
         return [Remedy.RESET] * bool(self.reset) + [Remedy.RESTART, Remedy.KILL] * bool(self.nodes)
 
 
@@ -77,7 +77,7 @@ class DriverWatch:
             self._silent, self._speaks_since_s = False, now_s
 
     def rate_hz(self, now_s: float) -> float:
-        """Over the last three seconds."""
+        """Counts samples over the last three seconds."""
         return sum(s > now_s - _RATE_OVER_S for s in self._heard) / _RATE_OVER_S
 
     def step(self, now_s: float) -> Optional[Remedy]:
@@ -99,7 +99,7 @@ class DriverWatch:
         return remedy
 
     def status(self, now_s: float) -> Tuple[Level, str]:
-        """For the diagnostics."""
+        """Gives the state for the diagnostics."""
         if self._last_s is None and not self._silent:
             return Level.WARN, f"{self.name} has not begun to send {self.rules.topic}"
         if self._silent:

@@ -45,12 +45,12 @@ class LinkNoise:
 
     @property
     def attitude_noise_deg(self) -> float:
-        """Of the child's odometry at a picture's stamp."""
+        """Gives the noise of the child's odometry at a picture's stamp."""
         return math.hypot(self.tracker.attitude_noise_deg, self.interpolation_deg)
 
     @property
     def position_noise_m(self) -> float:
-        """Of either odometry at a picture's stamp."""
+        """Gives the noise of either odometry at a picture's stamp."""
         return math.hypot(self.tracker.position_noise_m, self.interpolation_m)
 
     @property

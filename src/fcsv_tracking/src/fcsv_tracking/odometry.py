@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the tracking camera's odometry to the body's, with a gate that no jump passes.
+"""Leads from the tracking camera's odometry to the body's, with a gate that no jump passes.
 
 ``odom`` is the T265's own level odometry frame, so T_odom_body = T_odom_t265 @ inv(T_body_t265), until
 the tracker jumps. Then the frame is re-based by four degrees of freedom (the jump undone, roll and

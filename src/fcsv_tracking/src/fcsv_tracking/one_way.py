@@ -57,8 +57,8 @@ def one_way_ratio(
 
 
 def _most_along(xy: np.ndarray, off: np.ndarray, R_odom_now: np.ndarray, noise2: float) -> float:
-    """Of points (N, 2) and what they are off (N, 2): the mean square along the best way over that across it, or over
-    ``noise2`` where that is more."""
+    """Says, of points (N, 2) and what they are off (N, 2): the mean square along the best way over that across it, or
+    over ``noise2`` where that is more."""
     ways = _WAYS @ R_odom_now  # in the camera
     e = xy[None] * ways[:, None, 2:] - ways[:, None, :2]  # where a camera that goes this way sees them move
     e /= np.maximum(np.sqrt(np.einsum("kij,kij->ki", e, e)), 1e-6)[..., None]

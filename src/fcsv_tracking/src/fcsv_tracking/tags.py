@@ -44,7 +44,7 @@ class TagObservation:
 
 
 def longest_edge(corners: np.ndarray) -> float:
-    """Of a tag's corners (4,2)."""
+    """Measures the longest edge of a tag's corners (4,2)."""
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max())
 
 

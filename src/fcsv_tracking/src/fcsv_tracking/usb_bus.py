@@ -27,7 +27,7 @@ class UsbDevice:
 
 
 def read_devices(folder) -> List[UsbDevice]:
-    """Of Linux's /sys/bus/usb/devices; what vanishes while it is read is left out."""
+    """Reads the devices of Linux's /sys/bus/usb/devices; what vanishes while it is read is left out."""
     out = []
     for place in sorted(Path(folder).glob("[0-9]*-*")):
         if ":" in place.name:

@@ -22,7 +22,8 @@ _NODES = (("fkie_master_discovery", "master_discovery"), ("fkie_master_sync", "m
 
 @dataclass(frozen=True)
 class FkieParameters:
-    """As the relay's; ``keys`` and the ports are not for fkie, which is open: use it inside a VPN alone."""
+    """Holds parameters as the relay's; ``keys`` and the ports are not for fkie, which is open: use it inside a VPN
+    alone."""
 
     machine: str
     links: str

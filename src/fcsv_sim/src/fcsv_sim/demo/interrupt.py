@@ -13,7 +13,7 @@ class Interrupted(BaseException):
 
 
 def listen() -> None:
-    """From now on either raises Interrupted in the main thread."""
+    """Takes care that from now on either raises Interrupted in the main thread."""
     raise_again(Interrupted)
     _listen()
 

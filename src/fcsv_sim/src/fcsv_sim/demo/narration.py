@@ -59,7 +59,7 @@ def wait(child: subprocess.Popen, narrator: Narrator, words: str) -> int:
 
 
 def in_minutes(seconds: float) -> str:
-    """For people.
+    """Writes the time for people.
 
     >>> in_minutes(40.0), in_minutes(130.0)
     ('40 s', '2 min')

@@ -111,7 +111,7 @@ def draw_bodies(bodies: Sequence[Drawn], T_world_cam: np.ndarray, camera: Pinhol
 
 
 def _draw_thing(thing: BoxedThing, T_cam_body, camera, directions, exposure, values, depth) -> None:
-    """As a body without rotors and tag: their windows are empty."""
+    """Draws it as a body without rotors and tag: their windows are empty."""
     windows = _windows(T_cam_body, _box_corners(thing.boxes), camera)
     if windows is None:
         return

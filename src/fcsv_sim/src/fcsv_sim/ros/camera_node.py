@@ -33,8 +33,8 @@ _CATCH_UP = 3
 
 @dataclass(frozen=True)
 class CameraNodeParameters:
-    """As given to the node. Pictures have ``samples`` (as in Renderer) while this vehicle's recorder takes pictures,
-    ``preview_samples`` while it says that it does not, ``samples`` where there is no recorder.
+    """Holds the parameters as given to the node. Pictures have ``samples`` (as in Renderer) while this vehicle's
+    recorder takes pictures, ``preview_samples`` while it says that it does not, ``samples`` where there is no recorder.
 
     The rate goes before the finish: a machine that falls behind gets some pictures of ``preview_samples``.
     """

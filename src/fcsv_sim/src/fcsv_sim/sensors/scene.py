@@ -36,7 +36,7 @@ class SimulatedScene:
         self.begin_again()
 
     def begin_again(self) -> None:
-        """As SceneWatch's."""
+        """Begins anew, as SceneWatch's."""
         self._then: Optional[Tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = None
 
     def see(

@@ -24,7 +24,7 @@ _TELLS = ((Message.FLIGHT, 10.0), (Message.WIFI, 2.0), (Message.LIGHT, 1.0))
 _UNANSWERED = frozenset({Message.STICKS, Message.LOG_HEADER, Message.TIME})
 
 
-class Link:
+class SimulatedTelloLink:
     """take() what arrives, step() every pass; outgoing() is what the client gets."""
 
     def __init__(self, drone: Drone):

@@ -69,11 +69,11 @@ class SimulatedRig:
 
     @property
     def angles(self) -> TiltAngles:
-        """As the cameras truly stand."""
+        """Gives the angles as the cameras truly stand."""
         return TiltAngles(self._servos[0].angle_rad, self._servos[-1].angle_rad)
 
     def read(self) -> TiltAngles:
-        """As the encoders say."""
+        """Gives the angles as the encoders say."""
         first, last = self._servos[0], self._servos[-1]
         return TiltAngles(first.reading_rad(first.angle_rad), last.reading_rad(last.angle_rad))
 

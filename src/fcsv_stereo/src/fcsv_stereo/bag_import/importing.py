@@ -368,7 +368,7 @@ def _require_one_size(request: ImportRequest, chosen: Sequence[PosedStamp]) -> N
 
 
 def _names(chosen: Sequence[PosedStamp]) -> List[str]:
-    """By camera and in order of time: camera1_02.png."""
+    """Names pictures by camera and in order of time: camera1_02.png."""
     places: Dict[int, List[float]] = {}
     for p in chosen:
         places.setdefault(p.camera, []).append(p.own_stamp_s)

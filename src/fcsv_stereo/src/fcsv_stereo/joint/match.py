@@ -14,7 +14,7 @@ from fcsv_stereo.joint.checks.kinds import infinite, kinds
 from fcsv_stereo.joint.checks.reliability import confirmed, is_certain, relied_on, trusted
 from fcsv_stereo.joint.checks.sigma import geometry_sigmas, matching_sigma
 from fcsv_stereo.joint.checks.sky import in_the_skyline, moved_clouds, sky
-from fcsv_stereo.joint.pictures import Pictures, usable
+from fcsv_stereo.joint.pictures import MatchPictures, usable
 from fcsv_stereo.joint.refine.exposure import same_exposure
 from fcsv_stereo.joint.refine.pose_alignment import adjust
 from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits, without_mean
@@ -116,7 +116,7 @@ def match_jointly(
         raise MatchingError("no picture can be matched: " + "; ".join(left_out.values()))
     known_poses = [poses[i] for i in used] if poses else None
     suspicion = Suspicion.of(poses) if poses else None
-    pictures = Pictures.of(reference, [others[i] for i in used], known_poses, options.adjust_poses)
+    pictures = MatchPictures.of(reference, [others[i] for i in used], known_poses, options.adjust_poses)
     first, *between = _scales(pictures.shape[0] * pictures.shape[1], options)
     with ThreadPoolExecutor(options.threads) as pool:
         pictures, rough = _match_roughly(pictures, first / 2.0, options, pool)
@@ -144,7 +144,7 @@ def match_jointly(
 
 
 def _by_poses(
-    pictures: Pictures, fine: Fine, suspicion: Optional[Suspicion], poses: Optional[Sequence[PoseUncertainty]],
+    pictures: MatchPictures, fine: Fine, suspicion: Optional[Suspicion], poses: Optional[Sequence[PoseUncertainty]],
     used: Sequence[int],
 ) -> Tuple[np.ndarray, Optional[np.ndarray], Optional[np.ndarray]]:  # fmt: skip
     """HxW float32 each, what errors of the poses make: of inverse depth (1/m) by their covariances; of the depth, as a
@@ -160,7 +160,7 @@ def _by_poses(
 
 
 def _judged(
-    pictures: Pictures, fine: Fine, sigma_w: np.ndarray, known: np.ndarray, options: MatchOptions,
+    pictures: MatchPictures, fine: Fine, sigma_w: np.ndarray, known: np.ndarray, options: MatchOptions,
     pool: ThreadPoolExecutor, suspicion: Optional[Suspicion] = None, pose_sigma_share: Optional[np.ndarray] = None,
 ) -> Tuple[np.ndarray, Optional[np.ndarray]]:  # fmt: skip
     """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that tell it.
@@ -199,15 +199,16 @@ class _Rough:
 
 
 def _scales(pixels: int, options: MatchOptions) -> List[float]:
-    """Of the volume and of those between it and the full size, in even steps, each at most twice the one before."""
+    """Gives the scales of the volume and of those between it and the full size, in even steps, each at most twice the
+    one before."""
     first = min(MATCH.largest_volume, float(np.sqrt(options.volume_pixels / pixels)))
     steps = max(1 if options.stretch else MATCH.least_choices, int(np.ceil(-np.log2(first))))
     return [first ** (1.0 - k / steps) for k in range(steps)]
 
 
 def _match_roughly(
-    pictures: Pictures, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
-) -> Tuple[Pictures, _Rough]:
+    pictures: MatchPictures, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+) -> Tuple[MatchPictures, _Rough]:
     """Every depth at every pixel of small pictures; poses adjusted by it."""
     found = pictures.views(scale)
     everywhere = np.full(found.shape[0], np.inf)
@@ -219,8 +220,8 @@ def _match_roughly(
 
 
 def _match_in_volume(
-    pictures: Pictures, rough: _Rough, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
-) -> Tuple[Pictures, Map, np.ndarray]:
+    pictures: MatchPictures, rough: _Rough, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+) -> Tuple[MatchPictures, Map, np.ndarray]:
     """The cost volume's map and its levels (1/m); exposures and poses adjusted by it; the sky at infinity."""
     found = pictures.views(scale)
     nearest = nearest_inverse_depth(rough.match, rough.found.reference, found.shape[0])
@@ -237,7 +238,12 @@ def _match_in_volume(
 
 
 def _surfaces_between(
-    pictures: Pictures, coarser: Map, levels: np.ndarray, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+    pictures: MatchPictures,
+    coarser: Map,
+    levels: np.ndarray,
+    scale: float,
+    options: MatchOptions,
+    pool: ThreadPoolExecutor,
 ) -> Map:
     """Surfaces chosen at a size between, and what of them the pictures confirm."""
     found = pictures.views(scale)
@@ -248,9 +254,9 @@ def _surfaces_between(
 
 
 def _at_full_size(
-    pictures: Pictures, coarser: Map, levels: np.ndarray, known: np.ndarray, options: MatchOptions,
+    pictures: MatchPictures, coarser: Map, levels: np.ndarray, known: np.ndarray, options: MatchOptions,
     pool: ThreadPoolExecutor,
-) -> Tuple[Pictures, Fine]:  # fmt: skip
+) -> Tuple[MatchPictures, Fine]:  # fmt: skip
     """Surfaces chosen, what is far matched again, poses adjusted, and inverse depth between the levels."""
     found = pictures.views(1.0)
     w, rematched = _finer(pictures, found, coarser, options.stretch, pool), np.False_
@@ -265,8 +271,8 @@ def _at_full_size(
 
 
 def _with_adjusted_poses(
-    pictures: Pictures, details: Views, w: np.ndarray, known: np.ndarray, pool: ThreadPoolExecutor
-) -> Tuple[Pictures, np.ndarray]:
+    pictures: MatchPictures, details: Views, w: np.ndarray, known: np.ndarray, pool: ThreadPoolExecutor
+) -> Tuple[MatchPictures, np.ndarray]:
     """Poses that fit the pictures where ``w`` is ``known`` (HxW), and inverse depth (1/m) with them."""
     others, covariances, w = adjust(
         pictures.reference, pictures.others, pictures.prior, details, w, known, MATCH.pose_steps, pool,
@@ -275,7 +281,7 @@ def _with_adjusted_poses(
     return pictures.posed(others, covariances), w
 
 
-def _finer(pictures: Pictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor) -> np.ndarray:
+def _finer(pictures: MatchPictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor) -> np.ndarray:
     """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated and settled."""
     image = colours(pictures.reference, found.shape, np.int16)  # half the memory
     if not stretch:

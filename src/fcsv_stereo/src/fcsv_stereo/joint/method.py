@@ -72,7 +72,7 @@ class JointOptions:
             raise InputError(f"most_pixels is {self.most_pixels}; depth needs 1000 pixels at least")
 
     def scale_of(self, pixels: int) -> float:
-        """At which share of its size (0 to 1) a reference picture of so many ``pixels`` is matched.
+        """Says at which share of its size (0 to 1) a reference picture of so many ``pixels`` is matched.
 
         >>> [JointOptions(most_pixels=307200).scale_of(n) for n in (307200, 4 * 307200)]
         [1.0, 0.5]
@@ -109,26 +109,27 @@ class Joint(Method):
 
     @property
     def monitor(self) -> JointOptions:
-        """As ``quick``, with a volume in which a walker at 20 m is 6 pixels wide (4 are lost before a car), and large
-        pictures made smaller: what each image costs does not grow with the camera's size (docs/lab/at_once.md)."""
+        """Gives options as ``quick``, with a volume in which a walker at 20 m is 6 pixels wide (4 are lost before a
+        car), and large pictures made smaller: what each image costs does not grow with the camera's size
+        (docs/lab/at_once.md)."""
         matching = replace(self.quick.matching, volume_pixels=40000)
         return replace(self.quick, matching=matching, most_pixels=_MONITORED_PIXELS)
 
     @property
     def complete(self) -> JointOptions:
-        """With the depths that no pair's texture supports."""
+        """Gives options with the depths that no pair's texture supports."""
         return JointOptions(complete=True)
 
     def remembering(self, options: JointOptions, known: KnownFeatures) -> JointOptions:
-        """With a memory for the features of pictures that come again with every configuration."""
+        """Gives options with a memory for the features of pictures that come again with every configuration."""
         return replace(options, refinement=replace(options.refinement, known=known))
 
     def trusting_poses(self, options: JointOptions) -> JointOptions:
-        """Without refinement."""
+        """Gives options without refinement."""
         return replace(options, refine_poses=False)
 
     def with_bars(self, options: JointOptions) -> JointOptions:
-        """With conductors, rails and limbs matched as wholes."""
+        """Gives options with conductors, rails and limbs matched as wholes."""
         return replace(options, bars=True)
 
     def with_depth_steps(self, options: JointOptions, steps: int) -> JointOptions:

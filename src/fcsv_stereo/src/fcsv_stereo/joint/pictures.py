@@ -14,7 +14,7 @@ Exposure = Tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Pictures:
+class MatchPictures:
     """The reference and those that are matched with it.
 
     ``exposures`` are by each picture, the reference's first, the gain and offset that make its grey like the
@@ -35,7 +35,7 @@ class Pictures:
     @classmethod
     def of(
         cls, reference: Picture, others: List[Picture], poses: Optional[Sequence[PoseUncertainty]], adjust_poses: bool
-    ) -> "Pictures":
+    ) -> "MatchPictures":
         """``poses`` may be None: then none is adjusted."""
         noise = [p.noise for p in poses] if poses else [None] * len(others)
         pixel = [p.pixel for p in poses] if poses else [None] * len(others)
@@ -43,7 +43,7 @@ class Pictures:
         return cls(reference, others, [None] * (1 + len(others)), noise, prior, pixel)
 
     def views(self, scale: float) -> Views:
-        """At ``scale`` of the full size."""
+        """Makes the views at ``scale`` of the full size."""
         return views(self.reference, self.others, scale, map(self.grey, range(1 + len(self.others))))
 
     def grey(self, i: int) -> np.ndarray:
@@ -53,10 +53,10 @@ class Pictures:
 
     @property
     def shape(self) -> Tuple[int, int]:
-        """Of the reference."""
+        """Gives the size of the reference."""
         return self.reference.image.shape[:2]
 
-    def posed(self, others: List[Picture], covariances: List[np.ndarray]) -> "Pictures":
+    def posed(self, others: List[Picture], covariances: List[np.ndarray]) -> "MatchPictures":
         """The same pictures with other poses."""
         return replace(self, others=others, covariances=covariances)
 

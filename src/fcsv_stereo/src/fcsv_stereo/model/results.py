@@ -33,7 +33,7 @@ class ImageEntry:
 
     @property
     def turned_deg(self) -> float:
-        """By how many degrees refinement turned it."""
+        """Says by how many degrees refinement turned it."""
         return float(np.degrees(transforms.rotation_angle(self.prior_T_home_cam, self.T_home_cam)))
 
     @property
@@ -74,7 +74,7 @@ class CloudCut:
     beyond_sigma: int
 
     def to_dict(self) -> dict:
-        """For report.json."""
+        """Gives the counts for report.json."""
         share, metres = None, None
         if self.sigma is not None:
             share, metres = (self.sigma.value, None) if self.sigma.relative else (None, self.sigma.value)

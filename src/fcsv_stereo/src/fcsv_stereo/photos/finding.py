@@ -12,7 +12,7 @@ _NOT_PHOTOGRAPHS = ("__MACOSX", "@eaDir", "Thumbs")  # what computers keep besid
 
 
 def find_photographs(folder: Path) -> Dict[str, Path]:
-    """By name relative to ``folder``, sorted. Raises InputError where there are none."""
+    """Finds pictures by name relative to ``folder``, sorted. Raises InputError where there are none."""
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder of photographs")
     found = {p.relative_to(folder).as_posix(): p for p in sorted(folder.rglob("*")) if p.suffix.lower() in SUFFIXES}

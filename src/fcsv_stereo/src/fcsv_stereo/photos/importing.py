@@ -191,7 +191,7 @@ def _is_of_turned_pixels(p: PosedImage, tags: Tags, camera: PinholeCamera) -> bo
 
 
 def _sigmas(posed: List[PosedImage]) -> Dict[str, Sequence[float]]:
-    """For priors.csv: of each position a share of the distance from the first photograph."""
+    """Gives standard deviations for priors.csv: of each position a share of the distance from the first photograph."""
     places = np.array([p.T_home_cam[:3, 3] for p in posed])
     away_m = np.linalg.norm(places - places[0], axis=1)
     nearest_m = float(min(away_m[1:], default=1.0))

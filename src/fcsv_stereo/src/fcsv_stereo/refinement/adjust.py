@@ -164,8 +164,8 @@ def _scale(values, with_focal) -> float:
 
 
 def _covariance(graph, result, keys: List[int]) -> np.ndarray:
-    """Of all variables, these first and in this order, by inverting GTSAM's normal matrix: its Marginals call these
-    scales singular."""
+    """Gives the covariance of all variables, these first and in this order, by inverting GTSAM's normal matrix: its
+    Marginals call these scales singular."""
     linear = graph.linearize(result)
     ordering = gtsam.Ordering()
     for key in keys + [k for k in result.keys() if k not in keys]:

@@ -57,7 +57,7 @@ def rows(points: Sequence[PoiResult]) -> List[Sequence[str]]:
 
 
 def color(index: int) -> str:
-    """Of a box, the same in every figure."""
+    """Gives the colour of a box, the same in every figure."""
     return _COLORS[index % len(_COLORS)]
 
 

@@ -83,7 +83,7 @@ class LiveNode:
         self._news = False
         self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
         self._mapped: set = set()  # indices of windows
-        self._rate = monitoring.Rate()
+        self._rate = monitoring.ImageRate()
         self._last_s = 0.0  # stamp of the newest picture that is in what is mapped
         self._state = MapState(state=MapStage.WAITING.value, detail="waiting for the first configuration")
         self._health = Health("map", {"pictures": 0.0})

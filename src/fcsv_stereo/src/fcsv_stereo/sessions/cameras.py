@@ -116,7 +116,7 @@ def _odd(camera: PinholeCamera, other) -> str:
 
 
 def _changes(kept: List[Infos]) -> List[str]:
-    """In words, where a camera changed for good."""
+    """Says, in words, where a camera changed for good."""
     return [_changed(a[-1][1], *b[0]) for a, b in zip(kept, kept[1:]) if not _alike(a[-1][1], b[0][1])]
 
 

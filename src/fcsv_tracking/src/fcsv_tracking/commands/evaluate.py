@@ -33,7 +33,7 @@ def _evaluate(args) -> None:
 
 
 def table(found: Evaluation) -> str:
-    """For a person."""
+    """Writes a table for a person."""
 
     def row(name: str, s: Statistics, unit: str) -> str:
         return f"{name:<28}{s.rmse:10.4f}{s.mean:10.4f}{s.median:10.4f}{s.max:10.4f}  {unit}"

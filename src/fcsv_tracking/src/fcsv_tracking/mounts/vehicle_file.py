@@ -14,7 +14,7 @@ from fcsv_tracking.mounts.refine import MountSolution
 
 
 def mount_of(vehicle: VehicleGeometry, solution: MountSolution) -> Mount:
-    """As a person would type it: forward-left-up, metres and degrees."""
+    """Describes the mount as a person would type it: forward-left-up, metres and degrees."""
     plain = replace(vehicle, **{solution.part: Mount((0.0, 0.0, 0.0))})
     T_flu_part = plain.T_body_cam if solution.part == "camera" else plain.T_body_tag
     T_body_flu = solution.T_body_part @ transforms.invert(T_flu_part)

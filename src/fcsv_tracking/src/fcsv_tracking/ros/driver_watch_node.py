@@ -55,7 +55,7 @@ class DriverWatchNode:
             watch.heard(time.monotonic())
 
     def spin(self) -> None:
-        """By the monotonic clock, whatever is done to the time of day."""
+        """Runs by the monotonic clock, whatever is done to the time of day."""
         while not rospy.is_shutdown():
             now_s = time.monotonic()
             for watch in self._watches.values():

@@ -99,7 +99,7 @@ class GroundOdometryPublisher:
         return self.T_tracker_level
 
     def home_set(self) -> None:
-        """For which epochs home holds."""
+        """Says for which epochs home holds."""
         epochs = dict.fromkeys(self._names, self.epoch)
         self._holds_for["home"].publish(epochs_message(EpochsFound(HOME, rospy.get_time(), epochs)))
 

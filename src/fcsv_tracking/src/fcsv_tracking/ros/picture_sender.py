@@ -66,7 +66,7 @@ class PictureSender:
         self._health.problem("clock", in_words(self._vehicle, offset) if self._clock_off else "")
 
     def preview(self, message: Image, bgr: np.ndarray) -> None:
-        """For people."""
+        """Sends a preview for people."""
         if self._due(self._preview, message):
             jpeg = _jpeg(bgr, self._parameters.preview_quality)
             self._preview.publish(CompressedImage(header=message.header, format="jpeg", data=jpeg))
@@ -80,7 +80,7 @@ class PictureSender:
         return not self._clock_off
 
     def capture(self, message: Image, bgr: np.ndarray, info: CameraInfo, T_odom_cam: np.ndarray) -> None:
-        """For a map made in flight."""
+        """Sends a picture for a map made in flight."""
         out = CapturedPicture(vehicle=self._vehicle, camera=info, format="jpeg")
         out.header = conversions.header(message.header.stamp.to_sec(), frames.camera_optical(self._vehicle))
         out.header.stamp = message.header.stamp

@@ -178,7 +178,8 @@ class _Model:
         return np.concatenate([self.corner_residuals(x) / self._rules.corner_noise_px, angles])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Of the residuals. A board moves its station's corners alone and an angle its view's: all at once each."""
+        """Gives the derivatives of the residuals. A board moves its station's corners alone and an angle its view's:
+        all at once each."""
         n, base = len(self._stations), self.corner_residuals(x) / self._rules.corner_noise_px
         J = np.zeros((len(base) + len(self._views), len(x)))
         view = np.repeat(self._view[self._kept], 2)

@@ -169,7 +169,7 @@ class TiltingRig:
 
     @property
     def angle_std_rad(self) -> float:
-        """Of a reading: resolution (a tick, evenly distributed), encoder and play."""
+        """Gives the standard deviation of a reading: resolution (a tick, evenly distributed), encoder and play."""
         return float(np.hypot(_TICK_RAD / np.sqrt(12.0), np.radians(self.known.reading_deg)))
 
     def covariance(self, side: str, angles: TiltAngles) -> np.ndarray:

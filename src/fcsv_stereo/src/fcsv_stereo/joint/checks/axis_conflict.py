@@ -44,7 +44,7 @@ def _of_one_moment(given: MapInput) -> bool:
 
 
 def _denied(result: MapResult, step: int) -> np.ndarray:
-    """At every ``step``-th pixel, bool."""
+    """Gives what is denied at every ``step``-th pixel, bool."""
     reference, seen, surely, agreed = result.reference, {}, {}, {}
     by_axis: Dict[str, List] = {}
     for pair in result.pairs:

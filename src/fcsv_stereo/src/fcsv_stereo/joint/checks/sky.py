@@ -51,7 +51,7 @@ def in_the_skyline(is_sky: np.ndarray, told: np.ndarray, moves_px: np.ndarray, i
     colour = np.atleast_3d(image)[here].astype(np.float32)
 
     def unlike(mask: np.ndarray) -> np.ndarray:
-        """By how much colours differ from the mean of a mask about them; infinite where there is none."""
+        """Says by how much colours differ from the mean of a mask about them; infinite where there is none."""
         share = cv2.blur(mask[here].astype(np.float32), window)
         mean = np.atleast_3d(cv2.blur(colour * mask[here][..., None], window)) / np.maximum(share, 1e-3)[..., None]
         return np.where(share > SKY.least_share, np.abs(colour - mean).sum(axis=2), np.inf)

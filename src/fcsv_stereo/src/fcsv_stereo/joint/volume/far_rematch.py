@@ -62,7 +62,8 @@ def _shown(w, far, projections, sizes, y0, y1, share):
 
 
 def _strips(rows: np.ndarray, tall: int) -> List[slice]:
-    """Of ``tall`` rows at most from the first to the last of ``rows``; never of fewer than they overlap by."""
+    """Cuts strips of ``tall`` rows at most from the first to the last of ``rows``; never of fewer than they overlap
+    by."""
     if not len(rows):
         return []
     tall, end = max(tall - 2 * _OVERLAP, _OVERLAP), int(rows[-1]) + 1

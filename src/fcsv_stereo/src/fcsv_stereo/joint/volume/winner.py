@@ -30,9 +30,9 @@ class VolumeMatch:
 def match_volume(
     found: Views, nearest: np.ndarray, highest: float, most_levels: int, pool: ThreadPoolExecutor, step_px: float = 1.0
 ) -> VolumeMatch:
-    """By semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m), no
-    level windows above an inverse height of ``highest`` (1/m) under the camera. A level moves the fastest pair by
-    ``step_px``."""
+    """Matches by semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H,
+    1/m), no level windows above an inverse height of ``highest`` (1/m) under the camera. A level moves the fastest pair
+    by ``step_px``."""
     levels = inverse_depths(found, step_px, most_levels, float(nearest.max()))
     volume, counts = cost_volume(found, levels, nearest, highest, pool)
     total = aggregate(volume, counts, found.reference, (SGM.p1, SGM.p2), level_drift(found, levels), pool)

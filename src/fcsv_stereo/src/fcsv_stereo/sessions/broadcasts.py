@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the control PC told everybody: calibration, home and the times of the recordings.
+"""Messages that the control PC sent to everybody: calibration, home and the times of the recordings.
 
 Its own bag holds them, and those of the vehicles hold what they heard of it by radio: a session can lose control.bag.
 """
@@ -18,14 +18,14 @@ TYPES = {CAPTURE: "fcsv_msgs/Capture", CALIBRATION: "fcsv_msgs/Calibration", HOM
 
 
 @dataclass
-class Told:
+class BroadcastRecords:
     """Messages by their topic and by the machine that recorded them, of which the newest of a machine counts."""
 
     _once: Dict[Tuple[str, str], object] = field(default_factory=dict)  # by topic and machine
     _captures: Dict[str, Dict[int, object]] = field(default_factory=dict)  # by machine and index
     _refused_s: Dict[str, float] = field(default_factory=dict)  # stamp of the newest by topic
 
-    def take(self, bag: Path, topic: str, message) -> None:
+    def add(self, bag: Path, topic: str, message) -> None:
         """A message of ``TYPES`` from a bag; bags of one machine come in order. Raises GeometryError if it is none."""
         try:
             _CHECKS[topic](message)
@@ -61,8 +61,8 @@ class Told:
     def from_vehicles(self, vehicles: Collection[str]) -> str:
         """What of the session only ``vehicles`` recorded, as a warning; empty where the control PC recorded it all."""
         own = {t for t, machine in self._once if machine not in vehicles}
-        told = {i for machine, captures in self._captures.items() if machine not in vehicles for i in captures}
-        windows = [c.index for c in self.captures(vehicles) if c.index not in told]
+        by_control = {i for machine, captures in self._captures.items() if machine not in vehicles for i in captures}
+        windows = [c.index for c in self.captures(vehicles) if c.index not in by_control]
         lost = [t for t in (CALIBRATION, HOME) if t not in own and self.newest(t) is not None]
         lost += [f"{CAPTURE} of {len(windows)} configuration{'s' if len(windows) > 1 else ''}"] if windows else []
         if not lost:
