@@ -15,9 +15,9 @@ import numpy as np
 
 from bench.scenes import LISTS, SceneName, shoot
 from fcsv_geometry import transforms
-from fcsv_stereo import pair_check
+from fcsv_stereo.in_flight import pair_check
+from fcsv_stereo.in_flight.pair_check import PairLook
 from fcsv_stereo.model import Picture
-from fcsv_stereo.pair_check import PairLook
 from fcsv_stereo.refinement.features import FeatureView, KnownFeatures
 from fcsv_stereo.refinement.matching import Matches, match_anywhere
 from fcsv_stereo.sessions.read import read_session

@@ -10,20 +10,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fcsv_control.mission import heard
-from fcsv_geometry import arrivals
-from fcsv_geometry.flow import RateGate
-from fcsv_multimaster import fkie, order, wire
-from fcsv_multimaster.addresses import AddressWatch, local_addresses
-from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
+from fcsv_geometry.streams import arrivals
+from fcsv_geometry.streams.flow import RateGate
+from fcsv_multimaster import fkie
 from fcsv_multimaster.errors import EndpointError, PictureError, WireError
 from fcsv_multimaster.links import Rule, TrafficClass, load_links
-from fcsv_multimaster.measure import PeerMeasure, SignOfLife
-from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
-from fcsv_multimaster.parcel import Parcel
-from fcsv_multimaster.peer import Peer
-from fcsv_multimaster.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
-from fcsv_multimaster.sent_times import SentTimes
-from fcsv_multimaster.transport import Transport
+from fcsv_multimaster.network import wire
+from fcsv_multimaster.network.addresses import AddressWatch, local_addresses
+from fcsv_multimaster.network.endpoints import parse_endpoint, parse_peers
+from fcsv_multimaster.network.transport import Transport
+from fcsv_multimaster.relay import order
+from fcsv_multimaster.relay.measure import PeerMeasure, SignOfLife
+from fcsv_multimaster.relay.outbound import Message, Pacer, Remembered, Repeater
+from fcsv_multimaster.relay.parcel import Parcel
+from fcsv_multimaster.relay.peer import Peer
+from fcsv_multimaster.relay.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
+from fcsv_multimaster.relay.sent_times import SentTimes
 
 CRITICAL = TrafficClass("datagram", "real_time", True, max_age_s=5.0)
 EVENT = TrafficClass("urgent", "data_high", True, latched=True)

@@ -7,7 +7,7 @@ from support.tello_by_hand import ByHand, apart_m
 
 from fcsv_control.tello.pid import PidConfig
 from fcsv_geometry import transforms
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Act, Finger, Screen, TelloHands
 
 HERE = transforms.from_xyz_yaw([0.1, 0.2, 2.0], 0.0)

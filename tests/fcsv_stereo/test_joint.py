@@ -11,9 +11,9 @@ from support.photographs import fountain, motorcycle
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import cli, colmap
+from fcsv_stereo import cli
 from fcsv_stereo.errors import InputError, MatchingError, StereoError
-from fcsv_stereo.evaluation import evaluate
+from fcsv_stereo.evaluating.evaluation import evaluate
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly, method
 from fcsv_stereo.joint.pairs import NearestUseful
 from fcsv_stereo.joint.views import grey, inverse_depths, projection, views
@@ -27,6 +27,7 @@ from fcsv_stereo.model import (
     PoseUncertainty,
 )
 from fcsv_stereo.pipeline import METHODS
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.refinement import refine
 
 UNREFINED = JointOptions(refine_poses=False)

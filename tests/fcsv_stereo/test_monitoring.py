@@ -7,7 +7,7 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import monitoring
+from fcsv_stereo.in_flight import monitoring
 from fcsv_stereo.model import Axis, Configuration, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pipeline import METHODS
 

@@ -13,10 +13,10 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import pipeline
 from fcsv_stereo.cli import main
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.map_files.output import read_ply
 from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference
 from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.near import NEAR_BASELINE, DepthFrame, DepthSensor, NearVolume, join, with_near
-from fcsv_stereo.output import read_ply
 from fcsv_stereo.report.near import near_field
 from fcsv_stereo.report.sections import ReportData
 from fcsv_stereo.sessions.read import read_session

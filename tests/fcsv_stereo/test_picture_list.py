@@ -9,12 +9,14 @@ import pytest
 from support.scenes import CAMERA, camera_pose, given, picture
 
 from fcsv_geometry import transforms
-from fcsv_stereo import ground_sample, output, pipeline
+from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold
-from fcsv_stereo.ground_sample import GroundSample
+from fcsv_stereo.evaluating import ground_sample
+from fcsv_stereo.evaluating.ground_sample import GroundSample
 from fcsv_stereo.joint.method import _unfit_to_match
 from fcsv_stereo.joint.tuning import PAIRS
-from fcsv_stereo.picture_list import picture_list, spare
+from fcsv_stereo.map_files import output
+from fcsv_stereo.map_files.picture_list import picture_list, spare
 from fcsv_stereo.refinement import RefinedPicture
 from fcsv_stereo.report import write_report
 from fcsv_stereo.thesis import ThesisOptions, map_thesis

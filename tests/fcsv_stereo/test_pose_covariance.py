@@ -10,16 +10,16 @@ from support import boards
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import places_in_home
-from fcsv_geometry.tracker import T265_PROFILE
+from fcsv_geometry.vehicles.tracker import T265_PROFILE
 from fcsv_stereo import pose_covariance
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, PosePrior
 from fcsv_stereo.refinement import RefineOptions, refine
 from fcsv_stereo.refinement.adjust import Problem, _with_shared
 from fcsv_stereo.refinement.geometry import PairPrior
-from fcsv_tracking.calibration import Link
-from fcsv_tracking.camera_covariance import camera_covariance
-from fcsv_tracking.drift import Drift
+from fcsv_tracking.column.calibration import Link
+from fcsv_tracking.column.camera_covariance import camera_covariance
+from fcsv_tracking.column.drift import Drift
 
 DRAWS = 4000
 #: five standard deviations of a variance that is estimated from so many draws; errors are a few degrees at most, so

@@ -11,10 +11,12 @@ from support.scenes import CAMERA, camera_pose, given, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import colmap, output, pipeline
+from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold, depth_error
 from fcsv_stereo.errors import InputError, MatchingError, OutputError
+from fcsv_stereo.map_files import output
 from fcsv_stereo.model import Cloud, MapInput, Reference, concatenate
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.products import FILES, PRODUCTS, names, parse_products, pictures, write_products
 from fcsv_stereo.products.clouds import write_laz, write_pcd
 from fcsv_stereo.products.from_above import rasterize, write_from_above

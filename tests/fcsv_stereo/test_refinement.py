@@ -13,8 +13,8 @@ from support import boards, faulty
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.refinement import KnownFeatures, PosePrior, RefineOptions, geometry, refine, structure, symptoms
 
 TRUE_POSE = boards.pose([0, -4.0, 0.3], (1.0, 0.0, -1.0))

@@ -17,7 +17,7 @@ from fcsv_stereo import pipeline
 from fcsv_stereo.cli import main
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.output import read_ply
+from fcsv_stereo.map_files.output import read_ply
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.read import read_session
 from fcsv_stereo.thesis import ThesisOptions

@@ -98,7 +98,7 @@ def places_in_home(links: Sequence[OdomLink], reference: str, T_odom_home: np.nd
     """T_home_odom of every vehicle that the links connect to the reference, whose T_odom_home is given.
 
     Home is defined in the reference's odometry, whose place in it is therefore exact. Of several ways to a vehicle
-    the shortest counts: loops are merged beforehand (fcsv_tracking.loops.merge_loops).
+    the shortest counts: loops are merged beforehand (fcsv_tracking.column.loops.merge_loops).
 
     >>> link = OdomLink("uav1", "uav2", transforms.from_xyz_yaw([-3.5, 0.0, 0.0], 0.0), np.zeros((4, 4)))
     >>> places = places_in_home([link], "uav1", transforms.from_xyz_yaw([0.0, 0.0, 8.0], 0.0))

@@ -9,20 +9,20 @@ from functools import partial
 from pathlib import Path
 from typing import List, Optional, Union
 
-from fcsv_geometry import commands
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.live_line import LiveLine, Steps
+from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
-from fcsv_stereo.cloud_bounds import CloudBounds
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
+from fcsv_stereo.map_files.cloud_bounds import CloudBounds
+from fcsv_stereo.map_files.table import demo_table
 from fcsv_stereo.model import AXES, RIG, PosePrior
 from fcsv_stereo.products import PRODUCTS, parse_products
 from fcsv_stereo.rectify import Rectification
 from fcsv_stereo.refinement import RefineOptions
-from fcsv_stereo.table import demo_table
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow
 

@@ -8,26 +8,28 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_geometry.writing import require_folder
-from fcsv_stereo import colmap, instants, output
-from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_geometry.programs.writing import require_folder
+from fcsv_stereo import instants
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.evaluation import evaluate
+from fcsv_stereo.evaluating.evaluation import evaluate
+from fcsv_stereo.evaluating.poi import FILE as POI_FILE
+from fcsv_stereo.evaluating.poi import PointOfInterest, load_points, sample
+from fcsv_stereo.evaluating.truth import TrueScene, Truth, load_truth
 from fcsv_stereo.joint import Joint
-from fcsv_stereo.local_origin import with_local_origin
+from fcsv_stereo.map_files import output
+from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_stereo.map_files.picture_list import spare
+from fcsv_stereo.map_files.staging import StagedFolder
 from fcsv_stereo.model import MapInput, MapResult, Method, Progress, silent
 from fcsv_stereo.near import with_near
-from fcsv_stereo.picture_list import spare
-from fcsv_stereo.poi import FILE as POI_FILE
-from fcsv_stereo.poi import PointOfInterest, load_points, sample
+from fcsv_stereo.posed import colmap
+from fcsv_stereo.posed.local_origin import with_local_origin
 from fcsv_stereo.products import write_products
 from fcsv_stereo.report import write_report
 from fcsv_stereo.report.charts import STEPS
 from fcsv_stereo.report.origin import Origin
 from fcsv_stereo.sessions import is_session, read_session
-from fcsv_stereo.staging import StagedFolder
 from fcsv_stereo.thesis import Thesis
-from fcsv_stereo.truth import TrueScene, Truth, load_truth
 
 #: by name; another method is another entry
 METHODS: Dict[str, Method] = {m.name: m for m in (Joint(), Thesis())}

@@ -8,10 +8,10 @@ import numpy as np
 import yaml
 
 from fcsv_geometry import config
-from fcsv_geometry.camera_places import camera_place, last_place
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.camera_places import camera_place, last_place
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.missions.mission import Mission
 
 _SIDES = 48  # of the fence's circle
 _POSTS = 8

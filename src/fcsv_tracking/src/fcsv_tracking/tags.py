@@ -10,7 +10,7 @@ from pupil_apriltags import Detection, Detector
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.flow import DropCounter
+from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.errors import TagError
 
 FAMILY = "tag36h11"

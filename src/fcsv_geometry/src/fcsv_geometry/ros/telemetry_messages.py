@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics as the dataclasses of fcsv_geometry.telemetry, and back."""
+"""Topics as the dataclasses of fcsv_geometry.vehicles.telemetry, and back."""
 
 from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple, Type
 
@@ -8,12 +8,13 @@ import rospy
 from geometry_msgs.msg import Pose
 from nav_msgs.msg import Odometry
 
-from fcsv_geometry import frames, home_messages
-from fcsv_geometry import telemetry as tm
+from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError, GeometryError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.relay_ages import publisher_of
+from fcsv_geometry.vehicles import home_messages
+from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_msgs.msg import Calibration, Epoch, Epochs, Home, MissionState, RelayAges, TagDetections
 
 Take = Callable[[str, str, Any], object]  # of the vehicle's name, the publisher's, and a message

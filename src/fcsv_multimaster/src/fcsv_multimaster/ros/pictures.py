@@ -11,11 +11,11 @@ import numpy as np
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from fcsv_multimaster import wire
 from fcsv_multimaster.errors import PictureError
-from fcsv_multimaster.outbound import Message
-from fcsv_multimaster.parcel import Parcel
-from fcsv_multimaster.picture_codec import (
+from fcsv_multimaster.network import wire
+from fcsv_multimaster.relay.outbound import Message
+from fcsv_multimaster.relay.parcel import Parcel
+from fcsv_multimaster.relay.picture_codec import (
     AdaptiveJpeg,
     H264Decoder,
     H264Encoder,

@@ -3,7 +3,7 @@
 
 import signal
 
-from fcsv_geometry.interruption import leave_it, raise_again
+from fcsv_geometry.programs.interruption import leave_it, raise_again
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

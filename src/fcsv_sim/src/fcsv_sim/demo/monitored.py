@@ -13,8 +13,8 @@ import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.evaluation import LEAST_SHARE, Band, Moving, band, moving
-from fcsv_stereo.truth import TrueScene, Truth
+from fcsv_stereo.evaluating.evaluation import LEAST_SHARE, Band, Moving, band, moving
+from fcsv_stereo.evaluating.truth import TrueScene, Truth
 
 MOST_ERROR = 0.05  # of its distance, of the median answered pixel of what moves
 _MOST_M = 400.0

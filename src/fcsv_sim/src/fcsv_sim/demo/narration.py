@@ -5,7 +5,7 @@ import subprocess
 import sys
 from typing import Callable, Optional, TextIO, Tuple
 
-from fcsv_geometry.live_line import IN_PLACE_S, LiveLine
+from fcsv_geometry.programs.live_line import IN_PLACE_S, LiveLine
 from fcsv_sim.machines import slow_motion
 
 _CLOCKS_APART_S = 1.0

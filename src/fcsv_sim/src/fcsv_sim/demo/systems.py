@@ -10,7 +10,7 @@ import numpy as np
 from fcsv_control.flight_check import speeds
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_sim.autopilot.parameters import DEFAULTS
 from fcsv_sim.bringup import bringup, vehicles_folder
 from fcsv_sim.demo import flights, reach

@@ -7,8 +7,8 @@ from typing import Dict, List, Mapping, Optional
 
 from fcsv_geometry.bags.reading import messages
 from fcsv_geometry.messages import seconds
-from fcsv_geometry.mission import load_mission
-from fcsv_geometry.phases import PHASES
+from fcsv_geometry.missions.mission import load_mission
+from fcsv_geometry.missions.phases import PHASES
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.tello.pictures import VideoParameters

@@ -9,7 +9,7 @@ from typing import Callable, Optional, Sequence
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.writing import require_folder
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_sim.bringup import bringup
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.tilting.calibrated import calibrate_simulated

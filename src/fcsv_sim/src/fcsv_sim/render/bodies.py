@@ -10,7 +10,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.render import compiled
 from fcsv_sim.render.light import SUN, haze, respond
 from fcsv_sim.render.tag import tag_bitmap

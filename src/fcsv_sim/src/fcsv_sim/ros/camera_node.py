@@ -14,7 +14,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_msgs.msg import RecorderStatus
 from fcsv_sim.render.renderer import require_samples
 from fcsv_sim.sensors import trigger

@@ -18,7 +18,7 @@ from sensor_msgs.msg import Joy
 from fcsv_control.tello.pid import PidConfig
 from fcsv_geometry import config
 from fcsv_geometry.errors import GeometryError
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import LinkHealth, MissionState

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.streams.flow import RateGate
 
 _G = np.array([0.0, 0.0, -9.81])
 

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from fcsv_sim.tilting.trial import PairOutcome, right_pixels
-from fcsv_stereo import monitoring, pipeline
+from fcsv_stereo import pipeline
+from fcsv_stereo.in_flight import monitoring
 from fcsv_stereo.model import MapResult
 
 RANGE_M = (0.3, 20.0)  # of the colours, as launch/tilting.launch has it

@@ -7,7 +7,7 @@ from typing import Callable, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_sim.gimbal.gimbal import STEP_S, ServoErrors, SimulatedServo
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltAxis, TiltingRig
 

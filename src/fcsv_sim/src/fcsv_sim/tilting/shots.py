@@ -10,9 +10,9 @@ import numpy as np
 
 from fcsv_sim.tilting.place import RenderedView, TiltingPlace
 from fcsv_sim.tilting.rig import SimulatedRig
-from fcsv_stereo.colmap import PosedImage
 from fcsv_stereo.photos.models import write_model
-from fcsv_stereo.priors import FILE as PRIORS
+from fcsv_stereo.posed.colmap import PosedImage
+from fcsv_stereo.posed.priors import FILE as PRIORS
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltingRig
 
 

@@ -36,10 +36,10 @@ from fcsv_stereo.model import (
     silent,
 )
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
+from fcsv_stereo.posed.rig import rig_hint, rig_words
+from fcsv_stereo.posed.unit_of_length import in_metres, in_unit, unit_of
 from fcsv_stereo.refinement import METRIC, KnownFeatures, RefinedPicture, RefineOptions, refine
 from fcsv_stereo.refinement.turning import most_turn_rad
-from fcsv_stereo.rig import rig_hint, rig_words
-from fcsv_stereo.unit_of_length import in_metres, in_unit, unit_of
 
 _MONITORED_PIXELS = 640 * 480
 

@@ -7,7 +7,7 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.raycast import cast, open3d, scene_of
+from fcsv_stereo.evaluating.raycast import cast, open3d, scene_of
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@
 from pathlib import Path, PurePosixPath
 from typing import Dict, List, Sequence
 
-from fcsv_stereo.colmap_images import same_name
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.tags import SUFFIXES
+from fcsv_stereo.posed.colmap_images import same_name
 
 _NOT_PHOTOGRAPHS = ("__MACOSX", "@eaDir", "Thumbs")  # what computers keep beside pictures
 

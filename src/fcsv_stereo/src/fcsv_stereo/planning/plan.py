@@ -7,8 +7,8 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.missions.mission import Mission
 from fcsv_stereo.equations import ErrorThreshold, baseline_for, depth_error, farthest, segment_ends
 from fcsv_stereo.errors import PlanError
 from fcsv_stereo.model import AXES, Axis

@@ -14,7 +14,7 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from fcsv_geometry import transforms
-from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.evaluating.evaluation import Evaluation
 from fcsv_stereo.model import Axis, MapResult, Pair
 from fcsv_stereo.model.kinds import WORDS, masks
 from fcsv_stereo.near import NEAR_BASELINE

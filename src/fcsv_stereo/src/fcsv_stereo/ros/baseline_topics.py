@@ -9,7 +9,7 @@ import rospy
 from sensor_msgs.msg import PointCloud2
 
 from fcsv_geometry import frames
-from fcsv_stereo.baseline_clouds import chosen, groups
+from fcsv_stereo.in_flight.baseline_clouds import chosen, groups
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.model.words import Axis
 from fcsv_stereo.ros.map_messages import cloud_message

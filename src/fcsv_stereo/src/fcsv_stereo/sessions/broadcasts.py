@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Collection, Dict, List, Optional, Tuple
 
-from fcsv_geometry import home_messages
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.messages import pose_to_transform, seconds
+from fcsv_geometry.vehicles import home_messages
 
 CAPTURE, CALIBRATION, HOME = "/mission/capture", "/calibration", "/home"
 TYPES = {CAPTURE: "fcsv_msgs/Capture", CALIBRATION: "fcsv_msgs/Calibration", HOME: "fcsv_msgs/Home"}

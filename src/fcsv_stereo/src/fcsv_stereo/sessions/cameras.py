@@ -13,7 +13,7 @@ import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.intrinsics import doubts
-from fcsv_geometry.stamps import in_order, stuck
+from fcsv_geometry.streams.stamps import in_order, stuck
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.stamped import Stamped
 

@@ -8,7 +8,7 @@ import numpy as np
 from fcsv_geometry import frames
 from fcsv_geometry.messages import seconds
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.live import RecordingWindow
+from fcsv_stereo.in_flight.live import RecordingWindow
 from fcsv_stereo.model import Axis, Configuration
 from fcsv_stereo.pose_covariance import checked
 

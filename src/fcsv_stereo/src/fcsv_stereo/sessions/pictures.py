@@ -13,7 +13,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import BagError
 from fcsv_geometry.messages import seconds
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.exposure import Exposure
+from fcsv_stereo.posed.exposure import Exposure
 from fcsv_stereo.sessions import compressed
 from fcsv_stereo.sessions.cameras import CameraTimeline
 from fcsv_stereo.sessions.left_out import LeftOut

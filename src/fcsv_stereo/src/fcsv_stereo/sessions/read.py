@@ -6,9 +6,9 @@ from typing import Dict, List, Optional
 
 import numpy as np
 
-from fcsv_geometry import home_messages
 from fcsv_geometry.errors import GeometryError, PoseUnavailable
 from fcsv_geometry.home import HomeFrames, camera_in_home
+from fcsv_geometry.vehicles import home_messages
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pose_covariance import turned, unknown_warning

@@ -3,8 +3,8 @@
 
 from typing import Collection, Sequence, Tuple
 
-from fcsv_geometry.stamps import stuck
-from fcsv_stereo.live import RecordingWindow
+from fcsv_geometry.streams.stamps import stuck
+from fcsv_stereo.in_flight.live import RecordingWindow
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.pictures import PicturesSeen
 

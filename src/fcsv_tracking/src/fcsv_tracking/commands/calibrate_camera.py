@@ -7,7 +7,7 @@ from typing import List, Optional, Tuple
 
 from tqdm import tqdm
 
-from fcsv_geometry.writing import require_folder
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_tracking import commands
 from fcsv_tracking.cameras.board import Chessboard
 from fcsv_tracking.cameras.camera_yaml import write_camera, write_pair

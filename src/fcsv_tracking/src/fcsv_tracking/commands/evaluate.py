@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import List, Optional
 
-from fcsv_geometry.writing import require_file
+from fcsv_geometry.programs.writing import require_file
 from fcsv_tracking import commands
 from fcsv_tracking.evaluation.metrics import ALIGNMENTS, Evaluation, Statistics, evaluate
 from fcsv_tracking.evaluation.tracks import Track, read_truth, read_tum

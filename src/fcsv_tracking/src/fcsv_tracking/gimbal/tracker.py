@@ -14,7 +14,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.flow import DropCounter
+from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.angles import AngleTrack
 from fcsv_tracking.gimbal.config import BodyTag

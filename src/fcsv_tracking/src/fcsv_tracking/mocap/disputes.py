@@ -6,7 +6,7 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_geometry.flow import DropCounter
+from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.mocap.filter import Correction
 from fcsv_tracking.mocap.rules import TrackerRules
 

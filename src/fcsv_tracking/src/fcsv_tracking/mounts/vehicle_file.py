@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fcsv_geometry import config, transforms
-from fcsv_geometry.vehicle import Mount, VehicleGeometry
+from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.refine import MountSolution
 

@@ -9,11 +9,11 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from fcsv_geometry import transforms
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.ros import conversions
 from fcsv_tracking.mission_view import PlannedPlace, fence_lines, planned_places
 from fcsv_tracking.ros.tracking_markers import marker_in_home
-from fcsv_tracking.shared_view import shared_view
+from fcsv_tracking.scene.shared_view import shared_view
 
 _REACH_M = 30.0  # where views are cut: baselines of 10 m begin to share theirs at 9.4 m
 _TOGETHER_S = 1.0  # poses further apart tell nothing of one moment

@@ -10,11 +10,11 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Bool
 
 from fcsv_geometry import frames
-from fcsv_geometry.flow import PhaseGate
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.streams.flow import PhaseGate
 from fcsv_msgs.msg import CapturedPicture, ClockOffset
-from fcsv_tracking.clocks import in_words
+from fcsv_tracking.devices.clocks import in_words
 from fcsv_tracking.ros import clock_node
 
 

@@ -13,7 +13,7 @@ from fcsv_geometry import frames, transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Calibration, CalibrationLink
-from fcsv_tracking.shared_view import corners
+from fcsv_tracking.scene.shared_view import corners
 
 _SIGMAS = 3.0
 _LEAST_M = 0.01  # a smaller ellipsoid cannot be seen

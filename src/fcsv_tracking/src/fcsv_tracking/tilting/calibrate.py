@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.tilting.board import BoardView
 from fcsv_tracking.tilting.rig import SIDES, Known, TiltAngles, TiltAxis, TiltingRig

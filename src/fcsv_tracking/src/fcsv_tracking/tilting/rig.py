@@ -12,7 +12,7 @@ import numpy as np
 
 from fcsv_geometry import config, transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.vehicle import Mount, Vector3
+from fcsv_geometry.vehicles.vehicle import Mount, Vector3
 
 SIDES = ("left", "right")
 _LEAST_M, _MOST_M = 0.02, 2.0  # of a beam
