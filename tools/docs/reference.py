@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/reference/: nodes, commands, packages and launch files as the code has them. Say --check to compare only."""
+"""Writes docs/reference/: nodes, commands, packages and launch files as the code has them. --check compares."""
 
 import argparse
 import ast
