@@ -1,0 +1,195 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Films a demo: the operator's window and rviz while it flies, on a screen in memory, then its report.
+
+    python tools/film.py [--out FILE] [--seconds 90] [--keep FOLDER] [DEMO ARGUMENTS ...]
+
+It flies `rosrun fcsv_sim demo` with the arguments that follow, seed 1 without any. The film shows the flight as much
+faster as it takes to fit. The report is drawn by chromium; without that the film ends with the flight, and says so.
+FILE is docs/pictures/film.gif, README's film.
+"""
+
+import argparse
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import List, Optional, Tuple
+
+from PIL import Image
+from tqdm import tqdm
+from Xlib import X, display
+from Xlib.error import XError
+
+_ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(_ROOT / "tests"))
+
+from support.screen import Screen  # noqa: E402
+
+_WINDOW_PX = (1366, 768)  # the operator's window
+_RVIZ_PX = (834, 768)
+_SCREEN_PX = (_WINDOW_PX[0] + _RVIZ_PX[0], _WINDOW_PX[1])
+_FILM_PX = (1000, 350)
+_FRAMES_S = 2.0  # frames of the film a second
+_GRAB_S = 1.0  # between two pictures of the screen
+_REPORT_SHARE = 0.17  # of the film
+_REPORT_PX = (1100, 5200)
+_COLOURS = 64
+_MOST_BYTES = 5_000_000
+_LIMIT_S = 3000.0
+_OVER = "report: "  # what the demo says once its map is made
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """Exit status 1 where the demo fails, or the film is too large."""
+    parser = argparse.ArgumentParser(prog="film", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--out", type=Path, default=_ROOT / "docs/pictures/film.gif")
+    parser.add_argument("--seconds", type=float, default=90.0, help="length of the film")
+    parser.add_argument("--keep", type=Path, help="folder for the demo and the pictures; default: one that is removed")
+    args, demo = parser.parse_known_args(argv)
+    folder = args.keep or Path(tempfile.mkdtemp(prefix="film"))
+    try:
+        flown = _fly(folder, demo or ["--seed", "1"])
+        if not flown:
+            return 1
+        return _compose(flown, _report_pictures(folder), args.seconds, args.out)
+    finally:
+        if args.keep is None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+# ---- the flight ------------------------------------------------------------------------------------------------------
+
+
+def _fly(folder: Path, demo: List[str]) -> List[Path]:
+    """Pictures of the screen, one a second, from the first window to the map; none where the demo failed."""
+    grabbed = folder / "screen"
+    grabbed.mkdir(parents=True)
+    screen = Screen(folder, f"{_SCREEN_PX[0]}x{_SCREEN_PX[1]}x24")
+    command = ["rosrun", "fcsv_sim", "demo", "--rviz", "1", "--out", str(folder / "demo"), *demo]
+    env = {**os.environ, "DISPLAY": screen.name, "QT_QPA_PLATFORM": "xcb", "PYTHONUNBUFFERED": "1"}
+    log = folder / "demo.log"
+    with open(log, "wb") as out:
+        process = subprocess.Popen(
+            command, stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=env, start_new_session=True
+        )
+    found, server = [], display.Display(screen.name)
+    try:
+        for k in tqdm(range(int(_LIMIT_S / _GRAB_S)), "filming", unit=" pictures", disable=None):
+            if process.poll() is not None or _OVER in log.read_text(errors="replace"):
+                break
+            if _arranged(server):
+                found.append(_grabbed(server, grabbed / f"{k:05d}.png"))
+            time.sleep(_GRAB_S)
+        if _OVER not in log.read_text(errors="replace"):
+            print(f"film: the demo did not come to its report: {log}", file=sys.stderr)
+            return []
+        return found
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
+            try:
+                process.wait(120.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+        server.close()
+        screen.close()
+
+
+def _arranged(server: display.Display) -> bool:
+    """Whether a window is there; the operator's is put to the left, rviz to the right, as a window manager would."""
+    there = False
+    for window in server.screen().root.query_tree().children:
+        try:
+            name = window.get_wm_name() or ""
+            shown = window.get_attributes().map_state == X.IsViewable
+            if not shown or not isinstance(name, str) or not name:
+                continue
+            there = True
+            if "rviz" in name.lower():
+                window.configure(x=_WINDOW_PX[0], y=0, width=_RVIZ_PX[0], height=_RVIZ_PX[1])
+            elif "fcsv" in name.lower():
+                window.configure(x=0, y=0, width=_WINDOW_PX[0], height=_WINDOW_PX[1])
+        except XError:
+            continue  # it was closed meanwhile
+    server.sync()
+    return there
+
+
+def _grabbed(server: display.Display, path: Path) -> Path:
+    width, height = _SCREEN_PX
+    raw = server.screen().root.get_image(0, 0, width, height, X.ZPixmap, 0xFFFFFFFF)
+    Image.frombytes("RGB", (width, height), raw.data, "raw", "BGRX").resize(_FILM_PX, Image.LANCZOS).save(path)
+    return path
+
+
+# ---- the report and the film -----------------------------------------------------------------------------------------
+
+
+def _report_pictures(folder: Path) -> List[Image.Image]:
+    """The report, scrolled from its top to its end."""
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        print("film: without the report: chromium is not installed", file=sys.stderr)
+        return []
+    whole, page = folder / "report.png", folder / "demo" / "map" / "report.html"
+    size = f"--window-size={_REPORT_PX[0]},{_REPORT_PX[1]}"
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000", size]
+    subprocess.run([*command, f"--screenshot={whole}", page.as_uri()], check=True, capture_output=True, timeout=180)
+    return scrolled(Image.open(whole).convert("RGB"), _FILM_PX)
+
+
+def scrolled(page: Image.Image, size: Tuple[int, int], step: float = 0.25) -> List[Image.Image]:
+    """Views of ``size`` of a page that is scrolled down by ``step`` of a view each; the page fills the view's width."""
+    height = round(page.height * size[0] / page.width)
+    page = page.resize((size[0], max(height, size[1])), Image.LANCZOS)
+    last = page.height - size[1]
+    tops = [min(last, round(k * step * size[1])) for k in range(int(last / (step * size[1])) + 2)]
+    return [page.crop((0, top, size[0], top + size[1])) for top in dict.fromkeys(tops)]
+
+
+def evenly(pictures: list, count: int) -> list:
+    """So many of ``pictures``, evenly over their order.
+
+    >>> evenly([0, 1, 2, 3, 4, 5], 3), evenly([0, 1], 4)
+    ([0, 2, 5], [0, 0, 1, 1])
+    """
+    if not pictures or count < 1:
+        return []
+    last = len(pictures) - 1
+    return [pictures[round(k * last / max(count - 1, 1))] for k in range(count)]
+
+
+def _compose(flown: List[Path], report: List[Image.Image], seconds: float, out: Path) -> int:
+    frames = round(seconds * _FRAMES_S)
+    of_report = round(_REPORT_SHARE * frames) if report else 0
+    pictures = [Image.open(p).convert("RGB") for p in evenly(flown, frames - of_report)] + evenly(report, of_report)
+    palette = _palette(pictures)
+    small = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    small[0].save(out, save_all=True, append_images=small[1:], duration=round(1000 / _FRAMES_S), loop=0, optimize=True)
+    size = out.stat().st_size
+    print(f"wrote {out}: {len(small)} pictures, {seconds:.0f} s, {size / 1e6:.1f} MB")
+    if size > _MOST_BYTES:
+        print(f"film: larger than {_MOST_BYTES / 1e6:.0f} MB: give fewer --seconds", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _palette(pictures: List[Image.Image]) -> Image.Image:
+    """One for all, so that only what changes is stored."""
+    some = evenly(pictures, 12)
+    sheet = Image.new("RGB", (some[0].width, sum(p.height for p in some)))
+    top = 0
+    for p in some:
+        sheet.paste(p, (0, top))
+        top += p.height
+    return sheet.quantize(_COLOURS, Image.Quantize.MEDIANCUT)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
