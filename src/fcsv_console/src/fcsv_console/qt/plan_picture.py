@@ -17,7 +17,7 @@ from fcsv_console.model.view import View
 from fcsv_console.qt import colours, gauges
 
 BAR_PX = 64.0
-_LEAST_RADIUS_PX, _VIEW_M = 9.0, 6.0
+_LEAST_RADIUS_PX = 9.0
 _RINGS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
@@ -150,7 +150,7 @@ class PlanPicture:
         if v.place.stale:
             colour = self._tone(cells.GONE)
         forward = QPointF(-math.sin(heading), -math.cos(heading))
-        wedge, reach = QPainterPath(at), _VIEW_M * self._scale.px_per_m
+        wedge, reach = QPainterPath(at), geometry.VIEW_M * self._scale.px_per_m
         half_deg, up_deg = math.degrees(self._fov_rad) / 2.0, 90.0 + math.degrees(heading)
         wedge.arcTo(QRectF(at.x() - reach, at.y() - reach, 2 * reach, 2 * reach), up_deg - half_deg, 2 * half_deg)
         fill = QColor(colour)
@@ -167,9 +167,9 @@ class PlanPicture:
         """Of vehicles, with their heights, of home and of cameras on the ground; each where it hides least."""
         for v in self._view.vehicles:
             if v.place.value is not None:
-                x, y, z = v.place.value.p_home_m
+                x, y, _ = v.place.value.p_home_m
                 age = f", {v.place.words} old" if v.place.stale else ""
-                self.label(self._at(x, y), f"{v.name}  {round(z, 1) + 0.0:+.1f} m{age}")
+                self.label(self._at(x, y), f"{v.name}  {cells.height(v)}{age}")
         self.label(self._at(0.0, 0.0), "home")
         for seen in self._view.ground_views:
             self.label(self._at(*seen.eye_m), seen.words)

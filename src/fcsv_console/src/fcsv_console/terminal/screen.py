@@ -2,6 +2,7 @@
 """A view as one screen of text. Colours help; the words say it all."""
 
 import math
+from textwrap import wrap
 from typing import List
 
 from rich.console import Group
@@ -21,8 +22,9 @@ _FLIERS = {PILOT: "bold cyan", MISSION: "bold blue", GUARDIAN: "bold yellow", FA
 _STATES = {State.GREEN: "bold blue", State.AMBER: "bold yellow", State.RED: "bold white on red",
            State.UNKNOWN: "bold magenta"}  # fmt: skip
 _GONE = "bold magenta"
+_TONES = {cells.GOOD: "blue", cells.CARE: "yellow", cells.BAD: "red", cells.GONE: "magenta"}
 _LEVELS = {"info": "", "warning": "yellow", "error": "bold red"}
-_CHECKS, _EVENTS, _PROBLEMS, _BAR = 6, 5, 3, 20
+_CHECKS, _EVENTS, _PROBLEMS, _BAR, _HEADLINES = 6, 5, 3, 20, 2
 KEYS = "S stop all   L land all   P pause   G resume   Q quit"
 
 
@@ -48,8 +50,12 @@ def _line(words: str, style: str = "") -> Text:
 
 
 def _head(view: View) -> Group:
-    lines = [_line(view.headline, "bold" if view.mission_alive else "bold yellow")]
-    if view.stop.value is not None and view.stop.value.asked:
+    headline = cells.headline(view)
+    stopped = view.stop.value is not None and view.stop.value.asked
+    style = f"bold {_TONES.get(headline.tone, '')}".strip()
+    found = wrap(headline.text, WIDTH)
+    lines = [_line(headline.text, style)] if stopped else [_line(line, style) for line in found[:_HEADLINES]]
+    if stopped:
         lines.append(_line(view.stop.value.words, "bold white on red"))
     rows = view.file.rows
     if rows:
@@ -66,17 +72,23 @@ def _head(view: View) -> Group:
 
 def _vehicles(view: View) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0), expand=False, header_style="dim", width=WIDTH)
-    columns = ("vehicle", 8, "left"), ("flown by", 32, "left"), ("battery", 13, "right"), ("pose", 7, "right"), \
+    columns = ("vehicle", 8, "left"), ("flown by", 28, "left"), ("battery", 17, "right"), ("pose", 7, "right"), \
         ("pict", 6, "right"), ("radio", 7, "right")  # fmt: skip
     for name, width, justify in columns:
         table.add_column(name, width=width, justify=justify, no_wrap=True, overflow="ellipsis")
     for v in view.vehicles:
+        if view.ended and v.heard.stale and not v.armed:
+            table.add_row(Text(v.name, "bold"), Text(f"the flight is over, off for {v.heard.words}", "dim"))
+            continue
         table.add_row(
             Text(v.name, "bold"), Text(v.flier.words, _FLIERS.get(v.flier.who, "bold magenta")), _battery(v),
             _rate(v.pose), _rate(v.picture), _radio(v),
         )  # fmt: skip
         style = "dim" if v.connection == "connected" else "bold magenta"
-        told = f"{v.connection}, {v.mode}, {'ARMED' if v.armed else 'motors off'}" if v.state.value else v.connection
+        high = f", {v.height_m:.1f} m up" if v.armed and v.height_m is not None else ""
+        motors = "ARMED" if v.armed else "motors off"
+        link = "" if v.connection == "connected" else f"{v.connection}, "
+        told = f"{link}{v.mode}, {motors}{high}" if v.state.value else v.connection
         table.add_row("", _line(told, style), _disk(v))
         table.add_row("", _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"), _clock(v))
         wrong = cells.diagnostics(v)
@@ -112,8 +124,13 @@ def _poses(view: View) -> List[Text]:
 def _battery(v: VehicleRow) -> Text:
     if v.battery.value is None or v.battery.stale or math.isnan(v.battery.value.share):
         return Text("not known", "bold magenta")
-    enough = {True: "", False: "bold white on red", None: ""}[v.battery_enough]
-    return Text(f"{v.battery.value.share:.0%} {clock_words(v.endurance_s)}/{clock_words(v.needed_s)}", enough)
+    share = f"{v.battery.value.share:.0%}"
+    if v.battery_enough is None:
+        return Text(share)
+    lasts = clock_words(v.endurance_s)
+    if v.battery_enough:
+        return Text(f"{share}, {lasts} left")
+    return Text(f"{share}, {lasts} < {clock_words(v.needed_s)}", "bold white on red")
 
 
 def _rate(aged: Aged) -> Text:
@@ -153,8 +170,15 @@ def _stereo(view: View) -> Text:
 def _check(view: View) -> Group:
     state = view.check_state
     wrong = check_lines(view)
-    lines = [Text.assemble("flight check: ", (state.word, _STATES[state]), f", {len(wrong)} of {len(view.check or ())} "
-                           "lines not green" if view.check else ", not heard")]  # fmt: skip
+    starts = bool(view.waiting) and all(li.passes or view.waits(li) for li in wrong)
+    word, style = ("starting", "dim") if starts else (state.word, _STATES[state])
+    lines = [Text.assemble("flight check: ", (word, style), f", {len(wrong)} of {len(view.check or ())} lines not green"
+                           if view.check else ", not heard")]  # fmt: skip
+    waiting = [li for li in wrong if view.waits(li)]
+    wrong = [li for li in wrong if li not in waiting]
+    if waiting:
+        named = ", ".join(f"{li.vehicle} {li.name}" for li in waiting)
+        lines.append(_line(f" {len(waiting)} lines wait, normal for about a minute: {named}", "dim"))
     for li in wrong[:_CHECKS]:
         accepted = " (accepted)" if li.accepted else ""
         words = f" {li.vehicle:<8}{li.name:<11}{li.state.word:<8}{li.what}{accepted}"
