@@ -68,7 +68,7 @@ def test_poses_in_odometry_in_home_and_against_the_others_stand_whole_in_80_colu
 
 def test_a_console_that_heard_nothing_shows_it():
     text = "\n".join(printed(Console(["uav1", "uav2"]).view(0.0)))
-    assert "no mission is heard" in text and "not heard yet" in text and "flight check: unknown, not heard" in text
+    assert "no mission is heard" in text and "not heard yet" in text and "flight check: starting, not heard" in text
 
 
 def test_colours_are_never_the_only_sign():

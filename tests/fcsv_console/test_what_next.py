@@ -66,6 +66,9 @@ def test_each_phase_has_a_headline_in_words_and_at_most_one_next_button(phase, w
 def test_a_list_that_is_not_rehearsed_is_rehearsed_while_people_fly():
     c = console(rehearsed=False)
     assert told(c, 10.0, "TAKE_OFF").next == "rehearse"
+    for phase in ("TAKE_OFF", "COLUMN"):
+        lost = told(c, 10.5, phase, problems=("uav2: lost its position: land it by hand",))
+        assert (lost.next, lost.sort) == ("", guide.CARE), "who must land by hand has no time to rehearse"
     home = told(c, 11.0, "SET_HOME", "execute")
     assert home.next == "rehearse" and "Execute is locked: the list is not rehearsed" in home.headline
     c.tell(12.0, facts.RehearsalTold(c.file.text, "runs", 0.4))
@@ -145,9 +148,14 @@ def test_lines_that_are_red_at_every_start_wait_for_a_minute_and_are_red_after_i
     assert early.headline == "Starting, normal for about a minute: 2 checks of 4 to go (uav1 line0, uav1 line1)"
     assert early.sort == guide.WAITS and set(shown(c, 10.0)) == {("waiting", cells.QUIET)}
     assert cells.check_words(c.view(10.0)) == cells.Cell("flight check: starting, 2 of 4 lines green", cells.QUIET)
+    c.tell(10.0, facts.Diagnosed("uav1", (("uav1/tags: health", 2, "no pictures"),)))
+    assert rows(c, 10.0)["diagnostics"][0] == cells.Cell("ERROR tags: no pictures", cells.QUIET)
+    assert cells.problems_tone(c.view(10.0)) == cells.QUIET and c.log.events[-1].level == "info"
     late = told(c, 66.0, "WAIT_VEHICLES", lines=(*GREEN, *lines(State.RED, State.UNKNOWN, since_s=61.0)))
     assert late.headline == "Not ready: uav1 line0: not so; 2 checks of 4 left" and late.sort == guide.CARE
     assert shown(c, 66.0) == [("RED", cells.BAD), ("unknown", cells.GONE)]
+    c.tell(66.0, facts.Diagnosed("uav1", (("uav1/tags: health", 2, "no pictures"),)))
+    assert rows(c, 66.0)["diagnostics"][0].tone == cells.BAD and cells.problems_tone(c.view(66.0)) == cells.CARE
 
 
 def test_a_line_that_had_passed_is_red_at_once_and_nothing_waits_once_people_fly():

@@ -14,7 +14,6 @@ from fcsv_sim.demo import demo, interrupt, look
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines
 from fcsv_sim.demo.interrupt import Interrupted
 from fcsv_sim.demo.window import OperatorWindow
-from fcsv_sim.machines.machines import Machine
 
 WAITS = "import sys, time; print(sys.argv[1:], flush=True); time.sleep({0})"
 
@@ -46,7 +45,7 @@ class Fleet(Machines):
 @pytest.fixture
 def plan(tmp_path, monkeypatch, window):
     """plan(seconds) -> a plan whose window is open for so long once its machines are up."""
-    monkeypatch.setattr(Machine, "start_master", lambda self: self)
+    monkeypatch.setattr("fcsv_sim.machines.machines.Machine.start_master", lambda self: self)
     return lambda seconds: FleetPlan(tmp_path, tmp_path / "mine.yaml", window=window(seconds))
 
 

@@ -55,6 +55,8 @@ def _calmed(view: View, label: str, v: VehicleRow, cell: Cell) -> Cell:
     homeless = not view.home_set and not any(other.place.value is not None for other in view.vehicles)
     if label in ("in home", "from others") and homeless:
         return Cell("home is not set yet", QUIET)
+    if label == "diagnostics" and view.starts:
+        return Cell(cell.text if v.diagnosed.value is not None else "waiting", QUIET)
     heard = getattr(v, _HEARD_BY[label]) if label in _HEARD_BY else None
     if view.starting and cell.tone == GONE and heard is not None and heard.value is None:
         return Cell("waiting", QUIET)
@@ -224,7 +226,7 @@ def check_words(view: View) -> Cell:
         quiet = "the flight is over" if view.over else "waiting" if view.starting else ""
         return Cell(f"flight check: {quiet or 'NOT HEARD'}", QUIET if quiet else GONE)
     green = sum(li.state is State.GREEN for li in view.check)
-    if view.waiting and not [li for li in view.check if not li.passes and not view.waits(li)]:
+    if view.starts:
         return Cell(f"flight check: starting, {green} of {len(view.check)} lines green", QUIET)
     verdict = f"flight check: {view.check_state.word}, {green} of {len(view.check)} lines green"
     return Cell(verdict, GOOD if view.check_state is State.GREEN else _OF_STATE[view.check_state])
@@ -278,3 +280,8 @@ def height(v: VehicleRow) -> str:
     if v.height_m is not None:
         return f"{max(0.0, v.height_m):.1f} m up" if v.armed else "on the ground"
     return f"{round(v.place.value.p_home_m[2], 1) + 0.0:+.1f} m in home" if v.place.value is not None else ""
+
+
+def problems_tone(view: View) -> str:
+    """Of what is listed as problems: at a start that is normal there are many."""
+    return QUIET if view.starts else CARE

@@ -24,7 +24,7 @@ class Chronicle:
         self.log, self.wall_offset_s = EventLog(), 0.0
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
         self._unwell: Dict[Tuple[str, str, int], float] = {}  # vehicle, name, level of a diagnosis -> when heard last
-        self._over = False
+        self._phase = ""
         self._last_words: Dict[str, str] = {}  # what was logged last, by subject
 
     def event(self, now_s: float, who: str, what: str, answer: str = "", level: str = "info") -> int:
@@ -63,7 +63,8 @@ class Chronicle:
             key = (fact.vehicle, name, level)
             if now_s - self._unwell.get(key, -math.inf) > _UNWELL_S:
                 node = node_of(fact.vehicle, name)
-                self.event(now_s, fact.vehicle, f"{_LEVELS.get(level, 'WARN')} {node}: {text}", level="warning")
+                words = f"{_LEVELS.get(level, 'WARN')} {node}: {text}"
+                self.event(now_s, fact.vehicle, words, level="info" if self._phase == "WAIT_VEHICLES" else "warning")
             self._unwell[key] = now_s
         of_it = [key for key in self._unwell if key[0] == fact.vehicle]
         if of_it and not fact.wrong and now_s - max(self._unwell[key] for key in of_it) > _UNWELL_S:
@@ -73,7 +74,7 @@ class Chronicle:
     def remember(self, now_s: float, fact: Any) -> None:  # noqa: C901
         """A fact that was found sound: an event where it changes something."""
         if isinstance(fact, f.MissionTold):
-            self._over = fact.phase in OVER
+            self._phase = fact.phase
             self._changed(now_s, "phase", "mission", f"{fact.phase}: {fact.detail}".rstrip(": "))
         elif isinstance(fact, f.Guardian):
             words = f"{fact.action}: {'; '.join(fact.reasons)}".rstrip(": ") if fact.action else ""
@@ -105,7 +106,9 @@ class Chronicle:
             self._changed(now_s, "goals", "console", fact.words, "warning" if fact.window else "info")
         elif isinstance(fact, f.MasterTold) and (fact.problem or "master" in self._last_words):
             words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
-            words, level = ("the flight's machines are off", "info") if fact.problem and self._over else (words, level)
+            words, level = (
+                ("the flight's machines are off", "info") if fact.problem and self._phase in OVER else (words, level)
+            )
             self._changed(now_s, "master", "console", words, level)
 
 

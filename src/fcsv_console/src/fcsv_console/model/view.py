@@ -69,6 +69,15 @@ class View:
         """Whether the mission told that it ended."""
         return self.mission.value is not None and self.mission.value.phase in OVER
 
+    @property
+    def starts(self) -> bool:
+        """Whether nobody flies yet and all that is wrong is so at every start."""
+        if self.mission.value is not None and self.mission.value.phase != "WAIT_VEHICLES":
+            return False
+        if self.check is None:
+            return self.starting
+        return bool(self.waiting) and all(li.passes or li.state is State.AMBER or self.waits(li) for li in self.check)
+
     def waits(self, line: Line) -> bool:
         """Whether a line of the flight check is as it is at every start."""
         return (line.vehicle, line.name) in self.waiting

@@ -104,11 +104,8 @@ def _named(lines: Sequence[Line]) -> str:
 
 
 def _take_off(view: View, m: f.MissionTold, _before: str) -> Guide:
-    return Guide(
-        _sentences(m.problems[0] if m.problems else m.detail, _heights(view)),
-        _rehearse(view),
-        CARE if m.problems else PLAIN,
-    )
+    words = _sentences(m.problems[0] if m.problems else m.detail, _heights(view))
+    return Guide(words, "", CARE) if m.problems else Guide(words, _rehearse(view))
 
 
 def _column(view: View, m: f.MissionTold, before: str) -> Guide:
@@ -117,6 +114,8 @@ def _column(view: View, m: f.MissionTold, before: str) -> Guide:
         what = f"Calibration refused: {m.detail}" if refused else "The column stands, every tag is in view"
         return Guide(f"{what}. Hold still and Calibrate [C]", "calibrate", CARE if refused else WELL)
     missing = view.actions["calibrate"].why_not
+    if m.problems:
+        return Guide(_sentences(m.problems[0], _heights(view)), "", CARE)
     return Guide(_sentences(m.detail, missing), _rehearse(view), CARE if refused else PLAIN)
 
 

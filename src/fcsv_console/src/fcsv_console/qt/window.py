@@ -228,7 +228,7 @@ class ConsoleWindow(QMainWindow):
         shown = list(view.problems[:most])
         if len(view.problems) > most:
             shown[-1] += f" and {len(view.problems) - most} more"
-        self._say(self.problems, "\n".join(shown), cells.CARE)
+        self._say(self.problems, "\n".join(shown), cells.problems_tone(view))
         self.problems.setToolTip("\n".join(view.problems))
         self.mission.show_view(view)
         self.pictures.show_view(view)

@@ -34,7 +34,10 @@ def screen(view: View) -> Group:
     parts += [_vehicles(view), *_poses(view)]
     parts += [Text(f" {a.words}", "bold yellow", no_wrap=True, overflow="ellipsis") for a in view.above]
     parts += [Rule(style="dim"), _stereo(view), _check(view)]
-    parts += [Text(f" ! {p}", "yellow", no_wrap=True, overflow="ellipsis") for p in view.problems[:_PROBLEMS]]
+    parts += [
+        Text(f" ! {p}", "dim" if view.starts else "yellow", no_wrap=True, overflow="ellipsis")
+        for p in view.problems[:_PROBLEMS]
+    ]
     left = HEIGHT - 1 - sum(_lines(part) for part in parts)
     return Group(*parts, Rule(style="dim"), *_events(view, max(1, min(_EVENTS, left))))
 
@@ -93,9 +96,8 @@ def _vehicles(view: View) -> Table:
         table.add_row("", _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"), _clock(v))
         wrong = cells.diagnostics(v)
         if wrong.tone in (cells.CARE, cells.BAD):
-            table.add_row(
-                "", _line(wrong.text.split("\n")[0], "bold yellow" if wrong.tone == cells.CARE else "bold red")
-            )
+            style = "dim" if view.starts else "bold yellow" if wrong.tone == cells.CARE else "bold red"
+            table.add_row("", _line(wrong.text.split("\n")[0], style))
         if v.said.value is not None:
             table.add_row("", _line(f'"{v.said.value.text}" {v.said.words} ago', "dim"))
     return table
@@ -170,8 +172,7 @@ def _stereo(view: View) -> Text:
 def _check(view: View) -> Group:
     state = view.check_state
     wrong = check_lines(view)
-    starts = bool(view.waiting) and all(li.passes or view.waits(li) for li in wrong)
-    word, style = ("starting", "dim") if starts else (state.word, _STATES[state])
+    word, style = ("starting", "dim") if view.starts else (state.word, _STATES[state])
     lines = [Text.assemble("flight check: ", (word, style), f", {len(wrong)} of {len(view.check or ())} lines not green"
                            if view.check else ", not heard")]  # fmt: skip
     waiting = [li for li in wrong if view.waits(li)]
