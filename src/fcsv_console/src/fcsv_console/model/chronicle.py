@@ -8,7 +8,7 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalsElsewhere
 from fcsv_console.model.rehearsal import RUNS
-from fcsv_geometry.phases import OVER
+from fcsv_geometry.missions.phases import OVER
 
 _PROBLEM_S = 5.0  # so long a message that could not be used is shown
 _UNWELL_S = 60.0  # a diagnosis that comes and goes is an event again after so long without it

@@ -10,7 +10,7 @@ from fcsv_console.model.hearing import clock_words
 from fcsv_console.model.mission_file import seconds_left
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.lines import Line, State
-from fcsv_geometry.phases import OVER
+from fcsv_geometry.missions.phases import OVER
 from fcsv_stereo.model.inputs import FLOWN
 
 _MOST_NAMES = 3
