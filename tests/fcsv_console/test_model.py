@@ -460,6 +460,21 @@ def test_a_recording_is_judged_by_the_pictures_that_the_map_takes():
     assert "no two pictures are of one instant: 50 ms apart" in late.view(now_s).stereo.words
 
 
+def test_the_first_pictures_of_a_recording_that_come_late_are_no_verdict():
+    """As flown: one picture of the time before arrives once it records; held for 3 s that was a NO-GO for all of it."""
+    c = Console(["uav1", "uav2"], {"uav1": 1, "uav2": 2}, normal_s=0.0)
+    c.load(OUTDOOR)
+    flying(c, 19.0)
+    c.tell(19.0, facts.CameraInHome("uav2", (0.0, -3.0, 0.0), 0.0))
+    assert not doing(c, 19.5, HOLDS).stereo.go, "it is on its way"
+    flying(c, 20.0)
+    doing(c, 20.0, RECORDS)
+    c.tell(20.0, facts.Tags("uav1", (), stamp_s=20.0))
+    c.tell(20.0, facts.Tags("uav2", (1,), stamp_s=19.716))
+    assert c.view(20.0).stereo.go, "and there when it records"
+    assert c.view(recorded(c, 20.2, 0.0)).stereo.go
+
+
 def test_what_was_taken_before_a_recording_is_not_of_it():
     c = flying(console(), 10.0)
     recorded(c, 20.0, 0.0)
@@ -536,8 +551,9 @@ def test_stereo_health_is_known_before_the_first_recording():
     assert "epipolar error 2.5 px, skew 12 ms" in cells.stereo_cell(view).text
     c.tell(10.1, facts.EpipolarTold(("uav1", "uav2"), 30.0, 80))
     c.tell(10.1, facts.Clock("uav2", 0.25, 0.001))
+    before(c, 11.0, uav2=0.012)
     words = "no two pictures are of one instant: 238 ms apart; pictures and places disagree by 30 px"
-    assert c.view(10.2).stereo.words == f"NO-GO: {words} across the epipolar lines"
+    assert c.view(11.1).stereo.words == f"NO-GO: {words} across the epipolar lines"
 
 
 def test_before_the_first_recording_silent_pictures_are_not_known():

@@ -210,7 +210,8 @@ class Console:
         sees = [self._sightings.sees(now_s, b, a) for a, b in zip(self.names, self.names[1:])]
         column = column_problems(self.names, sees)
         rehearsal = self._rehearsals.of(self.file.text)
-        pair = self._steady.at(now_s, running, self._stereo(now_s, rows, running, told))
+        recorded = self._stage.recording_since_s is not None  # a recording is judged by itself
+        pair = self._steady.at(now_s, (running, recorded), self._stereo(now_s, rows, running, told))
         last = mission.value.phase if mission.value is not None else ""
         ended = last if told is None and last in OVER else ""
         situation = Situation(

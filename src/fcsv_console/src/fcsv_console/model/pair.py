@@ -46,7 +46,7 @@ class PairWatch:
     def skew_s(
         self, now_s: float, pair: Tuple[str, str], offsets_s: Mapping[str, float], since_s: Optional[float] = None
     ) -> float:
-        """Between the pictures that the map would take of what was heard; NaN: none of both.
+        """Between the pictures that the map would take of what was heard; NaN: none of both of one time.
 
         Of the recording that began at ``since_s``, else of the last seconds. ``offsets_s``: of the vehicles' clocks
         against the control PC's.
@@ -58,8 +58,11 @@ class PairWatch:
         )
         if not references or not others:
             return math.nan
-        # the reference's picture of that moment may still be on its way
-        told = [o for o in others if o <= references[-1] + instants.MOST_SKEW_S] or others[:1]
+        # of other moments the reference's picture came too early to be of this recording, or is still on its way
+        first_s, last_s = references[0] - instants.MOST_SKEW_S, references[-1] + instants.MOST_SKEW_S
+        told = [o for o in others if first_s <= o <= last_s]
+        if not told:
+            return math.nan
         recording = _Recording([_Taken(s) for s in references], [_Taken(s) for s in told])
         return instants.skew_s(recording.references, instants.middle(recording))
 

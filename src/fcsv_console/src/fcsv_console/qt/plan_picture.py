@@ -65,6 +65,10 @@ class PlanPicture:
     def _tone(self, name: str) -> QColor:
         return colours.tone(name, self._palette)
 
+    def _gone(self) -> QColor:
+        """Of what is not heard any more; after the flight that is nothing to worry about."""
+        return self._tone(cells.QUIET if self._view.ended else cells.GONE)
+
     def _at(self, x_m: float, y_m: float) -> QPointF:
         return QPointF(*self._scale.to_px(x_m, y_m))
 
@@ -148,7 +152,7 @@ class PlanPicture:
             return
         at, heading = self._at(place.p_home_m[0], place.p_home_m[1]), place.heading_rad
         if v.place.stale:
-            colour = self._tone(cells.GONE)
+            colour = self._gone()
         forward = QPointF(-math.sin(heading), -math.cos(heading))
         wedge, reach = QPainterPath(at), geometry.VIEW_M * self._scale.px_per_m
         half_deg, up_deg = math.degrees(self._fov_rad) / 2.0, 90.0 + math.degrees(heading)
@@ -227,7 +231,7 @@ class PlanPicture:
                 z = level(v.place.value.p_home_m[2])
                 colour = QColor(colours.VEHICLES[k % len(colours.VEHICLES)])
                 self._painter.setPen(Qt.NoPen)
-                self._painter.setBrush(self._tone(cells.GONE) if v.place.stale else colour)
+                self._painter.setBrush(self._gone() if v.place.stale else colour)
                 tip = left + 3.0 + 13.0 * k
                 corners = (tip, z), (tip + 11.0, z - 6.0), (tip + 11.0, z + 6.0)
                 self._painter.drawPolygon(QPolygonF([QPointF(*c) for c in corners]))
