@@ -493,6 +493,15 @@ def test_stereo_health_takes_the_clock_offset_away_and_names_a_lost_place():
     assert "uav1's place is 3.0 s old" in c.view(13.0).stereo.words
 
 
+def test_a_window_that_was_opened_a_moment_ago_has_no_verdict():
+    c = console()
+    c.tell(10.0, facts.CameraInHome("uav2", (0.0, -4.0, 0.0), 0.0))
+    s = doing(c, 10.0, RECORDS).stereo
+    assert not s.judged and s.words == "stereo: uav1's place in home is not known yet"
+    c.tell(10.1, facts.OdometryHeard("uav1", (0.0, 0.0, 0.0)))
+    assert row(c, 10.1, "uav1").connection == "no state yet"
+
+
 def test_who_goes_back_to_the_column_is_no_bad_pair():
     c = flying(console(), 10.0)
     c.tell(10.1, facts.CameraInHome("uav2", (-2.0, -1.0, 0.0), 0.0))

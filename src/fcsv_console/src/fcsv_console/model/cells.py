@@ -7,12 +7,13 @@ from typing import List, Sequence, Tuple
 
 from fcsv_console.model import guide, rehearsal
 from fcsv_console.model.chronicle import node_of
-from fcsv_console.model.hearing import Aged, clock_words, disk_words
+from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_console.model.poses import Relative
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
 from fcsv_console.model.view import View
+from fcsv_control.disk import disk_words
 from fcsv_control.flight_check.lines import Line, State
 
 PLAIN, QUIET, GOOD, CARE, BAD, GONE = "plain", "quiet", "good", "care", "bad", "gone"  # tones
@@ -34,7 +35,7 @@ _NOT_IN_BAGS = Cell("not in the bags", QUIET)
 
 
 _HEARD_BY = {
-    "flown by": "state", "diagnostics": "diagnosed", "connection": "heard", "pose": "pose", "in odometry": "pose",
+    "flown by": "state", "diagnostics": "diagnosed", "connection": "state", "pose": "pose", "in odometry": "pose",
     "in home": "place", "picture": "picture", "battery": "battery", "radio": "radio", "recorder": "recorder",
     "clock": "clock",
 }  # fmt: skip

@@ -70,11 +70,11 @@ def judge(
     """While ``row`` is flown. ``skew_s``: of the pictures that the map would take (NaN: not known), ``told``: how they
     agree (None: not known); ``target_m``: the range that is wanted. Places that are not known leave the plan's overlap.
     """
-    reasons: List[str] = []
-    for name, place in zip(pair, (reference, moving)):
-        if place.value is None or place.stale:
-            reasons.append(f"{name}'s place in home is not known" if place.value is None else
-                           f"{name}'s place is {place.words} old")  # fmt: skip
+    places = tuple(zip(pair, (reference, moving)))
+    unknown = tuple(f"{name}'s place in home is not known yet" for name, place in places if place.value is None)
+    if unknown:  # a window that was opened a moment ago
+        return StereoHealth(pair, reasons=unknown)
+    reasons = [f"{name}'s place is {place.words} old" for name, place in places if place.stale]
     overlap = overlap_share(row, target_m, optics)
     turn_deg = pitch_deg = roll_deg = apart_m = baseline_m = error_m = math.nan
     if not reasons:

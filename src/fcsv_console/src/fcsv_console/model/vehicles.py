@@ -62,6 +62,8 @@ class VehicleRow:
             return "never heard"
         if self.heard.stale:
             return f"NOT HEARD for {self.heard.words}"
+        if self.state.value is None:
+            return "no state yet"
         if self.state.stale:
             return f"no state for {self.state.words}"
         return "connected" if self.state.value.connected else "no autopilot"

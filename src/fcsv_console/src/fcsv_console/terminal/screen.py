@@ -12,9 +12,10 @@ from rich.text import Text
 
 from fcsv_console.model import cells
 from fcsv_console.model.cells import check_lines
-from fcsv_console.model.hearing import Aged, clock_words, disk_words
+from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
 from fcsv_console.model.view import View
+from fcsv_control.disk import disk_words
 from fcsv_control.flight_check.lines import State
 
 WIDTH, HEIGHT = 80, 24
