@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """rviz's configurations: what they show exists, and rviz opens them without a warning before home is set."""
 
+import math
 import re
 import time
 
@@ -9,6 +10,7 @@ import yaml
 from support.waiting import within
 
 CONFIGURATIONS = ("map", "tracking")
+_BARS_PX = 90  # menus, tools and status
 until = within(60.0)
 #: What rviz itself says of packages with plugins that are not installed here.
 FOREIGN = ("media_export", "librospack", "XDG_RUNTIME_DIR")
@@ -35,6 +37,22 @@ def test_every_topic_is_one_of_the_page_and_no_vehicle_is_named_that_may_not_fly
     of_vehicles = {t for t in topics if re.match(r"/(uav|tello)\d", t)}
     cameras = {"/uav1/camera/color/image_raw", "/uav2/camera/color/image_raw"}
     assert of_vehicles == (cameras if name == "map" else set()) and "/tracking/vehicles" in topics
+
+
+@pytest.mark.parametrize("name", [*CONFIGURATIONS, "monitor"])
+def test_labels_are_read_on_a_screen_of_1366_pixels(name, root):
+    """From where each view begins, in rviz's field of 45 degrees: letters of 12 px and more for what stands at home."""
+    from fcsv_console.ros import goal_markers
+    from fcsv_tracking.ros import mission_markers, vehicle_markers
+
+    document = yaml.safe_load((root / "rviz" / f"{name}.rviz").read_text())
+    window, view = document["Window Geometry"], document["Visualization Manager"]["Views"]["Current"]
+    assert (window["Width"], window["Displays"]["collapsed"]) == (1366, True) and window["Height"] <= 768
+    along_m = view["Distance"] * math.cos(view["Pitch"]) - view["Focal Point"]["X"]
+    up_m = view["Distance"] * math.sin(view["Pitch"]) + view["Focal Point"]["Z"]
+    px_per_m = (window["Height"] - _BARS_PX) / (2.0 * math.hypot(along_m, up_m) * math.tan(math.radians(22.5)))
+    letters_m = (vehicle_markers.NAME_M, mission_markers.TEXT_M, goal_markers.WORDS_M)
+    assert min(letters_m) * px_per_m >= 11.5, [round(m * px_per_m, 1) for m in letters_m]
 
 
 @pytest.mark.ros

@@ -2,6 +2,7 @@
 """After the flight: gathering and mapping as child processes that can be stopped, the report, and what is locked."""
 
 import math
+import os
 import sys
 import threading
 from pathlib import Path
@@ -39,7 +40,7 @@ def test_all_can_be_done_on_the_ground_and_only_the_report_in_flight():
 
 
 @pytest.mark.parametrize("places, name, words", [
-    (after.Places("", "s", "m"), "gather", "name the machines"),
+    (after.Places("", "s", "m"), "gather", "nothing is to be gathered"),
     (after.Places("uav1=a", "", "m"), "gather", "name the session's folder"),
     (after.Places("uav1=a", "s", ""), "map", "name a folder for the map"),
 ])  # fmt: skip
@@ -54,6 +55,8 @@ def test_what_is_not_there_locks():
     c.tell(1.0, facts.PlacesFound(False, False))
     assert step(c, "map").why_not == "there is neither session.yaml nor a bag in out/flight: gather first"
     assert step(c, "report").why_not == "there is no report in out/map" and step(c, "gather").why_not == ""
+    c.after.places = after.Places("", "s", "m")
+    assert step(c, "gather").why_not.startswith("name the machines")
 
 
 def test_one_at_a_time_with_progress_and_each_end_is_one_event():
@@ -68,6 +71,37 @@ def test_one_at_a_time_with_progress_and_each_end_is_one_event():
     assert [(e.who, e.what, e.level) for e in c.log.events if e.who == "gather"] == [
         ("gather", "runs", "info"), ("gather", "failed: uav2: there is no uav2.bag", "error"),
     ]  # fmt: skip
+
+
+def test_where_all_record_into_one_folder_nothing_is_gathered_and_the_map_comes_next():
+    c = landed()
+    c.after.places = after.Places("", "out/demo/session", "out/demo/map")
+    c.tell(1.0, facts.PlacesFound(True, False))
+    gather, made, report = c.view(1.1).after
+    assert gather.why_not == "nothing is to be gathered: all machines recorded into out/demo/session"
+    assert (gather.next, made.next, report.next) == (False, True, False)
+    c.tell(1.0, facts.PlacesFound(True, True))
+    assert [s.next for s in c.view(1.1).after] == [False, False, True]
+    assert c.view(1.1).guide.headline.startswith("Starting"), "no mission was heard here"
+    c.tell(1.0, facts.JobTold("map", "runs", 0.2))
+    assert not [s for s in c.view(1.1).after if s.next]
+
+
+def test_a_session_that_is_still_written_or_mapped_by_another_is_not_mapped():
+    c = landed()
+    c.tell(1.0, facts.PlacesFound(True, False, recording=True))
+    assert step(c, "map").why_not.startswith("a bag in out/flight is still written")
+    c.tell(1.0, facts.PlacesFound(True, True, mapping=True))
+    assert step(c, "map").why_not == "another command makes a map in out/map just now" and step(c, "report").next
+
+
+def test_places_of_a_simulation_are_those_of_its_one_folder(tmp_path):
+    pytest.importorskip("rospy")
+    from fcsv_console.ros.shell import shared_places
+
+    assert shared_places(str(tmp_path / "session")) == after.Places(
+        "", str(tmp_path / "session"), str(tmp_path / "map")
+    )
 
 
 # ---- child processes ---------------------------------------------------------------------------------------------
@@ -116,6 +150,27 @@ print("wrote", os.path.basename(out))
     (tmp_path / "uav1.bag").write_bytes(b"")
     one.look(places)
     assert heard[-1] == facts.PlacesFound(True, True), "bags alone are mapped too"
+
+
+def test_a_bag_that_is_still_written_and_a_map_that_another_makes_are_seen(runner, tmp_path):
+    one, heard, _ = runner("time.sleep(60)\n")
+    places = after.Places("", str(tmp_path), str(tmp_path / "map"))
+    (tmp_path / "session.yaml").write_text("")
+    (tmp_path / "uav1.bag.active").write_bytes(b"")
+    one.look(places)
+    assert heard[-1] == facts.PlacesFound(True, False, recording=True)
+    (tmp_path / "uav1.bag.active").unlink()
+    (tmp_path / ".map.being_made").touch()
+    one.look(places)
+    assert heard[-1] == facts.PlacesFound(True, False, mapping=True)
+    os.utime(tmp_path / ".map.being_made", (0, 0))
+    one.look(places)
+    assert heard[-1] == facts.PlacesFound(True, False), "left by a command that was killed"
+    (tmp_path / ".map.being_made").touch()
+    one.start("map", places)
+    one.look(places)
+    assert heard[-1] == facts.PlacesFound(True, False), "its own"
+    one.cancel("map")
 
 
 def test_machines_are_split_as_a_shell_does(runner, tmp_path):

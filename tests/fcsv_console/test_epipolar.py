@@ -9,7 +9,7 @@ import pytest
 from support import scenes
 
 from fcsv_console.model import facts, samples, stereo
-from fcsv_console.model.epipolar import EpipolarWatch, Seen, measured_px
+from fcsv_console.model.epipolar import EpipolarWatch, Seen, measured
 
 CAMERA = scenes.CAMERA  # 301 px of focal length
 
@@ -23,6 +23,12 @@ def seen(xyz, rpy_deg=(0.0, 0.0, 0.0), told_rpy_deg=None, told_xyz=None):
 
 
 LEFT = seen((0.0, 0.0, 0.0))
+PAIR = ("uav1", "uav2")
+
+
+def measured_px(a, b):
+    told = measured(PAIR, a, b)
+    return told.error_px, told.matches
 
 
 def test_right_places_have_no_epipolar_error():
@@ -98,22 +104,63 @@ def test_reduced_live_pictures_are_read_by_the_camera_of_their_size():
 # ---- what follows from it ----------------------------------------------------------------------------------------
 
 
-def flying(error_px, pair=("uav1", "uav2")):
+def flying(error_px, *fitted, pair=("uav1", "uav2")):
     c = samples.console("config/missions/outdoor.yaml")
     samples.flying(c)
-    c.tell(samples.NOW_S - 0.5, facts.EpipolarTold(pair, error_px, 212))
+    c.tell(samples.NOW_S - 0.5, facts.EpipolarTold(pair, error_px, 212, *fitted))
     return c
 
 
-def test_pictures_that_contradict_the_places_are_no_go():
-    s = flying(1.3).view(samples.NOW_S).stereo
-    assert s.go and s.epipolar_px == 1.3
-    s = flying(stereo.MOST_EPIPOLAR_PX + 2.0).view(samples.NOW_S).stereo
-    assert s.words == "NO-GO: pictures and places disagree by 12 px across the epipolar lines"
+def test_the_bounds_are_the_maps_own():
+    """Its report's, its links' and that of its choice of pictures: a verdict here is a verdict there."""
+    from fcsv_stereo import instants
+    from fcsv_stereo.model import FLOWN
+    from fcsv_stereo.refinement import links
+    from fcsv_stereo.report import plain_words
+
+    assert (stereo.MOST_REFINED_PX, stereo.MOST_SURPRISE) == (plain_words.MOST_EPIPOLAR_PX, links.SURPRISE)
+    assert (stereo.MOST_SKEW_S, stereo.MOST_TRACKED_RAD) == (instants.MOST_SKEW_S, FLOWN.rotation_rad)
+
+
+@pytest.mark.parametrize("told, words", [
+    ((1.3,), "GO: the pair is as planned"),
+    ((4.5, 0.4, 1.4), "GO: the pair is as planned"),
+    ((4.5,), "NO-GO: pictures and places disagree by 4 px across the epipolar lines"),
+    ((12.0,), "NO-GO: pictures and places disagree by 12 px across the epipolar lines"),
+    ((4.5, 2.2, 1.4), "NO-GO: pictures miss their epipolar lines by 2.2 px, however the map fits them"),
+    ((12.0, 0.4, 1.4), "NO-GO: pictures and places disagree by 12 px across the epipolar lines"),
+    ((9.0, 0.4, 4.1), "NO-GO: pictures put the cameras 4.1 standard deviations off their trackers"),
+])  # fmt: skip
+def test_pictures_are_judged_by_what_the_map_makes_of_them(told, words):
+    s = flying(*told).view(samples.NOW_S).stereo
+    assert s.words == words and s.epipolar_px == told[0]
+
+
+def test_a_live_picture_of_half_the_size_has_half_the_bound():
+    nan = math.nan
+    assert flying(2.0, nan, nan, 602.0).view(samples.NOW_S).stereo.go
+    assert not flying(2.0, nan, nan, 301.0).view(samples.NOW_S).stereo.go
+
+
+@pytest.mark.parametrize("turn_deg, doubted", [(0.0, False), (0.3, False), (5.0, True)])
+def test_a_turn_that_the_map_corrects_is_no_error_and_one_that_it_doubts_is(turn_deg, doubted):
+    """A baseline of 2 m is long enough for a prior of 0.15 m; sigma of a turn is 0.3 degrees."""
+    told = measured(PAIR, LEFT, seen((0.0, -2.0, 0.0), told_rpy_deg=(0.0, turn_deg, 0.0)))
+    assert told.refined_px < 0.8 and told.focal_px == CAMERA.fx
+    assert (told.surprise > stereo.MOST_SURPRISE) is doubted
+    if turn_deg == 0.3:
+        assert told.error_px > told.refined_px + 0.3
+
+
+def test_what_the_map_would_not_fit_is_not_fitted():
+    short = measured(PAIR, LEFT, seen((0.0, -0.4, 0.0)))
+    column = measured(PAIR, seen((2.0, -0.1, 0.0)), LEFT)
+    for told in (short, column):
+        assert told.error_px < 1.0 and math.isnan(told.refined_px) and math.isnan(told.surprise)
 
 
 def test_what_is_not_known_or_old_or_of_another_pair_decides_nothing():
-    for c, now_s in ((flying(math.nan), samples.NOW_S), (flying(50.0, ("uav2", "uav1")), samples.NOW_S)):
+    for c, now_s in ((flying(math.nan), samples.NOW_S), (flying(50.0, pair=("uav2", "uav1")), samples.NOW_S)):
         assert c.view(now_s).stereo.go and math.isnan(c.view(now_s).stereo.epipolar_px)
     late = flying(50.0)
     samples.flying(late)

@@ -101,7 +101,7 @@ def test_a_marker_has_arrows_along_its_way_only_while_it_may_be_dragged(c):
         q = made.controls[1].orientation
         x_axis = matrix_of_quaternion((q.x, q.y, q.z, q.w))[:, 0]
         assert np.abs(x_axis @ along) == pytest.approx(1.0) and made.header.frame_id == "home"
-    assert [marker(goals[k]).description for k in (0, 2)] == ["2 m", "6 m, free"]
+    assert [marker(goals[k]).controls[0].markers[1].text for k in (0, 2)] == ["2 m", "6 m, free"]
 
 
 def test_of_two_windows_the_one_that_was_opened_first_has_the_goals_until_it_dies(c):

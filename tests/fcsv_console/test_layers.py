@@ -43,7 +43,9 @@ def test_every_situation_fits_on_one_screen_of_80_columns(name):
 
 @pytest.mark.parametrize("name, words", [
     ("ground", ["uav1    pre-arm    RED", "amber   38 %", "on the ground, motors off"]),
-    ("ready", ["SET_HOME, waits for EXECUTE: home is set", "pilot, LOITER", "flight check: green"]),
+    ("ready", ["Home is set. Execute [X] flies 8", "82%, 9:17 left", "pilot, LOITER", "flight check: green"]),
+    ("starting", ["10 lines wait, normal for about a minute: uav1 ekf", "flight check: starting, 10 of 32 lines"]),
+    ("calibrated", ["Calibrated well: 25 views, 0.13°. Fly uav1 to its view, then Set home [H]", "2.1 m up"]),
     ("flying", ["3/8 horizontal 6 m: to 361 m", "GO: the pair is as planned", "REC 96 min"]),
     ("wrong", ["stop all (the operator", "uav2 is 5.0 m above uav1", "p_odom_m holds nan", "guardian: hold"]),
     ("silent", ["not heard for 2.4 s", "the ROS master does not answer", "no recorder"]),
@@ -60,13 +62,13 @@ def test_poses_in_odometry_in_home_and_against_the_others_stand_whole_in_80_colu
     )
     assert [line.rstrip() for line in text if " from " in line] == ["uav2    from uav1: 6.02 m (+0.0 -6.0 +0.0), +1°"]
     gone = "\n".join(printed(sample("silent")))
-    assert "odometry +0.2 -4.0 +8.0 m, +2°  home +0.0 -4.0 +0.0 m, +1°, 2.3 s old" in gone
+    assert "odometry +0.2 -4.0 +8.0 m, +2°  home +0.0 -4.0 +0.0 m, +1°, 2.4 s old" in gone
     assert "from uav1: not known" in "\n".join(printed(Console(["uav1", "uav2"]).view(0.0)))
 
 
 def test_a_console_that_heard_nothing_shows_it():
     text = "\n".join(printed(Console(["uav1", "uav2"]).view(0.0)))
-    assert "no mission is heard" in text and "not heard yet" in text and "flight check: unknown, not heard" in text
+    assert "no mission is heard" in text and "not heard yet" in text and "flight check: starting, not heard" in text
 
 
 def test_colours_are_never_the_only_sign():

@@ -47,7 +47,7 @@ def test_the_list_is_not_handed_over_before_it_was_rehearsed(name):
     assert why(c, name) == "the list is not rehearsed: rehearse it [V]"
     told(c, "runs", 0.25)
     told(c, "runs")
-    assert why(c, name) == "is rehearsed 25%", "a line without a share keeps the one before"
+    assert why(c, name) == "the list is being rehearsed: 25 %", "a line without a share keeps the one before"
     told(c, "broken", words="fence at 31 s (uav2 is outside)")
     assert why(c, name) == "REHEARSAL BROKE: fence at 31 s (uav2 is outside)"
     told(c, "stopped")

@@ -3,6 +3,7 @@
 
 import doctest
 import importlib
+import math
 import re
 from dataclasses import fields
 from types import SimpleNamespace
@@ -123,7 +124,9 @@ def test_what_was_heard_long_ago_is_never_green():
     ({"battery_share": NAN}, {"battery": R}, "does not know"),
     ({"recorder": SimpleNamespace(problem="disk full", dropped=0)}, {"recorder": R}, "disk full"),
     ({"recorder": SimpleNamespace(problem="", dropped=3)}, {"recorder": A}, "3 messages"),
-    ({"disk": Disk(5000.0, 12.0)}, {"disk": A}, "12 minutes"),
+    ({"disk": Disk(5000.0, math.inf)}, {"disk": A}, "4.9 GiB free"),
+    ({"disk": Disk(5000.0, 8561.0)}, {"disk": A}, "enough for over 99 h"),
+    ({"disk": Disk(5000.0, 12.0)}, {"disk": A}, "enough for 12 min"),
     ({"disk": Disk(900.0)}, {"disk": R}, "0.9 GiB"),
     ({"guardian": guardian(forbids=[STICK, "the autopilot has no origin yet"])}, {"guardian": R}, "no origin"),
     ({"guardian": guardian(action="hold", reasons=["the agent is silent"])}, {"guardian": R}, "hold: the agent"),

@@ -44,7 +44,8 @@ class Window:
     # ---- what is seen ----------------------------------------------------------------------------------------------
 
     def find(self, name: str, kind: str = BUTTON) -> Optional[dict]:
-        """{"at": middle on the screen, "on": enabled, "text", "why": tooltip} of what is visible; None: nothing is."""
+        """{"at": middle on the screen, "on": enabled, "text", "why": tooltip, "described": for a screen reader} of what
+        is visible; None: nothing is."""
         return self.ask(what="control", name=name, kind=kind)
 
     def text(self, name: str, kind: str = LABEL) -> str:
@@ -141,7 +142,8 @@ def _answer(window, question: dict) -> Any:
     if widget is None:
         return None
     text = widget.value() if isinstance(widget, QtWidgets.QProgressBar) else widget.text()
-    return {"at": middle(widget, widget.rect()), "on": widget.isEnabled(), "text": text, "why": widget.toolTip()}
+    return {"at": middle(widget, widget.rect()), "on": widget.isEnabled(), "text": text, "why": widget.toolTip(),
+            "described": widget.accessibleDescription()}
 
 
 def main() -> int:

@@ -19,7 +19,7 @@ from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.machines.slow_motion import Page
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.truth import TruthReader
-from support.console_window import LABEL, Window
+from support.console_window import FIELD, LABEL, Window
 from support.demos import FLIGHT_LIMIT_S, end, said, start_demo
 from support.screen import Hands, Screen
 
@@ -31,7 +31,7 @@ _RETURN_S = 2.0  # between one Return and the next
 _BROWSER = """#!/bin/sh
 printf '%s\\n' "$1" >>"{opened}"
 """
-_HEADLINE = re.compile(r"^(?P<phase>\w+)(, waits for (?P<waits>[A-Z ]+))?(: |$)")
+_MISSION = re.compile(r"^(?P<phase>\w+)(, waits for (?P<waits>\w+))?(: |$)")
 
 
 class Eyes:
@@ -160,11 +160,11 @@ class WindowFlight:
         self._until(lambda: "it is flown" in kept(), "the first window kept what was asked for", 60.0)
         before = len(said(self._out))
         self._window.kill()
-        window = self._open("flight")
+        window = self._open("flight", "--session", str(self._out / "session"))
         self._until(lambda: self._headline()[0] == "CONFIGURATIONS", "the new window knows the phase", 30.0)
-        self._until(lambda: not [w for w in window.of_vehicle("flown by") if "not heard" in w], "it knows who flies",
-                    30.0)  # fmt: skip
-        self._until(lambda: not [w for w in window.of_vehicle("in home") if "not known" in w or "old" in w],
+        unknown = lambda: [w for w in window.of_vehicle("flown by") if "not heard" in w or w == "waiting"]  # noqa: E731
+        self._until(lambda: not unknown(), "it knows who flies", 30.0)
+        self._until(lambda: not [w for w in window.of_vehicle("in home") if not w.startswith(("+", "-")) or "old" in w],
                     "the new window knows where the vehicles are", 30.0)  # fmt: skip
         self.seen["new window"] = {label: window.of_vehicle(label) for label in ("flown by", "in home", "mode")}
         self.seen["new window"]["running"] = [row for row in window.rows("Configurations") if row[0].startswith(">")]
@@ -193,6 +193,12 @@ class WindowFlight:
         """The machines are off; their bags are where they recorded. The map stands beside the demo's own."""
         window, session = self._window, self._out / "session"
         self._window.key("F5")
+        self._until(lambda: window.find("Map")["on"], "the bags are closed", 60.0)
+        self.seen["places"] = [window.text(name, FIELD) for name in ("Machines", "Session", "Map")]
+        self.seen["nothing to gather"] = window.find("Gather")["why"]
+        self.seen["over"] = self._says()
+        self._picture("after")
+        window.write("Session", str(self._out / "flight"))
         window.write("Machines", " ".join(f"{name}={session}" for name in (*VEHICLES, "control")))
         window.write("Map", str(self._out / GATHERED_MAP))
         window.click("Gather")
@@ -266,12 +272,11 @@ class WindowFlight:
         return self._window.text("What the mission does", LABEL)
 
     def _headline(self) -> Tuple[str, str]:
-        """Phase, and what it waits for as the mission calls it; of a pause that ends by itself ("PAUSED", "")."""
-        says = self._says()
-        if says.startswith("PAUSED"):
-            return ("CONFIGURATIONS", "resume") if ". Resume " in says else ("PAUSED", "")
-        found = _HEADLINE.match(says)
-        return (found["phase"], (found["waits"] or "").lower().replace(" ", "_")) if found else ("", "")
+        """Phase and what it waits for, as a screen reader reads them; of a pause that ends by itself ("PAUSED", "")."""
+        headline = self._window.find("What the mission does", LABEL) or {"text": "", "described": ""}
+        found = _MISSION.match(headline["described"])
+        phase, waits_for = (found["phase"], found["waits"] or "") if found else ("", "")
+        return ("PAUSED", "") if headline["text"].startswith("PAUSED") and not waits_for else (phase, waits_for)
 
     def _until(self, condition: Callable[[], Any], what: str, limit_s: float) -> Any:
         """What it gives in the end; meanwhile amber lines are accepted, by name."""

@@ -59,6 +59,13 @@ def test_a_window_that_is_killed_in_flight_is_missed_by_nobody_and_the_next_one_
     assert all(re.match(r"[+-]\d+\.\d ", words) for words in new["in home"]) and len(new["running"]) == 1
 
 
+def test_after_the_flight_it_points_at_what_was_recorded_in_this_simulation(seen, flown):
+    """The machines are off: nothing is violet, and no host is offered that a simulation does not have."""
+    assert seen["places"] == ["", str(flown / "session"), str(flown / "map")]
+    assert f"all machines recorded into {flown / 'session'}" in seen["nothing to gather"]
+    assert seen["over"].startswith("DONE: all configurations flown")
+
+
 def test_it_gathers_maps_and_opens_the_report(seen, flown):
     assert seen["gathered"].startswith("done: ") and seen["mapped"].startswith("done: ")
     assert seen["opened"] == [f"file://{flown / GATHERED_MAP}/report.html"] and seen["closed"] == 0

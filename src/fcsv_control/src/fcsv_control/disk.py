@@ -45,3 +45,14 @@ class DiskWatch:
         if not self._highest_bytes_per_s:
             return 0.0 if self.full else float("inf")
         return self._room_bytes / self._highest_bytes_per_s / 60.0
+
+
+def disk_words(minutes: float) -> str:
+    """How long a disk lasts, as exactly as an operator needs it.
+
+    >>> disk_words(96.0), disk_words(7582.0)
+    ('96 min', 'over 99 h')
+    """
+    if minutes < 120.0:
+        return f"{minutes:.0f} min"
+    return f"{minutes / 60.0:.0f} h" if minutes < 6000.0 else "over 99 h"

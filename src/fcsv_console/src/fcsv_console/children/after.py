@@ -3,15 +3,20 @@
 
 import math
 import shlex
+import time
 from pathlib import Path
-from typing import Callable, Dict, List, Mapping, Sequence
+from typing import Callable, Dict, Iterable, Iterator, List, Mapping, Sequence
 
 from fcsv_console.children.child import Child
 from fcsv_console.model import after
 from fcsv_console.model import facts as f
+from fcsv_geometry.bags.repair import ACTIVE
 from fcsv_geometry.programs.writing import in_words
 
 COMMANDS = {after.GATHER: ("rosrun", "fcsv_control", "gather_session"), after.MAP: ("rosrun", "fcsv_stereo", "map")}
+
+
+_LEFT_OVER_S = 3600.0  # what stands there for so long was left by a command that was killed
 
 
 class AfterRunner:
@@ -25,7 +30,17 @@ class AfterRunner:
         """What is on the disk."""
         folder = Path(places.session).expanduser()
         session = bool(places.session) and ((folder / "session.yaml").is_file() or any(folder.glob("*.bag")))
-        self._put(f.PlacesFound(session, bool(places.out) and report_of(places).is_file()))
+        recording = session and any(folder.glob(f"*{ACTIVE}"))
+        report = bool(places.out) and report_of(places).is_file()
+        self._put(f.PlacesFound(session, report, recording, bool(places.out) and self._is_made(places)))
+
+    def _is_made(self, places: after.Places) -> bool:
+        """Whether a command that this window did not start makes a map there: it has a hidden folder or file beside."""
+        child = self._children.get(after.MAP)
+        if child is not None and child.runs:
+            return False
+        out = Path(places.out).expanduser().absolute()
+        return any(time.time() - made_s < _LEFT_OVER_S for made_s in _changed_s(out.parent.glob(f".{out.name}.*")))
 
     def start(self, job: str, places: after.Places) -> None:
         """Returns at once."""
@@ -59,6 +74,15 @@ class AfterRunner:
             self.cancel(job)
         for child in self._children.values():
             child.wait()
+
+
+def _changed_s(folders: Iterable[Path]) -> Iterator[float]:
+    """When each changed last (s since 1970); what vanishes meanwhile is left out."""
+    for folder in folders:
+        try:
+            yield folder.stat().st_mtime
+        except OSError:
+            continue
 
 
 def report_of(places: after.Places) -> Path:

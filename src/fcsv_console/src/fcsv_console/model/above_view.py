@@ -3,11 +3,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
+from fcsv_console.model.facts import CameraInHome
 from fcsv_console.model.mission_file import STEP_M, ConfigurationRow, stepped
 from fcsv_console.model.view import View
 
+VIEW_M = 6.0  # so far a camera's view is drawn
 _LEAST_M, _MARGIN = 6.0, 1.25
 _PICK_PX = 14.0
 _HANDLE_PX = 34.0  # from a goal to the handle that turns it
@@ -45,15 +47,27 @@ class Scale:
         )
 
 
-def fitted(view: View, width: float, height: float, zoom: float = 1.0) -> Scale:
-    """Goals, home, vehicles and what cameras on the ground see, in the picture."""
+def fitted(view: View, width: float, height: float, zoom: float = 1.0, fov_rad: float = 0.0) -> Scale:
+    """Goals, home, vehicles with what they see, and what cameras on the ground see, in the picture."""
     points = [(0.0, 0.0), *((p[0], p[1]) for r in view.file.rows for p in r.way_m or [r.goal_m])]
     points += [(v.place.value.p_home_m[0], v.place.value.p_home_m[1]) for v in view.vehicles if v.place.value]
+    points += [p for v in view.vehicles if v.place.value and fov_rad for p in sight(v.place.value, fov_rad)]
     points += [p for seen in view.ground_views for p in seen.outline_m]
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     high_m, wide_m = (max(_LEAST_M, _MARGIN * (max(s) - min(s))) for s in (xs, ys))
     per_m = min(height / (high_m + 2.0), width / (wide_m + 2.0)) * zoom
     return Scale(width, height, max(per_m, 0.1), ((max(xs) + min(xs)) / 2.0, (max(ys) + min(ys)) / 2.0))
+
+
+def sight(place: CameraInHome, fov_rad: float) -> List[Tuple[float, float]]:
+    """Corners of what is drawn of a camera's view, (x, y) in home.
+
+    >>> [(round(x, 1), round(y, 1)) for x, y in sight(CameraInHome("uav1", (1.0, 2.0, 0.0), 0.0), math.pi / 2.0)]
+    [(5.2, -2.2), (7.0, 2.0), (5.2, 6.2)]
+    """
+    x_m, y_m, _ = place.p_home_m
+    ways = (place.heading_rad + share * fov_rad / 2.0 for share in (-1.0, 0.0, 1.0))
+    return [(x_m + VIEW_M * math.cos(way), y_m + VIEW_M * math.sin(way)) for way in ways]
 
 
 def heights(view: View) -> Tuple[float, float]:

@@ -157,7 +157,7 @@ def _of_rehearsal(name: str, s: Situation) -> str:
     if s.file.error is not None:
         return f"mission file: {s.file.error.words}"
     if s.rehearsal.state == RUNS:
-        return "" if name == "rehearse" else "it is rehearsed just now"
+        return "" if name == "rehearse" else "it is being rehearsed"
     if s.mission is not None and s.mission.phase in FLOWN:
         return "the mission flies its list"
     if s.file.mission is None:

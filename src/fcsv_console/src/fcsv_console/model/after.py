@@ -32,6 +32,7 @@ class Step:
     share: float = math.nan
     words: str = ""
     why_not: str = ""
+    next: bool = False  # it is what comes next
 
     @property
     def told(self) -> str:
@@ -73,7 +74,10 @@ class AfterFlight:
 
     def steps(self, armed: Sequence[str]) -> Tuple[Step, ...]:
         """``armed``: vehicles whose motors run, or that were not heard since they did."""
-        return tuple(self._step(step, armed) for step in _STEPS)
+        steps = tuple(self._step(step, armed) for step in _STEPS)
+        runs = any(step.state == RUNS for step in steps)
+        can = [step.name for step in reversed(steps) if not step.why_not]  # the last one that can be done
+        return tuple(replace(step, next=not runs and step.name in can[:1]) for step in steps)
 
     def _step(self, step: Step, armed: Sequence[str]) -> Step:
         told = self._told.get(step.name, f.JobTold(step.name, ""))
@@ -92,11 +96,16 @@ class AfterFlight:
         if not self.places.session:
             return "name the session's folder"
         if name == GATHER:
+            if not self.places.sources and self._found.session:
+                return f"nothing is to be gathered: all machines recorded into {self.places.session}"
             return "" if "=" in self.places.sources else "name the machines: NAME=HOST:FOLDER, or NAME=FOLDER"
         if not self.places.out:
             return "name a folder for the map"
-        missing = f"there is neither session.yaml nor a bag in {self.places.session}: gather first"
-        return "" if self._found.session else missing
+        if not self._found.session:
+            return f"there is neither session.yaml nor a bag in {self.places.session}: gather first"
+        if self._found.recording:
+            return f"a bag in {self.places.session} is still written: the flight's machines are not stopped yet"
+        return f"another command makes a map in {self.places.out} just now" if self._found.mapping else ""
 
 
 def judged(job: str, status: int, last: str) -> f.JobTold:

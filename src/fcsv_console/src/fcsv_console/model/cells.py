@@ -5,19 +5,21 @@ import math
 from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
-from fcsv_console.model import rehearsal
-from fcsv_console.model.hearing import Aged, clock_words, disk_words
+from fcsv_console.model import guide, rehearsal
+from fcsv_console.model.chronicle import node_of
+from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_console.model.poses import Relative
+from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, PILOT, UNKNOWN, VehicleRow
 from fcsv_console.model.view import View
+from fcsv_control.disk import disk_words
 from fcsv_control.flight_check.lines import Line, State
 
 PLAIN, QUIET, GOOD, CARE, BAD, GONE = "plain", "quiet", "good", "care", "bad", "gone"  # tones
 _OF_FLIER = {PILOT: GOOD, MISSION: GOOD, GUARDIAN: CARE, FAILSAFE: BAD, UNKNOWN: GONE}
 _OF_STATE = {State.GREEN: QUIET, State.AMBER: CARE, State.RED: BAD, State.UNKNOWN: GONE}
 _LEVELS = {1: ("WARN", CARE), 2: ("ERROR", BAD), 3: ("STALE", GONE)}  # of diagnostic_msgs/DiagnosticStatus
-_HEALTH = ": health"
 _FROM_THE_WORST = (State.RED, State.UNKNOWN, State.AMBER, State.GREEN)
 
 
@@ -32,8 +34,37 @@ class Cell:
 _NOT_IN_BAGS = Cell("not in the bags", QUIET)
 
 
+_HEARD_BY = {
+    "flown by": "state", "diagnostics": "diagnosed", "connection": "state", "pose": "pose", "in odometry": "pose",
+    "in home": "place", "picture": "picture", "battery": "battery", "radio": "radio", "recorder": "recorder",
+    "clock": "clock",
+}  # fmt: skip
+
+
 def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
-    """(label, one cell per vehicle)."""
+    """(label, one cell per vehicle). What is normal at the start, before home is set and after the end is quiet."""
+    rows = _vehicle_rows(view)
+    return [(label, [_calmed(view, label, v, cell) for v, cell in zip(view.vehicles, of)]) for label, of in rows]
+
+
+def _calmed(view: View, label: str, v: VehicleRow, cell: Cell) -> Cell:
+    if view.ended and v.heard.stale:
+        if v.armed:
+            return cell  # nobody saw it land
+        words = {"flown by": "nobody: the flight is over", "connection": f"off for {v.heard.words}"}
+        return Cell(words.get(label, cell.text), QUIET)
+    homeless = not view.home_set and not any(other.place.value is not None for other in view.vehicles)
+    if label in ("in home", "from others") and homeless:
+        return Cell("home is not set yet", QUIET)
+    if label == "diagnostics" and view.starts:
+        return Cell(cell.text if v.diagnosed.value is not None else "waiting", QUIET)
+    heard = getattr(v, _HEARD_BY[label]) if label in _HEARD_BY else None
+    if view.starting and cell.tone == GONE and heard is not None and heard.value is None:
+        return Cell("waiting", QUIET)
+    return cell
+
+
+def _vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
     table = (
         ("flown by", lambda v: Cell(v.flier.words, _OF_FLIER.get(v.flier.who, PLAIN))),
         ("diagnostics", diagnostics),
@@ -57,7 +88,9 @@ def vehicle_rows(view: View) -> List[Tuple[str, List[Cell]]]:
 def _mode(v: VehicleRow) -> Cell:
     if v.state.value is None:
         return Cell("-", QUIET)
-    return Cell(f"{v.mode}, {'ARMED' if v.armed else 'motors off'}", PLAIN if v.connection == "connected" else GONE)
+    high = f", {v.height_m:.1f} m up" if v.armed and v.height_m is not None else ""
+    tone = PLAIN if v.connection == "connected" else GONE
+    return Cell(f"{v.mode}, {'ARMED' if v.armed else 'motors off'}{high}", tone)
 
 
 def _rate(aged: Aged) -> Cell:
@@ -150,14 +183,8 @@ def diagnostics(v: VehicleRow) -> Cell:
     wrong = v.diagnosed.value.wrong
     if not wrong:
         return Cell("well", QUIET)
-    told = [f"{_LEVELS[level][0]} {_node(v.name, name)}: {text}" if name else text for name, level, text in wrong]
+    told = [f"{_LEVELS[level][0]} {node_of(v.name, name)}: {text}" if name else text for name, level, text in wrong]
     return Cell("\n".join(told), _LEVELS[wrong[0][1]][1])
-
-
-def _node(vehicle: str, name: str) -> str:
-    """Of "uav1/tags: health" only "tags": the column says whose, and most are a node's health."""
-    name = name[len(vehicle) + 1 :] if name.startswith(f"{vehicle}/") else name
-    return name[: -len(_HEALTH)] if name.endswith(_HEALTH) else name
 
 
 def _clock(v: VehicleRow) -> Cell:
@@ -191,22 +218,25 @@ CHECK_HEADS = ("who", "line", "state", "found", "what to do")
 def check_lines(view: View) -> List[Line]:
     """Of the flight check what is not green, the worst first; that is what an operator must act on."""
     wrong = [li for li in view.check or () if li.state is not State.GREEN]
-    return sorted(wrong, key=lambda li: _FROM_THE_WORST.index(li.state))
+    return sorted(wrong, key=lambda li: (view.waits(li), _FROM_THE_WORST.index(li.state)))
 
 
 def check_words(view: View) -> Cell:
     """The verdict, and how many lines are green."""
     if view.check is None:
-        return Cell("flight check: NOT HEARD", GONE)
+        quiet = "the flight is over" if view.over else "waiting" if view.starting else ""
+        return Cell(f"flight check: {quiet or 'NOT HEARD'}", QUIET if quiet else GONE)
     green = sum(li.state is State.GREEN for li in view.check)
+    if view.starts:
+        return Cell(f"flight check: starting, {green} of {len(view.check)} lines green", QUIET)
     verdict = f"flight check: {view.check_state.word}, {green} of {len(view.check)} lines green"
     return Cell(verdict, GOOD if view.check_state is State.GREEN else _OF_STATE[view.check_state])
 
 
-def check_cells(line: Line) -> List[Cell]:
-    """One per head."""
-    tone = CARE if line.accepted else _OF_STATE[line.state]
-    word = f"{line.state.word}, accepted" if line.accepted else line.state.word
+def check_cells(line: Line, waits: bool = False) -> List[Cell]:
+    """One per head; ``waits``: it is so at every start."""
+    tone = QUIET if waits else CARE if line.accepted else _OF_STATE[line.state]
+    word = "waiting" if waits else f"{line.state.word}, accepted" if line.accepted else line.state.word
     since = "" if line.state is State.GREEN else f" ({clock_words(line.since_s)})"
     return [Cell(line.vehicle, tone), Cell(line.name, tone), Cell(word, tone), Cell(line.what + since, tone),
             Cell(line.remedy, QUIET)]  # fmt: skip
@@ -221,11 +251,38 @@ def rehearsal_cell(view: View) -> Cell:
 def stereo_cell(view: View) -> Cell:
     """Go or no-go, then the figures."""
     s = view.stereo
-    figures = [] if math.isnan(s.overlap) else [f"{s.overlap:.0%} seen by both at {s.target_m:.0f} m"]
+    figures = _epipolar(s)
+    figures += [] if math.isnan(s.skew_s) else [f"skew {1e3 * s.skew_s:.0f} ms"]
+    figures += [] if math.isnan(s.overlap) else [f"{s.overlap:.0%} seen by both at {s.target_m:.0f} m"]
     if not math.isnan(s.error_m):
         figures += [f"error there ±{s.error_m:.1f} m", f"baseline {s.baseline_m:.2f} m"]
         figures += [f"turned {s.turn_deg:.1f}°", f"pitched {s.pitch_deg:.1f}°", f"rolled {s.roll_deg:.1f}°"]
-    figures += [] if math.isnan(s.epipolar_px) else [f"epipolar error {s.epipolar_px:.1f} px"]
-    figures += [] if math.isnan(s.skew_s) else [f"skew {1e3 * s.skew_s:.0f} ms"]
     tone = QUIET if not s.judged else GOOD if s.go else CARE
     return Cell("\n".join([s.words, ", ".join(figures)]) if figures else s.words, tone)
+
+
+def _epipolar(s: StereoHealth) -> List[str]:
+    """What the map's fit leaves first: that is what becomes of the pictures."""
+    if math.isnan(s.epipolar_px):
+        return []
+    if math.isnan(s.refined_px):
+        return [f"epipolar error {s.epipolar_px:.1f} px"]
+    return [f"epipolar error {s.refined_px:.1f} px fitted, {s.epipolar_px:.1f} px as tracked"]
+
+
+def headline(view: View) -> Cell:
+    """What goes on and what comes next."""
+    tones = {guide.WAITS: QUIET, guide.WELL: GOOD, guide.CARE: CARE, guide.LOST: GONE}
+    return Cell(view.headline, tones.get(view.guide.sort, PLAIN))
+
+
+def height(v: VehicleRow) -> str:
+    """Above ground; of one that nobody saw there, in home."""
+    if v.height_m is not None:
+        return f"{max(0.0, v.height_m):.1f} m up" if v.armed else "on the ground"
+    return f"{round(v.place.value.p_home_m[2], 1) + 0.0:+.1f} m in home" if v.place.value is not None else ""
+
+
+def problems_tone(view: View) -> str:
+    """Of what is listed as problems: at a start that is normal there are many."""
+    return QUIET if view.starts else CARE

@@ -8,9 +8,12 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalsElsewhere
 from fcsv_console.model.rehearsal import RUNS
+from fcsv_geometry.missions.phases import OVER
 
 _PROBLEM_S = 5.0  # so long a message that could not be used is shown
 _UNWELL_S = 60.0  # a diagnosis that comes and goes is an event again after so long without it
+_LEVELS = {1: "WARN", 2: "ERROR", 3: "STALE"}  # of diagnostic_msgs/DiagnosticStatus
+_HEALTH = ": health"
 _LOUD = 4  # MAV_SEVERITY_WARNING
 
 
@@ -20,7 +23,8 @@ class Chronicle:
     def __init__(self):
         self.log, self.wall_offset_s = EventLog(), 0.0
         self._bad: Dict[str, Tuple[float, int]] = {}  # what was wrong -> when last, how often
-        self._unwell_s: Dict[str, float] = {}  # when a vehicle's diagnosis was heard last
+        self._unwell: Dict[Tuple[str, str, int], float] = {}  # vehicle, name, level of a diagnosis -> when heard last
+        self._phase = ""
         self._last_words: Dict[str, str] = {}  # what was logged last, by subject
 
     def event(self, now_s: float, who: str, what: str, answer: str = "", level: str = "info") -> int:
@@ -52,16 +56,25 @@ class Chronicle:
         return [f"{words} ({number} times)" if number > 1 else words for words, number in bad]
 
     def _diagnosed(self, now_s: float, fact: f.Diagnosed) -> None:
-        """An event where a diagnosis is another than those of the last minute."""
-        if fact.wrong:
-            words = f"diagnostics: {fact.wrong[0][0]} is not well"
-            if now_s - self._unwell_s.get(f"{fact.vehicle} {words}", -math.inf) > _UNWELL_S:
-                self.event(now_s, fact.vehicle, words, level="warning")
-            self._unwell_s[f"{fact.vehicle} {words}"] = now_s
+        """An event, with what it is, where a diagnosis is none of the last minute's, and where all have ended."""
+        for name, level, text in fact.wrong:
+            if not name:
+                continue  # it counts those that are not told
+            key = (fact.vehicle, name, level)
+            if now_s - self._unwell.get(key, -math.inf) > _UNWELL_S:
+                node = node_of(fact.vehicle, name)
+                words = f"{_LEVELS.get(level, 'WARN')} {node}: {text}"
+                self.event(now_s, fact.vehicle, words, level="info" if self._phase == "WAIT_VEHICLES" else "warning")
+            self._unwell[key] = now_s
+        of_it = [key for key in self._unwell if key[0] == fact.vehicle]
+        if of_it and not fact.wrong and now_s - max(self._unwell[key] for key in of_it) > _UNWELL_S:
+            self.event(now_s, fact.vehicle, "diagnostics: well again")
+            self._unwell = {key: at_s for key, at_s in self._unwell.items() if key not in of_it}
 
     def remember(self, now_s: float, fact: Any) -> None:  # noqa: C901
         """A fact that was found sound: an event where it changes something."""
         if isinstance(fact, f.MissionTold):
+            self._phase = fact.phase
             self._changed(now_s, "phase", "mission", f"{fact.phase}: {fact.detail}".rstrip(": "))
         elif isinstance(fact, f.Guardian):
             words = f"{fact.action}: {'; '.join(fact.reasons)}".rstrip(": ") if fact.action else ""
@@ -93,4 +106,17 @@ class Chronicle:
             self._changed(now_s, "goals", "console", fact.words, "warning" if fact.window else "info")
         elif isinstance(fact, f.MasterTold) and (fact.problem or "master" in self._last_words):
             words, level = (fact.problem, "error") if fact.problem else ("the ROS master answers", "info")
+            words, level = (
+                ("the flight's machines are off", "info") if fact.problem and self._phase in OVER else (words, level)
+            )
             self._changed(now_s, "master", "console", words, level)
+
+
+def node_of(vehicle: str, name: str) -> str:
+    """The node of a diagnosis, without its vehicle and without "health", which most are.
+
+    >>> node_of("uav1", "uav1/tags: health"), node_of("uav1", "link uav1-control")
+    ('tags', 'link uav1-control')
+    """
+    name = name[len(vehicle) + 1 :] if name.startswith(f"{vehicle}/") else name
+    return name[: -len(_HEALTH)] if name.endswith(_HEALTH) else name

@@ -2,7 +2,8 @@
 """The view-model: ``tell`` it facts with monotonic time, ask it for a ``view``. It never raises on what it is told."""
 
 import math
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from dataclasses import replace
+from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model import mission_file as files
@@ -16,13 +17,17 @@ from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhe
 from fcsv_console.model.ground_views import GroundViews
 from fcsv_console.model.hearing import Heard, slow
 from fcsv_console.model.pair import PairWatch
+from fcsv_console.model.phases_told import PhasesTold
 from fcsv_console.model.pictures import Pictures
 from fcsv_console.model.rehearsal import Rehearsals
 from fcsv_console.model.soundness import unsound
 from fcsv_console.model.stage import StageWatch
+from fcsv_console.model.starting import NORMAL_S, StartWatch
 from fcsv_console.model.steady import HOLD_S, SteadyVerdict
 from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
+from fcsv_console.model.what_next import guide
+from fcsv_control.flight_check.lines import Line
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.mission.stages import GOES_BACK, TURNS
 from fcsv_geometry.missions.mission import Mission
@@ -38,15 +43,15 @@ class Console:
     """``vehicles``: the column, front first; ``tags``: the tag that each carries; ``target_m``: the range wanted;
     ``since_s``: from when the newest message of a topic counts that came at some time (Arrivals.since_s).
 
-    ``verdict_s``: how long another verdict on the pair lasts before it is shown. ``wall_offset_s`` as Chronicle's.
-    ``recorded``: a recording is played.
+    ``verdict_s``: how long another verdict on the pair lasts before it is shown; ``normal_s``: for how long a start is
+    normal. ``wall_offset_s`` as Chronicle's. ``recorded``: a recording is played.
     """
 
     def __init__(
         self, vehicles: Sequence[str], tags: Optional[Mapping[str, int]] = None,
         optics: files.Optics = files.USUAL, target_m: float = 0.0,
         since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s, verdict_s: float = HOLD_S,
-        recorded: bool = False,
+        recorded: bool = False, normal_s: float = NORMAL_S,
     ):  # fmt: skip
         self.names, self.optics, self.file = list(vehicles), optics, files.MissionFile()
         self._recorded, self._chronicle = recorded, Chronicle()
@@ -59,6 +64,8 @@ class Console:
         self._map: Heard[f.MapTold] = Heard(math.inf)
         self._stop: Heard[f.StopTold] = slow()
         self._pair, self._stage, self._steady = PairWatch(vehicles), StageWatch(), SteadyVerdict(verdict_s)
+        self._start, self._phases = StartWatch(normal_s), PhasesTold()
+        self._calibration: Optional[f.CalibrationFound] = None
         self._recorder: Heard[f.Recorder] = slow()
         self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
         self._home: Heard[f.HomeSet] = Heard(math.inf)
@@ -95,6 +102,7 @@ class Console:
             if isinstance(fact, f.Unusable):
                 self._pictures.tell(fact)
             return
+        self._start.opened(now_s)
         self._chronicle.remember(now_s, fact)
         self._pictures.tell(fact)
         self._pair.tell(now_s, fact)
@@ -146,10 +154,15 @@ class Console:
         }.get(type(fact))  # fmt: skip
         if isinstance(fact, f.MissionTold):
             self._stage.tell(now_s, fact)
+            self._phases.tell(fact.phase)
+        if isinstance(fact, f.Check):
+            self._start.tell(now_s, fact.lines)
         if whole is not None:
             whole.tell(now_s, fact)
         elif isinstance(fact, (f.Calibrated, f.HomeSet)):
             (self._calibrated if isinstance(fact, f.Calibrated) else self._home).tell(now_s, fact, fact.age_s)
+        elif isinstance(fact, f.CalibrationFound):
+            self._calibration = fact
         elif isinstance(fact, f.MasterTold):
             self._master_problem = fact.problem
         elif isinstance(fact, f.MissionFlown):
@@ -197,24 +210,32 @@ class Console:
         sees = [self._sightings.sees(now_s, b, a) for a, b in zip(self.names, self.names[1:])]
         column = column_problems(self.names, sees)
         rehearsal = self._rehearsals.of(self.file.text)
-        pair = self._steady.at(now_s, running, self._stereo(now_s, rows, running, told))
+        recorded = self._stage.recording_since_s is not None  # a recording is judged by itself
+        pair = self._steady.at(now_s, (running, recorded), self._stereo(now_s, rows, running, told))
         last = mission.value.phase if mission.value is not None else ""
         ended = last if told is None and last in OVER else ""
         situation = Situation(
             self._master_problem, told, check, rows, column, tuple(self._pending), self.file, rehearsal, self._flown,
             self._recorded, ended,
         )  # fmt: skip
-        return View(
-            now_s, rows, mission, alive, self.file, running, self._progress(told), check,
+        view = View(
+            now_s, rows, mission, alive, self.file, running, self._progress(mission.value if ended else told), check,
             actions(situation),
             self.log.events, pair, tuple(self._above(rows)),
             self._recorder.at(now_s),
             self._map.at(now_s), stop, self._home.value is not None, rehearsal,
             self._pictures.cameras([(v.name, v.picture) for v in rows]), self._pictures.map(),
             self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
-            self._problems(now_s, told, column), self._master_problem, stage, self._ground_views.shown(now_s),
-            self._recorded,
+            self._problems(now_s, told, column, last in OVER), self._master_problem, stage,
+            self._ground_views.shown(now_s), self._recorded, self._calibration, self._start.starting(now_s),
+            self._waiting(now_s, told, check), bool(ended),
         )  # fmt: skip
+        return replace(view, guide=guide(view, self._phases.before))
+
+    def _waiting(self, now_s: float, told: Optional[f.MissionTold], check: Optional[Sequence[Line]]) -> FrozenSet:
+        """Nothing is normal any more once people fly."""
+        before = told is None or told.phase == "WAIT_VEHICLES"
+        return self._start.waiting(now_s, check) if before else frozenset()
 
     def _lines(self, now_s: float):
         heard = self._check.at(now_s)
@@ -240,8 +261,10 @@ class Console:
         """Of the list."""
         if told is None or not told.configurations:
             return 0.0
-        done = told.configuration + self._stage.reached(told.configuration)
-        return 1.0 if told.phase == "DONE" else min(1.0, done / told.configurations)
+        last = told.configuration + 1 >= told.configurations
+        if told.phase == "DONE" or (told.phase == "LAND" and last and self._stage.was_recorded(told.configuration)):
+            return 1.0
+        return min(1.0, (told.configuration + self._stage.reached(told.configuration)) / told.configurations)
 
     def _above(self, rows: Sequence[VehicleRow]) -> List[Above]:
         rules = self.file.mission.air if self.file.mission else SeparationRules(Mission.min_separation_m)
@@ -264,15 +287,19 @@ class Console:
         if pair[1] not in by_name:
             return stereo.StereoHealth(pair, reasons=(f"{pair[1]} is not one of {', '.join(self.names)}",))
         offsets_s = {n: by_name[n].clock.value.offset_s for n in pair if by_name[n].clock.value is not None}
-        skew_s, error_px = self._pair.skew_s(now_s, pair, offsets_s), self._pair.epipolar_px(now_s, pair)
+        skew_s = self._pair.skew_s(now_s, pair, offsets_s, self._stage.recording_since_s)
+        agree = self._pair.epipolar(now_s, pair)
         if before:
-            return stereo.judge_before(pair, skew_s, error_px)
+            return stereo.judge_before(pair, skew_s, agree, self.optics)
         row = self.file.rows[index]
         places = tuple(by_name[n].place for n in pair)
-        return stereo.judge(row, pair, *places, skew_s, self._target_m or row.farthest_m, self.optics, error_px)
+        return stereo.judge(row, pair, *places, skew_s, self._target_m or row.farthest_m, self.optics, agree)
 
-    def _problems(self, now_s: float, told: Optional[f.MissionTold], column: Sequence[str]) -> Tuple[str, ...]:
-        found = [self._master_problem] if self._master_problem else []
+    def _problems(
+        self, now_s: float, told: Optional[f.MissionTold], column: Sequence[str], over: bool
+    ) -> Tuple[str, ...]:
+        """``over``: the mission is; then its master may go."""
+        found = [self._master_problem] if self._master_problem and not over else []
         found += [f"mission file: {self.file.error.words}"] if self.file.error else []
         found += list(told.problems) if told is not None else []
         found += list(column) if told is not None and told.phase in ("COLUMN", "CALIBRATE") else []

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well two cameras' pictures and their places agree: the distance of matched features from their epipolar lines.
 
-Places from tracking, pictures from the radio; nothing is refined. A turn along the baseline shows in no epipolar line.
+Places from tracking, pictures from the radio. Beside it: what a fit of the pair leaves, as the map refines poses.
+A turn along the baseline shows in no epipolar line.
 """
 
 import math
@@ -16,10 +17,13 @@ import numpy as np
 from fcsv_console.model.facts import EpipolarTold
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_stereo.model.inputs import FLOWN
 
 _FEATURES, _LEAST = 800, 25  # ORB's; fewer matches that agree with any epipolar geometry say nothing
 _RATIO, _SHARE = 0.85, 0.5  # of the second best; of the matches, less is a geometry that chance has found
 _AGREE_PX = 2.0  # of matches with a geometry of their own: it sorts out wrong ones, whatever the places say
+_ALONG = 0.7  # of the baseline: cameras one before the other, as in the column; no configuration stands so
+_NOISE_PX = 1.0  # standard deviation of a feature of ORB: a corner of some level of its pyramid
 _POSES, _POSE_S = 120, 0.05  # kept per vehicle, 4 s; a picture without one so near in time is left out
 
 
@@ -37,8 +41,8 @@ class Seen:
     reduced: bool = False
 
 
-def measured_px(a: Seen, b: Seen) -> Tuple[float, int]:
-    """(median distance from the epipolar lines of the places in px of b, matches). NaN: too few matches.
+def measured(pair: Tuple[str, str], a: Seen, b: Seen) -> EpipolarTold:
+    """How two pictures agree with their places, in px of b. NaN: too few matches.
 
     Raises ValueError where a picture cannot be unpacked.
     """
@@ -47,16 +51,35 @@ def measured_px(a: Seen, b: Seen) -> Tuple[float, int]:
     (gray_a, a), (gray_b, b) = _read(a), _read(b)
     uv_a, uv_b = _matches(gray_a, gray_b)
     if len(uv_a) < _LEAST:
-        return math.nan, len(uv_a)
+        return EpipolarTold(pair, math.nan, len(uv_a))
     rays_a, rays_b = (np.column_stack([s.camera.normalize(uv), np.ones(len(uv))]) for s, uv in ((a, uv_a), (b, uv_b)))
     cv2.setRNGSeed(1)
     _, kept = cv2.findEssentialMat(rays_a[:, :2].copy(), rays_b[:, :2].copy(), np.eye(3), cv2.RANSAC, 0.999,
                                    _AGREE_PX / b.camera.fx)  # fmt: skip
     kept = np.zeros(len(rays_a), bool) if kept is None else kept.ravel().astype(bool)
     if kept.sum() < max(_LEAST, _SHARE * len(kept)):
-        return math.nan, int(kept.sum())
-    error, _ = epipolar_error(transforms.invert(a.T_home_cam) @ b.T_home_cam, rays_a[kept], rays_b[kept])
-    return float(b.camera.fx * np.median(np.abs(error))), int(kept.sum())
+        return EpipolarTold(pair, math.nan, int(kept.sum()))
+    T_a_b = transforms.invert(a.T_home_cam) @ b.T_home_cam
+    error, _ = epipolar_error(T_a_b, rays_a[kept], rays_b[kept])
+    error_px, fitted = float(b.camera.fx * np.median(np.abs(error))), _fitted(T_a_b, rays_a[kept], rays_b[kept], b)
+    return EpipolarTold(pair, error_px, int(kept.sum()), *fitted, focal_px=b.camera.fx)
+
+
+def _fitted(T_a_b: np.ndarray, rays_a: np.ndarray, rays_b: np.ndarray, b: Seen) -> Tuple[float, float]:
+    """(median px that is left, standard deviations from the trackers' pose) once the pair is fitted as the map fits it,
+    with its prior; NaN where it would not: the baseline is too short, or the vehicle in front is in the way."""
+    from fcsv_stereo.refinement.geometry import PairPrior, fit_pair, prior_offset
+    from fcsv_stereo.refinement.matching import band_px
+
+    baseline_m = float(np.linalg.norm(T_a_b[:3, 3]))
+    prior = PairPrior(T_a_b, FLOWN.rotation_rad, FLOWN.position_sigma_m(baseline_m))
+    in_front = abs(float(T_a_b[2, 3])) > _ALONG * baseline_m
+    if in_front or baseline_m < 3.0 * prior.position_m:
+        return math.nan, math.nan
+    width_px = band_px(prior, b.camera.fx, 1.5 * baseline_m)
+    T_fitted, error_px = fit_pair(prior, rays_a, rays_b, b.camera.fx, width_px, _NOISE_PX)
+    surprise = float((np.abs(prior_offset(prior, T_fitted)) * np.sqrt(prior.information)).max())
+    return float(np.median(np.abs(error_px))), surprise
 
 
 def _read(seen: Seen) -> Tuple[np.ndarray, Seen]:
@@ -128,7 +151,7 @@ class EpipolarWatch:
         if a is None or b is None or (a.stamp_s, b.stamp_s) == self._measured:
             return None
         self._measured = (a.stamp_s, b.stamp_s)
-        return EpipolarTold(pair, *measured_px(a, b))
+        return measured(pair, a, b)
 
     def _seen(self, name: str) -> Optional[Seen]:
         for stamp_s, data, camera in reversed(self._pictures[name]):

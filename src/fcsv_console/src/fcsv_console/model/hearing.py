@@ -102,17 +102,6 @@ def age_words(age_s: float) -> str:
     return f"{age_s / 60.0:.0f} min" if age_s < 5400.0 else f"{age_s / 3600.0:.1f} h"
 
 
-def disk_words(minutes: float) -> str:
-    """How long a disk lasts, as exactly as an operator needs it.
-
-    >>> disk_words(96.0), disk_words(7582.0)
-    ('96 min', 'over 99 h')
-    """
-    if minutes < 120.0:
-        return f"{minutes:.0f} min"
-    return f"{minutes / 60.0:.0f} h" if minutes < 6000.0 else "over 99 h"
-
-
 def clock_words(seconds: float) -> str:
     """Minutes and seconds.
 

@@ -1,50 +1,72 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is heard of the pictures of a pair: how far apart in time they are, and their epipolar error."""
+"""What is heard of the pictures of a pair: how far apart in time they are, and how they agree with the places."""
 
 import math
 from collections import deque
-from typing import Any, Deque, Dict, Mapping, Sequence, Tuple
+from dataclasses import dataclass
+from typing import Any, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.hearing import Heard
+from fcsv_stereo import instants
 
-_KEPT = 6  # stamps per vehicle: two vehicles' newest pictures may be of different moments
-_LIVE_S, _TAKEN_S = 2.5, 1.5  # previews come once a second, pictures while recording twice
+_KEPT = 400  # moments per vehicle, each told up to three times
+_NEWEST_S = 2.5  # previews come once a second
+_LONGEST_S = 6.0  # of a recording: its newest part is enough, and costs little
 _EPIPOLAR_S = 4.0  # measured once a second
 
-Stamps = Dict[str, Deque[Tuple[float, float]]]  # by vehicle: (when it came, monotonic; its stamp)
+
+@dataclass(frozen=True)
+class _Taken:
+    stamp_s: float
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """As far as the map's choice of pictures looks at a ConfigurationInput."""
+
+    references: List[_Taken]
+    others: List[_Taken]
 
 
 class PairWatch:
-    """Pictures that are taken while recording count before the reduced ones that always cross the radio."""
+    """Every picture of which anything is heard counts: as preview, as one that is recorded, by the tags found in it."""
 
     def __init__(self, names: Sequence[str]):
-        self._live: Stamps = {n: deque(maxlen=_KEPT) for n in names}
-        self._taken: Stamps = {n: deque(maxlen=_KEPT) for n in names}
+        self._moments: Dict[str, Deque[Tuple[float, float]]] = {n: deque(maxlen=_KEPT) for n in names}
         self._epipolar: Heard[f.EpipolarTold] = Heard(_EPIPOLAR_S)
 
     def tell(self, now_s: float, fact: Any) -> None:
         """Of pictures and epipolar errors; all else is left alone."""
         if isinstance(fact, f.EpipolarTold):
             self._epipolar.tell(now_s, fact)
-        elif isinstance(fact, (f.PictureHeard, f.Captured)):
-            stamps = self._taken if isinstance(fact, f.Captured) else self._live
-            stamps[fact.vehicle].append((now_s, fact.stamp_s))
+        elif isinstance(fact, (f.PictureHeard, f.Captured, f.Tags)) and fact.stamp_s > 0.0:
+            self._moments[fact.vehicle].append((now_s, fact.stamp_s))
 
-    def skew_s(self, now_s: float, pair: Tuple[str, str], offsets_s: Mapping[str, float]) -> float:
-        """Between the newest moment of which both have a picture and the other's nearest one; NaN: not known.
+    def skew_s(
+        self, now_s: float, pair: Tuple[str, str], offsets_s: Mapping[str, float], since_s: Optional[float] = None
+    ) -> float:
+        """Between the pictures that the map would take of what was heard; NaN: none of both of one time.
 
-        ``offsets_s``: of the vehicles' clocks against the control PC's.
+        Of the recording that began at ``since_s``, else of the last seconds. ``offsets_s``: of the vehicles' clocks
+        against the control PC's.
         """
-        for stamps, patience_s in ((self._taken, _TAKEN_S), (self._live, _LIVE_S)):
-            a, b = ([stamp_s - offsets_s.get(n, 0.0) for at_s, stamp_s in stamps[n] if now_s - at_s <= patience_s]
-                    for n in pair)  # fmt: skip
-            if a and b:
-                older, other = (a, b) if max(a) <= max(b) else (b, a)
-                return min(abs(max(older) - stamp_s) for stamp_s in other)
-        return math.nan
+        begin_s = now_s - _NEWEST_S if since_s is None else max(since_s, now_s - _LONGEST_S)
+        references, others = (
+            sorted({stamp_s - offsets_s.get(n, 0.0) for at_s, stamp_s in self._moments[n] if at_s >= begin_s})
+            for n in pair
+        )
+        if not references or not others:
+            return math.nan
+        # of other moments the reference's picture came too early to be of this recording, or is still on its way
+        first_s, last_s = references[0] - instants.MOST_SKEW_S, references[-1] + instants.MOST_SKEW_S
+        told = [o for o in others if first_s <= o <= last_s]
+        if not told:
+            return math.nan
+        recording = _Recording([_Taken(s) for s in references], [_Taken(s) for s in told])
+        return instants.skew_s(recording.references, instants.middle(recording))
 
-    def epipolar_px(self, now_s: float, pair: Tuple[str, str]) -> float:
-        """NaN: not known."""
+    def epipolar(self, now_s: float, pair: Tuple[str, str]) -> Optional[f.EpipolarTold]:
+        """None: not known."""
         told = self._epipolar.at(now_s)
-        return math.nan if told.value is None or told.stale or told.value.pair != pair else told.value.error_px
+        return None if told.value is None or told.stale or told.value.pair != pair else told.value

@@ -30,6 +30,13 @@ class CameraPicture:
     problem: str = ""
 
     @property
+    def empty(self) -> str:
+        """Why there is no picture to show; "" where there is one."""
+        if self.problem or self.picture.value is not None:
+            return ""
+        return f"No picture of {self.vehicle} was heard yet: one comes every second once its camera and its radio run"
+
+    @property
     def words(self) -> str:
         """Vehicle, rate, age, tags."""
         if self.problem:
@@ -44,12 +51,23 @@ class CameraPicture:
 
 @dataclass(frozen=True)
 class MapPictures:
-    """``reference`` and ``depth`` of one size, or None; ``match``: share (0..1) of it with a depth, NaN: not known."""
+    """``reference`` and ``depth`` of one size, or None; ``match``: share (0..1) of it with a depth, NaN: not known;
+    ``state``: what the live map said last, "" where none is heard."""
 
     reference: Optional[f.MapPicture] = None
     depth: Optional[f.MapPicture] = None
     match: float = math.nan
     problem: str = ""
+    state: str = ""
+
+    @property
+    def empty(self) -> str:
+        """Why there is no picture to show; "" where there is one."""
+        if self.problem or self.reference is not None:
+            return ""
+        if not self.state:
+            return "No map grows in this flight: the live map does not run (live:=true, LIVE=1 starts it)"
+        return f"The map begins with the first configuration that is recorded (live map: {self.state})"
 
     @property
     def words(self) -> str:
@@ -68,7 +86,7 @@ class Pictures:
         self._tags: Dict[str, f.Tags] = {}
         self._map: Dict[str, f.MapPicture] = {}
         self._problems: Dict[Tuple[str, str], str] = {}
-        self._match = math.nan
+        self._match, self._state = math.nan, ""
 
     def tell(self, fact: f.Fact) -> None:
         """A fact that was found sound, or one that could not be used."""
@@ -79,6 +97,8 @@ class Pictures:
             self._problems.pop((fact.vehicle, _CAMERA), None)
         elif isinstance(fact, f.Tags):
             self._tags[fact.vehicle] = fact
+        elif isinstance(fact, f.MapTold):
+            self._state = f"{fact.state}: {fact.detail}".rstrip(": ")
         elif isinstance(fact, f.MapPicture):
             self._problems.pop(("", f"/map/{fact.kind}"), None)
             self._map[fact.kind] = fact
@@ -100,8 +120,8 @@ class Pictures:
         reference, depth = self._map.get(REFERENCE), self._map.get(DEPTH)
         if reference and depth and (reference.width, reference.height) != (depth.width, depth.height):
             sizes = [f"{p.width} x {p.height}" for p in (depth, reference)]
-            return MapPictures(reference, problem=f"depth is {sizes[0]}, its picture {sizes[1]}")
-        return MapPictures(reference, depth, self._match, problem)
+            return MapPictures(reference, problem=f"depth is {sizes[0]}, its picture {sizes[1]}", state=self._state)
+        return MapPictures(reference, depth, self._match, problem, self._state)
 
 
 def pixels(picture: f.MapPicture) -> np.ndarray:

@@ -22,20 +22,31 @@ class Rehearsal:
     @property
     def told(self) -> str:
         """In one line."""
-        share = "" if math.isnan(self.share) else f" {self.share:.0%}"
+        share = "" if math.isnan(self.share) else f": {100.0 * self.share:.0f} %"
         line = {
-            NONE: "not rehearsed", RUNS: f"is rehearsed{share}", PASSED: f"rehearsed: {self.words}",
+            NONE: "not rehearsed", RUNS: f"is being rehearsed{share}", PASSED: f"rehearsed: {self.words}",
             BROKEN: f"REHEARSAL BROKE: {self.words}", IMPOSSIBLE: f"cannot be rehearsed: {self.words}",
             STOPPED: "rehearsal stopped",
         }[self.state]  # fmt: skip
         return f"{line}; the operator flies it so" if self.waived else line
 
     @property
+    def runs(self) -> bool:
+        return self.state == RUNS
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the list is to be rehearsed before it can be flown."""
+        return bool(self.locks) and not self.runs
+
+    @property
     def locks(self) -> str:
         """Why the list is not flown yet; "" where it may be."""
         if self.state == PASSED or self.waived:
             return ""
-        return f"the list is not rehearsed: rehearse it [V]{self._why}" if self.state in (NONE, STOPPED) else self.told
+        if self.state in (NONE, STOPPED):
+            return f"the list is not rehearsed: rehearse it [V]{self._why}"
+        return f"the list {self.told}" if self.state == RUNS else self.told
 
     @property
     def _why(self) -> str:

@@ -5,7 +5,17 @@ import dataclasses
 import math
 from typing import Any, Iterator
 
-_MAY_BE_NAN = {"share", "voltage_v", "round_trip_s", "loss", "coverage", "error_px"}  # not known
+_MAY_BE_NAN = {
+    "share",
+    "voltage_v",
+    "round_trip_s",
+    "loss",
+    "coverage",
+    "error_px",
+    "refined_px",
+    "surprise",
+    "focal_px",
+}  # not known
 _MAY_BE_INFINITE = {"minutes_left"}
 _FARTHEST_M = 1e5
 

@@ -9,6 +9,7 @@ from fcsv_console.model.mission_file import ConfigurationRow
 from fcsv_control.mission import stages
 
 _WAITS = "waits"
+_NEARLY = 0.9  # a recording ends a moment before its last picture would be due
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,18 @@ class StageWatch:
         if said != self._said:
             self._said, self._since_s = said, now_s
 
+    @property
+    def recording_since_s(self) -> Optional[float]:
+        """When the recording that runs began; None: none runs."""
+        return self._since_s if self._said[1] == stages.RECORDS else None
+
     def reached(self, index: int) -> float:
         """The largest share, 0..1, that a configuration was at when it was looked at."""
         return self._reached.get(index, 0.0)
+
+    def was_recorded(self, index: int) -> bool:
+        """Whether a configuration that ended was recorded, as far as was seen; one that was not seen counts as such."""
+        return self._reached.get(index, 1.0) > _NEARLY
 
     def at(self, now_s: float, row: Optional[ConfigurationRow]) -> Stage:
         """Of the running configuration; it never promises more than the file says."""

@@ -3,7 +3,7 @@
 
 import math
 from dataclasses import replace
-from typing import Any, Optional, Tuple
+from typing import Any, Hashable, Tuple
 
 from fcsv_console.model.stereo import StereoHealth
 
@@ -13,7 +13,7 @@ HOLD_S = 3.0
 class SteadyVerdict:
     """Shows every judgement's figures at once, and its verdict once it has lasted ``hold_s``.
 
-    Another configuration or pair begins anew. What could not be judged before is judged at once.
+    Another subject or pair begins anew. What could not be judged before is judged at once.
     """
 
     def __init__(self, hold_s: float = HOLD_S):
@@ -21,9 +21,9 @@ class SteadyVerdict:
         self._shown: Tuple[Any, StereoHealth] = (None, StereoHealth())
         self._other_since_s = math.inf
 
-    def at(self, now_s: float, configuration: Optional[int], judged: StereoHealth) -> StereoHealth:
-        """What to show at monotonic time ``now_s`` (s) of a judgement of now."""
-        subject, (before, shown) = (configuration, judged.pair, judged.before), self._shown
+    def at(self, now_s: float, what: Hashable, judged: StereoHealth) -> StereoHealth:
+        """What to show at monotonic time ``now_s`` (s) of a judgement of now; ``what``: the subject that is judged."""
+        subject, (before, shown) = (what, judged.pair, judged.before), self._shown
         same = (judged.judged, judged.go) == (shown.judged, shown.go)
         if same or subject != before or not shown.judged:
             return self._show(subject, judged)

@@ -3,21 +3,25 @@
 
 import math
 from dataclasses import dataclass
-from typing import List, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_console.model.facts import CameraInHome
+from fcsv_console.model.facts import CameraInHome, EpipolarTold
 from fcsv_console.model.hearing import Aged
 from fcsv_console.model.looking import seen_by_both
 from fcsv_console.model.mission_file import ConfigurationRow, Optics, overlap_share
 from fcsv_stereo.equations import depth_error
+from fcsv_stereo.instants import MOST_SKEW_S
+from fcsv_stereo.model.inputs import FLOWN
 
 LEAST_OVERLAP = 0.5  # under it half of the reference picture gets no depth
-MOST_SKEW_S = 0.05  # at 0.15 m/s (SettleBounds.speed_mps) a camera moves 8 mm meanwhile
 MOST_TURN_DEG = 3.0  # SettleBounds.heading_deg
 MOST_APART_M = 0.15  # SettleBounds.hold_m
-MOST_EPIPOLAR_PX = 10.0  # 1 degree at 602 px: twice the largest turn with which the refinement of poses was measured
+MOST_REFINED_PX = 1.0  # the map's report warns above it (report.plain_words.MOST_EPIPOLAR_PX)
+MOST_SURPRISE = 3.5  # the map doubts the trackers above it (refinement.links.SURPRISE)
+MOST_CORRECTED_RAD = math.radians(1.0)  # twice the largest turn with which the refinement of poses was measured
+MOST_TRACKED_RAD = FLOWN.rotation_rad  # of pictures that cannot be fitted: as far as the map trusts the trackers
 
 
 @dataclass(frozen=True)
@@ -25,13 +29,16 @@ class StereoHealth:
     """Of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place; ``turn_deg``:
     of the headings against the plan; ``pitch_deg``, ``roll_deg``: of one camera against the other, as wind leans the
     vehicles: rectification takes them out, so that they count by the overlap only; ``judged``: there is enough to say
-    go or no-go; ``before``: nothing is flown yet, pictures and places alone are judged."""
+    go or no-go; ``before``: nothing is flown yet, pictures and places alone are judged. ``epipolar_px``, ``refined_px``
+    and ``surprise``: as EpipolarTold."""
 
     pair: Tuple[str, str] = ("", "")
     overlap: float = math.nan
     skew_s: float = math.nan
     turn_deg: float = math.nan
     epipolar_px: float = math.nan
+    refined_px: float = math.nan
+    surprise: float = math.nan
     apart_m: float = math.nan
     baseline_m: float = math.nan
     error_m: float = math.nan
@@ -50,20 +57,24 @@ class StereoHealth:
             return f"stereo: {'; '.join(self.reasons)}"
         if self.go and self.before:
             return "GO so far: pictures of the same moment, and they agree with the places"
-        return "GO: the pair is as planned" if self.go else f"NO-GO: {'; '.join(self.reasons)}"
+        if not self.go:
+            return f"NO-GO: {'; '.join(self.reasons)}"
+        compared = "" if not math.isnan(self.epipolar_px) else "; its pictures were not compared yet"
+        return f"GO: the pair is as planned{compared}"
 
 
 def judge(
     row: ConfigurationRow, pair: Tuple[str, str], reference: Aged[CameraInHome], moving: Aged[CameraInHome],
-    skew_s: float, target_m: float, optics: Optics, epipolar_px: float = math.nan,
+    skew_s: float, target_m: float, optics: Optics, told: Optional[EpipolarTold] = None,
 ) -> StereoHealth:  # fmt: skip
-    """While ``row`` is flown. ``skew_s`` between both pictures, ``epipolar_px`` as measured (NaN: not known);
-    ``target_m``: the range that is wanted. Places that are not known leave the plan's overlap."""
-    reasons: List[str] = []
-    for name, place in zip(pair, (reference, moving)):
-        if place.value is None or place.stale:
-            reasons.append(f"{name}'s place in home is not known" if place.value is None else
-                           f"{name}'s place is {place.words} old")  # fmt: skip
+    """While ``row`` is flown. ``skew_s``: of the pictures that the map would take (NaN: not known), ``told``: how they
+    agree (None: not known); ``target_m``: the range that is wanted. Places that are not known leave the plan's overlap.
+    """
+    places = tuple(zip(pair, (reference, moving)))
+    unknown = tuple(f"{name}'s place in home is not known yet" for name, place in places if place.value is None)
+    if unknown:  # a window that was opened a moment ago
+        return StereoHealth(pair, reasons=unknown)
+    reasons = [f"{name}'s place is {place.words} old" for name, place in places if place.stale]
     overlap = overlap_share(row, target_m, optics)
     turn_deg = pitch_deg = roll_deg = apart_m = baseline_m = error_m = math.nan
     if not reasons:
@@ -76,9 +87,23 @@ def judge(
         roll_deg = abs(_degrees(moving.value.roll_rad - reference.value.roll_rad))
         error_m = float(depth_error(target_m, max(baseline_m, 1e-3), optics.focal_px, optics.disparity_error_px))
     reasons += _wrong(overlap, target_m, skew_s, turn_deg, apart_m)
-    reasons += _disagree(epipolar_px)
-    return StereoHealth(pair, overlap, skew_s, turn_deg, epipolar_px, apart_m, baseline_m, error_m, target_m,
-                        not reasons, tuple(reasons), True, pitch_deg=pitch_deg, roll_deg=roll_deg)  # fmt: skip
+    reasons += _disagree(told, optics)
+    return StereoHealth(
+        pair,
+        overlap,
+        skew_s,
+        turn_deg,
+        *_figures(told),
+        apart_m,
+        baseline_m,
+        error_m,
+        target_m,
+        not reasons,
+        tuple(reasons),
+        True,
+        pitch_deg=pitch_deg,
+        roll_deg=roll_deg,
+    )
 
 
 def _degrees(angle_rad: float) -> float:
@@ -86,23 +111,45 @@ def _degrees(angle_rad: float) -> float:
     return math.degrees((angle_rad + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def judge_before(pair: Tuple[str, str], skew_s: float, epipolar_px: float) -> StereoHealth:
-    """Before the first configuration, by the pictures that cross the radio all the time (NaN: not known)."""
-    reasons = _apart_in_time(skew_s) + _disagree(epipolar_px)
+def judge_before(pair: Tuple[str, str], skew_s: float, told: Optional[EpipolarTold], optics: Optics) -> StereoHealth:
+    """Before the first configuration, by the pictures that cross the radio all the time.
+
+    Vehicles stand in a column: one looks along the baseline, nothing can be fitted, the error as tracked is judged.
+    """
+    reasons = _apart_in_time(skew_s) + _disagree(told, optics)
+    figures = _figures(told)
     unknown = ["no pictures of both yet"] if math.isnan(skew_s) else []
-    unknown += ["no epipolar error yet: no home, or too little in common"] if math.isnan(epipolar_px) else []
-    told, go = tuple(reasons or unknown), not (reasons or unknown)
+    unknown += ["no epipolar error yet: no home, or too little in common"] if math.isnan(figures[0]) else []
+    words, go = tuple(reasons or unknown), not (reasons or unknown)
     judged = bool(reasons) or not unknown
-    return StereoHealth(pair, skew_s=skew_s, epipolar_px=epipolar_px, go=go, reasons=told, judged=judged, before=True)
+    return StereoHealth(pair, math.nan, skew_s, math.nan, *figures, go=go, reasons=words, judged=judged, before=True)
 
 
 def _apart_in_time(skew_s: float) -> List[str]:
-    return [f"the pictures are {1e3 * skew_s:.0f} ms apart"] if skew_s > MOST_SKEW_S else []
+    """The map takes pictures of one instant where there are some."""
+    apart = skew_s > MOST_SKEW_S
+    return [f"no two pictures are of one instant: {1e3 * skew_s:.0f} ms apart"] if apart else []
 
 
-def _disagree(epipolar_px: float) -> List[str]:
-    wrong = epipolar_px > MOST_EPIPOLAR_PX
-    return [f"pictures and places disagree by {epipolar_px:.0f} px across the epipolar lines"] if wrong else []
+def _figures(told: Optional[EpipolarTold]) -> Tuple[float, float, float]:
+    """Error as tracked, what the fit leaves of it, and surprise."""
+    return (math.nan,) * 3 if told is None else (told.error_px, told.refined_px, told.surprise)
+
+
+def _disagree(told: Optional[EpipolarTold], optics: Optics) -> List[str]:
+    """What of pictures and places the map would doubt. Pictures that it can fit are judged by what the fit leaves."""
+    if told is None or math.isnan(told.error_px):
+        return []
+    focal_px = optics.focal_px if math.isnan(told.focal_px) else told.focal_px
+    most_rad = MOST_TRACKED_RAD if math.isnan(told.refined_px) else MOST_CORRECTED_RAD
+    found = []
+    if told.error_px > focal_px * most_rad:
+        found.append(f"pictures and places disagree by {told.error_px:.0f} px across the epipolar lines")
+    if told.refined_px > MOST_REFINED_PX:
+        found.append(f"pictures miss their epipolar lines by {told.refined_px:.1f} px, however the map fits them")
+    if told.surprise > MOST_SURPRISE:
+        found.append(f"pictures put the cameras {told.surprise:.1f} standard deviations off their trackers")
+    return found
 
 
 def _wrong(overlap: float, target_m: float, skew_s: float, turn_deg: float, apart_m: float) -> List[str]:

@@ -29,7 +29,7 @@ class VehicleRow:
     """A vehicle at one moment; times in s. ``heard``: anything of it at all; its state comes 2.5 times a second, other
     streams five to thirty times. ``endurance_s``: until its battery is at the mission's lowest share. ``no_picture_s``:
     how long its recorder has waited for a picture, 0 where one came in the last seconds. ``not_in_bags``: topics that a
-    playback does not have."""
+    playback does not have. ``height_m``: above where it stood with its motors off, None: that was not seen."""
 
     name: str
     flier: Flier
@@ -53,6 +53,7 @@ class VehicleRow:
     needed_s: float
     no_picture_s: float
     not_in_bags: Tuple[str, ...] = ()
+    height_m: Optional[float] = None
 
     @property
     def connection(self) -> str:
@@ -61,6 +62,8 @@ class VehicleRow:
             return "never heard"
         if self.heard.stale:
             return f"NOT HEARD for {self.heard.words}"
+        if self.state.value is None:
+            return "no state yet"
         if self.state.stale:
             return f"no state for {self.state.words}"
         return "connected" if self.state.value.connected else "no autopilot"
@@ -144,6 +147,7 @@ class Vehicle:
     def __init__(self, name: str, since_s: Callable[[str, float], float] = lambda _topic, came_s: came_s):
         self.name, self._since_s = name, since_s
         self.epoch: Optional[int] = None
+        self._ground_m: Optional[float] = None  # height in its odometry where it stood with its motors off
         self._not_in_bags: Tuple[str, ...] = ()
         self._any: Heard[str] = Heard()
         self._no_picture, self._pictures = Silence(_NO_PICTURE_S), 0
@@ -161,7 +165,10 @@ class Vehicle:
             self._any.tell(now_s, self.name)
         if isinstance(fact, f.Recorder):
             self._recorded(now_s, fact)
+        if isinstance(fact, f.OdometryHeard):
+            self._stands(now_s, fact)
         if isinstance(fact, f.EpochHeard):
+            self._ground_m = self._ground_m if fact.epoch == self.epoch else None
             self.epoch = fact.epoch
         elif isinstance(fact, f.NotInBags):
             self._not_in_bags = fact.topics
@@ -183,7 +190,16 @@ class Vehicle:
             at[f.Diagnosed],
             self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s, self._no_picture.lasts_s(now_s),
             self._not_in_bags,
+            self._height_m(at[f.OdometryHeard]),
         )  # fmt: skip
+
+    def _stands(self, now_s: float, fact: f.OdometryHeard) -> None:
+        state = self.heard[f.AutopilotState].at(now_s)
+        if state.value is not None and not state.stale and not state.value.armed:
+            self._ground_m = fact.p_odom_m[2]
+
+    def _height_m(self, pose: Aged) -> Optional[float]:
+        return None if pose.value is None or self._ground_m is None else pose.value.p_odom_m[2] - self._ground_m
 
     def _recorded(self, now_s: float, told: f.Recorder) -> None:
         self._no_picture.want(now_s, told.pictures_on)

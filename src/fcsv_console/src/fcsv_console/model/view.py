@@ -2,7 +2,7 @@
 """Everything that is shown at one moment: immutable, so that a layer may keep it, compare it and draw it later."""
 
 from dataclasses import dataclass
-from typing import Dict, Optional, Tuple
+from typing import Dict, FrozenSet, Optional, Tuple
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.actions import Action
@@ -11,6 +11,7 @@ from fcsv_console.model.air import Above
 from fcsv_console.model.events import Event
 from fcsv_console.model.goals import Goal
 from fcsv_console.model.ground_views import GroundView
+from fcsv_console.model.guide import Guide
 from fcsv_console.model.hearing import Aged
 from fcsv_console.model.mission_file import MissionFile
 from fcsv_console.model.pictures import CameraPicture, MapPictures
@@ -26,7 +27,9 @@ from fcsv_geometry.missions.phases import OVER
 @dataclass(frozen=True)
 class View:
     """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of the list,
-    ``stage``: how far the running one is; ``recorded``: a recording is played, nobody flies."""
+    ``stage``: how far the running one is; ``recorded``: a recording is played, nobody flies; ``starting``: what was not
+    heard yet may still come, ``waiting``: lines of the flight check that are so at every start; ``ended``: the mission
+    is over and its machines are silent."""
 
     now_s: float
     vehicles: Tuple[VehicleRow, ...]
@@ -55,6 +58,29 @@ class View:
     stage: Stage = Stage()
     ground_views: Tuple[GroundView, ...] = ()
     recorded: bool = False
+    calibration: Optional[f.CalibrationFound] = None
+    starting: bool = False
+    waiting: FrozenSet[Tuple[str, str]] = frozenset()
+    ended: bool = False
+    guide: Guide = Guide("")
+
+    @property
+    def over(self) -> bool:
+        """Whether the mission told that it ended."""
+        return self.mission.value is not None and self.mission.value.phase in OVER
+
+    @property
+    def starts(self) -> bool:
+        """Whether nobody flies yet and all that is wrong is so at every start."""
+        if self.mission.value is not None and self.mission.value.phase != "WAIT_VEHICLES":
+            return False
+        if self.check is None:
+            return self.starting
+        return bool(self.waiting) and all(li.passes or li.state is State.AMBER or self.waits(li) for li in self.check)
+
+    def waits(self, line: Line) -> bool:
+        """Whether a line of the flight check is as it is at every start."""
+        return (line.vehicle, line.name) in self.waiting
 
     @property
     def check_state(self) -> State:
@@ -74,24 +100,5 @@ class View:
 
     @property
     def headline(self) -> str:
-        """One line: what the mission does and waits for."""
-        return f"RECORDING: {self._does}" if self.recorded else self._does
-
-    @property
-    def _does(self) -> str:
-        m = self.mission.value
-        if m is None:
-            return "no mission is heard"
-        if not self.mission_alive and m.phase in OVER:
-            return f"{m.phase}: {m.detail}".rstrip(": ") + ". The flight is over; After [F5] maps what was recorded"
-        if not self.mission_alive:
-            return f"THE MISSION IS NOT HEARD (was in {m.phase})"
-        if m.waits_for == "resume":
-            resume = self.actions["hand_over"]
-            ends = "Resume goes on" if resume.enabled else f"Resume is locked: {resume.why_not}"
-            return f"PAUSED: {'; '.join(m.problems[:1]) or m.detail}".rstrip(": ") + f". {ends}"
-        if m.phase == "CONFIGURATIONS" and m.problems:
-            return f"PAUSED: {m.problems[0]}"
-        waits = f", waits for {m.waits_for.replace('_', ' ').upper()}" if m.waits_for else ""
-        stage = f", {self.stage.words}" if self.stage.words else ""
-        return f"{m.phase}{waits}: {m.detail}".rstrip(": ") + stage
+        """One line: what goes on, with figures, and what comes next."""
+        return self.guide.headline

@@ -18,6 +18,7 @@ from python_qt_binding.QtWidgets import (
 from fcsv_console.model import after, cells
 from fcsv_console.model.view import View
 from fcsv_console.qt import colours
+from fcsv_console.qt.hold import stand_out
 
 _FIELDS = (("sources", "Machines"), ("session", "Session"), ("out", "Map"))
 _HINTS = {"sources": "uav1=pilot@HOST:FOLDER uav2=... control=FOLDER", "session": "folder of the session",
@@ -74,6 +75,7 @@ class AfterDock(QDockWidget):
             button.setAccessibleName(f"Stop {step.title.lower()}" if runs else step.title)
             button.setEnabled(not step.why_not)
             button.setToolTip(step.tooltip)
+            stand_out(button, step.next)
             busy = runs and step.share != step.share
             bar.setRange(0, 0 if busy else 100)
             bar.setValue(-1 if busy else 100 if step.state == after.DONE else int(100 * step.share) if runs else 0)

@@ -11,6 +11,7 @@ from python_qt_binding.QtWidgets import QPushButton
 from fcsv_console.model.actions import Action
 
 _PAINT_MS = 33
+_NEXT = "background-color: #005A8C; color: white; border: 2px solid #56B4E9; border-radius: 5px; padding: 2px"
 
 
 class ActionButton(QPushButton):
@@ -26,6 +27,7 @@ class ActionButton(QPushButton):
         font = self.font()
         font.setPointSizeF(0.84 * font.pointSizeF())  # twelve of them stand in 960 px
         self.setFont(font)
+        self._is_next = False
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._tick)
         self.pressed.connect(self.begin)
@@ -46,6 +48,12 @@ class ActionButton(QPushButton):
             self.setAccessibleDescription(action.tooltip)
         if not action.enabled:
             self.end()
+
+    def stand_out(self, is_next: bool) -> None:
+        """It is the one to press next."""
+        if is_next != self._is_next:
+            self._is_next = is_next
+            stand_out(self, is_next)
 
     def begin(self) -> None:
         """Mouse or key went down."""
@@ -94,3 +102,11 @@ class ActionButton(QPushButton):
             painter = QPainter(self)
             bar = QRectF(2.0, self.height() - 7.0, (self.width() - 4.0) * self.share, 5.0)
             painter.fillRect(bar, QColor("#ffffff") if self.action.name == "stop_all" else QColor("#E69F00"))
+
+
+def stand_out(button: QPushButton, is_next: bool) -> None:
+    """In the colour of what is well, with a frame: it is what comes next. A screen reader is told, too."""
+    if bool(button.property("next")) == is_next:
+        return
+    button.setProperty("next", is_next)
+    button.setStyleSheet(f"QPushButton {{ {_NEXT} }}" if is_next else "")

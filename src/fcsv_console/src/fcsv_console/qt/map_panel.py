@@ -2,13 +2,15 @@
 """Where everything is: the plan view, or rviz in its place; the stereo pair below it."""
 
 from python_qt_binding.QtCore import Qt, Signal
-from python_qt_binding.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from python_qt_binding.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from fcsv_console.model.view import View
+from fcsv_console.qt.lines import LinesLabel
 from fcsv_console.qt.plan_view import PlanView
 from fcsv_console.qt.rviz_view import RvizView
 
 PLAN, RVIZ, RVIZ_ALONE = range(3)
+_STEREO_LINES = 5
 
 
 class MapPanel(QWidget):
@@ -23,9 +25,7 @@ class MapPanel(QWidget):
         self._stack = QStackedWidget()
         for view in (self.plan, self.rviz):
             self._stack.addWidget(view)
-        self.stereo = QLabel()
-        self.stereo.setWordWrap(True)
-        self.stereo.setTextFormat(Qt.PlainText)
+        self.stereo = LinesLabel(_STEREO_LINES)
         self.stereo.setAccessibleName("Stereo pair")
         self.drag = QPushButton("Drag goals [D]")
         self.drag.setCheckable(True)

@@ -9,7 +9,6 @@ from python_qt_binding.QtGui import QFontDatabase, QTextCursor
 from python_qt_binding.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
-    QLabel,
     QPlainTextEdit,
     QPushButton,
     QSplitter,
@@ -23,6 +22,7 @@ from fcsv_console.model import cells, mission_folder
 from fcsv_console.model.mission_file import MissionFile
 from fcsv_console.model.view import View
 from fcsv_console.qt import colours
+from fcsv_console.qt.lines import LinesLabel
 from fcsv_console.qt.mission_folder import MissionFolder
 from fcsv_console.qt.plan_form import PlanForm
 from fcsv_console.qt.tables import CellTable
@@ -45,11 +45,13 @@ class MissionPanel(QWidget):
         self.text.setAccessibleName("Text of the mission file")
         self.text.setFont(QFontDatabase.systemFont(QFontDatabase.FixedFont))
         self.text.textChanged.connect(self._changed)
-        self.note = QLabel()
-        self.note.setWordWrap(True)
+        self.note = LinesLabel(1)
         self.note.setAccessibleName("Mission file")
         self.save = self._button("&Save", "Write the file; the mission node reads it when it starts", self._save)
         self.revert = self._button("Re&vert", "Leave the changes; Ctrl+Z in the text brings them back", self._revert)
+        kept = self.revert.sizePolicy()
+        kept.setRetainSizeWhenHidden(True)
+        self.revert.setSizePolicy(kept)
         open_ = self._button("&Open", "Open another mission file", self._open)
         open_.setObjectName("open")
         self._tabs = QTabWidget()
@@ -66,8 +68,7 @@ class MissionPanel(QWidget):
         self.plan.wanted.connect(self.planned)
         self._tabs.addTab(self.plan, "&Plan")
         self._tabs.addTab(self.files, "F&iles")
-        self.rehearsal = QLabel()
-        self.rehearsal.setWordWrap(True)
+        self.rehearsal = LinesLabel(1)
         self.rehearsal.setAccessibleName("Rehearsal")
         self._source, self._saved, self._shown, self._quiet = "", "", None, False
         self._running: Optional[int] = None

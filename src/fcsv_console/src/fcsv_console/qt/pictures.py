@@ -13,7 +13,7 @@ from fcsv_console.model.pictures import CameraPicture, MapPictures, overlaid, pi
 from fcsv_console.model.view import View
 from fcsv_console.qt import colours
 
-_LINE_PX = 20.0
+_LINE_PX, _MARGIN_PX = 20.0, 8.0
 
 
 class PictureBox(QWidget):
@@ -23,6 +23,7 @@ class PictureBox(QWidget):
         super().__init__(parent)
         self._name, self._of = name, None
         self.image, self.words, self.tone, self.outlines = QImage(), "", cells.PLAIN, ()
+        self.empty = ""  # why there is no picture
         self.setMinimumSize(100, 64)
         self.setAccessibleName(name)
 
@@ -34,6 +35,7 @@ class PictureBox(QWidget):
         packed = heard is not None and heard.data and self.image.isNull()
         broken = f"{len(heard.data)} octets that cannot be unpacked" if packed else ""
         wrong = bool(camera.problem or broken) or camera.picture.stale
+        self.empty = camera.empty
         words = f"{camera.vehicle}: {broken}" if broken and not camera.problem else camera.words
         self._say(words, cells.GONE if wrong else cells.PLAIN, camera.outlines)
 
@@ -42,6 +44,7 @@ class PictureBox(QWidget):
         of = (pictures.reference, pictures.depth)
         if self._of is None or of[0] is not self._of[0] or of[1] is not self._of[1]:
             self._of, self.image = of, _image(pictures)
+        self.empty = pictures.empty
         self._say(pictures.words, cells.GONE if pictures.problem else cells.PLAIN, ())
 
     def _say(self, words: str, tone: str, outlines) -> None:
@@ -56,6 +59,10 @@ class PictureBox(QWidget):
         room = QRectF(0.0, 0.0, self.width(), self.height() - _LINE_PX)
         if not self.image.isNull():
             self._draw(painter, room)
+        elif self.empty:
+            painter.setPen(colours.tone(cells.QUIET, self.palette()))
+            inside = room.adjusted(_MARGIN_PX, _MARGIN_PX, -_MARGIN_PX, -_MARGIN_PX)
+            painter.drawText(inside, Qt.AlignCenter | Qt.TextWordWrap, self.empty)
         painter.setPen(colours.tone(self.tone, self.palette()))
         line = QRectF(2.0, room.bottom(), self.width() - 4.0, _LINE_PX)
         words = painter.fontMetrics().elidedText(self.words, Qt.ElideRight, int(line.width()))

@@ -17,7 +17,7 @@ from fcsv_console.model.view import View
 from fcsv_console.qt import colours, gauges
 
 BAR_PX = 64.0
-_LEAST_RADIUS_PX, _VIEW_M = 9.0, 6.0
+_LEAST_RADIUS_PX = 9.0
 _RINGS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
@@ -64,6 +64,10 @@ class PlanPicture:
 
     def _tone(self, name: str) -> QColor:
         return colours.tone(name, self._palette)
+
+    def _gone(self) -> QColor:
+        """Of what is not heard any more; after the flight that is nothing to worry about."""
+        return self._tone(cells.QUIET if self._view.ended else cells.GONE)
 
     def _at(self, x_m: float, y_m: float) -> QPointF:
         return QPointF(*self._scale.to_px(x_m, y_m))
@@ -148,9 +152,9 @@ class PlanPicture:
             return
         at, heading = self._at(place.p_home_m[0], place.p_home_m[1]), place.heading_rad
         if v.place.stale:
-            colour = self._tone(cells.GONE)
+            colour = self._gone()
         forward = QPointF(-math.sin(heading), -math.cos(heading))
-        wedge, reach = QPainterPath(at), _VIEW_M * self._scale.px_per_m
+        wedge, reach = QPainterPath(at), geometry.VIEW_M * self._scale.px_per_m
         half_deg, up_deg = math.degrees(self._fov_rad) / 2.0, 90.0 + math.degrees(heading)
         wedge.arcTo(QRectF(at.x() - reach, at.y() - reach, 2 * reach, 2 * reach), up_deg - half_deg, 2 * half_deg)
         fill = QColor(colour)
@@ -167,9 +171,9 @@ class PlanPicture:
         """Of vehicles, with their heights, of home and of cameras on the ground; each where it hides least."""
         for v in self._view.vehicles:
             if v.place.value is not None:
-                x, y, z = v.place.value.p_home_m
+                x, y, _ = v.place.value.p_home_m
                 age = f", {v.place.words} old" if v.place.stale else ""
-                self.label(self._at(x, y), f"{v.name}  {round(z, 1) + 0.0:+.1f} m{age}")
+                self.label(self._at(x, y), f"{v.name}  {cells.height(v)}{age}")
         self.label(self._at(0.0, 0.0), "home")
         for seen in self._view.ground_views:
             self.label(self._at(*seen.eye_m), seen.words)
@@ -227,7 +231,7 @@ class PlanPicture:
                 z = level(v.place.value.p_home_m[2])
                 colour = QColor(colours.VEHICLES[k % len(colours.VEHICLES)])
                 self._painter.setPen(Qt.NoPen)
-                self._painter.setBrush(self._tone(cells.GONE) if v.place.stale else colour)
+                self._painter.setBrush(self._gone() if v.place.stale else colour)
                 tip = left + 3.0 + 13.0 * k
                 corners = (tip, z), (tip + 11.0, z - 6.0), (tip + 11.0, z + 6.0)
                 self._painter.drawPolygon(QPolygonF([QPointF(*c) for c in corners]))

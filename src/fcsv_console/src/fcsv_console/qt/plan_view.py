@@ -52,7 +52,7 @@ class PlanView(QWidget):
     @property
     def scale(self) -> geometry.Scale:
         """As it is drawn now."""
-        return geometry.fitted(self._view, self.width() - BAR_PX, self.height(), self._zoom)
+        return geometry.fitted(self._view, self.width() - BAR_PX, self.height(), self._zoom, self._fov_rad)
 
     @property
     def bar(self) -> geometry.HeightBar:

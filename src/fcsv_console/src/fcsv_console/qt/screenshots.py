@@ -15,7 +15,9 @@ from fcsv_console.model import samples
 _ROUNDS = 5  # until everything has its size
 #: file, situation, theme, size (px)
 PICTURES = (
+    ("starting", "starting", "light", (1366, 740)),
     ("ground", "ground", "light", (1366, 740)),
+    ("calibrated", "calibrated", "dark", (1366, 740)),
     ("ready", "ready", "light", (1366, 740)),
     ("flying", "flying", "dark", (1366, 740)),
     ("pictures", "pictures", "dark", (1366, 740)),

@@ -22,12 +22,14 @@ from python_qt_binding.QtWidgets import (
 from fcsv_console.model import actions as model_actions
 from fcsv_console.model import cells
 from fcsv_console.model.events import calls_for_a_sound
+from fcsv_console.model.guide import ACCEPT, AFTER
 from fcsv_console.model.view import View
 from fcsv_console.qt import colours
 from fcsv_console.qt.after_dock import AfterDock
-from fcsv_console.qt.hold import ActionButton
+from fcsv_console.qt.hold import ActionButton, stand_out
 from fcsv_console.qt.keys import Keys
 from fcsv_console.qt.layouts import column, in_groups, panel
+from fcsv_console.qt.lines import LinesLabel
 from fcsv_console.qt.map_panel import RVIZ_ALONE, MapPanel
 from fcsv_console.qt.mission_panel import MissionPanel
 from fcsv_console.qt.pictures import PicturesDock
@@ -40,6 +42,7 @@ _GROUPS = (("calibrate", "set_home", "hand_over", "execute"), ("previous", "next
 _EVENTS = 200
 _LEAST_WIDE_PX, _LEAST_HIGH_PX = 900, 500  # a screen of 1920 x 1080 at 200 %, without the desktop's own bars
 _HIGH_PX = 600  # below, one problem leaves room for the flight check
+_HEAD_LINES, _STOP_LINES, _PROBLEM_LINES = 2, 2, 2
 _LEVELS = {"info": cells.PLAIN, "warning": cells.CARE, "error": cells.BAD}
 
 
@@ -95,13 +98,12 @@ class ConsoleWindow(QMainWindow):
     # ---- parts ---------------------------------------------------------------------------------------------------
 
     def _make_parts(self, view: View) -> None:
-        self.headline, self.stop_words, self.problems, self.verdict = QLabel(), QLabel(), QLabel(), QLabel()
+        self.headline, self.stop_words = LinesLabel(_HEAD_LINES), LinesLabel(1)
+        self.problems, self.verdict = LinesLabel(_PROBLEM_LINES), LinesLabel(1)
         named = ((self.headline, "What the mission does"), (self.stop_words, "What stop-all did"),
                  (self.problems, "Problems"), (self.verdict, "Flight check"))  # fmt: skip
         for label, name in named:
             label.setAccessibleName(name)
-            label.setWordWrap(True)
-            label.setTextFormat(Qt.PlainText)
         big = QFont(self.headline.font())
         big.setPointSizeF(1.35 * big.pointSizeF())
         big.setBold(True)
@@ -156,7 +158,9 @@ class ConsoleWindow(QMainWindow):
             f"QPushButton:disabled {{ background-color: gray; color: lightgray; {shape} }}"
         )
         head = QHBoxLayout()
-        head.addLayout(column(self.headline, self.stop_words, self.progress), 1)
+        words = panel(column(self.headline, self.stop_words), stretch=None)
+        words.setFixedHeight(self.headline.height() + 2)  # what stop-all did takes a line from the headline
+        head.addLayout(column(words, self.progress), 1)
         head.addWidget(stop)
         check_line = QHBoxLayout()
         check_line.addWidget(self.verdict, 1)
@@ -196,13 +200,17 @@ class ConsoleWindow(QMainWindow):
     def show_view(self, view: View) -> None:
         """Everything, ten times a second: only what changed is touched."""
         self._view = view
-        self._say(self.headline, view.headline, cells.PLAIN if view.mission_alive else cells.GONE)
+        headline = cells.headline(view)
+        self._say(self.headline, headline.text, headline.tone)
+        own = mission_words(view)
+        if self.headline.accessibleDescription() != own:
+            self.headline.setAccessibleDescription(own)
         stop = view.stop.value
         told = [stop.words] if stop and stop.asked else []
         told += [a.words for a in view.above] if not self.plan.isVisibleTo(self) else []
         told += view.problems[:2] if not self.problems.parentWidget().isVisibleTo(self) else []
         self._say(self.stop_words, "\n".join(told), cells.BAD)
-        self.stop_words.setVisible(bool(self.stop_words.text()))
+        self._share_head(min(len(told), _STOP_LINES))
         share = int(round(100.0 * view.progress))
         if self.progress.value() != share:
             self.progress.setValue(share)
@@ -214,11 +222,14 @@ class ConsoleWindow(QMainWindow):
         self._show_check(view)
         verdict = cells.check_words(view)
         self._say(self.verdict, verdict.text, verdict.tone)
-        most = 4 if self.height() >= _HIGH_PX else 1
-        more = [f"and {len(view.problems) - most} more"] if len(view.problems) > most else []
-        self._say(self.problems, "\n".join([*view.problems[:most], *more]), cells.CARE)
+        most = _PROBLEM_LINES if self.height() >= _HIGH_PX else 1
+        if self.problems.lines != most:
+            self.problems.lines = most
+        shown = list(view.problems[:most])
+        if len(view.problems) > most:
+            shown[-1] += f" and {len(view.problems) - most} more"
+        self._say(self.problems, "\n".join(shown), cells.problems_tone(view))
         self.problems.setToolTip("\n".join(view.problems))
-        self.problems.setVisible(bool(view.problems))
         self.mission.show_view(view)
         self.pictures.show_view(view)
         self.after.show_view(view)
@@ -233,7 +244,18 @@ class ConsoleWindow(QMainWindow):
         ])  # fmt: skip
         for name, action in view.actions.items():
             self.buttons[name].show_action(action)
+            if name != "stop_all":
+                self.buttons[name].stand_out(name == view.guide.next)
+        stand_out(self.show_after, view.guide.next == AFTER and not self.after.isVisible())
+        stand_out(self.accept, view.guide.next == ACCEPT)
         self._show_accept()
+
+    def _share_head(self, stop_lines: int) -> None:
+        """Of the fixed height of both: the headline has what the words below leave it."""
+        headline = 1 if stop_lines else _HEAD_LINES
+        if (self.headline.lines, self.stop_words.lines) != (headline, max(1, stop_lines)):
+            self.headline.lines, self.stop_words.lines = headline, max(1, stop_lines)
+        self.stop_words.setVisible(bool(stop_lines))
 
     def _say(self, label: QLabel, text: str, tone: str) -> None:
         if label.text() != text:
@@ -245,7 +267,7 @@ class ConsoleWindow(QMainWindow):
     def _show_check(self, view: View) -> None:
         """Lines come, go and change places; what is chosen stays the line, not its row."""
         self._lines = cells.check_lines(view)
-        self.check.show_cells([cells.check_cells(li) for li in self._lines])
+        self.check.show_cells([cells.check_cells(li, view.waits(li)) for li in self._lines])
         self.check.choose([k for k, li in enumerate(self._lines) if (li.vehicle, li.name) == self._chosen])
 
     def _choose_line(self) -> None:
@@ -294,3 +316,10 @@ class ConsoleWindow(QMainWindow):
         path, _ = QFileDialog.getSaveFileName(self, "Export events", "events.csv", "*.csv")
         if path:
             self.asked.emit("export", {"path": path})
+
+
+def mission_words(view: View) -> str:
+    """The mission's own, for a screen reader: phase, what it waits for, detail."""
+    m = view.mission.value
+    waits = f", waits for {m.waits_for}" if m is not None and m.waits_for else ""
+    return "" if m is None else f"{m.phase}{waits}: {m.detail}".rstrip(": ")

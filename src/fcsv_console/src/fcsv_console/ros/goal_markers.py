@@ -13,6 +13,7 @@ from fcsv_console.model.goals import Goal, GoalEnabled, GoalMoved
 
 NAMESPACE = "/console/goals"
 _BALL_M = 0.5
+WORDS_M = 0.6  # height of letters: rviz's own of a description are 0.2 m, which nobody reads at 1366 px
 _HALF = math.sqrt(0.5)
 _LOCKED, _FREE = (0.6, 0.6, 0.6, 0.7), (0.90, 0.62, 0.0, 0.9)  # Okabe and Ito's orange
 
@@ -54,7 +55,7 @@ def marker_name(index: int) -> str:
 
 def marker(goal: Goal) -> InteractiveMarker:
     """A ball with its words and a menu; arrows along its way where it may be dragged."""
-    made = InteractiveMarker(name=marker_name(goal.index), description=goal.words, scale=1.5, pose=Pose())
+    made = InteractiveMarker(name=marker_name(goal.index), scale=1.5, pose=Pose())
     made.header.frame_id = "home"
     made.pose.position.x, made.pose.position.y, made.pose.position.z = goal.p_home_m
     made.pose.orientation.w = 1.0
@@ -62,7 +63,9 @@ def marker(goal: Goal) -> InteractiveMarker:
     ball.pose.orientation.w = 1.0
     ball.scale.x = ball.scale.y = ball.scale.z = _BALL_M
     ball.color.r, ball.color.g, ball.color.b, ball.color.a = _FREE if goal.enabled else _LOCKED
-    menu = InteractiveMarkerControl(name="menu", interaction_mode=InteractiveMarkerControl.MENU, markers=[ball])
+    words = Marker(type=Marker.TEXT_VIEW_FACING, text=goal.words, color=ball.color)
+    words.pose.orientation.w, words.pose.position.z, words.scale.z = 1.0, 0.8, WORDS_M
+    menu = InteractiveMarkerControl(name="menu", interaction_mode=InteractiveMarkerControl.MENU, markers=[ball, words])
     menu.always_visible, menu.orientation.w = True, 1.0
     made.controls = [menu]
     if goal.enabled:

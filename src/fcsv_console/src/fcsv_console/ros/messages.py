@@ -21,6 +21,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import (
+    Calibration,
     CapturedPicture,
     ClockOffset,
     CommandAck,
@@ -165,6 +166,14 @@ def _calibrated(_name: str, m: Epochs) -> f.Fact:
     return f.Calibrated(tuple(zip(m.vehicles, m.epochs)), _age_s(m))
 
 
+def _links(_name: str, m: Calibration) -> f.Fact:
+    stds = (math.sqrt(max(0.0, li.covariance[15])) for li in m.links)
+    return f.CalibrationFound(tuple(
+        f.CalibratedLink(li.child, li.parent, li.used, li.rejected, li.position_spread_m, std_rad)
+        for li, std_rad in zip(m.links, stds)
+    ))  # fmt: skip
+
+
 #: topic on the control PC -> type, conversion
 OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
     "/mission/state": (MissionState, _mission),
@@ -176,6 +185,7 @@ OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
     "/map/reference": (Image, _reference),
     "/map/depth": (Image, _depth),
     "/calibration_epochs": (Epochs, _calibrated),
+    "/calibration": (Calibration, _links),
     "/home": (Home, lambda _name, m: f.HomeSet(m.reference, _age_s(m))),
     "/control/recorder/status": (RecorderStatus, lambda _name, m: _recorder("control", m)),
 }

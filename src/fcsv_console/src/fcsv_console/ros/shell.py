@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The console on a ROS master: facts in, commands out. The master may be away at the start, and later."""
 
+import math
 import shlex
 import threading
 import time
@@ -32,6 +33,7 @@ from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 _LOOK_S = 0.5
+_LOOK_AT_DISK_S = 2.0
 _CONTROL = ("pause", "skip", "repeat", "next", "previous", "abort")
 
 
@@ -79,7 +81,7 @@ class Shell:
         self._hearing, self._commands = Hearing(console.names, recorded, arrivals), None
         self._rehearser = Rehearser(self._hearing.put, console.names)
         self.events: Optional[EventFile] = None
-        self._after = AfterRunner(self._hearing.put)
+        self._after, self._looked_s = AfterRunner(self._hearing.put), -math.inf
         self._epipolar = EpipolarHearing(console.names, self._hearing.put)
         self._over = threading.Event()
         self._answers: Deque[Tuple[int, str, bool]] = deque()
@@ -113,6 +115,8 @@ class Shell:
             self.console.tell(at_s, fact)
         while self._answers:
             self.console.answer(*self._answers.popleft())
+        if self._windowed:
+            self.look_again()
         view = self.console.view(time.monotonic())
         if self.events is not None:
             self.events.keep(view.now_s, self.console.log)
@@ -148,7 +152,13 @@ class Shell:
     def name_places(self, places: Places) -> None:
         """Where things are after the flight."""
         self.console.after.places = places
+        self._looked_s = time.monotonic()
         self._after.look(places)
+
+    def look_again(self) -> None:
+        """At what is on the disk by now: others record and map, too."""
+        if time.monotonic() - self._looked_s > _LOOK_AT_DISK_S:
+            self.name_places(self.console.after.places)
 
     def after(self, step: str, places: Places) -> None:
         """Begin "gather" or "map", or stop the one that runs."""
@@ -208,11 +218,12 @@ class Shell:
 
 def open_shell(
     name: str, vehicles: Sequence[str], mission: str, target_m: float, windowed: bool = False, vehicles_dir: str = "",
-    recorded: bool = False,
+    recorded: bool = False, session: str = "",
 ) -> Shell:  # fmt: skip
     """With the fleet that is found; ``windowed``: it keeps its events with the session, and its goals stand in rviz.
 
-    ``recorded``: a bag is played, and pictures come as vehicles record them.
+    ``recorded``: a bag is played, and pictures come as vehicles record them. ``session``: a folder into which all
+    machines record; empty: each records into its own.
 
     Raises ConfigError where a vehicle file cannot be used.
     """
@@ -222,10 +233,16 @@ def open_shell(
     if found.mission:
         console.load(found.mission)
     shell = Shell(console, name, recorded, windowed, arrivals)
-    shell.name_places(usual_places(found))
-    if windowed and found.session_dir:
-        shell.keep_events(found.session_dir)
+    shell.name_places(shared_places(session) if session else usual_places(found))
+    if windowed and (session or found.session_dir):
+        shell.keep_events(session or found.session_dir)
     return shell
+
+
+def shared_places(session: str) -> Places:
+    """Of a folder into which all machines record, as in a simulation: nothing is to be gathered."""
+    folder = Path(session).expanduser()
+    return Places("", str(folder), str(folder.parent / "map"))
 
 
 def usual_places(found: Fleet) -> Places:

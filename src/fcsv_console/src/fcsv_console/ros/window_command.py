@@ -31,8 +31,16 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     arguments = parser().parse_args(argv if argv is not None else rospy.myargv()[1:])
     names = [n for n in arguments.vehicles.split(",") if n]
     try:
-        shell = open_shell("console", names, arguments.mission, arguments.target_m, windowed=True,
-                           vehicles_dir=arguments.vehicles_dir, recorded=arguments.recorded)  # fmt: skip
+        shell = open_shell(
+            "console",
+            names,
+            arguments.mission,
+            arguments.target_m,
+            True,
+            arguments.vehicles_dir,
+            arguments.recorded,
+            arguments.session,
+        )
     except FcsvError as error:
         print(f"console: {error}", file=sys.stderr)
         return 2
@@ -57,6 +65,8 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--target-m", type=float, default=0.0, help="range wanted; default: the configuration's")
     found.add_argument("--vehicles-dir", default="", help="their files; default: the mission node's, else the usual")
     found.add_argument("--recorded", action="store_true", help="a bag is played: show the pictures that it holds")
+    shared = "all machines record into it, as in a simulation: nothing is gathered; default: each machine's own"
+    found.add_argument("--session", default="", metavar="FOLDER", help=shared)
     found.add_argument("--theme", choices=("system", *THEMES), default="system", help="colours; else the desktop's")
     return found
 

@@ -2,6 +2,7 @@
 """A view as one screen of text. Colours help; the words say it all."""
 
 import math
+from textwrap import wrap
 from typing import List
 
 from rich.console import Group
@@ -11,9 +12,10 @@ from rich.text import Text
 
 from fcsv_console.model import cells
 from fcsv_console.model.cells import check_lines
-from fcsv_console.model.hearing import Aged, clock_words, disk_words
+from fcsv_console.model.hearing import Aged, clock_words
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, VehicleRow
 from fcsv_console.model.view import View
+from fcsv_control.disk import disk_words
 from fcsv_control.flight_check.lines import State
 
 WIDTH, HEIGHT = 80, 24
@@ -21,8 +23,9 @@ _FLIERS = {PILOT: "bold cyan", MISSION: "bold blue", GUARDIAN: "bold yellow", FA
 _STATES = {State.GREEN: "bold blue", State.AMBER: "bold yellow", State.RED: "bold white on red",
            State.UNKNOWN: "bold magenta"}  # fmt: skip
 _GONE = "bold magenta"
+_TONES = {cells.GOOD: "blue", cells.CARE: "yellow", cells.BAD: "red", cells.GONE: "magenta"}
 _LEVELS = {"info": "", "warning": "yellow", "error": "bold red"}
-_CHECKS, _EVENTS, _PROBLEMS, _BAR = 6, 5, 3, 20
+_CHECKS, _EVENTS, _PROBLEMS, _BAR, _HEADLINES = 6, 5, 3, 20, 2
 KEYS = "S stop all   L land all   P pause   G resume   Q quit"
 
 
@@ -32,7 +35,10 @@ def screen(view: View) -> Group:
     parts += [_vehicles(view), *_poses(view)]
     parts += [Text(f" {a.words}", "bold yellow", no_wrap=True, overflow="ellipsis") for a in view.above]
     parts += [Rule(style="dim"), _stereo(view), _check(view)]
-    parts += [Text(f" ! {p}", "yellow", no_wrap=True, overflow="ellipsis") for p in view.problems[:_PROBLEMS]]
+    parts += [
+        Text(f" ! {p}", "dim" if view.starts else "yellow", no_wrap=True, overflow="ellipsis")
+        for p in view.problems[:_PROBLEMS]
+    ]
     left = HEIGHT - 1 - sum(_lines(part) for part in parts)
     return Group(*parts, Rule(style="dim"), *_events(view, max(1, min(_EVENTS, left))))
 
@@ -48,8 +54,12 @@ def _line(words: str, style: str = "") -> Text:
 
 
 def _head(view: View) -> Group:
-    lines = [_line(view.headline, "bold" if view.mission_alive else "bold yellow")]
-    if view.stop.value is not None and view.stop.value.asked:
+    headline = cells.headline(view)
+    stopped = view.stop.value is not None and view.stop.value.asked
+    style = f"bold {_TONES.get(headline.tone, '')}".strip()
+    found = wrap(headline.text, WIDTH)
+    lines = [_line(headline.text, style)] if stopped else [_line(line, style) for line in found[:_HEADLINES]]
+    if stopped:
         lines.append(_line(view.stop.value.words, "bold white on red"))
     rows = view.file.rows
     if rows:
@@ -66,24 +76,29 @@ def _head(view: View) -> Group:
 
 def _vehicles(view: View) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0), expand=False, header_style="dim", width=WIDTH)
-    columns = ("vehicle", 8, "left"), ("flown by", 32, "left"), ("battery", 13, "right"), ("pose", 7, "right"), \
+    columns = ("vehicle", 8, "left"), ("flown by", 28, "left"), ("battery", 17, "right"), ("pose", 7, "right"), \
         ("pict", 6, "right"), ("radio", 7, "right")  # fmt: skip
     for name, width, justify in columns:
         table.add_column(name, width=width, justify=justify, no_wrap=True, overflow="ellipsis")
     for v in view.vehicles:
+        if view.ended and v.heard.stale and not v.armed:
+            table.add_row(Text(v.name, "bold"), Text(f"the flight is over, off for {v.heard.words}", "dim"))
+            continue
         table.add_row(
             Text(v.name, "bold"), Text(v.flier.words, _FLIERS.get(v.flier.who, "bold magenta")), _battery(v),
             _rate(v.pose), _rate(v.picture), _radio(v),
         )  # fmt: skip
         style = "dim" if v.connection == "connected" else "bold magenta"
-        told = f"{v.connection}, {v.mode}, {'ARMED' if v.armed else 'motors off'}" if v.state.value else v.connection
+        high = f", {v.height_m:.1f} m up" if v.armed and v.height_m is not None else ""
+        motors = "ARMED" if v.armed else "motors off"
+        link = "" if v.connection == "connected" else f"{v.connection}, "
+        told = f"{link}{v.mode}, {motors}{high}" if v.state.value else v.connection
         table.add_row("", _line(told, style), _disk(v))
         table.add_row("", _line(f"calibration {v.calibration}", "" if "OUT" in v.calibration else "dim"), _clock(v))
         wrong = cells.diagnostics(v)
         if wrong.tone in (cells.CARE, cells.BAD):
-            table.add_row(
-                "", _line(wrong.text.split("\n")[0], "bold yellow" if wrong.tone == cells.CARE else "bold red")
-            )
+            style = "dim" if view.starts else "bold yellow" if wrong.tone == cells.CARE else "bold red"
+            table.add_row("", _line(wrong.text.split("\n")[0], style))
         if v.said.value is not None:
             table.add_row("", _line(f'"{v.said.value.text}" {v.said.words} ago', "dim"))
     return table
@@ -112,8 +127,13 @@ def _poses(view: View) -> List[Text]:
 def _battery(v: VehicleRow) -> Text:
     if v.battery.value is None or v.battery.stale or math.isnan(v.battery.value.share):
         return Text("not known", "bold magenta")
-    enough = {True: "", False: "bold white on red", None: ""}[v.battery_enough]
-    return Text(f"{v.battery.value.share:.0%} {clock_words(v.endurance_s)}/{clock_words(v.needed_s)}", enough)
+    share = f"{v.battery.value.share:.0%}"
+    if v.battery_enough is None:
+        return Text(share)
+    lasts = clock_words(v.endurance_s)
+    if v.battery_enough:
+        return Text(f"{share}, {lasts} left")
+    return Text(f"{share}, {lasts} < {clock_words(v.needed_s)}", "bold white on red")
 
 
 def _rate(aged: Aged) -> Text:
@@ -153,8 +173,14 @@ def _stereo(view: View) -> Text:
 def _check(view: View) -> Group:
     state = view.check_state
     wrong = check_lines(view)
-    lines = [Text.assemble("flight check: ", (state.word, _STATES[state]), f", {len(wrong)} of {len(view.check or ())} "
-                           "lines not green" if view.check else ", not heard")]  # fmt: skip
+    word, style = ("starting", "dim") if view.starts else (state.word, _STATES[state])
+    lines = [Text.assemble("flight check: ", (word, style), f", {len(wrong)} of {len(view.check or ())} lines not green"
+                           if view.check else ", not heard")]  # fmt: skip
+    waiting = [li for li in wrong if view.waits(li)]
+    wrong = [li for li in wrong if li not in waiting]
+    if waiting:
+        named = ", ".join(f"{li.vehicle} {li.name}" for li in waiting)
+        lines.append(_line(f" {len(waiting)} lines wait, normal for about a minute: {named}", "dim"))
     for li in wrong[:_CHECKS]:
         accepted = " (accepted)" if li.accepted else ""
         words = f" {li.vehicle:<8}{li.name:<11}{li.state.word:<8}{li.what}{accepted}"

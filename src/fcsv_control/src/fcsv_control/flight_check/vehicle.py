@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, List, Optional, Sequence, Tuple
 
 from fcsv_control import tracker_confidence
+from fcsv_control.disk import disk_words
 from fcsv_control.flight_check import autopilot_line
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check.heard import Heard, PreArmTexts, Rate
@@ -204,7 +205,7 @@ def _disk(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
     if not f.disk.fresh(now_s, r.slow_silent_s):
         return _U, "the recorder's disk is not known"
     disk = f.disk.value
-    lasts = "" if math.isnan(disk.minutes_left) else f", {disk.minutes_left:.0f} minutes"
+    lasts = f", enough for {disk_words(disk.minutes_left)}" if math.isfinite(disk.minutes_left) else ""
     return _least(disk.free_mib, r.red_disk_mib, r.amber_disk_mib), f"{disk.free_mib / 1024:.1f} GiB free{lasts}"
 
 

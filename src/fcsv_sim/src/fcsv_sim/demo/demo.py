@@ -4,6 +4,7 @@
 import argparse
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -22,13 +23,14 @@ from fcsv_sim.demo import interrupt
 from fcsv_sim.demo.autopilots import addresses, require_there
 from fcsv_sim.demo.fleet import FleetPlan
 from fcsv_sim.demo.held import held, held_in_words
-from fcsv_sim.demo.look import look, write_play
+from fcsv_sim.demo.look import look, stay, write_play
 from fcsv_sim.demo.monitored import in_words as monitored_in_words
 from fcsv_sim.demo.monitored import judge, load, write_table
 from fcsv_sim.demo.narration import Narrator, in_minutes, wait
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
 from fcsv_sim.demo.truth_export import export_movers, export_truth
+from fcsv_sim.demo.window import COMMAND, OperatorWindow
 from fcsv_sim.machines import slow_motion
 from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.world.movers import movers
@@ -78,12 +80,22 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 
 def run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool = False, method: Optional[str] = None) -> int:
-    """The whole story: a world, a flight in it, its truth, a map, a table."""
+    """The whole story: a world, a flight in it, its truth, a map, a table; then the window until it is closed."""
+    try:
+        status = _run(system, plan, say, fly_only, method)
+        stay(plan)
+        return status
+    finally:
+        if plan.window is not None:
+            interrupt.uninterrupted(plan.window.close)
+
+
+def _run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool, method: Optional[str]) -> int:
     _empty(plan.folder)
     say(_what_comes(load_mission(plan.mission_file), fly_only))
     build_world(plan, say)
     if not plan.buttons:
-        window = f"{plan.run_folder / 'on_control'} rosrun fcsv_console console"
+        window = shlex.join([str(plan.run_folder / "on_control"), *COMMAND, *plan.window_arguments])
         say(f"the buttons are yours, in the operator's window; where none opened, or to open it again: {window}")
     begun = slow_motion.both_clocks()
     flight_s, moved_m = system.fly(plan, say)
@@ -142,6 +154,8 @@ def _map(plan: FleetPlan, each: MapRun, say: Narrator) -> None:
     say(" ".join(["mapping", *each.arguments]))
     command = ["rosrun", "fcsv_stereo", "map", str(plan.session_folder), "-o", str(plan.folder / each.folder)]
     env = slow_motion.in_real_time(dict(os.environ))
+    being_made = plan.folder / f".{each.folder}.being_made"  # the window makes no map there meanwhile
+    being_made.touch()
     child = subprocess.Popen([*command, *each.arguments], preexec_fn=os.setpgrp, env=env)
     try:
         status = child.wait()
@@ -149,6 +163,8 @@ def _map(plan: FleetPlan, each: MapRun, say: Narrator) -> None:
         child.send_signal(signal.SIGINT)
         child.wait()
         raise
+    finally:
+        being_made.unlink()
     if status != 0:
         raise MachineError(f"the map could not be made from {plan.session_folder} (exit status {status})")
 
@@ -202,7 +218,8 @@ def _plan(system: System, args) -> FleetPlan:
         raise MachineError(f"--movers 1: in system {args.system} nothing moves through the town")
     through_town = movers(Town.generate(args.seed, args.world).plan) if moving else ()  # refused without a street
     live = _chosen(args.live, (os.cpu_count() or 1) >= _CORES_FOR_LIVE)
-    rviz = _chosen(args.rviz, bool(os.environ.get("DISPLAY")))
+    screen = bool(os.environ.get("DISPLAY"))
+    rviz = _chosen(args.rviz, screen)
     out = Path(args.out).resolve()
     _require_free(out, args.overwrite == "1")
     if autopilots:
@@ -211,6 +228,7 @@ def _plan(system: System, args) -> FleetPlan:
         out, mission, args.seed, args.world, vehicles, start_xy_m=_start(args), rviz=rviz, near=args.near == "1",
         live=live and not monitor, monitor=monitor, movers=tuple(through_town), flight_link=args.flight_link,
         autopilots=autopilots, buttons=args.operator != "you", ready_s=args.ready_s,
+        window=OperatorWindow() if screen and (rviz or args.system == "tags") else None,
     )  # fmt: skip
 
 

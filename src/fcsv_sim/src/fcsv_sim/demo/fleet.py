@@ -13,6 +13,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.demo.autopilots import rc_port
+from fcsv_sim.demo.window import OperatorWindow, arguments
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
 from fcsv_sim.world.movers import Mover
@@ -56,6 +57,7 @@ class FleetPlan:
     ready_s: float = READY_S  # until a simulated autopilot may be armed
     autopilots: Tuple[str, ...] = ()  # tcp:HOST:PORT of ArduCopters that fly in place of the simulated ones
     buttons: bool = True  # a simulated operator presses them; else somebody does in the window
+    window: Optional[OperatorWindow] = None  # where there is a screen; it outlives the machines
 
     @property
     def run_folder(self) -> Path:
@@ -73,6 +75,11 @@ class FleetPlan:
     @property
     def sim_folder(self) -> Path:
         return self.run_folder / "sim"
+
+    @property
+    def window_arguments(self) -> List[str]:
+        """Of the operator's window."""
+        return arguments(self.vehicles, self.mission_file, self.session_folder)
 
     def start_xyz_yaw(self, index: int) -> List[float]:
         """Places the vehicle on the ground, in a column, facing the town (world frame, m and rad)."""
@@ -110,6 +117,8 @@ class Machines:
             machine.start_master()
         self._write_description()
         self._launch()
+        if self.plan.window is not None:
+            self.plan.window.open(self.control, self.plan.window_arguments)
 
     def _launch(self) -> None:
         raise NotImplementedError
@@ -208,6 +217,7 @@ class SimulatedFleet(Machines):
             "mission": self.plan.mission_file,
             "sim_rc_ports": ",".join(str(p) for p in self._rc_ports.values()),
             "rviz": self.plan.rviz,
+            "console": False,  # the demo's own stays when this launch is stopped
             "live": self.plan.live,
             "monitor": self.plan.monitor,
             "rviz_config": "monitor" if self.plan.monitor else "map",

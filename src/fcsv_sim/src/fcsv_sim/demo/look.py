@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo's end: the flight again, with its map, in rviz."""
+"""The demo's end: the flight again, with its map, in rviz; the operator's window stays until it is closed."""
 
 import os
 import shlex
@@ -41,12 +41,29 @@ def _script(plan: FleetPlan) -> Path:
 def look(plan: FleetPlan) -> None:
     """Prints the command; where rviz was asked for by somebody at a terminal, runs it until he closes rviz."""
     print(f"again:  {shlex.quote(str(_script(plan)))}")
-    if not (plan.rviz and sys.stdin.isatty()):
+    if plan.rviz and sys.stdin.isatty():
+        print("rviz shows the flight and its map: close it, or press Ctrl-C, to end", flush=True)
+        _play(plan)
+
+
+def stay(plan: FleetPlan) -> None:
+    """Returns once the operator has closed the window of the flight, or pressed Ctrl-C; at once where none is open."""
+    window = plan.window
+    if window is None or not window.is_open:
         return
-    print("rviz shows the flight and its map: close it, or press Ctrl-C, to end", flush=True)
+    what = f"After [F5] in it maps {plan.session_folder} and opens the report"
+    print(f"the operator's window stays open: {what}; close it, or press Ctrl-C, to end", flush=True)
+    try:
+        window.wait()
+    except interrupt.Interrupted:
+        interrupt.uninterrupted(window.close)
+
+
+def _play(plan: FleetPlan) -> None:
     port = free_port()
     env = {**slow_motion.in_real_time(dict(os.environ)), "ROS_MASTER_URI": f"http://127.0.0.1:{port}"}
-    command = [*playback(plan), "-p", str(port)]
+    own = ["console:=false"] if plan.window is not None and plan.window.is_open else []
+    command = [*playback(plan), *own, "-p", str(port)]
     with open(plan.run_folder / "playback.log", "w") as log:
         child = subprocess.Popen(command, env=env, preexec_fn=os.setpgrp, stdout=log, stderr=subprocess.STDOUT)
     try:

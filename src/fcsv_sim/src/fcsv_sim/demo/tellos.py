@@ -44,7 +44,7 @@ class SimulatedTellos(Machines):
             self._launch_tracker()
         self.launches[CONTROL] = launch(
             "fcsv_bringup", "control.launch", **self._common, ground=True, sim=True, mission=plan.mission_file,
-            record_dir=plan.session_folder, seed=plan.seed, live=plan.live, console=plan.rviz,
+            record_dir=plan.session_folder, seed=plan.seed, live=plan.live, console=False,
             sim_sway_m=self._site.sway_m,
         )  # fmt: skip
 

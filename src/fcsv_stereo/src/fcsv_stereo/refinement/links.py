@@ -15,7 +15,7 @@ _LEAST_SHARE = 0.35  # of the matches must agree: wrong ones agree with any pose
 _LEAST_OVER_CHANCE = 2.5  # times as many as would by chance
 _LEAST_CELLS = 6  # of a grid of 8 by 6 must hold inliers: one object is not the scene
 _LEAST_PARALLAX_PX = 1.0  # nine tenths of the features with less: the same place again, whatever the prior says
-_SURPRISE = 3.5  # a correction of so many standard deviations puts the prior in doubt
+SURPRISE = 3.5  # a correction of so many standard deviations puts the prior in doubt
 _MORE_WITHOUT_PRIOR = 2  # times as many inliers are asked of a pose that its prior speaks against
 _WIDE_RAD = float(np.radians(1.0))  # standard deviation of a rotation found without the prior
 _FARTHEST_WRONG_RAD = float(np.radians(25.0))  # more than this and the prior's position cannot be right either
@@ -83,10 +83,10 @@ def link(
     fit = _fit(a, b, prior, least)
     if fit.reason:
         wide = _search(a, b, prior, least)
-        if wide is None or wide.reason or wide.displaced > _SURPRISE:
+        if wide is None or wide.reason or wide.displaced > SURPRISE:
             return PairLink(*numbers, prior, prior.T_a_b, fit.reason)
         fit = wide
-    elif fit.surprise > _SURPRISE:
+    elif fit.surprise > SURPRISE:
         fit = _reconsidered(a, b, fit, prior, least)
     if fit.reason:
         return PairLink(*numbers, prior, prior.T_a_b, fit.reason)
@@ -148,9 +148,9 @@ def _reconsidered(a: FeatureView, b: FeatureView, fit: _Fit, prior: PairPrior, l
     rest = Matches(fit.matches.a[~fit.inlier], fit.matches.b[~fit.inlier])
     half_width_px = band_px(prior, b.camera.fx, 1.5 * float(np.linalg.norm(prior.T_a_b[:3, 3])))
     second = _fit_matches(a, b, rest, prior, half_width_px, least)
-    if not second.reason and second.surprise < _SURPRISE:
+    if not second.reason and second.surprise < SURPRISE:
         return second
-    if fit.turned <= _SURPRISE:
+    if fit.turned <= SURPRISE:
         return fit
     size_rad = float(np.linalg.norm(_rotation(prior.T_a_b, fit.T_a_b)))
     wide = PairPrior(fit.T_a_b, max(_WIDE_RAD, prior.rotation_rad, size_rad / 3.0), prior.position_m)

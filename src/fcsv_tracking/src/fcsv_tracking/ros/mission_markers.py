@@ -18,6 +18,7 @@ from fcsv_tracking.scene.shared_view import shared_view
 _REACH_M = 30.0  # where views are cut: baselines of 10 m begin to share theirs at 9.4 m
 _TOGETHER_S = 1.0  # poses further apart tell nothing of one moment
 _AXES_M, _ARROW_M, _LINE_M = 1.5, 1.0, 0.05
+TEXT_M = 0.7  # height of letters, as vehicle_markers.NAME_M
 _FENCE, _PLACE, _RUNNING = ColorRGBA(0.84, 0.37, 0.0, 0.7), ColorRGBA(0.8, 0.8, 0.8, 0.9), ColorRGBA(0.0, 0.62, 0.45, 1)
 _SHARED = ColorRGBA(0.94, 0.89, 0.26, 0.8)
 
@@ -45,7 +46,7 @@ def home_markers() -> List[Marker]:
         color = ColorRGBA(*np.eye(3)[k], 1.0)
         axes.points += [Point(), Point(*(_AXES_M * np.eye(3)[k]))]
         axes.colors += [color, color]
-    return [axes, _text("home", 1, "home", (0.0, 0.0, -0.5), ColorRGBA(1, 1, 1, 1))]
+    return [axes, _text("home", 1, "home", (0.0, 0.0, -0.8), ColorRGBA(1, 1, 1, 1))]
 
 
 def fence_marker(mission: Mission) -> Marker:
@@ -65,7 +66,7 @@ def place_markers(place: PlannedPlace, running: bool) -> List[Marker]:
     )
     arrow.scale = Vector3(_ARROW_M, 0.12, 0.12)
     x, y, z = place.T_home_cam[:3, 3]
-    markers = [arrow, _text("planned places", 2 * place.index + 1, str(place.index + 1), (x, y, z - 0.5), color)]
+    markers = [arrow, _text("planned places", 2 * place.index + 1, str(place.index + 1), (x, y, z - 0.8), color)]
     if place.end_m is not None:
         way = marker_in_home("sweeps", place.index, Marker.LINE_LIST, color)
         way.scale.x, way.points = 2.0 * _LINE_M, [Point(x, y, z), Point(*place.end_m)]
@@ -105,5 +106,5 @@ def _faces(number: int, faces: Sequence[np.ndarray]) -> List[Marker]:
 
 def _text(namespace: str, number: int, words: str, p_home_m: Sequence[float], color: ColorRGBA) -> Marker:
     marker = marker_in_home(namespace, number, Marker.TEXT_VIEW_FACING, color)
-    marker.pose.position, marker.scale.z, marker.text = Point(*p_home_m), 0.35, words
+    marker.pose.position, marker.scale.z, marker.text = Point(*p_home_m), TEXT_M, words
     return marker

@@ -87,7 +87,7 @@ def _line(number: int, link: CalibrationLink, ends: List[Point]) -> Marker:
 def _label(number: int, link: CalibrationLink, ends: List[Point]) -> Marker:
     marker = marker_in_home("residuals", number, Marker.TEXT_VIEW_FACING, ColorRGBA(1.0, 1.0, 1.0, 1.0))
     middle = [0.5 * (getattr(ends[0], a) + getattr(ends[1], a)) for a in "xyz"]
-    marker.pose.position, marker.scale.z = Point(middle[0], middle[1], middle[2] + 0.3), 0.2
+    marker.pose.position, marker.scale.z = Point(middle[0], middle[1], middle[2] + 0.5), 0.4
     marker.text = (
         f"{link.child} > {link.parent}: {link.used} used, {link.rejected} rejected\n"
         f"{link.reprojection_rms_px:.2f} px, spread {link.position_spread_m * 100:.1f} cm, "

@@ -17,6 +17,7 @@ _COLORS = ((0.95, 0.35, 0.2), (0.2, 0.55, 0.95), (0.3, 0.8, 0.3), (0.9, 0.75, 0.
 _FRUSTUM_M = 2.0
 #: Tangents of half a camera's field of view, across and down: 56 x 43.5 degrees.
 HALF_VIEW = (np.tan(np.radians(28.0)), np.tan(np.radians(21.7)))
+NAME_M = 0.8  # height of letters: they are read at 1366 px from where rviz/map.rviz looks
 _SPACING_M = 3.5  # of the column in which vehicles are drawn before home is set
 
 
@@ -33,7 +34,7 @@ def vehicle_markers(vehicle: VehicleGeometry, number: int, T_home_body: Optional
     if not known:
         _place(sight, T_home_body @ vehicle.T_body_cam)
     label = _marker(n, 3, Marker.TEXT_VIEW_FACING, frames.base_link(n), color, T_home_body, np.eye(4))
-    label.pose.position.z, label.scale.z = label.pose.position.z + 0.5, 0.4
+    label.pose.position.z, label.scale.z = label.pose.position.z + 0.8, NAME_M
     label.text, label.color.a = n if known else f"{n}: home is not set", 1.0
     return [body, tag, sight, label]
 

@@ -13,6 +13,8 @@ from fcsv_console.model.facts.of_console import (
 )
 from fcsv_console.model.facts.of_control import (
     Calibrated,
+    CalibratedLink,
+    CalibrationFound,
     Check,
     HomeSet,
     MapPicture,
@@ -45,8 +47,26 @@ from fcsv_console.model.facts.of_vehicle import (
 
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
                   EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed, NotInBags]  # fmt: skip
-Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionFlown, MissionAlive, StopTold, MapTold,
-             EpipolarTold, MapPicture, SeenFrom, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip
+Fact = Union[
+    OfVehicle,
+    Calibrated,
+    CalibrationFound,
+    HomeSet,
+    Check,
+    MissionTold,
+    MissionFlown,
+    MissionAlive,
+    StopTold,
+    MapTold,
+    EpipolarTold,
+    MapPicture,
+    SeenFrom,
+    RehearsalTold,
+    JobTold,
+    PlacesFound,
+    Unusable,
+    MasterTold,
+]
 
 __all__ = [
     "Agent",
@@ -54,6 +74,8 @@ __all__ = [
     "AutopilotState",
     "Battery",
     "Calibrated",
+    "CalibratedLink",
+    "CalibrationFound",
     "CameraInHome",
     "Captured",
     "Check",

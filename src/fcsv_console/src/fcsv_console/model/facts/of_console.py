@@ -17,11 +17,18 @@ class Unusable:
 
 @dataclass(frozen=True)
 class EpipolarTold:
-    """Of a pair's newest pictures: median distance from the epipolar lines of their places, NaN: too few matches."""
+    """Of a pair's newest pictures: median distance from the epipolar lines of their places, NaN: too few matches.
+
+    ``refined_px``: what is left of it once the pair is fitted as the map fits it, ``surprise``: how far that pose is
+    from the trackers' (standard deviations of the map's prior); NaN: not fitted. ``focal_px``: of the picture.
+    """
 
     pair: Tuple[str, str]
     error_px: float
     matches: int
+    refined_px: float = math.nan
+    surprise: float = math.nan
+    focal_px: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -47,10 +54,15 @@ class JobTold:
 
 @dataclass(frozen=True)
 class PlacesFound:
-    """Whether there is a session, and a map's report, where they are looked for."""
+    """Whether there is a session, and a map's report, where they are looked for.
+
+    ``recording``: a bag of the session is still written; ``mapping``: some command makes a map there now.
+    """
 
     session: bool
     report: bool
+    recording: bool = False
+    mapping: bool = False
 
 
 @dataclass(frozen=True)

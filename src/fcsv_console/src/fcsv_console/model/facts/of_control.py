@@ -17,6 +17,25 @@ class Calibrated:
 
 
 @dataclass(frozen=True)
+class CalibratedLink:
+    """``child`` against ``parent``, the vehicle in front: from so many views of its tag; standard deviation of yaw."""
+
+    child: str
+    parent: str
+    used: int
+    rejected: int
+    spread_m: float
+    yaw_std_rad: float
+
+
+@dataclass(frozen=True)
+class CalibrationFound:
+    """As fcsv_msgs/Calibration; without links where a tracker on the ground sees everybody."""
+
+    links: Tuple[CalibratedLink, ...]
+
+
+@dataclass(frozen=True)
 class HomeSet:
     """Home is set in the odometry of ``reference``."""
 
