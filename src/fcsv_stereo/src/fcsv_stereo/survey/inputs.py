@@ -39,8 +39,8 @@ class Source:
 
     @property
     def level(self) -> bool:
-        """Whether gravity made home's z point up: in flights, and where a station promises it."""
-        return self.kind is SourceKind.SESSION or self.station is not None
+        """Whether gravity made home's z point up, as in flights. A map's folder does not say what it was made of."""
+        return self.kind is SourceKind.SESSION
 
 
 def sources_of(paths: Sequence[Path]) -> List[Source]:

@@ -2,6 +2,7 @@
 """The maps of a survey, kept in OUT/views/NAME with the key of what went into them, so that a stopped run goes on."""
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from fcsv_stereo.model import Progress
 from fcsv_stereo.survey.inputs import Source, SourceKind, content_key
 
 VIEWS = "views"
+_THREADS = re.compile(r",? ?threads=\d+")  # a machine's, and no matter to the map
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class MapOptions:
 
     def words(self) -> str:
         """What tells these options from others."""
-        return f"{VERSION} {self.method} {self.made()!r}"
+        return _THREADS.sub("", f"{VERSION} {self.method} {self.made()!r}")
 
 
 def map_of(source: Source, out: Path, options: MapOptions, progress: Progress) -> Path:

@@ -21,7 +21,7 @@ def write_page(site: Site, path: Path) -> None:
     """The page, with its pictures inside."""
     sections = [
         Section("Summary", _summary(site)), Section("Plan", [image(_plan(site)), _plan_words()]),
-        Section("Coverage", [image(_coverage(site)), note("How many views agree on a point, and how sure it is.")]),
+        Section("Coverage", [image(_coverage(site)), note("Height, how many views agree on a point, how sure it is.")]),
         Section("Views", _views(site)), Section("Edges", _edges(site)), Section("Loops", _loops(site)),
     ]  # fmt: skip
     placed = len(site.adjusted.placed)
@@ -50,7 +50,7 @@ def _summary(site: Site) -> List[Part]:
 
 def _plan_words() -> Part:
     return note(
-        "x to the right, y upwards (m). Colours are heights. Wedges: where each view looks. Lines: edges that count, "
+        "x to the right, y upwards (m). Wedges: where each view looks. Lines: edges that count, "
         "with their residual; dotted red: thrown out."
     )
 
@@ -60,27 +60,25 @@ def _shown(site: Site) -> np.ndarray:
     return np.random.default_rng(0).permutation(count)[:_MOST_DRAWN]
 
 
-def _limits(site: Site, points: np.ndarray):
+def _limits(site: Site, points: np.ndarray, sigma_m: np.ndarray):
+    """Corners that hold all views and the surer half of the points."""
     places = np.array([similarity.place(p.S_site_cam)[:2] for p in site.adjusted.placed.values()]).reshape(-1, 2)
     low, high = places.min(axis=0), places.max(axis=0)
+    sure = points[sigma_m <= np.median(sigma_m)] if len(points) else points
     if len(points):
-        low = np.minimum(low, np.percentile(points[:, :2], _CUT_PERCENT[0], axis=0))
-        high = np.maximum(high, np.percentile(points[:, :2], _CUT_PERCENT[1], axis=0))
+        low = np.minimum(low, np.percentile(sure[:, :2], _CUT_PERCENT[0], axis=0))
+        high = np.maximum(high, np.percentile(sure[:, :2], _CUT_PERCENT[1], axis=0))
     margin = 0.05 * max(float((high - low).max()), 1.0)
     return low - margin, high + margin
 
 
 def _plan(site: Site):
     figure, axes = plt.subplots(figsize=(12, 9))
-    points = site.cloud.points_home_m[_shown(site)].astype(float) + site.origin_m
-    low, high = _limits(site, points)
-    if len(points):
-        heights = np.percentile(points[:, 2], [2, 98])
-        drawn = axes.scatter(
-            points[:, 0], points[:, 1], c=points[:, 2], s=0.3, cmap="terrain", vmin=heights[0], vmax=heights[1],
-            rasterized=True,
-        )  # fmt: skip
-        figure.colorbar(drawn, ax=axes, label="height (m)", shrink=0.7)
+    shown = _shown(site)
+    points = site.cloud.points_home_m[shown].astype(float) + site.origin_m
+    low, high = _limits(site, points, site.cloud.sigma_m[shown])
+    order = np.argsort(points[:, 2])  # the highest is drawn last
+    axes.scatter(*points[order, :2].T, c=site.cloud.colors[shown][order] / 255.0, s=0.6, rasterized=True)
     at = {n: similarity.place(p.S_site_cam)[:2] for n, p in site.adjusted.placed.items()}
     for e in (e for e in site.adjusted.edges if e.a in at and e.b in at and e.S_a_b is not None):
         x, y = np.array([at[e.a], at[e.b]]).T
@@ -103,15 +101,21 @@ def _plan(site: Site):
 
 
 def _coverage(site: Site):
-    figure, both = plt.subplots(1, 2, figsize=(14, 6))
+    figure, three = plt.subplots(1, 3, figsize=(18, 6))
     shown = _shown(site)
     points = site.cloud.points_home_m[shown].astype(float) + site.origin_m
-    low, high = _limits(site, points)
-    values = (("views", site.cloud.baseline_index[shown], "viridis"), ("sigma (m)", site.cloud.sigma_m[shown], "magma"))
-    for axes, (label, value, colours) in zip(both, values):
+    low, high = _limits(site, points, site.cloud.sigma_m[shown])
+    inside = ((points[:, :2] > low) & (points[:, :2] < high)).all(axis=1)
+    points, shown = points[inside], shown[inside]
+    values = (
+        ("height (m)", points[:, 2], "terrain"), ("views", site.cloud.baseline_index[shown], "viridis"),
+        ("sigma (m)", site.cloud.sigma_m[shown], "magma"),
+    )  # fmt: skip
+    for axes, (label, value, colours) in zip(three, values):
         if len(points):
-            top = max(float(np.percentile(value, 98)), 1e-3)
-            drawn = axes.scatter(*points[:, :2].T, c=value, s=0.3, cmap=colours, vmin=0, vmax=top, rasterized=True)
+            least, most = np.percentile(value, [1, 98])
+            most = max(most, least + 1e-3)
+            drawn = axes.scatter(*points[:, :2].T, c=value, s=0.4, cmap=colours, vmin=least, vmax=most, rasterized=True)
             figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", aspect="equal")
     return figure

@@ -9,6 +9,7 @@ import numpy as np
 
 from fcsv_geometry import config, transforms
 from fcsv_stereo.errors import SurveyError
+from fcsv_stereo.model.pictures import is_level
 from fcsv_stereo.survey import tuning
 
 FILE = "station.yaml"
@@ -56,15 +57,15 @@ class Prior:
 
 
 def prior_of(station: Optional[Station], T_home_cam: np.ndarray, level: bool, name: str) -> Prior:
-    """The prior of a view with its camera at ``T_home_cam``; ``level``: home's z points up, which a station says, too.
+    """The prior of a view with its camera at ``T_home_cam``; ``level``: gravity made home's z point up.
 
-    Raises SurveyError where a station's home cannot be level.
+    Raises SurveyError where there is a station, which needs that, and home's z cannot point up.
     """
     tilt_rad = tuning.LEVEL_RAD if level else float("inf")
     if station is None:
         T = transforms.transform(T_home_cam[:3, :3], np.zeros(3))
         return Prior(T, tilt_rad, float("inf"), float("inf"), tuning.SCALE)
-    if not level:
+    if not is_level(T_home_cam):
         raise SurveyError(
             f"{name}: has a {FILE}, but its pictures stand on the side or on the head in home; turn the model upright "
             "(its world's z up)"
@@ -72,9 +73,8 @@ def prior_of(station: Optional[Station], T_home_cam: np.ndarray, level: bool, na
     turn_rad = np.radians(station.heading_deg) - heading_rad(T_home_cam)
     R_site_home = transforms.from_xyz_yaw([0.0, 0.0, 0.0], turn_rad)[:3, :3]
     T_site_cam = transforms.transform(R_site_home @ T_home_cam[:3, :3], station.place_m)
-    return Prior(
-        T_site_cam, tilt_rad, float(np.radians(station.heading_sigma_deg)), station.place_sigma_m, station.scale_sigma
-    )
+    yaw_rad = float(np.radians(station.heading_sigma_deg))
+    return Prior(T_site_cam, tuning.LEVEL_RAD, yaw_rad, station.place_sigma_m, station.scale_sigma)
 
 
 def heading_rad(T_home_cam: np.ndarray) -> float:

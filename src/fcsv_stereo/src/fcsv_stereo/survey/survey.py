@@ -11,7 +11,7 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.writing import in_words, require_folder
 from fcsv_stereo.errors import OutputError, SurveyError
-from fcsv_stereo.model import Progress, silent
+from fcsv_stereo.model import Progress
 from fcsv_stereo.output import write_ply
 from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import inputs, merge
@@ -112,8 +112,6 @@ def _prior(source: Source):
 
 def _told(name: str, i: int, count: int, begin: Begin) -> Progress:
     """Maps are the first 70 % of a survey."""
-    if begin is None:
-        return silent
     begin(f"map {i + 1} of {count}: {name}", 0.7 * i / count)
     return lambda step, done, total: begin(
         f"map {i + 1} of {count}: {name}, {step}", 0.7 * (i + done / max(total, 1)) / count

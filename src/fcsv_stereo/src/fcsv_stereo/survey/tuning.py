@@ -8,7 +8,7 @@ SCALE = 0.02
 #: m, rad: what holds the first view where no view has a place: small against every edge.
 ANCHOR_M, ANCHOR_RAD = 1e-3, 1e-5
 #: m, rad: instead of "unknown" in a prior that starts at the place that the edges gave.
-FREE_M, FREE_RAD = 1e5, 1e2
+FREE_M, FREE_RAD = 1e3, 3.0
 
 #: Most features of a picture; those of a 640x480 picture of a town are about 1,500.
 MOST_FEATURES = 4000
@@ -37,8 +37,8 @@ LEAST_MATCHES, LEAST_SHARE = 12, 0.12
 MOST_EDGE_SCALE, MOST_EDGE_RAD = 0.03, 0.02
 #: Most scale of one view against another, as a factor. Assumed; a model in feet or of no unit is beyond it.
 MOST_RATIO = 1.4
-#: Share of a depth's variance that all of a picture's depths have in common beside their scale.
-COMMON_SHARE = 0.05
+#: Share of a depth's variance that all of a picture's depths have in common beside their scale (docs/lab/survey.md).
+COMMON_SHARE = 0.02
 
 #: Probability at which graduated non-convexity keeps a right edge (chi-square of seven degrees of freedom).
 KEPT_P = 0.9999
