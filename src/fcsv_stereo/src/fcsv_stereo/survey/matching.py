@@ -58,9 +58,9 @@ def match(a: Features, b: Features, gate: Optional[Tuple[np.ndarray, np.ndarray]
     ratio = tuning.RATIO_FREE
     if gate is not None:
         uv, radius = gate
-        apart = np.linalg.norm(uv[:, None] - b.uv[None], axis=2)
+        from_u, from_v = (np.subtract.outer(uv[:, i], b.uv[:, i]).astype(np.float32) for i in (0, 1))
         with np.errstate(invalid="ignore"):
-            likeness[~(apart < radius[:, None])] = -1.0
+            likeness[~(from_u**2 + from_v**2 < np.square(radius)[:, None])] = -1.0
         ratio = tuning.RATIO_GATED
     rows = np.arange(len(a))
     best = likeness.argmax(1)

@@ -12,7 +12,8 @@ from fcsv_stereo.report.parts import Paragraph, Part, Table, Tone, image, note, 
 from fcsv_stereo.survey import similarity
 from fcsv_stereo.survey.document import Site, overlaps
 
-_MOST_DRAWN = 300_000  # points of the plan's picture
+_PLAN_CELLS, _COVERAGE_CELLS = 700, 300  # along x
+_MOST_LABELLED = 12  # views; with more the edges' residuals would cover each other
 _WEDGE_SHARE = 0.12  # length of a view's wedge, of the plan's width
 _CUT_PERCENT = (1.0, 99.0)
 
@@ -55,35 +56,43 @@ def _plan_words() -> Part:
     )
 
 
-def _shown(site: Site) -> np.ndarray:
-    count = len(site.cloud)
-    return np.random.default_rng(0).permutation(count)[:_MOST_DRAWN]
-
-
-def _limits(site: Site, points: np.ndarray, sigma_m: np.ndarray):
-    """Corners that hold all views and the surer half of the points."""
+def _limits(site: Site):
+    """Corners (x, y m) that hold all views and the surer half of the points."""
     places = np.array([similarity.place(p.S_site_cam)[:2] for p in site.adjusted.placed.values()]).reshape(-1, 2)
     low, high = places.min(axis=0), places.max(axis=0)
-    sure = points[sigma_m <= np.median(sigma_m)] if len(points) else points
-    if len(points):
-        low = np.minimum(low, np.percentile(sure[:, :2], _CUT_PERCENT[0], axis=0))
-        high = np.maximum(high, np.percentile(sure[:, :2], _CUT_PERCENT[1], axis=0))
+    if len(site.cloud):
+        sure = site.cloud.points_home_m[site.cloud.sigma_m <= np.median(site.cloud.sigma_m), :2] + site.origin_m[:2]
+        low = np.minimum(low, np.percentile(sure, _CUT_PERCENT[0], axis=0))
+        high = np.maximum(high, np.percentile(sure, _CUT_PERCENT[1], axis=0))
     margin = 0.05 * max(float((high - low).max()), 1.0)
     return low - margin, high + margin
 
 
+def _from_above(site: Site, low: np.ndarray, high: np.ndarray, columns: int) -> np.ndarray:
+    """(rows, columns) index of the highest point in each cell, -1 where there is none; row 0 at the least y."""
+    cell_m = float(high[0] - low[0]) / columns
+    rows = max(1, int(np.ceil((high[1] - low[1]) / cell_m)))
+    column, row = np.floor((site.cloud.points_home_m[:, :2] + site.origin_m[:2] - low) / cell_m).astype(int).T
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    order = np.flatnonzero(inside)[np.argsort(site.cloud.points_home_m[inside, 2], kind="stable")]
+    index = np.full((rows, columns), -1)
+    index[row[order], column[order]] = order  # the highest is written last
+    return index
+
+
 def _plan(site: Site):
     figure, axes = plt.subplots(figsize=(12, 9))
-    shown = _shown(site)
-    points = site.cloud.points_home_m[shown].astype(float) + site.origin_m
-    low, high = _limits(site, points, site.cloud.sigma_m[shown])
-    order = np.argsort(points[:, 2])  # the highest is drawn last
-    axes.scatter(*points[order, :2].T, c=site.cloud.colors[shown][order] / 255.0, s=0.6, rasterized=True)
+    low, high = _limits(site)
+    extent = (low[0], high[0], low[1], high[1])
+    index = _from_above(site, low, high, _PLAN_CELLS)
+    if len(site.cloud):
+        seen = np.where((index >= 0)[..., None], site.cloud.colors[index], 255)
+        axes.imshow(seen, origin="lower", extent=extent, interpolation="nearest")
     at = {n: similarity.place(p.S_site_cam)[:2] for n, p in site.adjusted.placed.items()}
     for e in (e for e in site.adjusted.edges if e.a in at and e.b in at and e.S_a_b is not None):
         x, y = np.array([at[e.a], at[e.b]]).T
         axes.plot(x, y, "k-" if e.kept else "r:", lw=1.2)
-        if e.kept:
+        if e.kept and len(at) <= _MOST_LABELLED:
             axes.annotate(f"{e.residual_m:.2f}", (x.mean(), y.mean()), fontsize=7, ha="center")
     length = _WEDGE_SHARE * float((high - low).max())
     for view in (v for v in site.views if v.name in at):
@@ -95,27 +104,32 @@ def _plan(site: Site):
         colour = "tab:red" if p.alone else "tab:blue"
         axes.fill(*np.vstack([at[view.name], ends]).T, color=colour, alpha=0.25)
         axes.plot(*at[view.name], "o", color=colour, ms=4)
-        axes.annotate(view.name, at[view.name], fontsize=9, weight="bold", xytext=(4, 4), textcoords="offset points")
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)", aspect="equal")
+        back = np.sign(at[view.name] - ends.mean(axis=0))
+        axes.annotate(
+            view.name, at[view.name], fontsize=9, weight="bold", xytext=5 * back, textcoords="offset points",
+            ha="left" if back[0] > 0 else "right", va="bottom" if back[1] > 0 else "top",
+        )  # fmt: skip
+    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x (m)", ylabel="y (m)", aspect="equal")
     return figure
 
 
 def _coverage(site: Site):
     figure, three = plt.subplots(1, 3, figsize=(18, 6))
-    shown = _shown(site)
-    points = site.cloud.points_home_m[shown].astype(float) + site.origin_m
-    low, high = _limits(site, points, site.cloud.sigma_m[shown])
-    inside = ((points[:, :2] > low) & (points[:, :2] < high)).all(axis=1)
-    points, shown = points[inside], shown[inside]
+    low, high = _limits(site)
+    index = _from_above(site, low, high, _COVERAGE_CELLS)
+    cloud, known = site.cloud, index >= 0
     values = (
-        ("height (m)", points[:, 2], "terrain"), ("views", site.cloud.baseline_index[shown], "viridis"),
-        ("sigma (m)", site.cloud.sigma_m[shown], "magma"),
+        ("height (m)", cloud.points_home_m[:, 2] + site.origin_m[2], "terrain"),
+        ("views", cloud.baseline_index.astype(float), "viridis"), ("sigma (m)", cloud.sigma_m, "magma"),
     )  # fmt: skip
     for axes, (label, value, colours) in zip(three, values):
-        if len(points):
-            least, most = np.percentile(value, [1, 98])
-            most = max(most, least + 1e-3)
-            drawn = axes.scatter(*points[:, :2].T, c=value, s=0.4, cmap=colours, vmin=least, vmax=most, rasterized=True)
+        if known.any():
+            shown = np.where(known, value[index], np.nan)
+            least, most = np.nanpercentile(shown, [1, 98])
+            drawn = axes.imshow(
+                shown, origin="lower", extent=(low[0], high[0], low[1], high[1]), cmap=colours, vmin=least,
+                vmax=max(most, least + 1e-3), interpolation="nearest",
+            )  # fmt: skip
             figure.colorbar(drawn, ax=axes, label=label, shrink=0.7)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", aspect="equal")
     return figure
