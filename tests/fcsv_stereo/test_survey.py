@@ -13,8 +13,9 @@ from support.photographs import model
 
 from fcsv_sim.sensors.photo_site import TRUTH, Stand, draw_site
 from fcsv_sim.world.town import Town
-from fcsv_stereo import fcsv_command, output, pipeline
+from fcsv_stereo import fcsv_command, pipeline
 from fcsv_stereo.errors import SurveyError
+from fcsv_stereo.map_files import output
 from fcsv_stereo.survey import inputs
 from fcsv_stereo.survey.station import Station, heading_rad, load_station, prior_of
 

@@ -17,7 +17,7 @@ from fcsv_geometry import transforms
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.town import Town
-from fcsv_stereo.priors import write_priors
+from fcsv_stereo.posed.priors import write_priors
 
 TRUTH = "truth.json"
 _T_BODY_CAM = transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))

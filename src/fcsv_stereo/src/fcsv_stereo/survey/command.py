@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 from typing import List, Optional
 
-from fcsv_geometry import commands
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.live_line import LiveLine, Steps
+from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_stereo.survey.document import Site, overlaps
 from fcsv_stereo.survey.survey import FILES, run
 

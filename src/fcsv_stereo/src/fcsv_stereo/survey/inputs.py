@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
-from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model.words import Word
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.sessions import is_session
 from fcsv_stereo.survey import station
 from fcsv_stereo.survey.station import Station

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.writing import in_words, require_folder
+from fcsv_geometry.programs.writing import in_words, require_folder
 from fcsv_stereo.errors import OutputError, SurveyError
+from fcsv_stereo.map_files.output import write_ply
 from fcsv_stereo.model import Progress
-from fcsv_stereo.output import write_ply
 from fcsv_stereo.products.clouds import write_laz
 from fcsv_stereo.survey import inputs, merge
 from fcsv_stereo.survey.adjust import adjust
