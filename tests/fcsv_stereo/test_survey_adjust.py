@@ -154,3 +154,15 @@ def test_groups_and_loops():
     loops = closing([*edges, true_edge("v0", "v4", POSES, true, seed=9, matches=5)], NAMES)
     assert len(loops) == 1 and loops[0].views == ["v0", "v1", "v4"]
     assert loops[0].closing_m < 0.5 and loops[0].closing_scale < 0.01
+
+
+def test_groups_that_no_edge_joins_refer_to_datums_of_their_own():
+    """Else their points would count as unsure as the two groups' places are, and agree with anything."""
+    true = scales()
+    near, far = {"v0", "v1", "v2"}, {"v4", "v5", "v6"}
+    edges = [e for e in ring_edges(true) if {e.a, e.b} <= near or {e.a, e.b} <= far]
+    found = adjust(noisy_views(true), edges).placed
+    assert {found[n].datum for n in near} <= near and {found[n].datum for n in far} <= far
+    assert found["v3"].datum == "v3" and found["v3"].alone
+    for n in near | far:
+        assert np.sqrt(np.trace(found[n].relative[3:6, 3:6])) < 0.3 < found[n].sigma_m

@@ -14,7 +14,7 @@ A, B, FAR = camera_at(0, 0), camera_at(0, 3), camera_at(-60, 0)
 
 def placed(v, T, scale=1.0, sigma=0.0):
     C = sigma**2 * np.eye(7)
-    return Placed(v.name, similarity.of_pose(T, scale), C, C, False)
+    return Placed(v.name, similarity.of_pose(T, scale), C, C, False, v.name)
 
 
 def joined(*views_and_poses, scales=None):

@@ -21,13 +21,15 @@ _LEAST_WEIGHT = 0.5  # graduated non-convexity ends with weights of 0 or 1
 @dataclass(frozen=True)
 class Placed:
     """A view in the site. ``S_site_cam`` of its reference camera; ``covariance`` (7,7) of its tangent in the site,
-    ``relative`` (7,7) with the datum held. ``alone``: no edge holds it, its priors do."""
+    ``relative`` (7,7) with the view ``datum`` held: of those that edges join with it, the one with most edges.
+    ``alone``: no edge holds it, its priors do."""
 
     name: str
     S_site_cam: gtsam.Similarity3
     covariance: np.ndarray
     relative: np.ndarray
     alone: bool
+    datum: str
 
     @property
     def scale(self) -> float:
@@ -64,14 +66,13 @@ class Loop:
 @dataclass(frozen=True)
 class Adjusted:
     """Views that have a place, by name; all edges, with reasons; ``lost``: why a view has no place; loops; ``remarks``,
-    each a sentence with its remedy. ``datum``: the view that relative covariances refer to."""
+    each a sentence with its remedy."""
 
     placed: Dict[str, Placed]
     edges: List[Edge]
     lost: Dict[str, str]
     loops: List[Loop]
     remarks: List[str]
-    datum: str = ""
 
 
 def adjust(views: Sequence[View], edges: Sequence[Edge]) -> Adjusted:
@@ -91,9 +92,7 @@ def adjust(views: Sequence[View], edges: Sequence[Edge]) -> Adjusted:
     placed = found.placed if found is not None else {}
     for name in (n for n in order if n not in placed):
         lost[name] = f"has no place: no station.yaml, and no edge to a view that has one{_why(name, edges)}"
-    return Adjusted(
-        placed, edges, lost, closing(edges, order), remarks, found.datum if found is not None else ""
-    )  # fmt: skip
+    return Adjusted(placed, edges, lost, closing(edges, order), remarks)
 
 
 def _why(name: str, edges: Sequence[Edge]) -> str:
@@ -119,7 +118,6 @@ def _anchored(views: Sequence[View]) -> Tuple[Dict[str, Prior], List[str]]:
 class _Solution:
     placed: Dict[str, Placed]
     edges: List[Edge]
-    datum: str
 
 
 def _solved(order: Sequence[str], priors: Dict[str, Prior], edges: List[Edge]) -> Optional[_Solution]:
@@ -139,14 +137,14 @@ def _solved(order: Sequence[str], priors: Dict[str, Prior], edges: List[Edge]) -
     for e in kept:
         degree[e.a] += 1
         degree[e.b] += 1
-    datum = max(starts, key=lambda n: degree[n])
+    datums = {n: max(sorted(group), key=lambda m: degree[m]) for group in components(kept, list(starts)) for n in group}
     placed = {}
     for name, key in keys.items():
         S = values.atSimilarity3(key)
         covariance = marginals.marginalCovariance(key)
-        relative = _relative(marginals, values, keys[datum], key)
-        placed[name] = Placed(name, S, covariance, relative, degree[name] == 0)
-    return _Solution(placed, edges, datum)
+        relative = _relative(marginals, values, keys[datums[name]], key)
+        placed[name] = Placed(name, S, covariance, relative, degree[name] == 0, datums[name])
+    return _Solution(placed, edges)
 
 
 def _starts(order: Sequence[str], priors: Dict[str, Prior], edges: Sequence[Edge]) -> Dict[str, gtsam.Similarity3]:

@@ -84,11 +84,10 @@ def adjustment_document(site: Site) -> dict:
     """adjustment.json."""
     adjusted = site.adjusted
     return {
-        "datum": adjusted.datum,
         "remarks": adjusted.remarks,
         "views": {
             n: {
-                "S_site_cam": similarity.matrix(p.S_site_cam).tolist(), "alone": p.alone,
+                "S_site_cam": similarity.matrix(p.S_site_cam).tolist(), "alone": p.alone, "datum": p.datum,
                 "covariance": p.covariance.tolist(), "covariance_to_datum": p.relative.tolist(),
                 "points": len(site.joined[n].cloud), "seen_by_two": site.joined[n].agreed,
                 "told_by_surer_views": site.joined[n].duplicates, "seen_through": site.joined[n].seen_through,

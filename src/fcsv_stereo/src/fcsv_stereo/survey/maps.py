@@ -32,24 +32,26 @@ class MapOptions:
         return _THREADS.sub("", f"{VERSION} {self.method} {self.made()!r}")
 
 
-def map_of(source: Source, out: Path, options: MapOptions, progress: Progress) -> Path:
+def map_of(source: Source, content: str, out: Path, options: MapOptions, progress: Progress) -> Path:
     """The folder of the source's map: its own where it is one, else OUT/views/NAME, made unless it is there already.
 
-    Raises FcsvError or OSError where no map can be made; an earlier one of that name is left then.
+    ``content`` is the source's key. Raises FcsvError or OSError where no map can be made; an earlier one of that name
+    is left then.
     """
     if source.kind is SourceKind.MAP:
         return source.path
     folder, note = out / VIEWS / source.name, out / VIEWS / f"{source.name}.json"
-    if (folder / "report.json").is_file() and _noted(note) == _key(source, options):
+    if (folder / "report.json").is_file() and _noted(note) == _key(content, options):
         return folder
     note.unlink(missing_ok=True)  # a map without a note is made again
     pipeline.run(source.path, folder, options.method, options.made(), None, progress)
-    _write_whole(note, {**_key(source, options), "input": str(source.path)})  # bags may have been repaired meanwhile
+    content = content_key(source.path)  # bags may have been repaired meanwhile
+    _write_whole(note, {**_key(content, options), "input": str(source.path)})
     return folder
 
 
-def _key(source: Source, options: MapOptions) -> dict:
-    return {"content": content_key(source.path), "options": options.words()}
+def _key(content: str, options: MapOptions) -> dict:
+    return {"content": content, "options": options.words()}
 
 
 def _noted(note: Path) -> dict:

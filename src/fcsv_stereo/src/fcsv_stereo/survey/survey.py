@@ -88,7 +88,8 @@ def edges_between(views: Sequence[View]) -> List[Edge]:
 def _mapped(sources: List[Source], out: Path, options: MapOptions, begin: Begin) -> Tuple[List[View], List[Missing]]:
     """A view of each source, in order, and those of which there is none."""
     views, missing = [], []
-    same = inputs.copies({s.name: inputs.content_key(s.path) for s in sources})
+    keys = {s.name: inputs.content_key(s.path) for s in sources}
+    same = inputs.copies(keys)
     paths: Dict[str, Path] = {s.name: s.path for s in sources}
     for i, source in enumerate(sources):
         if source.name in same:
@@ -97,7 +98,8 @@ def _mapped(sources: List[Source], out: Path, options: MapOptions, begin: Begin)
             missing.append(Missing(source.name, str(source.path), why))
             continue
         try:
-            folder = map_of(source, out, options, _told(source.name, i, len(sources), begin))
+            told = _told(source.name, i, len(sources), begin)
+            folder = map_of(source, keys[source.name], out, options, told)
             views.append(read_view(folder, source.name, str(source.path), _prior(source)))
         except (FcsvError, ValueError) as error:
             missing.append(Missing(source.name, str(source.path), str(error)))
