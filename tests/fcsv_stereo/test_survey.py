@@ -105,7 +105,7 @@ def test_a_survey_that_was_stopped_goes_on(site, tmp_path, monkeypatch):
     shutil.copytree(site / "out", tmp_path / "out")
     (tmp_path / "out/views/view02.json").unlink()
     made, run = [], pipeline.run
-    monkeypatch.setattr(pipeline, "run", lambda path, *rest: made.append(path.name) or run(path, *rest))
+    monkeypatch.setattr(pipeline, "run", lambda request, *rest: made.append(request.path.name) or run(request, *rest))
     assert survey(*sorted((site / "drawn").iterdir()), "-o", tmp_path / "out") == 0
     assert made == ["view02"]
     assert (tmp_path / "out/site.ply").read_bytes() == (site / "out/site.ply").read_bytes()

@@ -44,7 +44,7 @@ def map_of(source: Source, content: str, out: Path, options: MapOptions, progres
     if (folder / "report.json").is_file() and _noted(note) == _key(content, options):
         return folder
     note.unlink(missing_ok=True)  # a map without a note is made again
-    pipeline.run(source.path, folder, options.method, options.made(), None, progress)
+    pipeline.run(pipeline.MapRequest(source.path, folder, options.method, options.made()), progress)
     content = content_key(source.path)  # bags may have been repaired meanwhile
     _write_whole(note, {**_key(content, options), "input": str(source.path)})
     return folder
