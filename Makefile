@@ -16,7 +16,7 @@ OPERATOR ?=
 AUTOPILOT ?=
 export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR START SPEED OUT OVERWRITE OPERATOR AUTOPILOT
 
-.PHONY: setup build demo play test bench bench-tracking bench-gimbal bench-link bench-sigma rehearse study docs fresh
+.PHONY: setup build demo play test bench bench-tracking bench-gimbal bench-link bench-sigma bench-survey rehearse study docs fresh
 setup build:
 	@tools/setup.sh
 demo: setup
@@ -35,6 +35,8 @@ bench-link: setup
 	@tools/run bench-link
 bench-sigma: setup
 	@tools/run bench-sigma
+bench-survey: setup
+	@tools/run bench-survey
 rehearse: setup
 	@tools/run rehearse
 study: setup

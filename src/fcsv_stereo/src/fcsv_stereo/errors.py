@@ -22,3 +22,7 @@ class OutputError(StereoError):
 
 class PlanError(StereoError):
     """A plan that contradicts itself, or that cannot be flown."""
+
+
+class SurveyError(StereoError):
+    """Maps that cannot be joined to a site, or an input of a survey that cannot be used."""

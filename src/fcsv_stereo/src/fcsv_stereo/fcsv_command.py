@@ -11,6 +11,7 @@ from fcsv_geometry.version import VERSION
 #: by name: the module whose ``main(arguments)`` it is, and what it does
 COMMANDS = {
     "map": ("fcsv_stereo.cli", "depth, a cloud and a report from a session, a bag or posed photographs"),
+    "survey": ("fcsv_stereo.survey.command", "several sessions, photographs or maps joined to one site"),
     "plan": ("fcsv_stereo.planning.command", "the baselines to fly, their ranges and errors"),
     "import-photos": ("fcsv_stereo.photos.command", "GPS-tagged photographs as a folder that map reads, in metres"),
     "import-bag": ("fcsv_stereo.bag_import.command", "any bag with posed cameras as a folder that map reads"),

@@ -58,14 +58,16 @@ def write_arrays(result: MapResult, folder: Path) -> None:
         raise OutputError(f"{folder / 'reference.png'}: cannot be written; is the disk full?")
 
 
-def write_ply(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
+def write_ply(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT, last: str = "baseline") -> None:
     """Binary little-endian PLY: x y z (home, m), red green blue, sigma (m), baseline (index of the configuration,
-    255: of a depth camera). A comment says ``origin_m`` where x y z plus this are in home.
+    255: of a depth camera). A comment says ``origin_m`` where x y z plus this are in home. ``last``: the name of the
+    last property, where it is another.
 
     Raises OutputError where the disk does not take it.
     """
     comment = f"comment {origin_line(origin_m)}\n" if np.any(origin_m) else ""
-    head = f"ply\nformat binary_little_endian 1.0\n{comment}element vertex {len(cloud)}\n{_properties()}end_header\n"
+    properties = _properties().replace(" baseline\n", f" {last}\n")
+    head = f"ply\nformat binary_little_endian 1.0\n{comment}element vertex {len(cloud)}\n{properties}end_header\n"
     try:
         with path.open("wb") as file:
             file.write(head.encode())

@@ -24,6 +24,12 @@ def as_grey(image: np.ndarray) -> np.ndarray:
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
 
 
+def is_level(T_home_cam: np.ndarray) -> bool:
+    """Whether home's z may point up, as ``Reference.is_level`` says it."""
+    right, down, ahead = T_home_cam[2, :3]
+    return bool(-down > 0.5 or -ahead > max(abs(right), down, 0.5))
+
+
 @dataclass(frozen=True)
 class Picture:
     """An undistorted picture (HxWx3 uint8 RGB), its pinhole camera and the prior of its pose.
@@ -118,8 +124,7 @@ class Reference:
         It does where it points up in the picture, or at the camera as in pictures that look down, to within 60 degrees.
         Sideways, down and along the view it does not.
         """
-        right, down, ahead = self.T_home_cam[2, :3]
-        return bool(-down > 0.5 or -ahead > max(abs(right), down, 0.5))
+        return is_level(self.T_home_cam)
 
     @property
     def looks_down(self) -> bool:

@@ -2,6 +2,7 @@
 """Clouds in the formats of PCL (PCD) and of laser scanning (LAZ); PLY is in output.py."""
 
 from pathlib import Path
+from typing import Tuple
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from fcsv_stereo.model import Cloud
 from fcsv_stereo.model.inputs import NO_SHIFT
 
 _LAZ_STEP_M = 0.001  # LAZ stores whole numbers of this
+_BASELINE = ("baseline", "index of configuration")
 #: By hand: open3d's tensor writer gives rgb type F and orders sigma and baseline as it likes; readers know this layout.
 _PCD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("sigma", "<f4"), ("baseline", "<u4")])
 
@@ -43,8 +45,11 @@ def write_pcd(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None
     path.write_bytes(head.encode() + points.tobytes())
 
 
-def write_laz(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None:
-    """LAZ 1.4 (point format 7): x y z (home, m, to 1 mm), 16-bit colours, extra dimensions sigma (m) and baseline."""
+def write_laz(
+    cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT, last: Tuple[str, str] = _BASELINE
+) -> None:  # fmt: skip
+    """LAZ 1.4 (point format 7): x y z (home, m, to 1 mm), 16-bit colours, extra dimensions sigma (m) and baseline, or
+    ``last``'s name and meaning."""
     import laspy  # with lazrs; only where the product is asked for
 
     header = laspy.LasHeader(point_format=7, version="1.4")
@@ -53,11 +58,11 @@ def write_laz(cloud: Cloud, path: Path, origin_m: np.ndarray = NO_SHIFT) -> None
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams("sigma", np.float32, "standard deviation (m)"),
-            laspy.ExtraBytesParams("baseline", np.uint8, "index of configuration"),
+            laspy.ExtraBytesParams(last[0], np.uint8, last[1]),
         ]
     )
     las = laspy.LasData(header)
     las.x, las.y, las.z = (cloud.points_home_m.astype(float) + origin_m).T
     las.red, las.green, las.blue = cloud.colors.T.astype(np.uint16) * 257
-    las["sigma"], las["baseline"] = cloud.sigma_m, cloud.baseline_index
+    las["sigma"], las[last[0]] = cloud.sigma_m, cloud.baseline_index
     las.write(str(path), laz_backend=laspy.LazBackend.Lazrs)

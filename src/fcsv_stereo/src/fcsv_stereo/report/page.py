@@ -74,20 +74,17 @@ def write_report(
     data = ReportData(result, found, evidence.seams(result, found), evaluation, true_depth, points, shown)
     drawn = [Section(title, make(data)) for title, make in SECTIONS]
     count = f"{len(result.pairs)} configuration{'' if len(result.pairs) == 1 else 's'}"
-    page = (
-        _environment()
-        .get_template("report.html")
-        .render(
-            title=f"Map of {count}, method {result.method}",
-            origin=origin.rows(result),
-            sections=[s for s in drawn if s.parts],
-            version=VERSION,
-            has_views=any(p.kind in ("cloud_view", "pixel_view") for s in drawn for p in s.parts),
-        )
-    )
+    title = f"Map of {count}, method {result.method}"
     path = Path(out_dir) / "report.html"
-    path.write_text(page, encoding="utf-8")
+    path.write_text(render(title, origin.rows(result), [s for s in drawn if s.parts]), encoding="utf-8")
     return path
+
+
+def render(title: str, origin: Sequence[Tuple[str, str]], sections: Sequence[Section]) -> str:
+    """The page's HTML; ``origin`` are the rows of the table at its top."""
+    has_views = any(p.kind in ("cloud_view", "pixel_view") for s in sections for p in s.parts)
+    template = _environment().get_template("report.html")
+    return template.render(title=title, origin=origin, sections=sections, version=VERSION, has_views=has_views)
 
 
 def _environment() -> jinja2.Environment:

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a survey found: ``site.json`` for programs, ``adjustment.json`` for those who want to know why."""
+
+from dataclasses import dataclass
+from typing import Dict, List, Sequence
+
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_stereo.model import Cloud
+from fcsv_stereo.survey import similarity
+from fcsv_stereo.survey.adjust import Adjusted, Placed
+from fcsv_stereo.survey.merge import Joined
+from fcsv_stereo.survey.views import View
+
+CLOUDS = ("site.ply", "site.laz")
+_FAR_M, _STEP_M = 10_000.0, 1000.0  # farther from the origin float32 has steps of more than a millimetre
+
+
+@dataclass(frozen=True)
+class Missing:
+    """An input that is not in the site, and why."""
+
+    name: str
+    source: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Site:
+    """All of it: views that were mapped, how they were adjusted, the cloud (m, less ``origin_m``), what became of each
+    placed view's points, and what is missing."""
+
+    views: List[View]
+    adjusted: Adjusted
+    cloud: Cloud
+    joined: Dict[str, Joined]
+    origin_m: np.ndarray
+    missing: List[Missing]
+
+
+def origin_of(placed: Sequence[Placed]) -> np.ndarray:
+    """(3,) m that a cloud in float32 leaves out; zero near the site's origin."""
+    places = np.array([similarity.place(p.S_site_cam) for p in placed]).reshape(-1, 3)
+    if not len(places) or np.abs(places).max() < _FAR_M:
+        return np.zeros(3)
+    return np.round(np.median(places, axis=0) / _STEP_M) * _STEP_M
+
+
+def T_site_home(view: View, placed: Placed) -> np.ndarray:
+    """4x4 similarity from the view's home to the site."""
+    return similarity.matrix(placed.S_site_cam) @ transforms.invert(view.T_home_cam)
+
+
+def site_document(site: Site) -> dict:
+    """site.json."""
+    adjusted, views = site.adjusted, []
+    for view in (v for v in site.views if v.name in adjusted.placed):
+        p = adjusted.placed[view.name]
+        views.append({
+            "name": view.name, "input": view.source, "T_site_home": T_site_home(view, p).tolist(), "scale": p.scale,
+            "sigma_scale": p.sigma_scale, "sigma_m": p.sigma_m, "sigma_yaw_deg": float(np.degrees(p.sigma_yaw_rad)),
+            "overlaps": overlaps(adjusted, view.name),
+        })  # fmt: skip
+    edges = [
+        {"a": e.a, "b": e.b, "kept": e.kept, "reason": e.reason, "residual_m": e.residual_m} for e in adjusted.edges
+    ]
+    points = site.cloud.points_home_m
+    low, high = ((f(axis=0).astype(float) + site.origin_m).tolist() for f in (points.min, points.max))
+    tile = {"name": "site", "files": list(CLOUDS), "points": len(points), "min_m": low, "max_m": high}
+    missing = [{"name": m.name, "input": m.source, "reason": m.reason} for m in site.missing]
+    return {
+        "crs": None, "origin": site.origin_m.tolist(), "views": views, "edges": edges, "gps": None,
+        "control_points": None, "tiles": [tile], "missing": missing,
+    }  # fmt: skip
+
+
+def overlaps(adjusted: Adjusted, name: str) -> List[str]:
+    """Views that a kept edge joins with a view."""
+    return [e.b if e.a == name else e.a for e in adjusted.edges if e.kept and name in (e.a, e.b)]
+
+
+def adjustment_document(site: Site) -> dict:
+    """adjustment.json."""
+    adjusted = site.adjusted
+    return {
+        "remarks": adjusted.remarks,
+        "views": {
+            n: {
+                "S_site_cam": similarity.matrix(p.S_site_cam).tolist(), "alone": p.alone, "datum": p.datum,
+                "covariance": p.covariance.tolist(), "covariance_to_datum": p.relative.tolist(),
+                "points": len(site.joined[n].cloud), "seen_by_two": site.joined[n].agreed,
+                "told_by_surer_views": site.joined[n].duplicates, "seen_through": site.joined[n].seen_through,
+            }
+            for n, p in adjusted.placed.items()
+        },
+        "edges": [
+            {
+                "a": e.a, "b": e.b, "matches": e.matches, "reason": e.reason, "residual_m": e.residual_m,
+                "S_a_b": None if e.S_a_b is None else similarity.matrix(e.S_a_b).tolist(),
+                "covariance": None if e.covariance is None else e.covariance.tolist(),
+            }
+            for e in adjusted.edges
+        ],
+        "loops": [
+            {
+                "views": loop.views, "closing_m": loop.closing_m, "closing_deg": loop.closing_deg,
+                "closing_scale": loop.closing_scale,
+            }
+            for loop in adjusted.loops
+        ],
+    }  # fmt: skip

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The inputs of a survey: what each is, its name, its station, and the key of its content."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, List, Optional, Sequence
+
+from fcsv_stereo.errors import InputError
+from fcsv_stereo.model.words import Word
+from fcsv_stereo.posed import colmap
+from fcsv_stereo.sessions import is_session
+from fcsv_stereo.survey import station
+from fcsv_stereo.survey.station import Station
+
+_MAP_FILES = ("report.json", "depth.npy", "sigma.npy", "kind.npy", "reference.png")
+#: Not part of what a map is made of: the place of a view, truth, and what maps and browsers leave.
+_NOT_CONTENT = {station.FILE, "truth", ".DS_Store", "Thumbs.db"}
+_AT_A_TIME = 1 << 20
+
+
+class SourceKind(Word):
+    """What an input is."""
+
+    MAP = "map"
+    SESSION = "session"
+    PHOTOGRAPHS = "photographs"
+
+
+@dataclass(frozen=True)
+class Source:
+    """An input: its folder (or bag), the name of its view, what it is, and where its reference camera stood, where it
+    says so."""
+
+    path: Path
+    name: str
+    kind: SourceKind
+    station: Optional[Station]
+
+    @property
+    def level(self) -> bool:
+        """Whether gravity made home's z point up, as in flights. A map's folder does not say what it was made of."""
+        return self.kind is SourceKind.SESSION
+
+
+def sources_of(paths: Sequence[Path]) -> List[Source]:
+    """All inputs, in order. Raises InputError on one that is none, ConfigError on a wrong station.yaml."""
+    kinds = [kind_of(p) for p in paths]
+    names = names_of(paths)
+    return [Source(p, n, k, station.load_station(p)) for p, n, k in zip(paths, names, kinds)]
+
+
+def kind_of(path: Path) -> SourceKind:
+    """Raises InputError where a path is no input."""
+    if not path.exists():
+        raise InputError(f"{path}: does not exist")
+    if path.is_dir() and all((path / f).is_file() for f in _MAP_FILES):
+        return SourceKind.MAP
+    if is_session(path):
+        return SourceKind.SESSION
+    if path.is_dir() and colmap.is_model(path):
+        return SourceKind.PHOTOGRAPHS
+    raise InputError(
+        f"{path}: is neither a session (session.yaml or bags), nor posed photographs (images/, images.txt), nor a "
+        "folder that 'map' wrote"
+    )
+
+
+def names_of(paths: Sequence[Path]) -> List[str]:
+    """A name for each view: its folder's, with as many folders above as tell it from the others.
+
+    >>> names_of([Path("a/session"), Path("b/session"), Path("north")])
+    ['a-session', 'b-session', 'north']
+    """
+    parts = [[w for w in p.absolute().resolve().parts if w not in ("/", "")] or ["view"] for p in paths]
+    names, depth = [""] * len(paths), [1] * len(paths)
+    while True:
+        names = ["-".join(words[-n:]) for words, n in zip(parts, depth)]
+        longer = [i for i, n in enumerate(names) if names.count(n) > 1 and depth[i] < len(parts[i])]
+        if not longer:
+            break
+        for i in longer:
+            depth[i] += 1
+    seen: Dict[str, int] = {}
+    for i, name in enumerate(names):  # the same folder twice
+        seen[name] = seen.get(name, 0) + 1
+        names[i] = name if seen[name] == 1 else f"{name}-{seen[name]}"
+    return names
+
+
+def content_key(path: Path) -> str:
+    """SHA-256 of the names and bytes of what a map is made of."""
+    digest = hashlib.sha256()
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    for file in files:
+        words = file.relative_to(path).parts if path.is_dir() else (file.name,)
+        if _NOT_CONTENT & set(words):
+            continue
+        digest.update("/".join(words).encode() + b"\0" + str(file.stat().st_size).encode() + b"\0")
+        with file.open("rb") as content:
+            for block in iter(lambda: content.read(_AT_A_TIME), b""):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def copies(keys: Dict[str, str]) -> Dict[str, str]:
+    """By name: the earlier view whose content is the same.
+
+    >>> copies({"a": "1", "b": "2", "c": "1"})
+    {'c': 'a'}
+    """
+    first: Dict[str, str] = {}
+    found = {}
+    for name, key in keys.items():
+        if key in first:
+            found[name] = first[key]
+        first.setdefault(key, name)
+    return found

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The maps of a survey, kept in OUT/views/NAME with the key of what went into them, so that a stopped run goes on."""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fcsv_geometry.version import VERSION
+from fcsv_stereo import pipeline
+from fcsv_stereo.model import Progress
+from fcsv_stereo.survey.inputs import Source, SourceKind, content_key
+
+VIEWS = "views"
+_THREADS = re.compile(r",? ?threads=\d+")  # a machine's, and no matter to the map
+
+
+@dataclass(frozen=True)
+class MapOptions:
+    """How the maps are made: method, and its options."""
+
+    method: str = pipeline.DEFAULT_METHOD
+    options: Any = None
+
+    def made(self) -> Any:
+        """The method's options."""
+        return pipeline.METHODS[self.method].options() if self.options is None else self.options
+
+    def words(self) -> str:
+        """What tells these options from others."""
+        return _THREADS.sub("", f"{VERSION} {self.method} {self.made()!r}")
+
+
+def map_of(source: Source, content: str, out: Path, options: MapOptions, progress: Progress) -> Path:
+    """The folder of the source's map: its own where it is one, else OUT/views/NAME, made unless it is there already.
+
+    ``content`` is the source's key. Raises FcsvError or OSError where no map can be made; an earlier one of that name
+    is left then.
+    """
+    if source.kind is SourceKind.MAP:
+        return source.path
+    folder, note = out / VIEWS / source.name, out / VIEWS / f"{source.name}.json"
+    if (folder / "report.json").is_file() and _noted(note) == _key(content, options):
+        return folder
+    note.unlink(missing_ok=True)  # a map without a note is made again
+    pipeline.run(pipeline.MapRequest(source.path, folder, options.method, options.made()), progress)
+    content = content_key(source.path)  # bags may have been repaired meanwhile
+    _write_whole(note, {**_key(content, options), "input": str(source.path)})
+    return folder
+
+
+def _key(content: str, options: MapOptions) -> dict:
+    return {"content": content, "options": options.words()}
+
+
+def _noted(note: Path) -> dict:
+    """The key of the map that is there; empty where nothing tells."""
+    try:
+        document = json.loads(note.read_text())
+        return {k: document[k] for k in ("content", "options")}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _write_whole(path: Path, document: dict) -> None:
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(json.dumps(document, indent=1))
+    part.replace(path)

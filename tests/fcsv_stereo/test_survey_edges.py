@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Survey: the similarity between two views, on matches with known truth."""
+
+import gtsam
+import numpy as np
+import pytest
+from support.survey_views import UNKNOWN, camera_at, places, prior, seen, unplaced, view
+
+from fcsv_geometry import transforms
+from fcsv_stereo.survey import similarity, tuning
+from fcsv_stereo.survey.edges import edge_of
+from fcsv_stereo.survey.features import features_of
+from fcsv_stereo.survey.matching import match, may_overlap, predicted
+
+A, B = camera_at(0, 0), camera_at(5, 20, 2, heading_deg=-12)
+
+
+def off(edge, scale):
+    """(7,) in its sigmas, and its scale's error."""
+    true = similarity.of_pose(transforms.invert(A) @ B, scale)
+    error = gtsam.Similarity3.Logmap(true.inverse().compose(edge.S_a_b))
+    return error / np.sqrt(np.diag(edge.covariance)), error[6]
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.5])
+@pytest.mark.parametrize("scale", [1.0, 1.05])
+def test_the_similarity_of_two_views_is_found_among_wrong_matches(wrong, scale):
+    points = places()
+    a, b = seen(points, A), seen(points, B, scale, seed=1)
+    mixed = np.arange(len(points))
+    n = int(wrong * len(points))
+    mixed[:n] = np.random.default_rng(2).permutation(n)
+    edge = edge_of("a", "b", a, b[mixed])
+    times, scale_error = off(edge, scale)
+    assert edge.kept and edge.matches >= 0.9 * (len(points) - n)
+    assert abs(scale_error) < 0.003  # 0.6 % of depth at 25 m median, 100 to 200 matches: 0.06 %, five times that
+    assert np.abs(times).max() < 4.0
+
+
+def test_an_edges_covariance_is_honest():
+    """Mean squared error over covariance; matches have independent errors here, so that it is on the safe side."""
+    ratios = []
+    for seed in range(6):
+        points = places(80, seed)
+        edge = edge_of("a", "b", seen(points, A, seed=seed), seen(points, B, seed=100 + seed))
+        ratios.append(np.mean(off(edge, 1.0)[0] ** 2))
+    assert 0.05 < np.mean(ratios) < 1.5
+
+
+def test_too_few_matches_are_no_edge():
+    points = places(tuning.LEAST_MATCHES - 1)
+    edge = edge_of("a", "b", seen(points, A), seen(points, B))
+    assert not edge.kept and edge.reason == "11 features are alike; 12 are needed" and edge.S_a_b is None
+
+
+def test_matches_that_agree_on_nothing_are_no_edge():
+    edge = edge_of("a", "b", seen(places(60, 1), A), seen(places(60, 2), B))
+    assert not edge.kept and "of 60 matches agree on one similarity" in edge.reason
+
+
+def test_matches_in_one_corner_tell_no_similarity():
+    """What is 1 m wide at 100 m turns and scales freely within its sigma."""
+    points = np.array([100.0, 10.0, 5.0]) + np.random.default_rng(0).normal(0.0, 0.3, (60, 3))
+    edge = edge_of("a", "b", seen(points, A), seen(points, B, seed=1))
+    assert not edge.kept and ("too little overlap" in edge.reason or "agree on one similarity" in edge.reason)
+
+
+def test_two_units_of_length_are_no_edge():
+    points = places()
+    edge = edge_of("a", "b", seen(points, A), seen(points, B, scale=3.28, seed=1))
+    assert not edge.kept
+
+
+def test_views_back_to_back_do_not_overlap_and_neighbours_do():
+    here, beside, behind = view("a", A), view("b", camera_at(0, 8)), view("c", camera_at(-5, 0, heading_deg=180))
+    assert may_overlap(here, beside) and not may_overlap(here, behind)
+
+
+def test_a_view_without_a_place_may_overlap_any():
+    behind = camera_at(-5, 0, heading_deg=180)
+    assert may_overlap(view("a", A), view("c", behind, known_as=unplaced(behind)))
+
+
+def test_matches_are_looked_for_where_priors_allow():
+    points = places(40)
+    a, b = seen(points, A, noise_px=0.0), seen(points, B, noise_px=0.0)
+    uv, radius = predicted(a.points, prior(A, place_m=0.2), prior(B, place_m=0.2), view("b", B))
+    assert np.isfinite(uv).all() and (radius > tuning.GATE_PX).all() and (radius < 200).all()
+    alike = np.eye(40, 128, dtype=np.float32)
+    a, b = (type(f)(f.camera, f.uv, f.points, f.covariances, alike) for f in (a, b))
+    assert len(match(a, b)) == 40
+    assert len(match(a, b, (b.uv, np.full(40, 1.0)))) == 40
+    assert len(match(a, b, (b.uv + 50.0, np.full(40, 1.0)))) < 5
+
+
+def test_features_stand_on_surfaces_that_are_known():
+    """A checked wall whose left half has no depth."""
+    v = view("a", A)
+    board = (np.indices(v.depth.shape) // 6).sum(0) % 2 * 200
+    v.image[:] = board[..., None]
+    v.depth[:, :48] = np.nan
+    found = features_of(v)
+    assert len(found) > 10 and found.uv[:, 0].min() > 48 and np.isfinite(found.covariances).all()
+    assert np.allclose(found.points[:, 2], 40.0, atol=0.1)
+
+
+def test_a_picture_without_texture_has_no_features():
+    assert len(features_of(view("a", A))) == 0
+
+
+def test_an_unknown_place_is_infinite():
+    assert not unplaced(A).placed and unplaced(A).place_m == UNKNOWN and prior(A).placed

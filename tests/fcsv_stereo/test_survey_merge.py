@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Survey: one cloud from several depths, on walls with known truth."""
+
+import numpy as np
+import pytest
+from support.survey_views import camera_at, cast, view
+
+from fcsv_stereo.model.kinds import Kind
+from fcsv_stereo.survey import merge, similarity
+from fcsv_stereo.survey.adjust import Placed
+
+A, B, FAR = camera_at(0, 0), camera_at(0, 3), camera_at(-60, 0)
+
+
+def placed(v, T, scale=1.0, sigma=0.0):
+    C = sigma**2 * np.eye(7)
+    return Placed(v.name, similarity.of_pose(T, scale), C, C, False, v.name)
+
+
+def joined(*views_and_poses, scales=None):
+    views = [v for v, _ in views_and_poses]
+    at = {v.name: placed(v, T, 1.0 if scales is None else scales[v.name]) for v, T in views_and_poses}
+    return merge.join(views, at, np.zeros(3))
+
+
+def test_one_view_keeps_its_points_and_sigmas():
+    v = view("a", A)
+    cloud, parts = joined((v, A))
+    assert len(cloud) == v.depth.size and (cloud.baseline_index == 1).all() and parts[0].agreed == 0
+    assert np.allclose(cloud.points_home_m[:, 0], 40.0, atol=1e-3)
+    assert np.allclose(cloud.sigma_m, v.own_sigma[v.known], rtol=1e-5)
+
+
+def test_two_views_of_a_wall_tell_it_once_and_better():
+    """Errors of both are independent: half the variance, within the floor of what views share."""
+    a, b = (view(n, T, sigma_share=0.03, noise=1.0, seed=i) for i, (n, T) in enumerate((("a", A), ("b", B))))
+    cloud, parts = joined((a, A), (b, B))
+    alone, _ = joined((a, A))
+    both = cloud.baseline_index == 2
+    assert both.mean() > 0.6 and len(cloud) < 1.4 * len(alone)
+    assert np.std(cloud.points_home_m[both, 0]) < 0.85 * np.std(alone.points_home_m[:, 0])
+    assert np.median(cloud.sigma_m[both]) == pytest.approx(np.median(alone.sigma_m) / np.sqrt(2), rel=0.1)
+
+
+def test_the_surer_view_tells_what_both_see():
+    """The far view's sigma is 25 times larger: its points on the wall are told by the near one."""
+    near, far = view("near", A, sigma_share=0.004), view("far", FAR, sigma_share=0.04)
+    cloud, (of_near, of_far) = joined((near, A), (far, FAR))
+    assert of_far.duplicates > 200 and of_near.duplicates == 0
+    in_sight = of_near.cloud.baseline_index == 2
+    assert in_sight.mean() > 0.95 and np.allclose(of_near.cloud.points_home_m[:, 0], 40.0, atol=0.05)
+
+
+@pytest.mark.parametrize("surer", [True, False])
+def test_what_one_view_sees_through_is_gone_unless_it_is_surer(surer):
+    """A plate that only the first view has, before a wall that the second one sees."""
+    plate = [(20.0, -3.0, 3.0, -3.0, 3.0)]
+    a = view("a", A, cast(A, boxes=plate), sigma_share=0.001 if surer else 0.03)
+    b = view("b", B, sigma_share=0.008)
+    cloud, parts = joined((a, A), (b, B))
+    left = (cloud.points_home_m[:, 0] < 30.0).sum()
+    count = int((cast(A, boxes=plate) < 30.0).sum())
+    assert count > 100
+    assert left == count if surer else (left < 0.15 * count and parts[0].seen_through > 0.85 * count)
+
+
+def test_a_plate_that_both_views_see_stays():
+    plate = [(20.0, -3.0, 3.0, -3.0, 3.0)]
+    a, b = (view(n, T, cast(T, boxes=plate)) for n, T in (("a", A), ("b", B)))
+    cloud, parts = joined((a, A), (b, B))
+    near = cloud.points_home_m[:, 0] < 30.0
+    assert near.sum() >= (cast(A, boxes=plate) < 30.0).sum() * 0.9 and (cloud.baseline_index[near] == 2).mean() > 0.8
+
+
+def test_a_point_before_another_views_sky_is_gone():
+    plate = [(20.0, -3.0, 3.0, -3.0, 3.0)]
+    depth = cast(A, boxes=plate)
+    a = view("a", A, np.where(depth < 30.0, depth, np.nan))
+    b = view("b", B, np.full(depth.shape, np.nan))
+    b.kind[:] = Kind.SKY
+    cloud, parts = joined((a, A), (b, B))
+    assert len(cloud) == 0 and parts[0].seen_through == np.isfinite(a.depth).sum()
+
+
+def test_scales_of_the_adjustment_are_applied():
+    a, b = view("a", A), view("b", B, scale=1.05)
+    cloud, _ = joined((a, A), (b, B), scales={"a": 1.0, "b": 1.05})
+    assert np.allclose(cloud.points_home_m[:, 0], 40.0, atol=0.02)
+    apart, _ = joined((a, A), (b, B))  # b's wall, 5 % too near, is beyond two of its sigmas
+    assert (apart.points_home_m[:, 0] < 39.0).any()
+
+
+def test_an_origin_is_left_out_of_float32():
+    v, far = view("a", A), np.array([500000.0, 5824000.0, 0.0])
+    T = camera_at(*far)
+    cloud, _ = merge.join([v], {"a": placed(v, T)}, far)
+    assert np.allclose(cloud.points_home_m[:, 0], 40.0, atol=1e-3)
+
+
+def test_what_the_view_does_not_know_of_itself_is_in_sigma():
+    v = view("a", A)
+    unsure = merge.site_view(v, placed(v, A, sigma=0.02), np.zeros(3))
+    sure = merge.site_view(v, placed(v, A), np.zeros(3))
+    assert np.allclose(unsure.sigma**2 - sure.sigma**2, 0.02**2 * (1 + 2 * v.depth**2), rtol=1e-2)
+
+
+def test_a_scale_that_a_map_states_is_not_counted_twice():
+    """Sigma of 1 % of which 1 % is scale: only a floor of it is the depth's own; sigma without any scale stays."""
+    stated = view("a", A, sigma_share=0.01)
+    assert np.allclose(stated.own_sigma[stated.known], 0.25 * stated.sigma[stated.known], rtol=1e-3)
+    wide = view("a", A, sigma_share=0.03)
+    assert np.allclose(wide.own_sigma, np.sqrt(0.03**2 - 0.01**2) * wide.depth, rtol=1e-3)
