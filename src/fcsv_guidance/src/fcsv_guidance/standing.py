@@ -12,6 +12,8 @@ from fcsv_guidance import tuning
 _FAR = 1e6
 _SIDE = np.ones((3, 3), np.uint8)
 _AROUND_M = 0.25  # what is seen so near beside the footprint counts too
+_SUREST = 2e-3  # of one map: errors that maps share are not weighed away
+_NOT_FREE_P = tuning.CONTRADICTED_P  # where the weighed evidence is no freedom
 _KNOTS = (0.0, 0.3, 0.8, 1.5, 4.0)  # of a limit of the robot
 FEATURES = 28
 FREE_SIGN = 2  # features whose weight may have any sign: 1 and distance. All others only lower p.
@@ -78,6 +80,20 @@ def together(each) -> np.ndarray:
     p = np.where((best >= tuning.FREE_P) & (worst < tuning.CONTRADICTED_P), tuning.CONTRADICTED_P, best)
     p = np.where((best < tuning.FREE_P) & (worst <= tuning.OBSTACLE_P), worst, p)
     return np.where(known.any(0), p, np.nan).astype(np.float32)
+
+
+def weighed(each, whole) -> np.ndarray:
+    """Of several maps as ``together``, but as evidence: where one says free, log-odds of all that know the ``whole``
+    (N, rows, columns) bool footprint are added. One that calls it an obstacle needs twice as many that say free. A map
+    that knows part of the footprint speaks against it only where no other knows the whole."""
+    each, whole = np.asarray(each), np.asarray(whole)
+    p = np.clip(each, _SUREST, 1.0 - _SUREST)
+    odds = np.where(whole & np.isfinite(each), np.log(p / (1.0 - p)), 0.0).sum(0)
+    free, against = ((whole & judged).sum(0) for judged in (each >= tuning.FREE_P, each <= tuning.OBSTACLE_P))
+    sum_p = 1.0 / (1.0 + np.exp(-odds))
+    kept = (free >= 1) & (sum_p >= tuning.FREE_P) & (free >= 2 * against)
+    parts = together(each)
+    return np.where(kept, sum_p, np.minimum(parts, _NOT_FREE_P)).astype(np.float32)
 
 
 def most(values: np.ndarray, around: np.ndarray) -> np.ndarray:
