@@ -147,7 +147,7 @@ class RouteFollower:
 
     def _pursued(self, now_s: float) -> DriveCommand:
         """Pure pursuit: the arc through a point of the route that lies ahead by a distance that grows with speed."""
-        robot, rules, place = self._robot, self._rules, self._place
+        robot, place = self._robot, self._place
         self._reached_m = self._nearest(place)[0]
         off = self._looked_at() - [place.x_m, place.y_m]
         c, s = np.cos(place.yaw_rad), np.sin(place.yaw_rad)

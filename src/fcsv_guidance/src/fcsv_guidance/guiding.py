@@ -13,7 +13,13 @@ import numpy as np
 from fcsv_guidance import tuning
 from fcsv_guidance.errors import RouteError
 from fcsv_guidance.following import (
-    GOAL_REACHED, DriveCommand, FollowerRules, RobotPlace, RouteFollower, RouteToFollow, StopRobot,
+    GOAL_REACHED,
+    DriveCommand,
+    FollowerRules,
+    RobotPlace,
+    RouteFollower,
+    RouteToFollow,
+    StopRobot,
 )  # fmt: skip
 from fcsv_guidance.known import GroundSeen, KnownGround
 from fcsv_guidance.place import PlaceState
@@ -57,8 +63,8 @@ class Guidance:
 class GuideRules:
     """``watched``: the robot drives only while views watch its place, none older than ``oldest_watch_s``; else maps
     serve for ``oldest_map_s``. A route keeps ``sigmas`` of the place and ``spare_m`` clear, and more where there is
-    room, up to ``comfort_m``. It crosses steps up to ``step_share`` of what the robot climbs: higher ones are hardly seen.
-    Two plans are ``replan_s`` apart at least."""
+    room, up to ``comfort_m``. It crosses steps up to ``step_share`` of what the robot climbs: little more is hardly
+    seen. Two plans are ``replan_s`` apart at least."""
 
     watched: bool = False
     oldest_map_s: float = 1800.0
@@ -183,7 +189,8 @@ class RobotGuide:
         """A route from where the robot is; where there is none, the robot stands and says so."""
         place = self._place.place
         self._planned_s, self._planned_version = now_s, self.known.version
-        found = plan_over(self.known, (place.x_m, place.y_m), (self._goal.x_m, self._goal.y_m), place.sigma_m, self._rules)
+        start_m, goal_m = (place.x_m, place.y_m), (self._goal.x_m, self._goal.y_m)
+        found = plan_over(self.known, start_m, goal_m, place.sigma_m, self._rules)
         if isinstance(found, NoRoute):
             self._route, self._none = None, found
             return

@@ -122,7 +122,7 @@ class KnownGround:
         mapped = np.logical_or.reduce([whole for _, whole in maps]) & ~doubtful  # a watch that repeats it is no more
         each = [np.where(doubtful, np.nan, p) for p, _ in maps] + [np.where(mapped, np.nan, p) for p, _ in watching]
         whole = [whole & ~doubtful for _, whole in maps] + [whole & ~mapped for _, whole in watching]
-        stands = standing.weighed(each, whole)
+        stands = standing.weighed(each, whole, around)
         for p, _ in watching:  # what is in the way now, no number of older maps can say otherwise
             stands = np.where(doubtful & (p < tuning.FREE_P), np.minimum(stands, p), stands)
         free = (stands >= tuning.FREE_P).astype(np.uint8)

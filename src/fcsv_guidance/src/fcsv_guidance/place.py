@@ -7,7 +7,7 @@ of turns, and yaw per metre of unequal wheels. A port: messages and monotonic ti
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Deque, List, NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 from scipy.stats import chi2
@@ -244,6 +244,8 @@ class RobotTracker:
         if not np.isfinite(fix.covariance[2, 2]):
             return
         self._stood = self._stood or self._wheels
+        if fix.stamp_s < self._stood.stamp_s:
+            return  # the robot has moved since
         agree = [c for c in self._candidates if self._agree(c, fix)]
         self._candidates = [*agree, fix]
         lasting_s = fix.stamp_s - self._candidates[0].stamp_s

@@ -12,8 +12,6 @@ from fcsv_guidance import tuning
 _FAR = 1e6
 _SIDE = np.ones((3, 3), np.uint8)
 _AROUND_M = 0.25  # what is seen so near beside the footprint counts too
-_SUREST = 2e-3  # of one map: errors that maps share are not weighed away
-_NOT_FREE_P = tuning.CONTRADICTED_P  # where the weighed evidence is no freedom
 _KNOTS = (0.0, 0.3, 0.8, 1.5, 4.0)  # of a limit of the robot
 FEATURES = 28
 FREE_SIGN = 2  # features whose weight may have any sign: 1 and distance. All others only lower p.
@@ -82,18 +80,22 @@ def together(each) -> np.ndarray:
     return np.where(known.any(0), p, np.nan).astype(np.float32)
 
 
-def weighed(each, whole) -> np.ndarray:
-    """Of several maps as ``together``, but as evidence: where one says free, log-odds of all that know the ``whole``
-    (N, rows, columns) bool footprint are added. One that calls it an obstacle needs twice as many that say free. A map
-    that knows part of the footprint speaks against it only where no other knows the whole."""
+def weighed(each, whole, around: np.ndarray) -> np.ndarray:
+    """Of many maps as ``together``, for a footprint ``around`` a cell, but by number: those that know the ``whole``
+    (N, rows, columns) bool footprint and call it free must be twice as many as those that do not. A map that knows part
+    of a footprint is no witness against one that knows it whole.
+
+    A footprint of whose every part a free footprint was found is free, too: between two maps' edges no gap stays.
+    """
     each, whole = np.asarray(each), np.asarray(whole)
-    p = np.clip(each, _SUREST, 1.0 - _SUREST)
-    odds = np.where(whole & np.isfinite(each), np.log(p / (1.0 - p)), 0.0).sum(0)
-    free, against = ((whole & judged).sum(0) for judged in (each >= tuning.FREE_P, each <= tuning.OBSTACLE_P))
-    sum_p = 1.0 / (1.0 + np.exp(-odds))
-    kept = (free >= 1) & (sum_p >= tuning.FREE_P) & (free >= 2 * against)
-    parts = together(each)
-    return np.where(kept, sum_p, np.minimum(parts, _NOT_FREE_P)).astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        free, against = ((whole & said).sum(0) for said in (each >= tuning.FREE_P, each < tuning.CONTRADICTED_P))
+    n = max(around.shape)
+    found = np.pad(((free >= 1) & (free >= 2 * against)).astype(np.uint8), n)
+    found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, around)[n:-n, n:-n] > 0
+    best = np.where(whole & np.isfinite(each), each, 0.0).max(0)
+    p = np.where(found, np.maximum(best, tuning.FREE_P), np.minimum(together(each), tuning.CONTRADICTED_P))
+    return p.astype(np.float32)
 
 
 def most(values: np.ndarray, around: np.ndarray) -> np.ndarray:

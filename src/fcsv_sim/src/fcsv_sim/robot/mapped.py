@@ -30,8 +30,8 @@ _ARRAYS = ("depth", "sigma", "kind", "K", "T_home_cam")
 
 @dataclass(frozen=True)
 class MappedPlace:
-    """``views`` and ``grounds``: what each station's map shows, in the world's frame, None where nothing matched; the rest is
-    the truth."""
+    """``views`` and ``grounds``: what each station's map shows, in the world's frame, None where nothing matched; the
+    rest is the truth."""
 
     world: str
     town: Town

@@ -2,15 +2,25 @@
 """One drive of a robot through a mapped place in simulated time: the product's guide, the true wheels, one fault."""
 
 import time
-from dataclasses import dataclass, field, replace
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import dataclass, field
+from typing import List, Optional, Tuple
 
 import numpy as np
 
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.following import StopRobot
 from fcsv_guidance.ground import Grid, Ground, ground_from
-from fcsv_guidance.guiding import ARRIVED, DRIVING, NO_ROUTE, Goal, Guidance, GuideRules, RobotGuide, RobotHeard, plan_over
+from fcsv_guidance.guiding import (
+    ARRIVED,
+    DRIVING,
+    NO_ROUTE,
+    Goal,
+    Guidance,
+    GuideRules,
+    RobotGuide,
+    RobotHeard,
+    plan_over,
+)  # fmt: skip
 from fcsv_guidance.known import GroundSeen
 from fcsv_guidance.place import RobotTracker
 from fcsv_guidance.robot import Robot
@@ -28,12 +38,12 @@ RADIO_S = 0.08  # one way
 LOOK_EVERY_S, LOOK_DELAY_S = 1.0, 0.5  # from picture to ground
 MOVES_MPS = 0.05  # a robot that is hit while it drives no faster stands
 _GIVES_UP_S = 15.0  # of standing without a route, or for good
-ARRIVES, SAYS_NONE, EITHER, STANDS = "arrives", "says none", "either", "stands"
+ARRIVES, SAYS_NONE, EITHER = "arrives", "says none", "either"
 
 
 @dataclass(frozen=True)
 class DriveResult:
-    """How a drive went. ``expected`` by the truth: ARRIVES, SAYS_NONE, EITHER or STANDS. ``contact``: empty where the
+    """How a drive went. ``expected`` by the truth: ARRIVES, SAYS_NONE or EITHER. ``contact``: empty where the
     footprint touched nothing. ``reaction_s``: simulated time from the first picture that shows the thing in the way to
     another route or to none; ``slowest_s``: processor time of the guide's slowest step. ``honest``: share of the time
     in which the place was within two of its sigma."""
@@ -64,7 +74,7 @@ class DriveResult:
             return "arrived where the truth has no way"
         if self.expected == SAYS_NONE and not self.said_none:
             return f"did not say that there is no safe route ({self.ended}: {self.text})"
-        return "drove on without its place" if self.expected == STANDS and self.ended == ARRIVED else ""
+        return ""
 
 
 @dataclass
@@ -126,7 +136,7 @@ class RobotDrive:
             if guidance.state == ARRIVED and self.machine.stands:
                 ended = ARRIVED
                 break
-            over = now_s > min(self._ends_s, self._begins_s + 60.0) or self._begins_s == np.inf
+            over = self._begins_s == np.inf or now_s > min(self._ends_s, self._begins_s + 60.0) + _GIVES_UP_S
             if stood_s > _GIVES_UP_S and over and guidance.state in (NO_ROUTE, "waiting"):
                 ended = guidance.state
                 break
@@ -151,7 +161,7 @@ class RobotDrive:
         if not place.clear.leads(plan.start_m, plan.goal_m):
             return SAYS_NONE
         if self._fault.name == "pose lost for good" and np.isfinite(self._begins_s):
-            return STANDS
+            return EITHER  # by its wheels it may come as far as it is allowed to
         if self._blocked is None:
             return ARRIVES if place.looked.leads(place.clear, plan.start_m, plan.goal_m, WAY_MARGIN_M) else EITHER
         at, box = self._blocked
@@ -278,9 +288,9 @@ class RobotDrive:
             if not np.isfinite(stays_s):
                 self._blocked = ((self.machine.x_m, self.machine.y_m), box)
         else:
-            if len(seen) < 90 or not seen[10:90].all():
+            far = min(len(seen) - 1, 85)
+            if far < 70 or not seen[10:far].all():
                 return False
-            far = 85
             z = float(self._place.town.plan.drawn_height(*np.array(ahead[40])[:, None])[0])
             self._thing = Runner(ahead[far::-1], random.uniform(0.6, 1.5), now_s, z)
         return True

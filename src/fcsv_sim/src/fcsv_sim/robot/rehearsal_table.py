@@ -36,7 +36,8 @@ def _row(world: str, fault: str, results: List[DriveResult]) -> List[str]:
     reactions = [r.reaction_s for r in results if r.reaction_s is not None]
     drove = [r for r in results if r.way_m > 1.0] or results
     return [
-        world, fault, str(len(results)), str(sum(r.befell for r in results)), str(sum(bool(r.contact) for r in results)),
+        world, fault, str(len(results)), str(sum(r.befell for r in results)),
+        str(sum(bool(r.contact) for r in results)),
         f"{sum(r.ended == 'arrived' for r in able)} of {len(able)}",
         f"{sum(r.ended == 'arrived' for r in others)} of {len(others)}",
         f"{sum(r.said_none and r.ended != 'arrived' for r in none)} of {len(none)}",
