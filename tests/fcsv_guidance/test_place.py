@@ -51,7 +51,7 @@ def test_place_is_better_than_a_fix_and_its_sigma_is_honest(delay_s):
     off, beyond = [], 0
     for seed in range(25):
         walk = Walk(1.03, seed, delay_s)
-        walk.run(2.0, 0.0, 0.0)
+        walk.run(4.0, 0.0, 0.0)
         walk.run(20.0)
         off.append(walk.off_m())
         beyond += off[-1] > 2 * walk.state().place.sigma_m

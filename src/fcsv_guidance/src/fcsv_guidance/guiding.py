@@ -64,7 +64,9 @@ class GuideRules:
     """``watched``: the robot drives only while views watch its place, none older than ``oldest_watch_s``; else maps
     serve for ``oldest_map_s``. A route keeps ``sigmas`` of the place and ``spare_m`` clear, and more where there is
     room, up to ``comfort_m``. It crosses steps up to ``step_share`` of what the robot climbs: little more is hardly
-    seen. Two plans are ``replan_s`` apart at least."""
+    seen. Two plans are ``replan_s`` apart at least. The robot stands while something came nearer than
+    ``moving_m`` in the last ``still_s``: what walks at 1.5 m/s comes so far until a picture shows it and the robot
+    stands."""
 
     watched: bool = False
     oldest_map_s: float = 1800.0
@@ -74,6 +76,8 @@ class GuideRules:
     comfort_m: float = 0.7
     comfort_cost: float = 3.0
     step_share: float = 0.8
+    moving_m: float = 4.0
+    still_s: float = 2.5
     replan_s: float = 1.0
     retry_s: float = 5.0
     follower: FollowerRules = field(default_factory=FollowerRules)
@@ -140,6 +144,9 @@ class RobotGuide:
         if command is None:
             state, reason = (WAITING, "a route is planned") if self._none is None else (NO_ROUTE, self._none.reason)
             return [self._standing(state, reason)]
+        moves = self._moving(now_s)
+        if moves:
+            return [self._standing(WAITING, moves)]
         state = WAITING if command.reason else DRIVING
         return [Guidance(command, state, command.reason or "the robot drives", self._route, self._none)]
 
@@ -170,6 +177,14 @@ class RobotGuide:
         if rules.watched and age_s > rules.oldest_watch_s:
             return "nobody watches the place" if not np.isfinite(age_s) else f"the place was seen {age_s:.1f} s ago"
         return "the maps are too old; look at the place again" if age_s > rules.oldest_map_s else ""
+
+    def _moving(self, now_s: float) -> str:
+        """What has just come near the robot; empty where nothing has."""
+        rules, place, known = self._rules, self._place.place, self.known
+        if now_s - known.came_s >= rules.still_s:
+            return ""
+        off_m = float(np.hypot(*(known.came_m - [place.x_m, place.y_m]).T).min()) - self._robot.radius_m
+        return "" if off_m >= rules.moving_m else f"something moves {max(off_m, 0.0):.1f} m from the robot"
 
     def _wants_plan(self, now_s: float, command: Optional[DriveCommand]) -> bool:
         """Where there is no route, or the one there is closed or cannot be followed; ``command``: the follower's."""

@@ -15,6 +15,7 @@ from fcsv_guidance.robot import Robot
 
 _SIGMAS = 4.0  # a height that differs by so much, and by CHANGED_M, is another
 CHANGED_M = 0.12  # below the smallest step that stops a robot for System III; noise of one cell stays below
+_MOVES_CELLS = 4  # fewer that change are noise
 _OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
 
 
@@ -45,6 +46,8 @@ class KnownGround:
         self.stands: Optional[np.ndarray] = None
         self.clear_m: Optional[np.ndarray] = None
         self.version = 0
+        #: when something last came into cells, and their middles (N,2); it may be on its way
+        self.came_s, self.came_m = -np.inf, np.empty((0, 2))
 
     @property
     def grid(self) -> Optional[Grid]:
@@ -102,6 +105,9 @@ class KnownGround:
         changed = np.where(ground.known & mapped, differs, self._changed)
         changed = changed & ~_lone(changed)
         news = (changed != self._changed).any()
+        came = changed & ~self._changed
+        if came.sum() >= _MOVES_CELLS:
+            self.came_s, self.came_m = seen.stamp_s, grid.middle_of(*np.nonzero(came))
         self._changed = changed
         before = self._stands.get(seen.source)
         if changed.any() or before is None:
