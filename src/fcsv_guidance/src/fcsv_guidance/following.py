@@ -13,6 +13,8 @@ from fcsv_guidance.errors import RouteError
 from fcsv_guidance.ground import Grid
 from fcsv_guidance.robot import Robot
 
+GOAL_REACHED = "the goal is reached"
+
 
 @dataclass(frozen=True)
 class RobotPlace:
@@ -66,6 +68,7 @@ class FollowerRules:
     goal_m: float = 0.3
     look_ahead_m: float = 0.6
     look_ahead_s: float = 0.8
+    least_ahead_m: float = 0.25
     most_off_m: float = 0.5
     lateral_mps2: float = 0.5
 
@@ -110,6 +113,17 @@ class RouteFollower:
             return [DriveCommand(0.0, 0.0, reason)]
         return [self._pursued(now_s)]
 
+    def pause(self) -> None:
+        """The robot is held by somebody else: it begins from standing."""
+        self._speed_mps = 0.0
+
+    def least_clear_m(self) -> float:
+        """Of what is left of the route; 0 where there is none, or no map."""
+        if self._route is None or self._map is None:
+            return 0.0
+        along = np.append(np.arange(self._reached_m + 0.3, self._route.length_m, 0.05), self._route.length_m)
+        return float(self._clear_m(self._route.at(along)).min())
+
     def _why_not(self, now_s: float) -> str:
         place, rules = self._place, self._rules
         if self._route is None:
@@ -127,16 +141,15 @@ class RouteFollower:
         if off_m > rules.most_off_m:
             return f"the robot is {off_m:.2f} m beside its route; plan it again"
         if np.hypot(*(self._route.points[-1] - [place.x_m, place.y_m])) <= rules.goal_m:
-            self._route, self._standing = None, "the goal is reached"
+            self._route, self._standing = None, GOAL_REACHED
             return self._standing
         return ""
 
     def _pursued(self, now_s: float) -> DriveCommand:
         """Pure pursuit: the arc through a point of the route that lies ahead by a distance that grows with speed."""
-        robot, rules, place = self._robot, self._rules, self._place
+        robot, place = self._robot, self._place
         self._reached_m = self._nearest(place)[0]
-        ahead_m = rules.look_ahead_m + rules.look_ahead_s * self._speed_mps
-        off = self._route.at(self._reached_m + ahead_m) - [place.x_m, place.y_m]
+        off = self._looked_at() - [place.x_m, place.y_m]
         c, s = np.cos(place.yaw_rad), np.sin(place.yaw_rad)
         forward, left = c * off[0] + s * off[1], c * off[1] - s * off[0]
         bearing = float(np.arctan2(left, forward))
@@ -154,6 +167,18 @@ class RouteFollower:
             return DriveCommand(0.0, 0.0, "what lies ahead on the route is not clear; plan it again")
         self._speed_mps = float(min(wanted, self._speed_mps + robot.acceleration_mps2 * max(elapsed_s, 0.02)))
         return DriveCommand(self._speed_mps, self._speed_mps * curvature)
+
+    def _looked_at(self) -> np.ndarray:
+        """(2,): the point of the route to steer to; nearer where the straight way to it is not clear, so that corners
+        are not cut too close."""
+        rules, at = self._rules, np.array([self._place.x_m, self._place.y_m])
+        ahead_m = rules.look_ahead_m + rules.look_ahead_s * self._speed_mps
+        while True:
+            point = self._route.at(self._reached_m + ahead_m)
+            chord = at + np.linspace(0, 1, 12)[1:, None] * (point - at)
+            if ahead_m <= rules.least_ahead_m or (self._clear_m(chord) > rules.sigmas * self._place.sigma_m).all():
+                return point
+            ahead_m = max(rules.least_ahead_m, 0.7 * ahead_m)
 
     def _wanted_mps(self, curvature: float) -> float:
         """By the robot's own bound, the curvature, and the way to where it could stop before what is not clear."""

@@ -51,13 +51,23 @@ def plan_route(
     if not 0 <= place_sigma_m < np.inf:
         raise RouteError(f"the sigma of the robot's place must be 0 m or more, got {place_sigma_m}")
     p = stand_probability(ground, robot, 2 * place_sigma_m)
-    ends = [_end(ground.grid, p, xy, name, through_unknown) for xy, name in ((start_m, "start"), (goal_m, "goal"))]
+    return route_over(ground.grid, p, start_m, goal_m, through_unknown)
+
+
+def route_over(
+    grid: Grid, p: np.ndarray, start_m, goal_m, through_unknown: Optional[float] = None,
+    dearer: Optional[np.ndarray] = None,
+):  # fmt: skip
+    """The same over probabilities ``p`` (rows, columns) that are known already; ``dearer`` (rows, columns), 1 and more,
+    multiplies the cost of a metre."""
+    ends = [_end(grid, p, xy, name, through_unknown) for xy, name in ((start_m, "start"), (goal_m, "goal"))]
     cost = _cost(p, through_unknown)
-    way = _cheapest(cost, *ends)
+    cost = cost if dearer is None else cost * dearer
+    way = cheapest(cost, *ends)
     if way is None:
         return _no_route(p, ends)
     corners = _straightened(cost, way)
-    points = ground.grid.middle_of(*corners.T)
+    points = grid.middle_of(*corners.T)
     points[0], points[-1] = start_m, goal_m
     cells = np.concatenate([_cells_between(a, b) for a, b in zip(corners[:-1], corners[1:])] or [way])
     crossed = p[tuple(cells.T)]
@@ -90,8 +100,9 @@ def _cost(p: np.ndarray, through_unknown: Optional[float]) -> np.ndarray:
     return cost if through_unknown is None else np.where(np.isfinite(p), cost, through_unknown)
 
 
-def _cheapest(cost: np.ndarray, start, goal) -> Optional[np.ndarray]:
-    """(N,2) rows and columns from start to goal; None where there is no way."""
+def cheapest(cost: np.ndarray, start, goal) -> Optional[np.ndarray]:
+    """(N,2) rows and columns of the cheapest way from cell to cell over ``cost`` (of a metre; inf: closed), by
+    Dijkstra over eight neighbours; None where there is none."""
     rows, columns = cost.shape
     index = np.arange(cost.size).reshape(cost.shape)
     edges = []
@@ -139,7 +150,7 @@ def _cells_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _no_route(p: np.ndarray, ends) -> NoRoute:
-    way = _cheapest(_cost(p, 10.0), *ends)
+    way = cheapest(_cost(p, 10.0), *ends)
     if way is None:
         return NoRoute("no safe route is known: obstacles close every way to the goal", np.empty((0, 2), int))
     unseen = way[~np.isfinite(p[tuple(way.T)])]

@@ -80,6 +80,24 @@ def together(each) -> np.ndarray:
     return np.where(known.any(0), p, np.nan).astype(np.float32)
 
 
+def weighed(each, whole, around: np.ndarray) -> np.ndarray:
+    """Of many maps as ``together``, for a footprint ``around`` a cell, but by number: those that know the ``whole``
+    (N, rows, columns) bool footprint and call it free must be twice as many as those that do not. A map that knows part
+    of a footprint is no witness against one that knows it whole.
+
+    A footprint of whose every part a free footprint was found is free, too: between two maps' edges no gap stays.
+    """
+    each, whole = np.asarray(each), np.asarray(whole)
+    with np.errstate(invalid="ignore"):
+        free, against = ((whole & said).sum(0) for said in (each >= tuning.FREE_P, each < tuning.CONTRADICTED_P))
+    n = max(around.shape)
+    found = np.pad(((free >= 1) & (free >= 2 * against)).astype(np.uint8), n)
+    found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, around)[n:-n, n:-n] > 0
+    best = np.where(whole & np.isfinite(each), each, 0.0).max(0)
+    p = np.where(found, np.maximum(best, tuning.FREE_P), np.minimum(together(each), tuning.CONTRADICTED_P))
+    return p.astype(np.float32)
+
+
 def most(values: np.ndarray, around: np.ndarray) -> np.ndarray:
     """The largest value (float32) of the cells ``around`` each."""
     return cv2.dilate(values.astype(np.float32), around, borderType=cv2.BORDER_CONSTANT, borderValue=-_FAR)

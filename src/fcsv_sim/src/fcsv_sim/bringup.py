@@ -27,3 +27,8 @@ def mission_file(wished: str) -> Path:
         known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml")))
         raise SimulationError(f"no mission '{wished}': give a file or one of {known}")
     return path.resolve()
+
+
+def robot_file(name: str) -> Path:
+    """config/robots/NAME.yaml."""
+    return bringup() / "config" / "robots" / f"{name}.yaml"

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of the ground now: maps that were made before, and views that watch it and take its freedom back."""
+
+from dataclasses import dataclass, replace
+from typing import Dict, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_guidance import standing, tuning
+from fcsv_guidance.errors import GroundError
+from fcsv_guidance.following import ClearanceMap, RobotPlace
+from fcsv_guidance.ground import LAYERS, Grid, Ground
+from fcsv_guidance.robot import Robot
+
+_SIGMAS = 4.0  # a height that differs by so much, and by CHANGED_M, is another
+CHANGED_M = 0.12  # below the smallest step that stops a robot for System III; noise of one cell stays below
+_MOVES_CELLS = 4  # fewer that change are noise
+_OWN_M = 0.15  # beside the footprint: what is seen there may be the robot itself
+
+
+@dataclass(frozen=True)
+class GroundSeen:
+    """What one view shows of the ground, on the grid that all share. ``source``: its station; the newest of a source
+    counts. ``watching``: it is one of a series that shows what changes."""
+
+    stamp_s: float
+    source: str
+    ground: Ground
+    watching: bool = False
+
+
+class KnownGround:
+    """Where ``robot`` can stand by all that was seen.
+
+    A cell in which a watching view shows another height than every map is changed: it counts for the maps no more,
+    until a watching view shows the height of the maps again. What hides behind stays as it was.
+    """
+
+    def __init__(self, robot: Robot):
+        self._robot = robot
+        self._maps: Dict[str, GroundSeen] = {}
+        self._watching: Dict[str, GroundSeen] = {}
+        self._stands: Dict[str, Tuple[np.ndarray, np.ndarray]] = {}  # probability, whole footprint known
+        self._changed: Optional[np.ndarray] = None
+        self.stands: Optional[np.ndarray] = None
+        self.clear_m: Optional[np.ndarray] = None
+        self.version = 0
+        #: when something last came into cells, and their middles (N,2); it may be on its way
+        self.came_s, self.came_m = -np.inf, np.empty((0, 2))
+
+    @property
+    def grid(self) -> Optional[Grid]:
+        """None before the first map."""
+        return next((seen.ground.grid for seen in self._maps.values()), None)
+
+    @property
+    def newest_map_s(self) -> float:
+        """-inf before the first map."""
+        return max((seen.stamp_s for seen in self._maps.values()), default=-np.inf)
+
+    @property
+    def oldest_watch_s(self) -> float:
+        """Stamp of the watching source that has been silent longest; -inf where none watches."""
+        return min((seen.stamp_s for seen in self._watching.values()), default=-np.inf)
+
+    def receive(self, seen: GroundSeen, place: Optional[RobotPlace]) -> bool:
+        """Whether what is known of freedom changed. ``place``: of the robot, which a watching view does not take for an
+        obstacle. Raises GroundError where the view has another grid than the first."""
+        if not np.isfinite(seen.stamp_s):
+            raise GroundError(f"{seen.source}: a view without a stamp cannot be told from an old one")
+        if self.grid is not None and seen.ground.grid != self.grid:
+            raise GroundError(f"{seen.source}: its grid is not that of the maps before; make it on the same grid")
+        kept = self._watching if seen.watching else self._maps
+        if seen.source in kept and kept[seen.source].stamp_s >= seen.stamp_s:
+            return False
+        if self._changed is None:
+            if seen.watching:
+                raise GroundError(f"{seen.source}: watches a place that has no map yet; give the map first")
+            self._changed = np.zeros(seen.ground.grid.shape, bool)
+        if seen.watching:
+            self._watching[seen.source] = seen
+            return self._watched(seen, place)
+        self._maps[seen.source] = seen
+        self._stands[seen.source] = self._judged(seen.ground)
+        return self._weighed()
+
+    def clearance(self, stamp_s: float) -> ClearanceMap:
+        """As a follower takes it."""
+        return ClearanceMap(stamp_s, self.grid, self.clear_m)
+
+    def _watched(self, seen: GroundSeen, place: Optional[RobotPlace]) -> bool:
+        ground, grid = seen.ground, self.grid
+        if place is not None:
+            xy = grid.middle_of(*np.indices(grid.shape))
+            own_m = self._robot.radius_m + _OWN_M + 2 * place.sigma_m
+            own = np.hypot(xy[..., 0] - place.x_m, xy[..., 1] - place.y_m) < own_m
+            nothing = {name: np.where(own, np.nan, getattr(ground, name)) for name in LAYERS}
+            ground = replace(ground, maps=(), **nothing)
+        mapped, same = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
+        for other in self._maps.values():
+            mapped |= other.ground.known
+            same |= _agrees(ground, other.ground)
+        differs = ground.known & mapped & ~same
+        changed = np.where(ground.known & mapped, differs, self._changed)
+        changed = changed & ~_lone(changed)
+        news = (changed != self._changed).any()
+        came = changed & ~self._changed
+        if came.sum() >= _MOVES_CELLS:
+            self.came_s, self.came_m = seen.stamp_s, grid.middle_of(*np.nonzero(came))
+        self._changed = changed
+        before = self._stands.get(seen.source)
+        if changed.any() or before is None:
+            self._stands[seen.source] = self._judged(ground)
+        elif not news:
+            return False
+        return self._weighed()
+
+    def _judged(self, ground: Ground) -> Tuple[np.ndarray, np.ndarray]:
+        return standing.probability(ground, self._robot), standing.seen_below(ground, self._robot)
+
+    def _weighed(self) -> bool:
+        """Freedom by all views; whether it is another than before."""
+        around = standing.disk(self._robot.radius_m, self.grid.cell_m)
+        doubtful = standing.most(self._changed, around) > 0
+        maps = [self._stands[name] for name in self._maps]
+        watching = [self._stands[name] for name in self._watching if name in self._stands]
+        mapped = np.logical_or.reduce([whole for _, whole in maps]) & ~doubtful  # a watch that repeats it is no more
+        each = [np.where(doubtful, np.nan, p) for p, _ in maps] + [np.where(mapped, np.nan, p) for p, _ in watching]
+        whole = [whole & ~doubtful for _, whole in maps] + [whole & ~mapped for _, whole in watching]
+        stands = standing.weighed(each, whole, around)
+        for p, _ in watching:  # what is in the way now, no number of older maps can say otherwise
+            stands = np.where(doubtful & (p < tuning.FREE_P), np.minimum(stands, p), stands)
+        free = (stands >= tuning.FREE_P).astype(np.uint8)
+        far = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+        before = self.stands
+        self.stands, self.clear_m = stands, np.maximum(far - 0.5, 0.0) * self.grid.cell_m
+        if before is not None and ((before >= tuning.FREE_P) == (stands >= tuning.FREE_P)).all():
+            return False
+        self.version += 1
+        return True
+
+
+def _agrees(a: Ground, b: Ground) -> np.ndarray:
+    """(rows, columns) bool: both know the cell, and neither its edges nor what hangs above tell of another surface."""
+    sigma = np.hypot(a.sigma_m, b.sigma_m)
+    bound = np.maximum(CHANGED_M, _SIGMAS * sigma)
+    with np.errstate(invalid="ignore"):
+        apart = np.maximum(a.low_m - b.high_m, b.low_m - a.high_m)  # negative where they overlap
+        return (apart <= bound) & (np.abs(a.height_m - b.height_m) <= bound + (b.high_m - b.low_m))
+
+
+def _lone(cells: np.ndarray) -> np.ndarray:
+    """Those of which none of the eight around is one too: a wrong pixel, no thing."""
+    count = cv2.boxFilter(cells.astype(np.float32), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return cells & (count < 1.5)

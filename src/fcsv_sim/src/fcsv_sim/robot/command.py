@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`rosrun fcsv_sim rehearse_robot`: many drives of a robot through mapped places, with faults, and what broke."""
+
+import argparse
+import logging
+import os
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Iterator, List, Optional, Tuple
+
+from tqdm import tqdm
+
+from fcsv_geometry import commands
+from fcsv_geometry.writing import require_folder
+from fcsv_guidance.robot import Robot, load_robot
+from fcsv_sim.bringup import robot_file
+from fcsv_sim.errors import SimulationError
+from fcsv_sim.robot.mapped import mapped_place
+from fcsv_sim.robot.rehearsal import LONGEST_S, DriveResult, RobotDrive
+from fcsv_sim.robot.rehearsal_picture import draw_drive
+from fcsv_sim.robot.rehearsal_table import stations_line, table, verdict_line
+from fcsv_sim.robot.robot_faults import ALL, FAULTS, Fault, faults_of
+
+_HELP = """examples:
+  rosrun fcsv_sim rehearse_robot --mazes 10 --rubble 5 --seed 101 -o out/robot
+  rosrun fcsv_sim rehearse_robot --mazes 1 --seed 103 --faults "way closes,runs at it" -o out/robot
+A place is drawn and mapped once (some minutes); OUT keeps its maps for the next time. Exit status 1: a robot touched
+something, or arrived or said that there is no safe route where the truth has it otherwise.
+"""
+
+
+@dataclass(frozen=True)
+class PlaceJob:
+    """All drives through one place; ``folder`` keeps maps and pictures."""
+
+    world: str
+    seed: int
+    robot: Robot
+    faults: Tuple[Fault, ...]
+    folder: Path
+    longest_s: float = LONGEST_S
+    draw_all: bool = False
+
+
+def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
+    """Where the vehicles look from, in words, and how each drive went. Each has the seed of its place and fault."""
+    place = mapped_place(job.world, job.seed, job.robot, job.folder / "maps" / f"{job.world}-{job.seed}")
+    results = []
+    for fault in job.faults:
+        number = list(FAULTS).index(fault.name)
+        drive = RobotDrive(place, job.robot, fault, 100 * job.seed + number)
+        result = drive.run(job.longest_s)
+        results.append(result)
+        if result.broke or job.draw_all:
+            draw_drive(place, drive.track, result, job.folder / picture_name(result))
+    return stations_line(place), results
+
+
+def picture_name(result: DriveResult) -> str:
+    """Of the picture of a drive."""
+    return f"{result.world}-{result.seed}-{result.fault.replace(' ', '_')}.png"
+
+
+def main(argv: Optional[List[str]] = None) -> int:
+    """Exit status 0 where nothing broke, 1 where something did, 2 for a wrong argument."""
+    return commands.run(_parser(), argv, _rehearse)
+
+
+def _rehearse(args: argparse.Namespace) -> int:
+    jobs = _jobs(args)
+    jobs[0].folder.mkdir(parents=True, exist_ok=True)
+    told, results = [], []
+    with tqdm(total=len(jobs), unit="place", disable=None) as bar:
+        for line, of_place in _all(jobs, args.jobs):
+            told.append(line)
+            results += of_place
+            bar.update()
+            bar.set_postfix_str(f"{sum(bool(r.broke) for r in results)} broke")
+    print("\n".join([*told, "", *table(results), ""]))
+    for r in (r for r in results if r.broke):
+        again = f"--{_OPTIONS[r.world]} 1 --seed {r.seed} --faults '{r.fault}'"
+        print(f"{again}: {r.broke}; {jobs[0].folder / picture_name(r)}")
+    print(verdict_line(results))
+    return int(any(r.broke for r in results))
+
+
+def _all(jobs: List[PlaceJob], processes: int) -> Iterator[Tuple[str, List[DriveResult]]]:
+    """In order. Raises SimulationError where a process is killed."""
+    logging.getLogger("fcsv_stereo").setLevel(logging.ERROR)
+    if processes == 1 or len(jobs) == 1:
+        yield from map(rehearse_place, jobs)
+        return
+    with ProcessPoolExecutor(processes) as pool:
+        try:
+            yield from pool.map(rehearse_place, jobs)
+        except BrokenProcessPool:
+            raise SimulationError(
+                f"one of {processes} processes was killed, as where memory runs out: ask for fewer (--jobs)"
+            ) from None
+
+
+_OPTIONS = {"maze": "mazes", "rubble": "rubble"}
+
+
+def _jobs(args: argparse.Namespace) -> List[PlaceJob]:
+    if args.mazes < 0 or args.rubble < 0 or args.mazes + args.rubble < 1 or args.jobs < 1:
+        raise SimulationError("--mazes and --rubble must be 0 or more, one of them 1 or more; --jobs 1 or more")
+    if not 0.0 < args.longest:
+        raise SimulationError(f"--longest must be above 0 s, got {args.longest:g}")
+    robot, faults = load_robot(args.robot or robot_file("rescue")), tuple(faults_of(args.faults))
+    out = Path(args.out) if args.out else Path(tempfile.gettempdir()) / f"fcsv_rehearse_robot_{os.getuid()}"
+    require_folder(out, 200)
+    places = [("maze", args.seed + i) for i in range(args.mazes)]
+    places += [("rubble", args.seed + i) for i in range(args.rubble)]
+    return [PlaceJob(world, seed, robot, faults, out, args.longest, args.pictures) for world, seed in places]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="rehearse_robot", description=__doc__, epilog=_HELP, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--mazes", type=int, default=1, help="how many, each with its own seed (default 1)")
+    add("--rubble", type=int, default=0, help="how many fields of rubble (default 0)")
+    add("--seed", type=int, default=1, help="of the first maze and the first field; the next have the next numbers")
+    add("--faults", default=ALL, help="all, or names with commas, a drive for each: " + ", ".join(FAULTS))
+    add("--robot", metavar="FILE", help="default config/robots/rescue.yaml")
+    add("-o", "--out", metavar="OUT", help="keeps maps and pictures; default: a folder in the system's temporary one")
+    add("--longest", type=float, default=LONGEST_S, help="s of simulated time after which a drive has no end")
+    add("--jobs", type=int, default=1, help="places at a time")
+    add("--pictures", action="store_true", help="draw every drive, not only those that broke")
+    return parser
+

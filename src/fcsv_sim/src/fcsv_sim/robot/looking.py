@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where two vehicles look from so that a robot's ways are seen: stations chosen by what a place's true heights hide.
+
+The choice knows the truth; what is then called free comes from the pictures alone.
+"""
+
+from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from fcsv_geometry import transforms
+from fcsv_guidance.ground import Grid
+from fcsv_guidance.route import cheapest
+from fcsv_guidance.standing import disk, least
+from fcsv_sim.errors import SimulationError
+from fcsv_sim.render.caster import make_caster
+from fcsv_sim.render.rays import T, ray_buffer, set_rays
+from fcsv_sim.robot.survey import Station
+from fcsv_sim.sensors.camera import CameraParameters
+from fcsv_sim.world.footing import Clearance
+from fcsv_sim.world.town import Town
+
+REACH_M = 42.0  # beyond, from 10 m above, rows of pixels lie 0.3 m apart on the ground
+WAY_MARGIN_M = 0.4  # beside the footprint, for a place known to 0.2 m
+_CELL_M = 0.4
+_HEADINGS = 8
+_FROM_M = ((31.0, 10.0), (36.0, 14.0))  # distance to what is looked at, height
+_MARGIN_PX, _LEFT_PX = 10.0, 50.0  # the left edge is not in the other camera's picture
+_AROUND_M = 0.25  # what must be seen beside a footprint
+_ON_THE_WAY = 8.0  # weight of a cell of the shortest way against any other that the robot can come to
+_WAY_M = 1.0
+_NEAR_M = 0.05
+_R_FLU_OPTICAL = transforms.R_FLU_OPTICAL
+
+
+@dataclass(frozen=True)
+class Looked:
+    """Stations, and ``sights`` (N, rows, columns) bool of ``grid``: whether a station sees all that lies below a
+    robot's footprint, to REACH_M."""
+
+    stations: Tuple[Station, ...]
+    grid: Grid
+    sights: np.ndarray
+
+    def leads(self, clear: Clearance, start_m, goal_m, margin_m: float, closed: Optional[np.ndarray] = None) -> bool:
+        """Whether a way with so much margin leads from start to goal through footprints that a station sees, and not
+        through cells ``closed`` (rows, columns)."""
+        xy = self.grid.middle_of(*np.indices(self.grid.shape))
+        stands = self.sights.any(0) & (clear.at(xy[..., 0], xy[..., 1]) >= clear.robot.radius_m + margin_m)
+        if closed is not None:
+            stands &= ~closed
+        _, parts = cv2.connectedComponents(stands.astype(np.uint8), connectivity=4)
+        ends = [parts[self.grid.cell_of(*xy)] for xy in (start_m, goal_m)]
+        return bool(ends[0] == ends[1] != 0)
+
+
+class Lookout:
+    """Chooses stations of a place one by one: each adds most to what was not seen of the ways that the robot has."""
+
+    def __init__(self, town: Town, clear: Clearance):
+        plan = town.plan
+        x0, x1, y0, y1 = plan.area_m
+        self.grid = Grid.around((x0, y0), (x1, y1), _CELL_M)
+        self._ends = plan.start_m, plan.goal_m
+        self._clear = clear
+        self._candidates = _candidates(plan)
+        around = disk(clear.robot.radius_m + _AROUND_M, _CELL_M)
+        self._sights = [least(seen, around, 0.0) > 0 for seen in _seen(town, self.grid, self._candidates)]
+        self._worth = _worth(clear, self.grid, plan.start_m, plan.goal_m)
+        self._chosen: List[int] = []
+
+    def looked(self) -> Looked:
+        """From what was chosen so far."""
+        sights = np.array([self._sights[i] for i in self._chosen]).reshape(-1, *self.grid.shape)
+        return Looked(tuple(self._candidates[i] for i in self._chosen), self.grid, sights)
+
+    def first(self, least_count: int = 5, most_count: int = 8) -> Looked:
+        """Stations until they see a way with WAY_MARGIN_M beside the footprint, or there are ``most_count``."""
+        seen = np.zeros(self.grid.shape, bool)
+        while len(self._chosen) < most_count:
+            if not self._add(self._worth * ~seen):
+                break
+            seen |= self._sights[self._chosen[-1]]
+            enough = len(self._chosen) >= least_count
+            if enough and self.looked().leads(self._clear, *self._ends, WAY_MARGIN_M):
+                break
+        if not self._chosen:
+            raise SimulationError("no station sees anything of the place that the robot can come to")
+        return self.looked()
+
+    def another(self, free: np.ndarray) -> bool:
+        """One station more for what is not yet ``free`` (rows, columns of ``grid``) on the shortest way; whether there
+        is one."""
+        return self._add(np.where(self._worth >= _ON_THE_WAY, self._worth, 0.1 * self._worth) * ~free)
+
+    def _add(self, worth: np.ndarray) -> bool:
+        gains = [float(worth[sight].sum()) for sight in self._sights]
+        for i in self._chosen:
+            gains[i] = 0.0
+        best = int(np.argmax(gains))
+        if gains[best] <= 0.0:
+            return False
+        self._chosen.append(best)
+        return True
+
+
+def _candidates(plan) -> List[Station]:
+    """Places that look at nine spots of the area and at start and goal, from eight sides."""
+    x0, x1, y0, y1 = plan.area_m
+    spots = [(x, y) for x in np.linspace(x0, x1, 5)[1:4] for y in np.linspace(y0, y1, 5)[1:4]]
+    found = []
+    for x, y in [*spots, plan.start_m, plan.goal_m]:
+        for yaw in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
+            for far, high in _FROM_M:
+                at = (float(x - far * np.cos(yaw)), float(y - far * np.sin(yaw)))
+                found.append(Station((*at, float(plan.height(*at)) + high), float(yaw)))
+    return found
+
+
+def _worth(clear: Clearance, grid: Grid, start_m, goal_m) -> np.ndarray:
+    """(rows, columns) of what it is worth to see a cell: 0 where the robot can come neither from start nor goal."""
+    xy = grid.middle_of(*np.indices(grid.shape))
+    far = clear.at(xy[..., 0], xy[..., 1])
+    stands = far >= clear.robot.radius_m
+    _, parts = cv2.connectedComponents(stands.astype(np.uint8), connectivity=4)
+    ends = [grid.cell_of(*at) for at in (start_m, goal_m)]
+    worth = (stands & np.isin(parts, [parts[end] for end in ends if stands[end]])).astype(float)
+    way = cheapest(np.where(stands, 1.0 + 1.0 / np.maximum(far, 0.1), np.inf), *ends)
+    if way is not None:
+        near = np.zeros(grid.shape, np.uint8)
+        near[tuple(way.T)] = 1
+        worth[(cv2.dilate(near, disk(_WAY_M, grid.cell_m)) > 0) & stands] = _ON_THE_WAY
+    for end in ends:
+        worth[tuple(slice(max(0, i - 2), i + 3) for i in end)] += 5 * _ON_THE_WAY
+    return worth
+
+
+def _seen(town: Town, grid: Grid, stations: Sequence[Station]):
+    """For each station (rows, columns) float32, 1 where nothing hides the ground from it."""
+    camera = CameraParameters().model
+    xy = grid.middle_of(*np.indices(grid.shape)).reshape(-1, 2)
+    points = np.column_stack([xy, town.plan.drawn_height(*xy.T)])
+    caster, rays = make_caster(town.vertices, town.triangles, 1), ray_buffer(len(points))
+    for station in stations:
+        T_world_station = transforms.from_xyz_yaw(station.xyz_m, station.yaw_rad)
+        off = points - station.xyz_m
+        p_cam = off @ T_world_station[:3, :3] @ _R_FLU_OPTICAL
+        z = np.maximum(p_cam[:, 2], 1e-3)
+        u, v = camera.fx * p_cam[:, 0] / z + camera.cx, camera.fy * p_cam[:, 1] / z + camera.cy
+        pictured = (p_cam[:, 2] > 1.0) & (u > _LEFT_PX) & (u < camera.width - _MARGIN_PX)
+        pictured &= (v > 0) & (v < camera.height - _MARGIN_PX) & (p_cam[:, 2] < REACH_M)
+        length = np.linalg.norm(off, axis=1)
+        set_rays(rays, np.tile(station.xyz_m, (len(points), 1)), off / length[:, None])
+        caster.cast(rays)
+        open_ = rays[:, T] > length - _NEAR_M - 0.02 * length
+        yield (pictured & open_).reshape(grid.shape).astype(np.float32)

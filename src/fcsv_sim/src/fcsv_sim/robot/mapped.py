@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drawn place as the product maps it, kept in files: pictures of a place are drawn and mapped once."""
+
+import json
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Callable, List, Optional, Tuple
+
+import numpy as np
+
+from fcsv_guidance.ground import Grid, Ground, ground_from
+from fcsv_guidance.guiding import careful, plan_over
+from fcsv_guidance.known import GroundSeen, KnownGround
+from fcsv_guidance.robot import Robot
+from fcsv_guidance.route import NoRoute
+from fcsv_guidance.views import DepthView
+from fcsv_sim.errors import SimulationError
+from fcsv_sim.robot.looking import Looked, Lookout
+from fcsv_sim.robot.survey import Station, survey
+from fcsv_sim.world.footing import Clearance, Footing
+from fcsv_sim.world.town import Town
+
+CELL_M = 0.1
+PLANNED_SIGMA_M = 0.2  # of the robot's place, for which stations are chosen
+MOST_MORE = 4
+_ARRAYS = ("depth", "sigma", "kind", "K", "T_home_cam")
+
+
+@dataclass(frozen=True)
+class MappedPlace:
+    """``views`` and ``grounds``: what each station's map shows, in the world's frame, None where nothing matched; the
+    rest is the truth."""
+
+    world: str
+    town: Town
+    footing: Footing
+    clear: Clearance
+    looked: Looked
+    views: Tuple[Optional[DepthView], ...]
+    grounds: Tuple[Optional[Ground], ...]
+
+    @property
+    def name(self) -> str:
+        """Of its folder and of its rows."""
+        return f"{self.world} {self.town.seed}"
+
+
+def mapped_place(
+    world: str, seed: int, robot: Robot, folder: Path, step: Optional[Callable[[str], None]] = None
+) -> MappedPlace:
+    """The place of a seed, mapped from stations that see the robot's ways, and then, where the truth has a way and the
+    maps show none, from MOST_MORE more; ``step`` is told of each station.
+
+    Maps that ``folder`` holds of the same stations are read, new ones are written there. Raises SimulationError where
+    no station's pictures make a map.
+    """
+    town = Town.generate(seed, world)
+    plan, footing = town.plan, Footing.of(town.plan)
+    clear = footing.clearance(robot)
+    lookout = Lookout(town, clear)
+    lookout.first()
+    grid = Grid.around((plan.area_m[0], plan.area_m[2]), (plan.area_m[1], plan.area_m[3]), CELL_M)
+    folder.mkdir(parents=True, exist_ok=True)
+    known, views, grounds = KnownGround(careful(robot)), [], []
+    wanted, more = clear.leads(plan.start_m, plan.goal_m), MOST_MORE
+    number = 0
+    while number < len(lookout.looked().stations):
+        station = lookout.looked().stations[number]
+        if step is not None:
+            step(f"station {number + 1}")
+        found = _mapped_at(town, station, 100 * seed + number, folder / f"station{number}.npz")
+        ground = ground_from([found], grid=grid) if found is not None else None
+        views.append(found)
+        grounds.append(ground)
+        if ground is not None:
+            known.receive(GroundSeen(0.0, f"station {number}", ground), None)
+        number += 1
+        if number == len(lookout.looked().stations) and wanted and more and known.grid is not None:
+            way = plan_over(known, plan.start_m, plan.goal_m, PLANNED_SIGMA_M)
+            if isinstance(way, NoRoute) and lookout.another(_free(known, lookout.looked())):
+                more -= 1
+    if not any(ground is not None for ground in grounds):
+        raise SimulationError(f"{world} {seed}: no station's pictures make a map")
+    return MappedPlace(world, town, footing, clear, lookout.looked(), tuple(views), tuple(grounds))
+
+
+def _free(known: KnownGround, looked: Looked) -> np.ndarray:
+    """(rows, columns) bool of the stations' grid: the robot can stand there with room for its place's sigma."""
+    xy = looked.grid.middle_of(*np.indices(looked.grid.shape))
+    row, column, inside = known.grid.cells_of(xy[..., 0], xy[..., 1])
+    return inside & (known.clear_m[row, column] > 2 * PLANNED_SIGMA_M)
+
+
+def _mapped_at(town: Town, station: Station, seed: int, file: Path) -> Optional[DepthView]:
+    found = _read(file, station)
+    if found is None:
+        found = survey(town, [station], seed)
+        _write(file, station, found)
+    return found[0] if found else None
+
+
+def _read(file: Path, station: Station) -> Optional[List[DepthView]]:
+    """What a file holds; None where it holds no map of this station."""
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            if json.loads(str(stored["station"])) != _told(station):
+                return None
+            if "depth" not in stored:
+                return []
+            return [DepthView(file.stem, *(stored[name] for name in _ARRAYS), 0.0)]
+    except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile):  # none, or half written
+        return None
+
+
+def _write(file: Path, station: Station, found: List[DepthView]) -> None:
+    arrays = {name: getattr(view, name) for view in found for name in _ARRAYS}
+    part = file.with_suffix(".part.npz")
+    np.savez_compressed(part, station=json.dumps(_told(station)), **arrays)
+    os.replace(part, file)
+
+
+def _told(station: Station):
+    return [*map(float, station.xyz_m), float(station.yaw_rad)]

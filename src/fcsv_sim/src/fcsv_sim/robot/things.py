@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What gets into a robot's way: boxes that come, stay and go; and how views that watch the place show them."""
+
+from dataclasses import dataclass, replace
+from typing import Callable, Optional, Sequence, Tuple
+
+import numpy as np
+
+from fcsv_guidance.views import DepthView
+from fcsv_sim.render.caster import make_caster
+from fcsv_sim.render.rays import T, ray_buffer, set_rays
+from fcsv_sim.world.town import Town
+
+_BASELINE_M, _MATCHED_PX = 6.0, 0.15  # of the vehicles that watch; sigma of their disparities
+_RENEWED = 0.3  # of sigma: what differs from picture to picture
+
+
+@dataclass(frozen=True)
+class Box:
+    """Middle x, y, lower z (m), half sizes (m), yaw (rad)."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    half_m: Tuple[float, float]
+    high_m: float
+    yaw_rad: float = 0.0
+
+    def gap_m(self, x_m, y_m) -> np.ndarray:
+        """From places (any shape) to its side; negative inside."""
+        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        dx, dy = np.asarray(x_m) - self.x_m, np.asarray(y_m) - self.y_m
+        off = np.abs(np.stack([c * dx + s * dy, c * dy - s * dx], -1)) - self.half_m
+        return np.hypot(*np.moveaxis(np.maximum(off, 0.0), -1, 0)) + np.minimum(off.max(-1), 0.0)
+
+
+#: Where a box is at a time; None while it is not there.
+Thing = Callable[[float], Optional[Box]]
+
+
+class Watcher:
+    """Vehicles that hold at a station: their depth of now is that of the map, with the things that stand before it."""
+
+    def __init__(self, town: Town, view: DepthView, seed: int):
+        self.view = view
+        self._random = np.random.default_rng([seed, 23])
+        height, width = view.depth.shape
+        v, u = np.indices((height, width))
+        K = view.K
+        self._rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1)
+        self._rays = self._rays @ view.T_home_cam[:3, :3].T
+        flat = self._rays.reshape(-1, 3)
+        rays = ray_buffer(len(flat))
+        set_rays(rays, np.tile(view.T_home_cam[:3, 3], (len(flat), 1)), flat)
+        make_caster(town.vertices, town.triangles, 1).cast(rays)
+        self._true = rays[:, T].reshape(height, width)
+
+    def look(self, stamp_s: float, boxes: Sequence[Box]) -> DepthView:
+        """The depth view of an instant."""
+        random, old = self._random, self.view
+        depth = old.depth + _RENEWED * old.sigma * random.standard_normal(old.depth.shape, dtype=np.float32)
+        sigma, kind = old.sigma.copy(), old.kind.copy()
+        true = self._true
+        for box in boxes:
+            hit = self._hit(box)
+            before = hit < true
+            z = hit[before]
+            own = z**2 / (old.K[0, 0] * _BASELINE_M) * _MATCHED_PX
+            depth[before], sigma[before], kind[before] = z + own * random.standard_normal(len(z)), own, 2
+            true = np.where(before, hit, true)
+        return replace(old, depth=depth, sigma=sigma, kind=kind, stamp_s=stamp_s)
+
+    def _hit(self, box: Box) -> np.ndarray:
+        """(H,W) depth of the box; inf beside it."""
+        c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
+        R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        eye = R @ (self.view.T_home_cam[:3, 3] - [box.x_m, box.y_m, box.z_m])
+        rays = self._rays @ R.T
+        low, high = np.array([-box.half_m[0], -box.half_m[1], 0.0]), np.array([*box.half_m, box.high_m])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            a, b = (low - eye) / rays, (high - eye) / rays
+            near, far = np.minimum(a, b).max(-1), np.maximum(a, b).min(-1)
+        return np.where((near <= far) & (near > 0), near, np.inf)
+
+
+class Closer:
+    """A thing that stands in the way from a time to a time (s)."""
+
+    def __init__(self, box: Box, from_s: float, until_s: float):
+        self._box, self._from_s, self._until_s = box, from_s, until_s
+        self.box: Optional[Box] = None
+        self.moves = False
+
+    def step(self, now_s: float, x_m: float, y_m: float, room_m: float) -> None:
+        """What it is now."""
+        self.box = self._box if self._from_s <= now_s < self._until_s else None
+
+
+class Runner:
+    """Comes along ``way`` (N,2), which ends at the robot, at a speed; it halts SHY_M before the footprint, waits, and
+    goes back."""
+
+    SHY_M = 0.25
+    _HALF_M, _HIGH_M, _WAITS_S = (0.3, 0.3), 1.7, 4.0
+
+    def __init__(self, way: np.ndarray, speed_mps: float, from_s: float, z_m: float):
+        self._way, self._speed_mps, self._z_m = way, speed_mps, z_m
+        run = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+        self._run_m, self._at_m, self._last_s, self._back_s = run, 0.0, from_s, np.inf
+        self.box: Optional[Box] = None
+        self.halted_s: Optional[float] = None
+        self.moves = True
+
+    def step(self, now_s: float, x_m: float, y_m: float, room_m: float) -> None:
+        """Where it is now; ``room_m`` is the robot's radius."""
+        dt_s, self._last_s = max(0.0, now_s - self._last_s), now_s
+        if now_s < self._back_s and self.halted_s is None:
+            self._at_m += dt_s * self._speed_mps
+            box = self._placed()
+            if box.gap_m(x_m, y_m) - room_m <= self.SHY_M or self._at_m >= self._run_m[-1]:
+                self.halted_s, self._back_s = now_s, now_s + self._WAITS_S
+        elif now_s >= self._back_s:
+            self._at_m -= dt_s * self._speed_mps
+        self.box = self._placed() if self._at_m >= 0.0 else None
+
+    def _placed(self) -> Box:
+        x, y = (float(np.interp(self._at_m, self._run_m, self._way[:, k])) for k in (0, 1))
+        return Box(x, y, self._z_m, self._HALF_M, self._HIGH_M)
