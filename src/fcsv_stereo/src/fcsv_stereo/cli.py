@@ -19,7 +19,7 @@ from fcsv_stereo.equations import ErrorThreshold, parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
 from fcsv_stereo.model import AXES, RIG, PosePrior
-from fcsv_stereo.products import PRODUCTS, parse_products
+from fcsv_stereo.products import PRODUCTS, ProductsAsked, parse_products
 from fcsv_stereo.rectify import Rectification
 from fcsv_stereo.refinement import RefineOptions
 from fcsv_stereo.table import demo_table
@@ -71,7 +71,8 @@ def _map(args, command: str) -> None:
             steps.begin("writing the map and its report" if ended else name, _MAPPED * done / total)
 
         document = pipeline.run(
-            Path(args.input), Path(args.out), args.method, options, args.reference, progress, poi, products,
+            Path(args.input), Path(args.out), args.method, options, args.reference, progress, poi,
+            ProductsAsked(products, args.robot),
             instant, bounds, not args.no_near, command,
         )  # fmt: skip
     print(demo_table(document))
@@ -163,7 +164,9 @@ def _parser() -> argparse.ArgumentParser:
         "--no-near", action="store_true",
         help="sessions: leave out what depth cameras recorded; default: it is joined with the map (docs/user/maps.md)",
     )  # fmt: skip
-    parser.add_argument("--products", default="", metavar="LIST", help=f"also: {','.join(PRODUCTS)} (or all)")
+    listed = f"also: {','.join(PRODUCTS)}; all: without ground"
+    parser.add_argument("--products", default="", metavar="LIST", help=listed)
+    parser.add_argument("--robot", type=Path, metavar="FILE", help="ground: the robot (config/robots/NAME.yaml)")
     parser.add_argument(
         "--cloud-range-m", default="auto", metavar="M",
         help="farthest depth of the clouds (map.ply, products); 'none': any; by default where one pixel of disparity "

@@ -159,6 +159,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         document["cloud"] = result.cut.to_dict()
     if result.holes is not None:
         document["orthophoto"] = result.holes.to_dict()
+    if result.ground is not None:
+        document["ground"] = result.ground.to_dict()
     if result.near is not None:
         document["near"] = result.near.to_dict()
     if evaluation is not None:

@@ -4,7 +4,7 @@
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from fcsv_stereo.near import with_near
 from fcsv_stereo.picture_list import spare
 from fcsv_stereo.poi import FILE as POI_FILE
 from fcsv_stereo.poi import load_points, sample
-from fcsv_stereo.products import write_products
+from fcsv_stereo.products import ProductsAsked, write_products
 from fcsv_stereo.report import write_report
 from fcsv_stereo.report.charts import STEPS
 from fcsv_stereo.report.origin import Origin
@@ -32,6 +32,7 @@ from fcsv_stereo.truth import TrueScene, Truth, load_truth
 #: by name; another method is another entry
 METHODS: Dict[str, Method] = {m.name: m for m in (Joint(), Thesis())}
 DEFAULT_METHOD = Joint.name
+_NO_PRODUCTS = ProductsAsked()
 _LEAST_MIB = 20  # a small map's
 
 
@@ -56,7 +57,7 @@ def run(
     reference: Optional[str],
     progress: Progress,
     poi: Optional[Path] = None,
-    products: Sequence[str] = (),
+    products: ProductsAsked = _NO_PRODUCTS,
     instant: Optional[str] = None,
     bounds: Optional[CloudBounds] = None,
     near: bool = True,
@@ -71,6 +72,7 @@ def run(
     """
     started = time.perf_counter()
     output.check_out(out)
+    products.check()
     require_folder(out.absolute().parent, _LEAST_MIB)
     points = load_points(poi or path / POI_FILE) if poi or (path / POI_FILE).is_file() else []
     given = load(path, reference)
@@ -88,7 +90,7 @@ def run(
         output.write_arrays(result, staged.folder)
         result.timing_s["write"] = time.perf_counter() - writing
         result.timing_s["total"] = sum(result.timing_s[k] for k in STEPS if k in result.timing_s)
-        write_products(products, result, given, staged.folder)
+        write_products(products.names, result, given, staged.folder, products.robot)
         evaluation = evaluate(result, truth, true_depth, on=on) if truth else None
         sampled = sample(result, points, true_depth)
         document = output.report_document(result, evaluation)
