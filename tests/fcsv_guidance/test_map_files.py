@@ -93,16 +93,7 @@ def test_layers_lie_where_the_grid_does(ground, root, tmp_path):
     assert np.array_equal(np.isfinite(read), np.isfinite(stands))
 
 
-def write_map(view, folder):
-    folder.mkdir()
-    for name in ("depth", "sigma", "kind"):
-        np.save(folder / f"{name}.npy", getattr(view, name))
-    K = view.K
-    camera = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "T_home_cam": view.T_home_cam.tolist()}
-    (folder / "report.json").write_text(json.dumps({"reference": camera}))
-
-
-def test_the_command_writes_all_and_says_what_it_found(scene, root, tmp_path, capsys):
+def test_the_command_writes_all_and_says_what_it_found(scene, write_map, root, tmp_path, capsys):
     write_map(scene([BOX]).view(), tmp_path / "map")
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
     assert ground_command.main([*call, "--route", "10", "0", "18", "0", "--octomap", "0.4"]) == 0
@@ -114,7 +105,7 @@ def test_the_command_writes_all_and_says_what_it_found(scene, root, tmp_path, ca
     assert json.loads((tmp_path / "out/ground.json").read_text())["route"]["length_m"] > 8
 
 
-def test_the_command_without_a_route_ends_with_one(scene, root, tmp_path, capsys):
+def test_the_command_without_a_route_ends_with_one(scene, write_map, root, tmp_path, capsys):
     write_map(scene(blank=[(13, 16, -9, 9)]).view(), tmp_path / "map")
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
     assert ground_command.main([*call, "--route", "10", "0", "20", "0"]) == 1
@@ -125,7 +116,7 @@ def test_the_command_without_a_route_ends_with_one(scene, root, tmp_path, capsys
 @pytest.mark.parametrize(
     "lacking, words", [("sigma.npy", "has no sigma.npy"), ("report.json", "has no report.json")]
 )  # fmt: skip
-def test_the_command_refuses_a_map_that_lacks_a_file(scene, root, tmp_path, capsys, lacking, words):
+def test_the_command_refuses_a_map_that_lacks_a_file(scene, write_map, root, tmp_path, capsys, lacking, words):
     write_map(scene().view(), tmp_path / "map")
     (tmp_path / "map" / lacking).unlink()
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]

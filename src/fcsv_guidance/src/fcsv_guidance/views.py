@@ -56,9 +56,10 @@ def read_map(folder) -> DepthView:
         reference = document["reference"]
         K = np.array([[reference["fx"], 0, reference["cx"]], [0, reference["fy"], reference["cy"]], [0, 0, 1]], float)
         T_home_cam = np.array(reference["T_home_cam"], float)
+        stamp_s = float(reference.get("stamp_s", np.nan))  # maps before version 0.3 do not say it
     except FileNotFoundError as error:
         lacking = Path(error.filename).name
         raise GroundError(f"{folder}: has no {lacking}; give a folder that 'map' wrote with -o") from error
     except (KeyError, TypeError, ValueError, OSError) as error:
         raise GroundError(f"{folder}: is not a map of this program ({error})") from error
-    return DepthView(str(folder), K=K, T_home_cam=T_home_cam, **arrays)
+    return DepthView(str(folder), K=K, T_home_cam=T_home_cam, stamp_s=stamp_s, **arrays)

@@ -119,7 +119,7 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "method": result.method,
         "reference": {
             "image": result.reference.name, "width": camera.width, "height": camera.height, "fx": camera.fx,
-            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy,
+            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy, "stamp_s": result.reference.stamp_s,
             "T_home_cam": moved(result.reference.T_home_cam, origin_m).tolist(),
         },
         "images": [
