@@ -41,12 +41,12 @@ class CancelGoal:
 
 @dataclass(frozen=True)
 class GivingRules:
-    """A goal lies ``apart_m`` along the route ahead of the last one; the next is given ``near_m`` before it."""
+    """Where goals lie, and what ends them."""
 
-    apart_m: float = 3.0
-    near_m: float = 1.0
+    apart_m: float = 3.0  # along the route, from goal to goal
+    near_m: float = 1.0  # so near a goal the next is given
     oldest_place_s: float = 1.0
-    most_off_m: float = 1.0
+    most_off_m: float = 1.0  # beside the route
 
 
 class GoalGiver:

@@ -84,16 +84,14 @@ class NoRouteSaid:
 
 @dataclass(frozen=True)
 class GroundRules:
-    """``area_m``: x0, x1, y0, y1 of the grid; without it it is laid around the first maps to ``reach_m`` from their
-    cameras. A route is planned anew, at most every ``replan_s``, where it is no longer free or the robot is ``off_m``
-    beside it."""
+    """How the ground is laid, and when a route is planned anew."""
 
     cell_m: float = 0.1
-    reach_m: float = 60.0
-    area_m: Optional[Tuple[float, float, float, float]] = None
-    replan_s: float = 1.0
-    off_m: float = 0.4
-    goal_m: float = 0.3
+    reach_m: float = 60.0  # of the grid, from the first maps' cameras
+    area_m: Optional[Tuple[float, float, float, float]] = None  # x0, x1, y0, y1 of the grid in place of that
+    replan_s: float = 1.0  # least time between two plans
+    off_m: float = 0.4  # beside its route the robot gets another
+    goal_m: float = 0.3  # so near the goal it is reached
 
 
 Said = Union[GridSaid, GridChanged, RouteSaid, NoRouteSaid]

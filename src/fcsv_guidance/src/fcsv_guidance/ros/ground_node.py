@@ -44,14 +44,12 @@ _PERIOD_S = 0.2
 
 @dataclass(frozen=True)
 class GroundParameters:
-    """Parameters of the node. ``maps``: folders that ``map`` wrote; ``live``: take /map/depth as it comes, too.
-    ``fresh``: maps of folders count as of now when they are loaded, not as of their pictures: only where nothing has
-    moved since. ``robot``: its file."""
+    """Parameters of the node."""
 
-    robot: str
-    maps: List[str] = field(default_factory=list)
-    live: bool = False
-    fresh: bool = False
+    robot: str  # its file, config/robots/NAME.yaml
+    maps: List[str] = field(default_factory=list)  # folders that map wrote
+    live: bool = False  # take /map/depth with sigma and kind as they come, too
+    fresh: bool = False  # maps of folders count as of now, not of their pictures: only where nothing has moved since
     ground: GroundRules = field(default_factory=GroundRules)
     place: PlaceParameters = field(default_factory=PlaceParameters)
 
@@ -60,34 +58,17 @@ class GroundParameters:
             raise ValueError("maps: is empty; name folders that 'map' wrote, or set live")
 
 
-class _Grids(rospy.SubscribeListener):
-    """A grid and its updates; who begins to listen gets the whole grid as it is then."""
+class _NewestGrid(rospy.SubscribeListener):
+    """Who begins to listen to a grid gets it whole, as it is then; updates bring what changes later."""
 
-    def __init__(self, name: str):
+    def __init__(self):
         super().__init__()
-        self._lock, self._whole = threading.Lock(), None
-        self._updates = rospy.Publisher(f"{name}_updates", OccupancyGridUpdate, queue_size=10)
-        self._grid = rospy.Publisher(name, OccupancyGrid, queue_size=1, subscriber_listener=self)
-
-    def keep(self, message: OccupancyGrid) -> None:
-        """What a new listener gets from now on."""
-        with self._lock:
-            self._whole = message
-
-    def say(self, message: OccupancyGrid) -> None:
-        self.keep(message)
-        self._grid.publish(message)
-
-    def change(self, whole: OccupancyGrid, update: OccupancyGridUpdate) -> None:
-        self.keep(whole)
-        self._updates.publish(update)
+        self.message = None
 
     def peer_subscribe(self, topic_name: str, _topic_publish: Callable, peer_publish: Callable) -> None:
         """rospy's: somebody begins to listen."""
-        with self._lock:
-            whole = self._whole
-        if whole is not None:
-            peer_publish(whole)
+        if self.message is not None:
+            peer_publish(self.message)
 
 
 class GroundNode:
@@ -103,7 +84,16 @@ class GroundNode:
         for folder in p.maps:
             self._port.receive(rospy.get_time(), MapSeen(self._as_of(read_map(folder))))
         latched = {"queue_size": 1, "latch": True}
-        self._map, self._stands = _Grids("map"), _Grids("stand")
+        self._newest = _NewestGrid(), _NewestGrid()
+        map_, stand = self._newest
+        self._grids = (
+            rospy.Publisher("map", OccupancyGrid, queue_size=1, subscriber_listener=map_),
+            rospy.Publisher("stand", OccupancyGrid, queue_size=1, subscriber_listener=stand),
+        )
+        self._updates = (
+            rospy.Publisher("map_updates", OccupancyGridUpdate, queue_size=10),
+            rospy.Publisher("stand_updates", OccupancyGridUpdate, queue_size=10),
+        )
         self._path = rospy.Publisher("path", Path, **latched)
         self._to_see = rospy.Publisher("to_see", GridCells, **latched)
         self._status = rospy.Publisher("status", String, **latched)
@@ -215,15 +205,12 @@ class GroundNode:
     def _show(self, said: object) -> None:
         now_s = rospy.get_time()
         if isinstance(said, GridSaid):
-            self._map.say(messages.grid_message(said.grid, said.occupied, said.stamp_s, now_s))
-            self._stands.say(messages.grid_message(said.grid, said.stands, said.stamp_s, now_s))
+            for publisher, message in zip(self._grids, self._whole(now_s)):
+                publisher.publish(message)
         elif isinstance(said, GridChanged):
-            whole = self._port.said
-            for grids, percents, region in (
-                (self._map, whole.occupied, said.occupied), (self._stands, whole.stands, said.stands)
-            ):  # fmt: skip
-                update = messages.update_message(region, said.stamp_s)
-                grids.change(messages.grid_message(whole.grid, percents, said.stamp_s, now_s), update)
+            self._whole(now_s)
+            for publisher, region in zip(self._updates, (said.occupied, said.stands)):
+                publisher.publish(messages.update_message(region, said.stamp_s))
         elif isinstance(said, RouteSaid):
             self._path.publish(messages.path_message(said.points_home_m, now_s))
             self._cells(np.empty((0, 2)))
@@ -232,6 +219,13 @@ class GroundNode:
             self._path.publish(messages.path_message(np.empty((0, 2)), now_s))
             self._cells(said.to_see_m)
             self._say(said.reason, wrong=True)
+
+    def _whole(self, now_s: float) -> List[OccupancyGrid]:
+        """Both grids as they are now, which new listeners get from here on."""
+        said = self._port.said
+        for newest, percents in zip(self._newest, (said.occupied, said.stands)):
+            newest.message = messages.grid_message(said.grid, percents, said.stamp_s, now_s)
+        return [newest.message for newest in self._newest]
 
     def _cells(self, to_see_m: np.ndarray) -> None:
         cell_m = 0.1 if self._port.said is None else self._port.said.grid.cell_m

@@ -28,9 +28,9 @@ _GONE = (GoalStatus.PREEMPTED, GoalStatus.RECALLED)  # by a goal of ours, or by 
 
 @dataclass(frozen=True)
 class GoalsParameters:
-    """Parameters of the node. ``action``: of the robot's move_base."""
+    """Parameters of the node."""
 
-    action: str = "/move_base"
+    action: str = "/move_base"  # of the robot's own
     rules: GivingRules = field(default_factory=GivingRules)
     place: PlaceParameters = field(default_factory=PlaceParameters)
 

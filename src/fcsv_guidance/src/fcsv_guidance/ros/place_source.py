@@ -17,18 +17,16 @@ from fcsv_guidance.following import RobotPlace
 from fcsv_guidance.placing import robot_place
 
 WITH_COVARIANCE, POSE, TF = SOURCES = ("pose_with_covariance", "pose", "tf")
-TOPIC = "robot_pose"
 _TF_PERIOD_S = 0.05
 
 
 @dataclass(frozen=True)
 class PlaceParameters:
-    """``source``: ``pose_with_covariance`` or ``pose``, the type of topic robot_pose; ``tf``: from home to ``frame``.
-    ``sigma_m``: how well the place is known (x and y together) where no covariance says it."""
+    """Where a node learns the robot's place."""
 
-    source: str = WITH_COVARIANCE
-    frame: str = "base_link"
-    sigma_m: Optional[float] = None
+    source: str = WITH_COVARIANCE  # pose_with_covariance or pose: the type of robot_pose; tf: from home to frame
+    frame: str = "base_link"  # of the robot, for tf
+    sigma_m: Optional[float] = None  # how well its place is known, x and y together, where no covariance says it
 
     def __post_init__(self):
         if self.source not in SOURCES:
@@ -49,9 +47,10 @@ class PlaceSource:
             self._buffer = tf2_ros.Buffer()
             self._listener = tf2_ros.TransformListener(self._buffer)
             self._timer = node.every(_TF_PERIOD_S, lambda _event: self._look())
+        elif parameters.source == POSE:
+            rospy.Subscriber("robot_pose", PoseStamped, self._on_pose, queue_size=1, tcp_nodelay=True)
         else:
-            kind = PoseStamped if parameters.source == POSE else PoseWithCovarianceStamped
-            rospy.Subscriber(TOPIC, kind, self._on_pose, queue_size=1, tcp_nodelay=True)
+            rospy.Subscriber("robot_pose", PoseWithCovarianceStamped, self._on_pose, queue_size=1, tcp_nodelay=True)
 
     def _on_pose(self, message) -> None:
         stamped = self._parameters.source == POSE

@@ -27,9 +27,9 @@ _PERIOD_S = 0.05
 
 @dataclass(frozen=True)
 class FollowerParameters:
-    """Parameters of the node. ``robot``: its file."""
+    """Parameters of the node."""
 
-    robot: str
+    robot: str  # its file, config/robots/NAME.yaml
     rules: FollowerRules = field(default_factory=FollowerRules)
     place: PlaceParameters = field(default_factory=PlaceParameters)
 
