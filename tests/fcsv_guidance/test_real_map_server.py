@@ -71,7 +71,8 @@ def test_map_server_reads_both_pairs(occupied, served, tmp_path, scaled):
 def test_amcl_takes_the_map(occupied, served, ros_master, tmp_path):
     require("amcl")
     served(write_map_server(occupied, GRID, tmp_path, "map")[1], "map_server_amcl")
-    command = ["rosrun", "amcl", "amcl", "_use_map_topic:=true", "map:=/map_server_amcl/map", "__name:=amcl_of_test"]
+    command = ["env", "ROSCONSOLE_STDOUT_LINE_BUFFERED=1", "rosrun", "amcl", "amcl", "_use_map_topic:=true",
+               "map:=/map_server_amcl/map", "__name:=amcl_of_test"]  # fmt: skip
     amcl = ros_master.run(command, "amcl")
     size = f"Received a {GRID.columns} X {GRID.rows} map"
     until(lambda: size in amcl.tail(50) or amcl.returncode is not None, what="amcl's word on the map")
