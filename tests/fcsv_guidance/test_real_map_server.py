@@ -76,5 +76,6 @@ def test_amcl_takes_the_map(occupied, served, ros_master, tmp_path):
     amcl = ros_master.run(command, "amcl")
     size = f"Received a {GRID.columns} X {GRID.rows} map"
     until(lambda: size in amcl.tail(50) or amcl.returncode is not None, what="amcl's word on the map")
-    assert amcl.returncode is None and "Initializing likelihood field model" in amcl.tail(50)
+    until(lambda: "Done initializing likelihood field model" in amcl.tail(50), what="its model of the map")
+    assert amcl.returncode is None
     amcl.stop()

@@ -5,7 +5,7 @@ import argparse
 from pathlib import Path
 from typing import List, Optional
 
-from fcsv_geometry.commands import run
+from fcsv_geometry.programs.commands import run
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground_folder import GroundOptions, RouteAsked, write_ground
 from fcsv_guidance.robot import load_robot

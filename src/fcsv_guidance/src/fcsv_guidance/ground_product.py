@@ -7,8 +7,8 @@ from typing import Tuple
 from fcsv_guidance.ground_folder import PICTURE, GroundOptions, write_ground
 from fcsv_guidance.robot import load_robot
 from fcsv_guidance.views import DepthView
-from fcsv_stereo.local_origin import moved
 from fcsv_stereo.model import MapResult
+from fcsv_stereo.posed.local_origin import moved
 
 __all__ = ["load_robot", "write"]
 VOXEL_M = 0.2

@@ -28,24 +28,17 @@ class GroundShown:
         return {"summary": self.summary}
 
 
-@dataclass(frozen=True)
-class ProductsAsked:
-    """Names of products, and the file of the robot whose ``ground`` is asked for."""
+def check_robot(products: Sequence[str], robot: Optional[Path]) -> None:
+    """Before anything is mapped: ``ground`` needs a robot's file, and only ground has use for one.
 
-    names: Sequence[str] = ()
-    robot: Optional[Path] = None
-
-    def check(self) -> None:
-        """Before anything is mapped: ``ground`` needs a robot's file, and only ground has use for one.
-
-        Raises InputError, and ConfigError naming file and field.
-        """
-        if "ground" in self.names and self.robot is None:
-            raise InputError("the product ground needs a robot; add --robot FILE (config/robots/NAME.yaml)")
-        if self.robot is not None and "ground" not in self.names:
-            raise InputError("--robot is of the product ground; add --products ground")
-        if self.robot is not None:
-            _maker().load_robot(self.robot)
+    Raises InputError, and ConfigError naming file and field.
+    """
+    if "ground" in products and robot is None:
+        raise InputError("the product ground needs a robot; add --robot FILE (config/robots/NAME.yaml)")
+    if robot is not None and "ground" not in products:
+        raise InputError("--robot is of the product ground; add --products ground")
+    if robot is not None:
+        _maker().load_robot(robot)
 
 
 def write_ground(result: MapResult, robot: Path, folder: Path) -> GroundShown:
