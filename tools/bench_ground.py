@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import rankdata
 
 from fcsv_guidance.ground import Grid, Ground, cell_probability, ground_from, stand_probability
+from fcsv_guidance.map_files import FREE_PERCENT, occupancy
 from fcsv_guidance.robot import Robot, load_robot
 from fcsv_guidance.standing import disk, least
 from fcsv_guidance.tuning import FREE_P
@@ -76,6 +77,13 @@ def table(name: str, ground: Ground, p: np.ndarray, true: np.ndarray, inside: np
         print(f"| {name} | {near} to {far} | {free.sum()} | {wrong} | {share} | {found:.0%} |")
 
 
+def inflated(ground: Ground, robot: Robot, p: np.ndarray) -> np.ndarray:
+    """As ``p``, what map.pgm says to a planner that keeps the whole footprint in its free cells: FREE_P or 0."""
+    cells = occupancy(ground, robot, p)
+    free = (cells >= 0) & (cells <= FREE_PERCENT)
+    return FREE_P * (least(free, disk(robot.radius_m, ground.grid.cell_m), 0.0) > 0)
+
+
 def reliability(rows) -> None:
     """Prints for classes of p how many of the footprints can truly be stood on; rows of (p, true)."""
     p, true = (np.concatenate(part) for part in zip(*rows))
@@ -101,6 +109,7 @@ def main(argv=None) -> int:
     for name, ground, true, inside in _mapped(*args.map, robot, args.cell_m) if args.map else _drawn(args, robot):
         p = stand_probability(ground, robot)
         table(name, ground, p, true, inside)
+        table(f"{name}, map.pgm", ground, inflated(ground, robot, p), true, inside)
         judged = inside & np.isfinite(p)
         rows.append((p[judged], true[judged]))
     reliability(rows)

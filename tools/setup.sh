@@ -35,14 +35,15 @@ debian_packages() {
     python3-rospy python3-rosbag python3-roslaunch python3-rostest python3-rosmaster python3-rosnode \
     python3-tf2-ros python3-tf2-geometry-msgs python3-cv-bridge python3-actionlib python3-std-srvs \
     python3-diagnostic-updater python3-camera-calibration-parsers python3-interactive-markers python3-rviz python3-python-qt-binding python3-pyqt5 \
-    ros-nav-msgs ros-sensor-msgs xvfb libembree3-3 python3-cryptography
+    ros-nav-msgs ros-sensor-msgs xvfb libembree3-3 python3-cryptography \
+    python3-map-msgs python3-move-base-msgs octomap-tools
   for m in $MSGS; do [ "$m" = actionlib ] || echo "lib$m-msgs-dev python3-$m-msgs"; done
 }
 
 noetic_packages() {
-  echo build-essential cmake python3-venv python3-dev iproute2 nftables rsync xvfb
+  echo build-essential cmake python3-venv python3-dev iproute2 nftables rsync xvfb octomap-tools
   for p in ros-base rviz rosbash topic-tools tf2-ros tf2-geometry-msgs cv-bridge actionlib std-srvs \
-           diagnostic-updater camera-calibration-parsers interactive-markers rostest python-qt-binding rosbag; do echo "ros-noetic-$p"; done
+           diagnostic-updater camera-calibration-parsers interactive-markers rostest python-qt-binding rosbag map-msgs move-base-msgs; do echo "ros-noetic-$p"; done
   for m in $MSGS; do [ "$m" = actionlib ] || echo "ros-noetic-$m-msgs"; done
 }
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drawn scenes of boxes on level ground, cast with known truth: depth along the axis, sigma, kind."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -51,3 +53,19 @@ class Scene:
 @pytest.fixture
 def scene():
     return Scene
+
+
+def _write_map(view, folder, stamp_s=None):
+    """A folder as the command map writes it, with what a ground needs."""
+    folder.mkdir()
+    for name in ("depth", "sigma", "kind"):
+        np.save(folder / f"{name}.npy", getattr(view, name))
+    K = view.K
+    camera = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "T_home_cam": view.T_home_cam.tolist()}
+    camera.update({} if stamp_s is None else {"stamp_s": stamp_s})
+    (folder / "report.json").write_text(json.dumps({"reference": camera}))
+
+
+@pytest.fixture
+def write_map():
+    return _write_map

@@ -11,8 +11,10 @@ import yaml
 
 from fcsv_guidance import ground_command
 from fcsv_guidance.ground import Grid, ground_from, stand_probability
-from fcsv_guidance.map_files import FREE_BELOW, occupancy, write_layers, write_map_server
+from fcsv_guidance.map_files import FREE_PERCENT, OCCUPIED_PERCENT, occupancy, write_layers, write_map_server
 from fcsv_guidance.robot import load_robot
+from fcsv_guidance.standing import disk, least
+from fcsv_guidance.tuning import FREE_P
 
 GRID = Grid.around((5, -8), (26, 8), 0.1)
 BOX = (13.0, 14.0, -2.0, 1.0, 0.0, 0.6)
@@ -22,6 +24,10 @@ ROBOT = "config/robots/rescue.yaml"
 @pytest.fixture
 def ground(scene):
     return ground_from([scene([BOX]).view()], grid=GRID)
+
+
+def occupied_of(ground, robot):
+    return occupancy(ground, robot, stand_probability(ground, robot))
 
 
 def map_server_reads(path):
@@ -39,20 +45,37 @@ def map_server_reads(path):
 
 
 def test_map_server_reads_free_occupied_and_unknown(ground, root, tmp_path):
-    occupied = occupancy(ground, load_robot(root / ROBOT))
+    occupied = occupied_of(ground, load_robot(root / ROBOT))
     read, described = map_server_reads(write_map_server(occupied, GRID, tmp_path, "map")[1])
     assert described["resolution"] == 0.1 and described["origin"] == [GRID.x0_m, GRID.y0_m, 0.0]
-    assert (read[(occupied >= 0) & (occupied < 100 * FREE_BELOW)] == 0).all()
-    assert (read[occupied > 50] == 100).all() and (read[occupied == -1] == -1).all()
+    assert (read[(occupied >= 0) & (occupied <= FREE_PERCENT)] == 0).all()
+    assert (read[occupied > OCCUPIED_PERCENT] == 100).all() and (read[occupied == -1] == -1).all()
     assert read[GRID.cell_of(13.05, -0.5)] == 100 and read[GRID.cell_of(10, 3)] == 0
     assert read[GRID.cell_of(14.6, -0.5)] == -1  # hidden by the box
 
 
+def test_a_planner_that_inflates_finds_where_the_robot_can_stand(scene, root, ground):
+    """Free cells are those below a footprint that can stand: shrunk by it they hold all of these, and no middle from
+    which the footprint reaches over the box."""
+    robot = load_robot(root / ROBOT)
+    stands = stand_probability(ground, robot)
+    occupied = occupied_of(ground, robot)
+    free = (occupied >= 0) & (occupied <= FREE_PERCENT)
+    middles = least(free, disk(robot.radius_m, GRID.cell_m), 0.0) > 0
+    y, x = np.indices(GRID.shape)
+    inner = (np.minimum(y, GRID.rows - 1 - y) > 4) & (np.minimum(x, GRID.columns - 1 - x) > 4)
+    assert (middles | ~(stands >= FREE_P))[inner].all() and middles.sum() > 3000
+    xy = GRID.middle_of(y, x)
+    apart = np.maximum(np.maximum([BOX[0], BOX[2]] - xy, xy - [BOX[1], BOX[3]]), 0)
+    assert np.hypot(*apart[middles].T).min() > robot.radius_m - 0.05
+    assert not free[~ground.known].any() and (occupied[~ground.known] == -1).all()
+
+
 def test_the_scaled_pair_keeps_grades_and_what_is_unknown(ground, root, tmp_path):
-    occupied = occupancy(ground, load_robot(root / ROBOT))
+    occupied = occupied_of(ground, load_robot(root / ROBOT))
     occupied[0, :3] = 20, 30, 40
     read, _ = map_server_reads(write_map_server(occupied, GRID, tmp_path, "map", scaled=True)[1])
-    assert (read[occupied == -1] == -1).all() and (read[occupied > 50] == 100).all()
+    assert (read[occupied == -1] == -1).all() and (read[occupied > OCCUPIED_PERCENT] == 100).all()
     assert 0 < read[0, 0] < read[0, 1] < read[0, 2] < 100
 
 
@@ -70,27 +93,19 @@ def test_layers_lie_where_the_grid_does(ground, root, tmp_path):
     assert np.array_equal(np.isfinite(read), np.isfinite(stands))
 
 
-def write_map(view, folder):
-    folder.mkdir()
-    for name in ("depth", "sigma", "kind"):
-        np.save(folder / f"{name}.npy", getattr(view, name))
-    K = view.K
-    camera = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "T_home_cam": view.T_home_cam.tolist()}
-    (folder / "report.json").write_text(json.dumps({"reference": camera}))
-
-
-def test_the_command_writes_all_and_says_what_it_found(scene, root, tmp_path, capsys):
+def test_the_command_writes_all_and_says_what_it_found(scene, write_map, root, tmp_path, capsys):
     write_map(scene([BOX]).view(), tmp_path / "map")
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
-    assert ground_command.main([*call, "--route", "10", "0", "18", "0"]) == 0
+    assert ground_command.main([*call, "--route", "10", "0", "18", "0", "--octomap", "0.4"]) == 0
     text = capsys.readouterr().out
     assert "free to stand on" in text and "route of" in text
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"map.pgm", "map.yaml", "map_scaled.png", "height.tif", "ground.png", "ground.json"} <= names
+    assert {"map.pgm", "map.yaml", "map_scaled.png", "height.tif", "ground.png", "ground.json",
+            "map.bt", "map.ot"} <= names  # fmt: skip
     assert json.loads((tmp_path / "out/ground.json").read_text())["route"]["length_m"] > 8
 
 
-def test_the_command_without_a_route_ends_with_one(scene, root, tmp_path, capsys):
+def test_the_command_without_a_route_ends_with_one(scene, write_map, root, tmp_path, capsys):
     write_map(scene(blank=[(13, 16, -9, 9)]).view(), tmp_path / "map")
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]
     assert ground_command.main([*call, "--route", "10", "0", "20", "0"]) == 1
@@ -101,7 +116,7 @@ def test_the_command_without_a_route_ends_with_one(scene, root, tmp_path, capsys
 @pytest.mark.parametrize(
     "lacking, words", [("sigma.npy", "has no sigma.npy"), ("report.json", "has no report.json")]
 )  # fmt: skip
-def test_the_command_refuses_a_map_that_lacks_a_file(scene, root, tmp_path, capsys, lacking, words):
+def test_the_command_refuses_a_map_that_lacks_a_file(scene, write_map, root, tmp_path, capsys, lacking, words):
     write_map(scene().view(), tmp_path / "map")
     (tmp_path / "map" / lacking).unlink()
     call = [str(tmp_path / "map"), "--robot", str(root / ROBOT), "-o", str(tmp_path / "out")]

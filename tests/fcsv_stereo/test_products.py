@@ -11,13 +11,14 @@ from support.scenes import CAMERA, camera_pose, given, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.errors import ConfigError
 from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold, depth_error
 from fcsv_stereo.errors import InputError, MatchingError, OutputError
 from fcsv_stereo.map_files import output
 from fcsv_stereo.model import Cloud, MapInput, Reference, concatenate
 from fcsv_stereo.posed import colmap
-from fcsv_stereo.products import FILES, PRODUCTS, names, parse_products, pictures, write_products
+from fcsv_stereo.products import ALL, FILES, PRODUCTS, names, parse_products, pictures, write_products
 from fcsv_stereo.products.clouds import write_laz, write_pcd
 from fcsv_stereo.products.from_above import rasterize, write_from_above
 from fcsv_stereo.products.points import merge_duplicates
@@ -51,7 +52,7 @@ def test_names(module):
 
 
 def test_unknown_products_are_named():
-    assert parse_products("all") == list(PRODUCTS)
+    assert parse_products("all") == list(ALL) and set(PRODUCTS) - set(ALL) == {"ground"}
     with pytest.raises(InputError, match="'obj' is not one of pcd, laz"):
         parse_products("laz,obj")
 
@@ -203,7 +204,7 @@ def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch
     monkeypatch.setattr(pipeline, "load", lambda path, reference: scene)
     options = ThesisOptions(threshold=ErrorThreshold(5.0, False))
     out = tmp_path / "map"
-    for products in (list(PRODUCTS), []):  # the second run takes the first one's place, products and all
+    for products in (list(ALL), []):  # the second run takes the first one's place, products and all
         pipeline.run(pipeline.MapRequest(tmp_path, out, "thesis", options, products=products))
         expected = {*output.FILES, *(f for p in products for f in PRODUCTS[p])}
         assert {p.name for p in out.iterdir()} == expected
@@ -216,6 +217,33 @@ def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch
     with pytest.raises(OutputError, match="laz: cannot be written .*No space left"):
         pipeline.run(pipeline.MapRequest(tmp_path, tmp_path / "other", "thesis", options, products=["laz"]))
     assert [p.name for p in tmp_path.iterdir()] == ["map"]
+
+
+def test_the_ground_of_a_map_lies_in_its_folder_and_report(root, scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "load", lambda path, reference: scene)
+    options, robot = ThesisOptions(threshold=ErrorThreshold(5.0, False)), root / "config/robots/rescue.yaml"
+    out = tmp_path / "map"
+    document = pipeline.run(pipeline.MapRequest(tmp_path, out, "thesis", options, products=["ground"], robot=robot))
+    written = {path.name for path in (out / "ground").iterdir()}
+    assert {"map.pgm", "map.yaml", "map.bt", "map.ot", "stand.tif", "ground.png", "ground.json"} <= written
+    assert "free to stand on" in document["ground"]["summary"]
+    page = (out / "report.html").read_text()
+    assert 'id="ground"' in page and document["ground"]["summary"].split(":")[0] in page
+
+
+def test_a_robot_is_asked_for_and_read_before_anything_is_mapped(root, tmp_path, monkeypatch):
+    def never(*_):
+        raise AssertionError("it was mapped")
+
+    monkeypatch.setattr(pipeline, "load", never)
+    asked = pipeline.MapRequest(tmp_path, tmp_path / "map", "thesis", ThesisOptions())
+    with pytest.raises(InputError, match="ground needs a robot; add --robot FILE"):
+        pipeline.run(replace(asked, products=["ground"]))
+    with pytest.raises(InputError, match="add --products ground"):
+        pipeline.run(replace(asked, robot=root / "config/robots/rescue.yaml"))
+    (tmp_path / "wrong.yaml").write_text("name: wrong\nradius_m: -1\n")
+    with pytest.raises(ConfigError, match="wrong.yaml"):
+        pipeline.run(replace(asked, products=["ground"], robot=tmp_path / "wrong.yaml"))
 
 
 def test_a_world_on_its_side_is_said(scene, result, tmp_path):

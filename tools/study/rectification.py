@@ -45,10 +45,9 @@ def rectification(page: Page) -> None:
         "correspondence from its row (vertical: column). *Kept*: share of the reference picture that is left. The "
         "matcher is SGBM, which searches rows. *Within 10 %*: of the pixels up to 60 m per metre of baseline. All are "
         "medians of three seeds.",
-        "Bouguet's way has exact rows with exact poses, wherever the vehicles stand, and turns the pair: "
-        "by more than ten degrees for 0.2 m off a baseline of 1 m. The decoupled way keeps the picture "
-        "and ignores the displacement across the baseline; a vibrating reference turns the baseline out "
-        "of its rows. Home does not follow the vibration, and ignores the same part.",
+        "Bouguet's way has exact rows with exact poses and turns the pair: by more than ten degrees for 0.2 m off a "
+        "baseline of 1 m. The decoupled way and home ignore the displacement across the baseline; home does not follow "
+        "a vibrating reference.",
     )
     page.table(("vehicles", "pair", "way", "turned", "rows off", "kept", "matched", "within 10 %"), rows)
     page.figure(panels(shown, titles, 3), "rectification", "The rectified reference in each way")

@@ -41,10 +41,10 @@ def seams(page: Page) -> None:
         titles += [] if scatter else list(ways)
     ends = ", ".join(f"{m:.0f}" for m in ends_m)
     page.text("## Confidence against trimming (7.2)",
-              f"The thesis trims each baseline at its range (here at {ends} m), lays one over the other, and asks for "
-              "a confidence of each point instead. *Weighted by 2.12*: the same depths of the thesis's matcher, "
-              f"of which those within {_AGREE:g} standard deviations of the surest are averaged by their inverse "
-              "variances (2.12 for one pixel). `joint` weighs what the pictures say before it decides for a depth. "
+              f"The thesis trims each baseline at its range (here at {ends} m) and asks for a confidence of each "
+              "point instead. *Weighted by 2.12*: depths of its matcher "
+              f"within {_AGREE:g} standard deviations of the surest, averaged by their inverse "
+              "variances (2.12 for one pixel). "
               f"*At seams*: pixels whose truth is within {_SEAM:.0%} of a trim point. *Broken*: of neighbouring pixels "
               f"with a depth that stand on one surface, those between which the map steps by {_STEP:.0%} and more.",
               )  # fmt: skip

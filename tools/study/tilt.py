@@ -44,9 +44,8 @@ def tilt(page: Page) -> None:
                     titles.append(shot.name)
     page.text("## Inward tilt (figure 3.14)",
               f"The other camera is turned inward by 1° per metre of baseline; at least 32 px, as in 3.5; pixels up to "
-              f"{_NEAR_M:g} m. A tilted pair has the sky at f tan(tilt) px (84 px at 8°). A matcher that answers the "
-              "length of the shift takes the sky for near (last column). With the shift compared with "
-              "that offset the sky has no depth.")  # fmt: skip
+              f"{_NEAR_M:g} m. A tilted pair has the sky at f tan(tilt) px (84 px at 8°). Last column: a "
+              "matcher that ignores that offset takes the sky for near.")  # fmt: skip
     page.table(("baseline", "tilt", "method", "views meet at", "nearest (0.5 %)", "near: covered", "near: within 10 %",
                 "sky answered", "sky without the offset"), rows)  # fmt: skip
     page.figure(panels(shown, titles, 4, (6.0, 150.0)), "3_14_tilt", "Depth without tilt (above) and with (below)")

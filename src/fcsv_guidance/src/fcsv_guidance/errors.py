@@ -14,3 +14,7 @@ class GroundError(GuidanceError):
 
 class RouteError(GuidanceError):
     """A start or goal that no route can have."""
+
+
+class PlaceError(GuidanceError):
+    """A pose that does not tell where the robot is."""

@@ -46,7 +46,9 @@ class ClearanceMap:
 
 @dataclass(frozen=True)
 class StopRobot:
-    """stop_all, or the operator: the robot stands until a new route comes."""
+    """stop_all, the operator, or a route that is no more: the robot stands until a new one comes."""
+
+    reason: str = "stopped by the operator"
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class RouteFollower:
         self._robot, self._rules = robot, rules
         self._place: Optional[RobotPlace] = None
         self._map: Optional[ClearanceMap] = None
-        self._route: Optional[_Polyline] = None
+        self._route: Optional[Polyline] = None
         self._reached_m, self._speed_mps, self._stepped_s = 0.0, 0.0, None
         self._standing = "no route has come"
 
@@ -97,11 +99,12 @@ class RouteFollower:
             points = np.asarray(message.points_home_m, float)
             if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
                 raise RouteError("a route needs two points and more, each with a finite x and y; plan it again")
-            self._route, self._reached_m, self._standing = _Polyline.of(points), 0.0, ""
+            self._route, self._reached_m, self._standing = Polyline.of(points), 0.0, ""
         elif isinstance(message, ClearanceMap):
             self._map = message
         elif isinstance(message, StopRobot):
-            self._route, self._standing = None, "stopped by the operator"
+            if self._route is not None or message == StopRobot():  # a lost route takes no operator's stop back
+                self._route, self._standing = None, message.reason
         else:
             raise TypeError(f"a route follower does not know {type(message).__name__}")
 
@@ -214,14 +217,14 @@ class RouteFollower:
 
 
 @dataclass(frozen=True)
-class _Polyline:
-    """``points`` (N,2) and how far along it each is, ``run_m`` (N,)."""
+class Polyline:
+    """Straight pieces between ``points`` (N,2) and how far along it each is, ``run_m`` (N,)."""
 
     points: np.ndarray
     run_m: np.ndarray
 
     @classmethod
-    def of(cls, points: np.ndarray) -> "_Polyline":
+    def of(cls, points: np.ndarray) -> "Polyline":
         return cls(points, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]))
 
     @property
@@ -231,7 +234,7 @@ class _Polyline:
     def at(self, along_m) -> np.ndarray:
         """(...,2) at distances (...) m along it, at most its last point.
 
-        >>> _Polyline.of(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]])).at(3.0).tolist()
+        >>> Polyline.of(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]])).at(3.0).tolist()
         [2.0, 1.0]
         """
         return np.stack([np.interp(along_m, self.run_m, self.points[:, k]) for k in (0, 1)], -1)

@@ -198,12 +198,21 @@ def _below(value: np.ndarray, bound: float, sigma: np.ndarray) -> np.ndarray:
         return ndtr((bound - value) / sigma)
 
 
-def _points(view: DepthView, cell_m: float) -> np.ndarray:
+def sure_depth(view: DepthView) -> np.ndarray:
+    """(H,W) float32 m, NaN where a pixel has no depth that a pair supports, or a large sigma.
+
+    Raises GroundError where none has one.
+    """
     with np.errstate(invalid="ignore"):
         sure = np.isfinite(view.sigma) & (view.sigma < _LARGEST_SIGMA_SHARE * view.depth)
-    if not (sure & (view.kind >= 1) & (view.kind <= MOST_PAIRS)).any():
+    sure &= (view.kind >= 1) & (view.kind <= MOST_PAIRS)
+    if not sure.any():
         raise GroundError(f"{view.name}: no pixel has a depth with sigma that a pair supports; map it again")
-    depth = np.where(sure, view.depth, np.nan).astype(np.float32)
+    return np.where(sure, view.depth, np.nan).astype(np.float32)
+
+
+def _points(view: DepthView, cell_m: float) -> np.ndarray:
+    depth = sure_depth(view)
     R, p = np.ascontiguousarray(view.T_home_cam[:3, :3], float), np.ascontiguousarray(view.T_home_cam[:3, 3], float)
     return kernels.points_of_view(
         depth, view.sigma.astype(np.float32), view.kind.astype(np.uint8), MOST_PAIRS,

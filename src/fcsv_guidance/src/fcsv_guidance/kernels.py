@@ -165,3 +165,63 @@ def coarser_where_sparse(layers, side, share):
                         layers[i, j, 0], layers[i, j, 1], layers[i, j, 2] = mean, spread, low
                         layers[i, j, 3], layers[i, j, 4], layers[i, j, 5] = high, roughness, overhead
                         layers[i, j, 6], layers[i, j, 7] = trust, distance / count
+
+
+@numba.njit(cache=True)
+def rays_through(depth, sigma, K, R, p, voxel_m, reach_m, sigmas, stride, corner_m, shape):
+    """(x, y, z) uint8: how many rays (every ``stride``-th pixel, 255 at most) pass each voxel of a box from
+    ``corner_m``, to ``sigmas`` before their depth and no farther than ``reach_m``; (x, y, z) bool: where depths end."""
+    rays, hits = np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
+    height, width = depth.shape
+    u = np.empty(3)
+    for row in range(height):
+        ry = (row - K[1, 2]) / K[1, 1]
+        for column in range(width):
+            d = depth[row, column]
+            if not (d > 0 and d < 1e6):
+                continue
+            rx = (column - K[0, 2]) / K[0, 0]
+            for k in range(3):
+                u[k] = R[k, 0] * rx + R[k, 1] * ry + R[k, 2]
+            if d <= reach_m:
+                i, j, k = voxel_at(p, u, d, corner_m, voxel_m)
+                if within(i, j, k, shape):
+                    hits[i, j, k] = True
+            if row % stride == 0 and column % stride == 0:
+                _pass(rays, p, u, min(d - sigmas * sigma[row, column], reach_m), corner_m, voxel_m, shape)
+    return rays, hits
+
+
+@numba.njit(cache=True)
+def _pass(rays, p, u, end, corner_m, voxel_m, shape):
+    """One more ray in each voxel from p along u to depth ``end``, exactly as it crosses them (Amanatides, Woo 1987)."""
+    i, j, k = voxel_at(p, u, 0.0, corner_m, voxel_m)
+    at = np.array([i, j, k])
+    step, following, period = np.zeros(3, np.int64), np.full(3, np.inf), np.full(3, np.inf)
+    for axis in range(3):
+        if u[axis] != 0.0:
+            step[axis] = 1 if u[axis] > 0 else -1
+            edge = corner_m[axis] + (at[axis] + (1 if u[axis] > 0 else 0)) * voxel_m
+            following[axis], period[axis] = (edge - p[axis]) / u[axis], voxel_m / abs(u[axis])
+    depth = 0.0
+    while depth <= end:
+        if within(at[0], at[1], at[2], shape) and rays[at[0], at[1], at[2]] < 255:
+            rays[at[0], at[1], at[2]] += 1
+        axis = int(np.argmin(following))
+        depth = following[axis]
+        at[axis] += step[axis]
+        following[axis] += period[axis]
+
+
+@numba.njit(cache=True, inline="always")
+def voxel_at(p, u, depth, corner_m, voxel_m):
+    """Index along x, y, z of the voxel at a depth along a ray."""
+    i = int(np.floor((p[0] + depth * u[0] - corner_m[0]) / voxel_m))
+    j = int(np.floor((p[1] + depth * u[1] - corner_m[1]) / voxel_m))
+    return i, j, int(np.floor((p[2] + depth * u[2] - corner_m[2]) / voxel_m))
+
+
+@numba.njit(cache=True, inline="always")
+def within(i, j, k, shape):
+    """Whether a voxel lies in the box."""
+    return 0 <= i < shape[0] and 0 <= j < shape[1] and 0 <= k < shape[2]

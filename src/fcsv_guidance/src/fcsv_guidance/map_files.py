@@ -7,7 +7,7 @@ from typing import List
 import cv2
 import numpy as np
 
-from fcsv_guidance import tuning
+from fcsv_guidance import standing, tuning
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground import Grid, Ground, cell_probability
 from fcsv_guidance.robot import Robot
@@ -16,15 +16,29 @@ from fcsv_stereo.products.from_above import write_geotiff
 UNKNOWN = -1  # nav_msgs/OccupancyGrid
 #: map_server's thresholds of occupancy: free below, occupied above, unknown between (trinary) or graded (scaled)
 FREE_BELOW, OCCUPIED_ABOVE = 1.0 - tuning.FREE_P, 1.0 - tuning.OBSTACLE_P
+#: the same of an OccupancyGrid's values
+FREE_PERCENT, OCCUPIED_PERCENT = round(100 * FREE_BELOW), round(100 * OCCUPIED_ABOVE)
 _TRINARY = {"free": 254, "unknown": 205, "occupied": 0}  # map_saver's greys
 _LAYERS = ("height_m", "sigma_m", "roughness_m", "distance_m")
 
 
-def occupancy(ground: Ground, robot: Robot) -> np.ndarray:
-    """(rows, columns) int8 of nav_msgs/OccupancyGrid: 100 times the probability that the cell stops the robot's wheel,
-    -1 where unknown. The footprint is not in it: ``move_base`` inflates by its own."""
-    p = cell_probability(ground, robot)
-    return np.where(np.isfinite(p), np.rint(100 * (1 - np.nan_to_num(p))), UNKNOWN).astype(np.int8)
+def occupancy(ground: Ground, robot: Robot, stands: np.ndarray) -> np.ndarray:
+    """(rows, columns) int8 of nav_msgs/OccupancyGrid: -1 where unknown, else 100 times 1 - p.
+
+    A cell is free (at most FREE_PERCENT) where the robot can stand somewhere with it below its footprint: p is the
+    best of ``stands`` (stand_probability) there. It is occupied (at least OCCUPIED_PERCENT) where it is not free and
+    an obstacle itself. A planner inflates by the footprint, as ``move_base`` does, and so finds again where it can
+    stand.
+    """
+    covering = standing.disk(robot.radius_m, ground.grid.cell_m)
+    p = standing.most(np.where(np.isfinite(stands), stands, -1.0), covering)
+    alone = cell_probability(ground, robot)
+    with np.errstate(invalid="ignore"):
+        obstacle = (p < tuning.FREE_P) & (alone <= tuning.OBSTACLE_P)
+    # rounded up: what is below FREE_P stays above FREE_PERCENT
+    percent = np.ceil(100.0 * (1.0 - np.where(obstacle, alone, p)) - 1e-3)
+    percent = np.where(obstacle, percent, np.minimum(percent, OCCUPIED_PERCENT - 1))
+    return np.where(ground.known & ((p >= 0) | obstacle), percent, UNKNOWN).astype(np.int8)
 
 
 def write_map_server(occupied: np.ndarray, grid: Grid, folder: Path, name: str, scaled: bool = False) -> List[Path]:
@@ -50,8 +64,8 @@ def write_map_server(occupied: np.ndarray, grid: Grid, folder: Path, name: str, 
 def _trinary(occupied: np.ndarray) -> np.ndarray:
     """uint8; what is neither surely free nor surely an obstacle is unknown to the robot."""
     grey = np.full(occupied.shape, _TRINARY["unknown"], np.uint8)
-    grey[(occupied >= 0) & (occupied <= 100 * FREE_BELOW)] = _TRINARY["free"]
-    grey[occupied >= 100 * OCCUPIED_ABOVE] = _TRINARY["occupied"]
+    grey[(occupied >= 0) & (occupied <= FREE_PERCENT)] = _TRINARY["free"]
+    grey[occupied >= OCCUPIED_PERCENT] = _TRINARY["occupied"]
     return grey
 
 

@@ -11,6 +11,8 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_guidance.errors import GroundError
 
+_FARTHEST_M = 1e4  # points are float32: 1 mm there
+
 
 @dataclass(frozen=True)
 class DepthView:
@@ -38,6 +40,11 @@ class DepthView:
             transforms.require_rigid(self.T_home_cam, "T_home_cam")
         except GeometryError as error:
             raise GroundError(f"{self.name}: the pose of its camera cannot be used: {error}") from error
+        if np.abs(self.T_home_cam[:3, 3]).max() > _FARTHEST_M:
+            raise GroundError(
+                f"{self.name}: its camera is more than {_FARTHEST_M:.0f} m from home's origin (UTM?), where no robot's "
+                "map has coordinates; map it in a home near the robot"
+            )
 
 
 def read_map(folder) -> DepthView:
@@ -49,9 +56,10 @@ def read_map(folder) -> DepthView:
         reference = document["reference"]
         K = np.array([[reference["fx"], 0, reference["cx"]], [0, reference["fy"], reference["cy"]], [0, 0, 1]], float)
         T_home_cam = np.array(reference["T_home_cam"], float)
+        stamp_s = float(reference.get("stamp_s", np.nan))  # maps before version 0.3 do not say it
     except FileNotFoundError as error:
         lacking = Path(error.filename).name
         raise GroundError(f"{folder}: has no {lacking}; give a folder that 'map' wrote with -o") from error
     except (KeyError, TypeError, ValueError, OSError) as error:
         raise GroundError(f"{folder}: is not a map of this program ({error})") from error
-    return DepthView(str(folder), K=K, T_home_cam=T_home_cam, **arrays)
+    return DepthView(str(folder), K=K, T_home_cam=T_home_cam, stamp_s=stamp_s, **arrays)

@@ -66,7 +66,7 @@ def _map(args, command: str) -> None:
     bounds = CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma)
     request = pipeline.MapRequest(
         Path(args.input), Path(args.out), args.method, options, reference=args.reference, poi=poi, products=products,
-        instant=instant, bounds=bounds, near=not args.no_near, command=command,
+        instant=instant, bounds=bounds, near=not args.no_near, command=command, robot=args.robot,
     )  # fmt: skip
     with Steps(LiveLine(sys.stderr), "reading pictures").shown() as steps:
 
@@ -164,7 +164,9 @@ def _parser() -> argparse.ArgumentParser:
         "--no-near", action="store_true",
         help="sessions: leave out what depth cameras recorded; default: it is joined with the map (docs/user/maps.md)",
     )  # fmt: skip
-    parser.add_argument("--products", default="", metavar="LIST", help=f"also: {','.join(PRODUCTS)} (or all)")
+    listed = f"also: {','.join(PRODUCTS)}; all: without ground"
+    parser.add_argument("--products", default="", metavar="LIST", help=listed)
+    parser.add_argument("--robot", type=Path, metavar="FILE", help="ground: the robot (config/robots/NAME.yaml)")
     parser.add_argument(
         "--cloud-range-m", default="auto", metavar="M",
         help="farthest depth of the clouds (map.ply, products); 'none': any; by default where one pixel of disparity "

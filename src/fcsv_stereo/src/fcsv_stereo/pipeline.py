@@ -24,7 +24,7 @@ from fcsv_stereo.model import MapInput, MapResult, Method, Progress, silent
 from fcsv_stereo.near import with_near
 from fcsv_stereo.posed import colmap
 from fcsv_stereo.posed.local_origin import with_local_origin
-from fcsv_stereo.products import write_products
+from fcsv_stereo.products import check_robot, write_products
 from fcsv_stereo.report import write_report
 from fcsv_stereo.report.charts import STEPS
 from fcsv_stereo.report.origin import Origin
@@ -58,7 +58,7 @@ class MapRequest:
     photographs. ``poi`` is a file of points of interest; a session may hold one (poi.yaml). ``products`` are written
     besides. ``instant``: only pictures of one, ``last`` or a stamp (s). ``bounds`` are those of the cloud. ``near``:
     join what depth cameras saw, where a session holds it (docs/user/maps.md). ``command``: what the user gave, for the
-    report.
+    report. ``robot``: a robot's file, for the product ground.
     """
 
     path: Path
@@ -72,6 +72,7 @@ class MapRequest:
     bounds: CloudBounds = field(default_factory=CloudBounds)
     near: bool = True
     command: str = ""
+    robot: Optional[Path] = None
 
     def points_of_interest(self) -> List[PointOfInterest]:
         """Loads the points from ``poi``, or from the input's own file; none where neither is there. Raises
@@ -84,6 +85,7 @@ def run(request: MapRequest, progress: Progress = silent) -> dict:
     """Map what is requested; the report's document. Raises StereoError, and then nothing is written."""
     started, out = time.perf_counter(), request.out
     output.check_out(out)
+    check_robot(request.products, request.robot)
     require_folder(out.absolute().parent, _LEAST_MIB)
     points = request.points_of_interest()
     given = load(request.path, request.reference)
@@ -103,7 +105,7 @@ def run(request: MapRequest, progress: Progress = silent) -> dict:
         output.write_arrays(result, staged.folder)
         result.timing_s["write"] = time.perf_counter() - writing
         result.timing_s["total"] = sum(result.timing_s[k] for k in STEPS if k in result.timing_s)
-        write_products(request.products, result, given, staged.folder)
+        write_products(request.products, result, given, staged.folder, request.robot)
         evaluation = evaluate(result, truth, true_depth, on=on) if truth else None
         sampled = sample(result, points, true_depth)
         document = output.report_document(result, evaluation)

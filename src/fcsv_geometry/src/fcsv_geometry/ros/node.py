@@ -84,7 +84,7 @@ def vehicles(folder: str, names: Sequence[str]) -> Dict[str, VehicleGeometry]:
 
 def _log_to_rosout() -> None:
     """What the packages of this workspace log goes where the node's own messages go."""
-    for package in ("geometry", "tracking", "stereo", "control", "multimaster", "sim"):
+    for package in ("geometry", "tracking", "stereo", "guidance", "control", "multimaster", "sim"):
         logger = logging.getLogger(f"fcsv_{package}")
         logger.setLevel(logging.INFO)
         logger.propagate = False

@@ -121,7 +121,7 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         "method": result.method,
         "reference": {
             "image": result.reference.name, "width": camera.width, "height": camera.height, "fx": camera.fx,
-            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy,
+            "fy": camera.fy, "cx": camera.cx, "cy": camera.cy, "stamp_s": result.reference.stamp_s,
             "T_home_cam": moved(result.reference.T_home_cam, origin_m).tolist(),
         },
         "images": [
@@ -161,6 +161,8 @@ def report_document(result: MapResult, evaluation: Optional[Evaluation] = None) 
         document["cloud"] = result.cut.to_dict()
     if result.holes is not None:
         document["orthophoto"] = result.holes.to_dict()
+    if result.ground is not None:
+        document["ground"] = result.ground.to_dict()
     if result.near is not None:
         document["near"] = result.near.to_dict()
     if evaluation is not None:

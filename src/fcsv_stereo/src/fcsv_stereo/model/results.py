@@ -108,6 +108,7 @@ class MapResult:
     #: (3,): poses and points plus this are in home (local_origin)
     origin_m: np.ndarray = field(default_factory=NO_SHIFT.copy)
     near: Optional[Any] = None  # what the near field brought (near.join.NearJoin); None: there is none
+    ground: Optional[Any] = None  # where a robot can stand (products.ground.GroundShown); None: none was asked for
 
     def __post_init__(self):
         if self.kind is None and self.depth is not None:

@@ -12,7 +12,10 @@ PRODUCTS = {
     "orthophoto": ("orthophoto.png", "orthophoto.pgw", "height.tif"),
     "colmap": ("colmap",),
     "pairs": ("pairs",),
+    "ground": ("ground",),
 }
+#: what "all" stands for: ground is of one robot, and is named
+ALL = tuple(name for name in PRODUCTS if name != "ground")
 FILES = tuple(f for files in PRODUCTS.values() for f in files)
 
 
@@ -24,7 +27,7 @@ def parse_products(text: str) -> List[str]:
     """
     names = [w.strip() for w in text.split(",") if w.strip()]
     if names == ["all"]:
-        return list(PRODUCTS)
+        return list(ALL)
     for name in names:
         if name not in PRODUCTS:
             raise InputError(f"product '{name}' is not one of {', '.join(PRODUCTS)}, all")

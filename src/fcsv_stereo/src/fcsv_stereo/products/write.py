@@ -2,12 +2,12 @@
 """Writes the products that were asked for into one folder."""
 
 from pathlib import Path
-from typing import Callable, Dict, Sequence
+from typing import Callable, Dict, Optional, Sequence
 
 from fcsv_stereo.errors import OutputError
 from fcsv_stereo.model import Cloud, MapInput, MapResult
 from fcsv_stereo.model.kinds import Kind
-from fcsv_stereo.products import clouds, exchange, from_above, rectified
+from fcsv_stereo.products import clouds, exchange, from_above, ground, rectified
 from fcsv_stereo.products.holes import hole_shares
 from fcsv_stereo.products.points import merge_duplicates
 
@@ -28,10 +28,13 @@ _WRITERS: Dict[str, _Writer] = {
 }
 
 
-def write_products(names: Sequence[str], result: MapResult, given: MapInput, folder: Path) -> None:
-    """Each of ``names`` into ``folder``; what a reader must know is added to the map's warnings.
+def write_products(
+    names: Sequence[str], result: MapResult, given: MapInput, folder: Path, robot: Optional[Path] = None
+) -> None:
+    """Each of ``names`` into ``folder``; what a reader must know is added to the map's warnings. ``robot``: the file of
+    the one whose ``ground`` is wanted.
 
-    Raises OutputError where the map cannot give one, or the disk does not take it.
+    Raises FcsvError where the map cannot give one, or the disk does not take it.
     """
     if not names:
         return
@@ -52,6 +55,9 @@ def write_products(names: Sequence[str], result: MapResult, given: MapInput, fol
         )
     for name in names:
         try:
-            _WRITERS[name](result, given, cloud, folder)
+            if name == "ground":
+                result.ground = ground.write_ground(result, robot, folder / "ground")
+            else:
+                _WRITERS[name](result, given, cloud, folder)
         except OSError as error:
             raise OutputError(f"{name}: cannot be written into {folder} ({error.strerror or error})") from error

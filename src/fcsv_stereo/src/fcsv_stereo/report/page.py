@@ -32,6 +32,7 @@ SECTIONS: List[Tuple[str, Callable[[ReportData], List[Part]]]] = [
     ("Poses", sections.poses),
     ("Seams", sections.seams),
     ("Near field", near.near_field),
+    ("Ground", sections.ground),
     ("Confidence", sections.confidence),
     ("Timing", sections.timing),
     ("Points of interest", sections.points_of_interest),

@@ -16,6 +16,7 @@ from fcsv_stereo.report import charts, figures, poi
 from fcsv_stereo.report.cloud_view import cloud_view
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction, sigma_bands
 from fcsv_stereo.report.parts import (
+    Figures,
     Heading,
     Paragraph,
     Part,
@@ -29,6 +30,11 @@ from fcsv_stereo.report.parts import (
 )
 from fcsv_stereo.report.pixel_view import pixel_view
 from fcsv_stereo.report.plain_words import warnings
+
+_GROUND = (
+    "The folder ground/ holds it for robots: map_server, GeoTIFF, OctoMap (docs/user/guidance.md). Free: by the "
+    "calibrated probability that the robot can stand with its middle there. What no pixel touched is unknown."
+)
 
 
 @dataclass(frozen=True)
@@ -181,6 +187,14 @@ def _orthophoto(result: MapResult) -> List[Part]:
         f"{holes.open:.2%} holes of a surface that was seen."
     )
     return [note(said)]
+
+
+def ground(data: ReportData) -> List[Part]:
+    """Where the robot that was named can stand. Nothing where no ground was asked for."""
+    found = data.result.ground
+    if found is None:
+        return []
+    return [Paragraph(found.summary), Figures((found.jpeg,), False), note(_GROUND)]
 
 
 def in_three_dimensions(data: ReportData) -> List[Part]:

@@ -43,5 +43,5 @@ def cloud_message(
 
 
 def depth_message(depth: np.ndarray, stamp_s: float) -> Image:
-    """32FC1, metres along the optical axis, NaN where there is none (REP 118)."""
+    """32FC1, metres along the optical axis, NaN where there is none (REP 118); sigma likewise."""
     return conversions.array_to_image(depth.astype(np.float32), "32FC1", stamp_s, REFERENCE_FRAME)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A map on its topics, as it grows: points, depth with its camera, reference picture, and the reference's place."""
+"""A map on its topics, as it grows: points, depth with sigma, kind and camera, reference picture and its place."""
 
 import rospy
 import tf2_ros
@@ -20,6 +20,8 @@ class MapTopics:
         self._points = rospy.Publisher("/map/points", PointCloud2, **latched)
         self._by_baseline = BaselineTopics()
         self._depth = rospy.Publisher("/map/depth", Image, **latched)
+        self._sigma = rospy.Publisher("/map/sigma", Image, **latched)
+        self._kind = rospy.Publisher("/map/kind", Image, **latched)
         self._info = rospy.Publisher("/map/camera_info", CameraInfo, **latched)
         self._reference = rospy.Publisher("/map/reference", Image, **latched)
         self._static = tf2_ros.StaticTransformBroadcaster()
@@ -33,5 +35,7 @@ class MapTopics:
         baselines = [(p.configuration.axis.value, p.configuration.baseline_m) for p in result.pairs]
         self._by_baseline.show(result.cloud, baselines, stamp_s)
         self._depth.publish(depth_message(result.depth, stamp_s))
+        self._sigma.publish(depth_message(result.sigma, stamp_s))
+        self._kind.publish(conversions.array_to_image(result.kind.astype("uint8"), "mono8", stamp_s, REFERENCE_FRAME))
         self._info.publish(conversions.info_from_camera(reference.camera, stamp_s, REFERENCE_FRAME))
         self._reference.publish(conversions.array_to_image(reference.image, "rgb8", stamp_s, REFERENCE_FRAME))

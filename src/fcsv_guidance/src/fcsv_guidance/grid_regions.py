@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Percents of nav_msgs/OccupancyGrid as arrays: what of them changed, and what a follower takes from them."""
+
+from dataclasses import dataclass
+from typing import Optional
+
+import cv2
+import numpy as np
+
+from fcsv_guidance.errors import GroundError
+from fcsv_guidance.following import ClearanceMap
+from fcsv_guidance.ground import Grid
+from fcsv_guidance.map_files import FREE_PERCENT, UNKNOWN
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle of a grid from ``row`` and ``column`` on, with its new ``percents`` (rows, columns) int8."""
+
+    row: int
+    column: int
+    percents: np.ndarray
+
+
+def percents_of(p: np.ndarray) -> np.ndarray:
+    """int8: 100 (1 - p), rounded up so that what is below FREE_P stays above FREE_PERCENT; -1 where p is NaN.
+
+    >>> percents_of(np.array([1.0, 0.98, 0.979, 0.0, np.nan])).tolist()
+    [0, 2, 3, 100, -1]
+    """
+    percents = np.ceil(100.0 * (1.0 - np.nan_to_num(p)) - 1e-3)
+    return np.where(np.isfinite(p), np.clip(percents, 0, 100), UNKNOWN).astype(np.int8)
+
+
+def changed_region(before: np.ndarray, after: np.ndarray) -> Optional[Region]:
+    """The smallest rectangle that holds all cells that changed; None where none did."""
+    rows, columns = np.nonzero(before != after)
+    if not len(rows):
+        return None
+    top, bottom, left, right = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
+    return Region(int(top), int(left), after[top:bottom, left:right])
+
+
+def with_region(percents: np.ndarray, region: Region) -> np.ndarray:
+    """A copy with the region in its place. Raises GroundError where it does not lie within."""
+    rows, columns = region.percents.shape
+    if min(region.row, region.column) < 0 or (
+        region.row + rows > percents.shape[0] or region.column + columns > percents.shape[1]
+    ):
+        raise GroundError(
+            f"an update of {rows} x {columns} cells at row {region.row}, column {region.column} is outside of the grid "
+            f"of {percents.shape[0]} x {percents.shape[1]}"
+        )
+    changed = percents.copy()
+    changed[region.row : region.row + rows, region.column : region.column + columns] = region.percents
+    return changed
+
+
+def clearance_map(stamp_s: float, grid: Grid, stands: np.ndarray) -> ClearanceMap:
+    """How far each cell is from where the robot must not stand, by percents ``stands`` (rows, columns) of where it can;
+    beyond the grid it must not."""
+    free = np.pad(((stands >= 0) & (stands <= FREE_PERCENT)).astype(np.uint8), 1)
+    far = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    return ClearanceMap(stamp_s, grid, np.maximum(far - 0.5, 0.0) * grid.cell_m)

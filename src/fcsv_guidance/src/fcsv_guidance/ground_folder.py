@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder that ``ground`` and ``map --products ground`` write: the ground of maps in all its forms."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import List, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from fcsv_guidance import tuning
+from fcsv_guidance.ground import Ground, ground_from, stand_probability
+from fcsv_guidance.map_files import occupancy, write_layers, write_map_server
+from fcsv_guidance.octomap_files import write_octomap
+from fcsv_guidance.picture import draw
+from fcsv_guidance.robot import Robot
+from fcsv_guidance.route import NoRoute, Route, plan_route
+from fcsv_guidance.views import DepthView
+
+PICTURE = "ground.png"
+DOCUMENT = "ground.json"
+
+
+@dataclass(frozen=True)
+class GroundOptions:
+    """Side of a cell, how far from a camera the grid reaches, and the voxels of an OctoMap (None: none is written)."""
+
+    cell_m: float = 0.1
+    reach_m: float = 60.0
+    voxel_m: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class RouteAsked:
+    """A route from ``start_m`` to ``goal_m`` (x, y in home), as plan_route takes it."""
+
+    start_m: Tuple[float, float]
+    goal_m: Tuple[float, float]
+    place_sigma_m: float = 0.0
+    through_unknown: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class GroundWritten:
+    """``summary``: one line on the ground; ``found``: a Route or a NoRoute where one was asked for."""
+
+    paths: Sequence[Path]
+    summary: str
+    found: Union[Route, NoRoute, None]
+
+
+def write_ground(
+    views: Sequence[DepthView], robot: Robot, out: Path, options: GroundOptions = GroundOptions(),
+    asked: Optional[RouteAsked] = None,
+) -> GroundWritten:  # fmt: skip
+    """All files of the ground that ``views`` show, and the route that is ``asked`` for, into folder ``out``.
+
+    Raises GuidanceError where there is no ground or the route cannot be asked for; then nothing is written.
+    """
+    ground = ground_from(views, options.cell_m, reach_m=options.reach_m)
+    stands = stand_probability(ground, robot)
+    found = None
+    if asked is not None:
+        found = plan_route(ground, robot, asked.start_m, asked.goal_m, asked.place_sigma_m, asked.through_unknown)
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    occupied = occupancy(ground, robot, stands)
+    paths: List[Path] = write_map_server(occupied, ground.grid, out, "map")
+    paths += write_map_server(occupied, ground.grid, out, "map_scaled", scaled=True)
+    paths += write_layers(ground, stands, out)
+    if options.voxel_m is not None:
+        paths += write_octomap(views, out, "map", options.voxel_m, options.reach_m)
+    draw(ground, robot, stands, out / PICTURE, found if isinstance(found, Route) else None)
+    (out / DOCUMENT).write_text(json.dumps(_document(ground, stands, robot.name, found), indent=1))
+    return GroundWritten([*paths, out / PICTURE, out / DOCUMENT], _summary(ground, stands), found)
+
+
+def _summary(ground: Ground, stands: np.ndarray) -> str:
+    grid, free = ground.grid, stands >= tuning.FREE_P
+    size = f"{grid.columns * grid.cell_m:.0f} x {grid.rows * grid.cell_m:.0f} m in cells of {grid.cell_m:g} m"
+    return f"{size}: {ground.known.mean():.0%} known, {free.mean():.0%} free to stand on (p >= {tuning.FREE_P})"
+
+
+def _document(ground: Ground, stands: np.ndarray, robot: str, found: Union[Route, NoRoute, None]) -> dict:
+    grid = ground.grid
+    document = {
+        "robot": robot, "maps": list(ground.views),
+        "grid": {"x0_m": grid.x0_m, "y0_m": grid.y0_m, "cell_m": grid.cell_m, "shape": list(grid.shape)},
+        "known": float(ground.known.mean()), "free": float((stands >= tuning.FREE_P).mean()),
+    }  # fmt: skip
+    if isinstance(found, NoRoute):
+        document["no_route"] = {"reason": found.reason, "to_see_m": grid.middle_of(*found.to_see.T).tolist()}
+    elif found is not None:
+        document["route"] = {
+            "points_m": found.points_home_m.tolist(), "length_m": found.length_m, "risk": found.risk,
+            "unknown_m": grid.middle_of(*found.unknown_cells.T).tolist(),
+        }  # fmt: skip
+    return document

@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What others are told of the ground: grids and what changed in them, routes, and why there is none.
+
+A port: messages and time in, what is to be published out. It takes maps as they come, and a live map in their place
+where that shows more.
+"""
+
+from dataclasses import dataclass, replace
+from typing import List, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from fcsv_guidance import tuning
+from fcsv_guidance.errors import RouteError
+from fcsv_guidance.following import RobotPlace
+from fcsv_guidance.grid_regions import Region, changed_region, percents_of
+from fcsv_guidance.ground import LAYERS, Grid, Ground, ground_from, renewed, stand_probability
+from fcsv_guidance.map_files import occupancy
+from fcsv_guidance.robot import Robot
+from fcsv_guidance.route import NoRoute, Route, plan_route
+from fcsv_guidance.views import DepthView
+
+_MOST_NAMED = 5  # cells in a sentence
+_NO_ROUTE = "no safe route is known"
+
+
+@dataclass(frozen=True)
+class MapSeen:
+    """A finished map, or with ``live`` the newest state of one that still grows or watches."""
+
+    view: DepthView
+    live: bool = False
+
+
+@dataclass(frozen=True)
+class GoalSet:
+    """Where the robot shall go: x, y in home (m)."""
+
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True)
+class GoalDropped:
+    """The robot shall go nowhere, for this reason."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class GridSaid:
+    """The whole grid: percents (rows, columns) int8 of ``map_files.occupancy``, and of where the robot can stand with
+    its middle. ``stamp_s``: of the newest picture in it."""
+
+    stamp_s: float
+    grid: Grid
+    occupied: np.ndarray
+    stands: np.ndarray
+
+
+@dataclass(frozen=True)
+class GridChanged:
+    """What changed since; 1 x 1 cells where only the stamp did."""
+
+    stamp_s: float
+    occupied: Region
+    stands: Region
+
+
+@dataclass(frozen=True)
+class RouteSaid:
+    """A route from where the robot is to its goal, (N,2) in home."""
+
+    points_home_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class NoRouteSaid:
+    """There is none: the reason, and the middles (N,2) in home of the cells that would have to be seen first."""
+
+    reason: str
+    to_see_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class GroundRules:
+    """How the ground is laid, and when a route is planned anew."""
+
+    cell_m: float = 0.1
+    reach_m: float = 60.0  # of the grid, from the first maps' cameras
+    area_m: Optional[Tuple[float, float, float, float]] = None  # x0, x1, y0, y1 of the grid in place of that
+    replan_s: float = 1.0  # least time between two plans
+    off_m: float = 0.4  # beside its route the robot gets another
+    goal_m: float = 0.3  # so near the goal it is reached
+
+
+Said = Union[GridSaid, GridChanged, RouteSaid, NoRouteSaid]
+
+
+class GroundServer:
+    """The ground that ``robot`` drives on."""
+
+    def __init__(self, robot: Robot, rules: GroundRules = GroundRules()):
+        self._robot, self._rules = robot, rules
+        self._views: List[DepthView] = []
+        self._live: Optional[DepthView] = None
+        self._ground: Optional[Ground] = None
+        self._said: Optional[GridSaid] = None
+        self._place: Optional[RobotPlace] = None
+        self._goal: Optional[GoalSet] = None
+        self._route: Optional[Route] = None
+        self._version, self._planned = 0, (-1, -np.inf)  # of the ground; ground and time of the last plan
+        self._waits_for_place = False
+        self._out: List[Said] = []
+
+    @property
+    def said(self) -> Optional[GridSaid]:
+        """The whole grid as it is now; None before the first map."""
+        return self._said
+
+    @property
+    def ground(self) -> Optional[Ground]:
+        """None before the first map."""
+        return self._ground
+
+    def receive(self, now_s: float, message: object) -> None:
+        """A message came. Raises TypeError where its type is not known, RouteError where a goal is not finite,
+        GroundError where a map shows no ground."""
+        if isinstance(message, MapSeen):
+            self._on_map(message)
+        elif isinstance(message, RobotPlace):
+            self._place = message
+        elif isinstance(message, GoalSet):
+            if not np.isfinite([message.x_m, message.y_m]).all():
+                raise RouteError(f"the goal ({message.x_m}, {message.y_m}) is not finite; give x and y in home (m)")
+            self._goal, self._route, self._planned = message, None, (-1, -np.inf)
+        elif isinstance(message, GoalDropped):
+            if self._goal is not None:
+                self._out.append(NoRouteSaid(message.reason, np.empty((0, 2))))
+            self._goal = self._route = None
+        else:
+            raise TypeError(f"a ground server does not know {type(message).__name__}")
+
+    def step(self, now_s: float) -> Sequence[Said]:
+        """What is to be published now."""
+        if self._goal is not None and self._wants_plan(now_s):
+            self._planned = (self._version, now_s)
+            self._out.append(self._planned_route())
+        out, self._out = self._out, []
+        return out
+
+    def plan(self, start_m, goal_m, tolerance_m: float = 0.0) -> Union[Route, NoRoute]:
+        """A route between two places of home, or why there is none; the goal may move by ``tolerance_m`` where no robot
+        can stand on it. It keeps clear by the sigma of the robot's place, where that is known.
+
+        Raises RouteError where start or goal is none, before the first map too.
+        """
+        if self._ground is None:
+            raise RouteError(f"{_NO_ROUTE}: no map has come")
+        sigma_m = 0.0 if self._place is None else self._place.sigma_m
+        if tolerance_m > 0:
+            goal_m = self._stands_near(goal_m, tolerance_m, sigma_m)
+        return plan_route(self._ground, self._robot, tuple(start_m), tuple(goal_m), sigma_m)
+
+    def in_words(self, found: NoRoute) -> NoRouteSaid:
+        """Its reason with the first of the cells that would have to be seen, and all of them."""
+        return _in_words(found.reason, self._ground.grid.middle_of(*found.to_see.T))
+
+    # ---- maps ----------------------------------------------------------------------------------------------
+
+    def _on_map(self, seen: MapSeen) -> None:
+        if seen.live and self._ground is not None:
+            ground = _with_live(self._ground, seen.view, len(self._views))
+            self._live = seen.view
+        elif seen.live:
+            ground = ground_from([seen.view], self._rules.cell_m, self._grid(), self._rules.reach_m)
+            self._live = seen.view
+        else:
+            views = [*self._views, seen.view]
+            ground = ground_from(views, self._rules.cell_m, self._grid(), self._rules.reach_m)
+            self._views = views
+            ground = ground if self._live is None else _with_live(ground, self._live, len(views))
+        self._take(ground)
+
+    def _grid(self) -> Optional[Grid]:
+        if self._rules.area_m is not None:
+            x0, x1, y0, y1 = self._rules.area_m
+            return Grid.around((x0, y0), (x1, y1), self._rules.cell_m)
+        return self._ground.grid if self._ground is not None and not self._views else None
+
+    def _take(self, ground: Ground) -> None:
+        stands = stand_probability(ground, self._robot)
+        stamps = [view.stamp_s for view in (*self._views, self._live) if view is not None]
+        stamp_s = max([s for s in stamps if np.isfinite(s)], default=0.0)
+        now = GridSaid(stamp_s, ground.grid, occupancy(ground, self._robot, stands), percents_of(stands))
+        before, self._ground, self._said = self._said, ground, now
+        self._version += 1
+        if before is None or before.grid != now.grid:
+            self._out.append(now)
+            return
+        unchanged = Region(0, 0, now.occupied[:1, :1]), Region(0, 0, now.stands[:1, :1])
+        occupied = changed_region(before.occupied, now.occupied) or unchanged[0]
+        self._out.append(GridChanged(stamp_s, occupied, changed_region(before.stands, now.stands) or unchanged[1]))
+
+    # ---- routes --------------------------------------------------------------------------------------------
+
+    def _wants_plan(self, now_s: float) -> bool:
+        version, planned_s = self._planned
+        if now_s - planned_s < self._rules.replan_s:
+            return False
+        place = self._place
+        if self._route is None:
+            return version != self._version or (place is not None and self._waits_for_place)
+        if np.hypot(place.x_m - self._goal.x_m, place.y_m - self._goal.y_m) <= self._rules.goal_m:
+            return False  # it is there
+        if _off_m(self._route.points_home_m, (place.x_m, place.y_m)) > self._rules.off_m:
+            return True
+        return version != self._version and not self._is_free(self._route.points_home_m)
+
+    def _planned_route(self) -> Union[RouteSaid, NoRouteSaid]:
+        place = self._place
+        self._route, self._waits_for_place = None, place is None
+        if place is None:
+            return NoRouteSaid(f"{_NO_ROUTE}: the robot's place is not known", np.empty((0, 2)))
+        try:
+            found = self.plan((place.x_m, place.y_m), (self._goal.x_m, self._goal.y_m))
+        except RouteError as error:
+            said = str(error)
+            return NoRouteSaid(said if said.startswith(_NO_ROUTE) else f"{_NO_ROUTE}: {said}", np.empty((0, 2)))
+        if isinstance(found, NoRoute):
+            return self.in_words(found)
+        self._route = found
+        return RouteSaid(found.points_home_m)
+
+    def _is_free(self, points: np.ndarray) -> bool:
+        row, column, inside = self._said.grid.cells_of(*densely(points, 0.5 * self._said.grid.cell_m).T)
+        percents = self._said.stands[row, column]
+        return bool((inside & (percents >= 0) & (percents <= round(100 * (1 - tuning.FREE_P)))).all())
+
+    def _stands_near(self, goal_m, tolerance_m: float, sigma_m: float) -> Tuple[float, float]:
+        """The goal, or the middle of the nearest cell within the tolerance in which the robot can stand."""
+        grid = self._ground.grid
+        p = stand_probability(self._ground, self._robot, 2 * sigma_m)
+        cell = grid.cell_of(*goal_m)
+        if cell is not None and p[cell] >= tuning.FREE_P:
+            return tuple(goal_m)
+        xy = grid.middle_of(*np.nonzero(p >= tuning.FREE_P))
+        far = np.hypot(*(xy - np.asarray(goal_m)).T)
+        return tuple(xy[int(np.argmin(far))]) if len(far) and far.min() <= tolerance_m else tuple(goal_m)
+
+
+def densely(points: np.ndarray, step_m: float) -> np.ndarray:
+    """(M,2): the polyline (N,2) with its corners and no two points farther apart than ``step_m``.
+
+    >>> densely(np.array([[0.0, 0.0], [1.0, 0.0]]), 0.5).tolist()
+    [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]
+    """
+    pieces = [
+        a + np.linspace(0, 1, max(1, int(np.ceil(np.hypot(*(b - a)) / step_m))) + 1)[:-1, None] * (b - a)
+        for a, b in zip(points[:-1], points[1:])
+    ]
+    return np.concatenate([*pieces, points[-1:]])
+
+
+def _off_m(points: np.ndarray, xy) -> float:
+    return float(np.hypot(*(densely(points, 0.1) - np.asarray(xy)).T).min())
+
+
+def _in_words(reason: str, to_see_m: np.ndarray) -> NoRouteSaid:
+    if not len(to_see_m):
+        return NoRouteSaid(reason, to_see_m)
+    named = ", ".join(f"({x:.1f}, {y:.1f})" for x, y in to_see_m[:_MOST_NAMED])
+    more = f" and {len(to_see_m) - _MOST_NAMED} more" if len(to_see_m) > _MOST_NAMED else ""
+    return NoRouteSaid(f"{reason}; look at {named}{more}", to_see_m)
+
+
+def _with_live(ground: Ground, view: DepthView, finished: int) -> Ground:
+    """The ground with the live map's newest state in it; the live states before are one map, not one more each."""
+    if view.name in ground.views[finished:]:
+        ground = replace(ground, views=(*ground.views[:finished], *ground.views[finished + 1 :]))
+    new = renewed(ground, view)
+    kept, states = new.maps[:finished], new.maps[finished:]
+    live = states[-1]
+    for older in states[-2::-1]:
+        layers = {n: np.where(live.known, getattr(live, n), getattr(older, n)) for n in LAYERS}
+        live = replace(live, **layers)
+    return replace(new, maps=(*kept, live), seen_by=np.minimum(new.seen_by, finished))
+

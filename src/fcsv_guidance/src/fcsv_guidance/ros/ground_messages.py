@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Grids, routes and cells as messages, and back."""
+
+from typing import Tuple
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
+from map_msgs.msg import OccupancyGridUpdate
+from nav_msgs.msg import GridCells, MapMetaData, OccupancyGrid, Path
+
+from fcsv_geometry import frames, transforms
+from fcsv_geometry.messages import seconds
+from fcsv_geometry.ros import conversions
+from fcsv_guidance.errors import GroundError, RouteError
+from fcsv_guidance.following import DriveCommand
+from fcsv_guidance.grid_regions import Region
+from fcsv_guidance.ground import Grid
+from fcsv_guidance.ground_server import densely
+
+_POSES_APART_M = 0.2
+
+
+def grid_message(grid: Grid, percents: np.ndarray, stamp_s: float, loaded_s: float) -> OccupancyGrid:
+    """``percents`` (rows, columns) int8 in home; ``stamp_s``: of the newest picture in it."""
+    origin = Pose(Point(grid.x0_m, grid.y0_m, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+    info = MapMetaData(
+        map_load_time=conversions.header(loaded_s, "").stamp, resolution=grid.cell_m, width=grid.columns,
+        height=grid.rows, origin=origin,
+    )  # fmt: skip
+    return OccupancyGrid(conversions.header(stamp_s, frames.HOME), info, percents.ravel().tolist())
+
+
+def grid_of(message: OccupancyGrid) -> Tuple[Grid, np.ndarray]:
+    """The grid and its percents (rows, columns) int8. Raises GroundError where it is turned, not in home, or cut."""
+    info, q = message.info, message.info.origin.orientation
+    if message.header.frame_id != frames.HOME:
+        raise GroundError(f"a grid in frame '{message.header.frame_id}' is not in {frames.HOME}")
+    if abs(q.x) + abs(q.y) + abs(q.z) > 1e-6:
+        raise GroundError("a grid that is turned against home cannot be used; its origin's orientation must be none")
+    if len(message.data) != info.width * info.height:
+        raise GroundError(f"a grid of {info.width} x {info.height} cells has {len(message.data)} values")
+    cell_m = float(np.round(info.resolution, 6))  # a float32
+    grid = Grid(info.origin.position.x, info.origin.position.y, cell_m, info.height, info.width)
+    return grid, np.array(message.data, np.int8).reshape(grid.shape)
+
+
+def update_message(region: Region, stamp_s: float) -> OccupancyGridUpdate:
+    """As costmap_2d and rviz take it."""
+    rows, columns = region.percents.shape
+    header = conversions.header(stamp_s, frames.HOME)
+    return OccupancyGridUpdate(header, region.column, region.row, columns, rows, region.percents.ravel().tolist())
+
+
+def region_of(message: OccupancyGridUpdate) -> Region:
+    """Raises GroundError where it is cut."""
+    if len(message.data) != message.width * message.height:
+        raise GroundError(f"an update of {message.width} x {message.height} cells has {len(message.data)} values")
+    return Region(message.y, message.x, np.array(message.data, np.int8).reshape(message.height, message.width))
+
+
+def path_message(points_home_m: np.ndarray, stamp_s: float) -> Path:
+    """A pose at least every 0.2 m of (N,2), each turned to the next; none of an empty one."""
+    path = Path(header=conversions.header(stamp_s, frames.HOME))
+    if not len(points_home_m):
+        return path
+    points = densely(np.asarray(points_home_m, float), _POSES_APART_M)
+    ahead = np.diff(points, axis=0)
+    yaws = np.arctan2(ahead[:, 1], ahead[:, 0])
+    for (x, y), yaw in zip(points, [*yaws, yaws[-1] if len(yaws) else 0.0]):
+        path.poses.append(conversions.pose_stamped(transforms.from_xyz_yaw([x, y, 0.0], yaw), stamp_s, frames.HOME))
+    return path
+
+
+def route_of(path: Path) -> np.ndarray:
+    """(N,2) home. Raises RouteError where it is not in home."""
+    if path.poses and path.header.frame_id != frames.HOME:
+        raise RouteError(f"a path in frame '{path.header.frame_id}' is not in {frames.HOME}")
+    return np.array([(p.pose.position.x, p.pose.position.y) for p in path.poses], float).reshape(-1, 2)
+
+
+def place_of(message: PoseStamped, name: str) -> Tuple[float, float]:
+    """x, y in home. Raises RouteError where it is in another frame."""
+    if message.header.frame_id != frames.HOME:
+        raise RouteError(f"the {name} is in frame '{message.header.frame_id}', not in {frames.HOME}")
+    return message.pose.position.x, message.pose.position.y
+
+
+def cells_message(middles_m: np.ndarray, cell_m: float, stamp_s: float) -> GridCells:
+    """Cells by their middles (N,2)."""
+    cells = [Point(x, y, 0.0) for x, y in middles_m]
+    return GridCells(conversions.header(stamp_s, frames.HOME), cell_m, cell_m, cells)
+
+
+def twist_of(command: DriveCommand) -> Twist:
+    """Speed and turning rate of a robot with wheels."""
+    return Twist(Vector3(command.speed_mps, 0.0, 0.0), Vector3(0.0, 0.0, command.turning_radps))
+
+
+def stamp_of(message) -> float:
+    """Of a message's header, s."""
+    return seconds(message.header.stamp)

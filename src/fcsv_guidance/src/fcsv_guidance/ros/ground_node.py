@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ground on topics: grids with what changes in them, a path to the goal, a service for routes."""
+
+import threading
+from dataclasses import dataclass, field, replace
+from typing import Callable, List, Tuple
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import PoseStamped
+from map_msgs.msg import OccupancyGridUpdate
+from nav_msgs.msg import GridCells, OccupancyGrid, Path
+from nav_msgs.srv import GetPlan, GetPlanResponse
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from fcsv_geometry import frames
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros.health import Health
+from fcsv_guidance.following import RobotPlace
+from fcsv_guidance.ground_server import (
+    GoalDropped,
+    GoalSet,
+    GridChanged,
+    GridSaid,
+    GroundRules,
+    GroundServer,
+    MapSeen,
+    NoRouteSaid,
+    RouteSaid,
+)
+from fcsv_guidance.live_views import LiveViews
+from fcsv_guidance.robot import load_robot
+from fcsv_guidance.ros import ground_messages as messages
+from fcsv_guidance.ros.place_source import PlaceParameters, PlaceSource
+from fcsv_guidance.route import NoRoute
+from fcsv_guidance.views import read_map
+from fcsv_stereo.ros.map_messages import REFERENCE_FRAME
+
+_PERIOD_S = 0.2
+
+
+@dataclass(frozen=True)
+class GroundParameters:
+    """Parameters of the node."""
+
+    robot: str  # its file, config/robots/NAME.yaml
+    maps: List[str] = field(default_factory=list)  # folders that map wrote
+    live: bool = False  # take /map/depth with sigma and kind as they come, too
+    fresh: bool = False  # maps of folders count as of now, not of their pictures: only where nothing has moved since
+    ground: GroundRules = field(default_factory=GroundRules)
+    place: PlaceParameters = field(default_factory=PlaceParameters)
+
+    def __post_init__(self):
+        if not self.maps and not self.live:
+            raise ValueError("maps: is empty; name folders that 'map' wrote, or set live")
+
+
+class _NewestGrid(rospy.SubscribeListener):
+    """Who begins to listen to a grid gets it whole, as it is then; updates bring what changes later."""
+
+    def __init__(self):
+        super().__init__()
+        self.message = None
+
+    def peer_subscribe(self, topic_name: str, _topic_publish: Callable, peer_publish: Callable) -> None:
+        """rospy's: somebody begins to listen."""
+        if self.message is not None:
+            peer_publish(self.message)
+
+
+class GroundNode:
+    """Callbacks convert and file; one worker thread computes, the port decides."""
+
+    def __init__(self):
+        self._parameters = p = node.parameters(GroundParameters)
+        self._port = GroundServer(load_robot(p.robot), p.ground)
+        self._lock, self._health = threading.RLock(), Health("ground")
+        self._due = threading.Condition()
+        self._views: List[MapSeen] = []
+        self._live = LiveViews()
+        for folder in p.maps:
+            self._port.receive(rospy.get_time(), MapSeen(self._as_of(read_map(folder))))
+        latched = {"queue_size": 1, "latch": True}
+        self._newest = _NewestGrid(), _NewestGrid()
+        map_, stand = self._newest
+        self._grids = (
+            rospy.Publisher("map", OccupancyGrid, queue_size=1, subscriber_listener=map_),
+            rospy.Publisher("stand", OccupancyGrid, queue_size=1, subscriber_listener=stand),
+        )
+        self._updates = (
+            rospy.Publisher("map_updates", OccupancyGridUpdate, queue_size=10),
+            rospy.Publisher("stand_updates", OccupancyGridUpdate, queue_size=10),
+        )
+        self._path = rospy.Publisher("path", Path, **latched)
+        self._to_see = rospy.Publisher("to_see", GridCells, **latched)
+        self._status = rospy.Publisher("status", String, **latched)
+        self._say("a map is here; no goal was given" if p.maps else "no map has come")
+        self._publish()
+        self._timer = node.every(_PERIOD_S, lambda _event: self._publish())
+        rospy.Service("make_plan", GetPlan, self._on_plan)
+        rospy.Subscriber("move_base_simple/goal", PoseStamped, self._on_goal, queue_size=1)
+        rospy.Subscriber("/stop_all", String, self._on_stop, queue_size=5)
+        self._place = PlaceSource(p.place, self._receive, self._health)
+        if p.live:
+            self._listen()
+
+    def _as_of(self, view):
+        """The view with the time for which it counts; one that nobody knows is the oldest of all."""
+        stamp_s = rospy.get_time() if self._parameters.fresh else view.stamp_s
+        if not np.isfinite(stamp_s):
+            rospy.logwarn("%s: does not say when it was seen: it counts as too old to drive on (set fresh)", view.name)
+        return replace(view, stamp_s=stamp_s)
+
+    # ---- live maps -----------------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        for part, encoding in (("depth", "32FC1"), ("sigma", "32FC1"), ("kind", "mono8")):
+            rospy.Subscriber(f"/map/{part}", Image, self._on_picture, (part, encoding), queue_size=2, buff_size=1 << 24)
+        rospy.Subscriber("/map/camera_info", CameraInfo, self._on_camera, queue_size=2)
+        rospy.Subscriber("/tf_static", TFMessage, self._on_static, queue_size=20)
+
+    def _on_picture(self, message: Image, what: Tuple[str, str]) -> None:
+        part, encoding = what
+        self._on_part(message, part, lambda: conversions.image_to_array(message, encoding))
+
+    def _on_camera(self, message: CameraInfo) -> None:
+        self._on_part(message, "K", lambda: conversions.camera_from_info(message).K)
+
+    def _on_static(self, message: TFMessage) -> None:
+        for each in message.transforms:
+            if each.child_frame_id == REFERENCE_FRAME and each.header.frame_id == frames.HOME:
+                self._on_part(each, "T_home_cam", lambda t=each.transform: conversions.transform_from_msg(t))
+
+    def _on_part(self, message, part: str, convert: Callable[[], np.ndarray]) -> None:
+        try:
+            with self._lock:
+                view = self._live.add(messages.stamp_of(message), part, convert())
+        except FcsvError as error:
+            self._health.drop(f"/map/{part}", str(error))
+            return
+        if view is not None:
+            with self._due:  # the newest is enough
+                self._views = [MapSeen(view, live=True)]
+                self._due.notify()
+
+    def spin(self) -> None:
+        """Takes live maps until ROS shuts the node down."""
+        while not rospy.is_shutdown():
+            with self._due:
+                if not self._views:
+                    self._due.wait(0.2)
+                views, self._views = self._views, []
+            for view in views:
+                self._receive(view)
+                self._health.tick("live maps")
+                self._publish()
+
+    # ---- goals and routes ----------------------------------------------------------------------------------
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        try:
+            x_m, y_m = messages.place_of(message, "goal")
+        except FcsvError as error:
+            self._say(str(error), wrong=True)
+            return
+        self._receive(GoalSet(x_m, y_m))
+
+    def _on_stop(self, _message: String) -> None:
+        self._receive(GoalDropped("stopped by the operator"))
+
+    def _on_plan(self, request) -> GetPlanResponse:
+        try:
+            start_m, goal_m = messages.place_of(request.start, "start"), messages.place_of(request.goal, "goal")
+            with self._lock:
+                found = self._port.plan(start_m, goal_m, request.tolerance)
+                said = self._port.in_words(found) if isinstance(found, NoRoute) else None
+        except FcsvError as error:
+            self._say(str(error), wrong=True)
+            raise rospy.ServiceException(str(error)) from error
+        if said is not None:
+            self._show(said)
+            raise rospy.ServiceException(said.reason)
+        return GetPlanResponse(messages.path_message(found.points_home_m, rospy.get_time()))
+
+    def _receive(self, message: object) -> None:
+        try:
+            with self._lock:
+                self._port.receive(rospy.get_time(), message)
+        except FcsvError as error:
+            self._say(str(error), wrong=True)
+            return
+        if not isinstance(message, RobotPlace):
+            self._publish()
+
+    # ---- what goes out -------------------------------------------------------------------------------------
+
+    def _publish(self) -> None:
+        with self._lock:
+            for said in self._port.step(rospy.get_time()):
+                self._show(said)
+
+    def _show(self, said: object) -> None:
+        now_s = rospy.get_time()
+        if isinstance(said, GridSaid):
+            for publisher, message in zip(self._grids, self._whole(now_s)):
+                publisher.publish(message)
+        elif isinstance(said, GridChanged):
+            self._whole(now_s)
+            for publisher, region in zip(self._updates, (said.occupied, said.stands)):
+                publisher.publish(messages.update_message(region, said.stamp_s))
+        elif isinstance(said, RouteSaid):
+            self._path.publish(messages.path_message(said.points_home_m, now_s))
+            self._cells(np.empty((0, 2)))
+            self._say(f"a route of {len(said.points_home_m)} corners leads to the goal")
+        elif isinstance(said, NoRouteSaid):
+            self._path.publish(messages.path_message(np.empty((0, 2)), now_s))
+            self._cells(said.to_see_m)
+            self._say(said.reason, wrong=True)
+
+    def _whole(self, now_s: float) -> List[OccupancyGrid]:
+        """Both grids as they are now, which new listeners get from here on."""
+        said = self._port.said
+        for newest, percents in zip(self._newest, (said.occupied, said.stands)):
+            newest.message = messages.grid_message(said.grid, percents, said.stamp_s, now_s)
+        return [newest.message for newest in self._newest]
+
+    def _cells(self, to_see_m: np.ndarray) -> None:
+        cell_m = 0.1 if self._port.said is None else self._port.said.grid.cell_m
+        self._to_see.publish(messages.cells_message(to_see_m, cell_m, rospy.get_time()))
+
+    def _say(self, text: str, wrong: bool = False) -> None:
+        self._health.problem("route", text if wrong else "")
+        if not wrong:
+            rospy.loginfo("ground: %s", text)
+        self._status.publish(String(text))
+
+
+def main() -> int:
+    """Run the node."""
+    return node.run("ground_map", GroundNode)

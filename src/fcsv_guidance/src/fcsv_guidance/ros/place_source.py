@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the robot is, from a topic or from tf, for every node that needs it."""
+
+from dataclasses import dataclass
+from typing import Callable, Optional
+
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
+from fcsv_geometry import frames
+from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.messages import transform_from_msg
+from fcsv_geometry.ros import conversions, node
+from fcsv_geometry.ros.health import Health
+from fcsv_guidance.following import RobotPlace
+from fcsv_guidance.placing import robot_place
+
+WITH_COVARIANCE, POSE, TF = SOURCES = ("pose_with_covariance", "pose", "tf")
+_TF_PERIOD_S = 0.05
+
+
+@dataclass(frozen=True)
+class PlaceParameters:
+    """Where a node learns the robot's place."""
+
+    source: str = WITH_COVARIANCE  # pose_with_covariance or pose: the type of robot_pose; tf: from home to frame
+    frame: str = "base_link"  # of the robot, for tf
+    sigma_m: Optional[float] = None  # how well its place is known, x and y together, where no covariance says it
+
+    def __post_init__(self):
+        if self.source not in SOURCES:
+            raise ValueError(f"source: '{self.source}' is not one of {', '.join(SOURCES)}")
+        if self.source != WITH_COVARIANCE and self.sigma_m is None:
+            raise ValueError(f"sigma_m: is missing; a place by {self.source} does not say how well it is known")
+        if self.sigma_m is not None and not self.sigma_m >= 0:
+            raise ValueError(f"sigma_m: must be 0 or more, got {self.sigma_m}")
+
+
+class PlaceSource:
+    """Calls ``receive`` with each place; what is none is dropped, counted, and said."""
+
+    def __init__(self, parameters: PlaceParameters, receive: Callable[[RobotPlace], None], health: Health):
+        self._parameters, self._receive, self._health = parameters, receive, health
+        self._last_s = -1.0
+        if parameters.source == TF:
+            self._buffer = tf2_ros.Buffer()
+            self._listener = tf2_ros.TransformListener(self._buffer)
+            self._timer = node.every(_TF_PERIOD_S, lambda _event: self._look())
+        elif parameters.source == POSE:
+            rospy.Subscriber("robot_pose", PoseStamped, self._on_pose, queue_size=1, tcp_nodelay=True)
+        else:
+            rospy.Subscriber("robot_pose", PoseWithCovarianceStamped, self._on_pose, queue_size=1, tcp_nodelay=True)
+
+    def _on_pose(self, message) -> None:
+        stamped = self._parameters.source == POSE
+        pose = message.pose if stamped else message.pose.pose
+        covariance = None if stamped else message.pose.covariance
+        try:
+            self._take(message.header, conversions.pose_to_transform(pose), covariance)
+        except FcsvError as error:
+            self._health.drop("robot_pose", str(error))
+
+    def _look(self) -> None:
+        try:
+            found = self._buffer.lookup_transform(frames.HOME, self._parameters.frame, rospy.Time(0))
+            if found.header.stamp.to_sec() > self._last_s:
+                self._last_s = found.header.stamp.to_sec()
+                self._take(found.header, transform_from_msg(found.transform), None)
+        except (FcsvError, tf2_ros.TransformException) as error:
+            self._health.drop("tf of the robot", str(error))
+
+    def _take(self, header, T_home_robot, covariance) -> None:
+        sigma_m = self._parameters.sigma_m
+        stamp_s = header.stamp.to_sec()
+        place = robot_place(rospy.get_time(), stamp_s, header.frame_id, T_home_robot, covariance, sigma_m)
+        self._health.tick("robot_pose")
+        self._receive(place)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Goals along a route for move_base, and places out of messages."""
+
+import re
+
+import numpy as np
+import pytest
+
+from fcsv_guidance.errors import PlaceError, RouteError
+from fcsv_guidance.following import RobotPlace, RouteToFollow, StopRobot
+from fcsv_guidance.goal_giver import CancelGoal, GiveGoal, GoalEnded, GoalGiver
+from fcsv_guidance.placing import robot_place
+
+ROUTE = RouteToFollow(np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0]]))
+
+
+@pytest.fixture
+def giver():
+    made = GoalGiver()
+    made.receive(0.0, at(0.0, 0.0))
+    made.receive(0.0, ROUTE)
+    return made
+
+
+def at(x_m, y_m, stamp_s=0.0):
+    return RobotPlace(stamp_s, x_m, y_m, 0.0, 0.05)
+
+
+def test_goals_lie_along_the_route_and_the_last_is_its_end(giver):
+    given, now_s = [], 0.0
+    for _ in range(20):
+        for output in giver.step(now_s):
+            given.append(output)
+        now_s += 1.0
+        giver.receive(now_s, at(given[-1].x_m, given[-1].y_m, now_s))  # the robot goes there
+    assert [(g.x_m, g.y_m) for g in given] == [(3, 0), (6, 0), (6, 3), (6, 5)]
+    assert [g.number for g in given] == [1, 2, 3, 4]
+    assert given[0].yaw_rad == pytest.approx(0.0) and given[-1].yaw_rad == pytest.approx(np.pi / 2)
+    assert giver.text == "goal 4: 11.0 of 11.0 m"
+    giver.receive(now_s, GoalEnded(4, True, ""))
+    assert not giver.step(now_s) and giver.text == "the goal is reached"
+
+
+def test_the_next_goal_is_given_before_the_robot_stops_at_the_last(giver):
+    assert giver.step(0.0) and not giver.step(0.1)
+    giver.receive(1.0, at(1.9, 0.0, 1.0))
+    assert not giver.step(1.0)
+    giver.receive(1.2, at(2.1, 0.0, 1.2))  # less than 1 m before it
+    (goal,) = giver.step(1.2)
+    assert (goal.x_m, goal.y_m) == (6.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "message, now_s, words",
+    [
+        (StopRobot(), 0.5, "stopped by the operator"),
+        (StopRobot("no safe route is known"), 0.5, "no safe route is known"),
+        (at(np.nan, 0.0), 0.5, "place is not known"),
+        (at(0.0, 0.0), 1.5, "place is 1.5 s old"),
+        (at(1.0, 2.0), 0.5, "2.0 m beside its route"),
+        (GoalEnded(1, False, "no path to it"), 0.5, r"move_base gave up \(no path to it\)"),
+    ],
+)
+def test_every_doubt_cancels_once_and_waits_for_a_new_route(giver, message, now_s, words):
+    giver.step(0.0)
+    giver.receive(now_s, message)
+    (output,) = giver.step(now_s)
+    assert isinstance(output, CancelGoal)
+    assert re.search(words, output.reason)
+    assert not giver.step(now_s) and giver.text == output.reason
+    giver.receive(now_s, at(0.0, 0.0, now_s))
+    giver.receive(now_s, ROUTE)
+    assert isinstance(giver.step(now_s)[0], GiveGoal)
+
+
+def test_an_end_of_an_older_goal_means_nothing(giver):
+    giver.step(0.0)
+    giver.receive(0.5, GoalEnded(0, False, "preempted"))
+    assert not giver.step(0.5) and giver.text.startswith("goal 1")
+
+
+def test_wrong_messages_are_refused(giver):
+    with pytest.raises(RouteError, match="two points"):
+        giver.receive(0.0, RouteToFollow(np.zeros((1, 2))))
+    with pytest.raises(TypeError, match="does not know str"):
+        giver.receive(0.0, "go")
+
+
+COVARIANCE = np.zeros(36)
+COVARIANCE[[0, 7]] = 0.09, 0.16
+
+
+def test_a_place_has_the_covariance_of_its_message_or_what_is_said_of_it():
+    T = np.eye(4)
+    T[:2, :2], T[:2, 3] = [[0, -1], [1, 0]], (3.0, 4.0)
+    place = robot_place(10.0, 9.9, "home", T, COVARIANCE, None)
+    assert (place.x_m, place.y_m, place.stamp_s) == (3.0, 4.0, 9.9)
+    assert place.sigma_m == pytest.approx(0.5) and place.yaw_rad == pytest.approx(np.pi / 2)
+    assert robot_place(10.0, 9.9, "home", T, None, 0.2).sigma_m == 0.2
+    assert robot_place(10.0, 9.9, "home", T, np.zeros(36), 0.2).sigma_m == 0.2
+
+
+@pytest.mark.parametrize(
+    "frame, stamp_s, covariance, sigma_m, words",
+    [
+        ("map", 9.9, COVARIANCE, None, "its frame is 'map', not home"),
+        ("home", 12.0, COVARIANCE, None, "2.0 s ahead"),
+        ("home", 9.9, -COVARIANCE, 0.1, "is none"),
+        ("home", 9.9, np.full(36, np.nan), 0.1, "is none"),
+        ("home", 9.9, None, None, "no sigma_m was given"),
+        ("home", 9.9, np.zeros(36), None, "no sigma_m was given"),
+    ],
+)
+def test_a_pose_that_is_no_place_is_refused(frame, stamp_s, covariance, sigma_m, words):
+    with pytest.raises(PlaceError, match=words):
+        robot_place(10.0, stamp_s, frame, np.eye(4), covariance, sigma_m)

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ground server: grids and what changed in them, routes to a goal, and why there is none."""
+
+import doctest
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fcsv_guidance import grid_regions, ground_server
+from fcsv_guidance.errors import GroundError, RouteError
+from fcsv_guidance.following import RobotPlace
+from fcsv_guidance.grid_regions import Region, changed_region, clearance_map, with_region
+from fcsv_guidance.ground import Grid
+from fcsv_guidance.ground_server import (
+    GoalDropped,
+    GoalSet,
+    GridChanged,
+    GridSaid,
+    GroundRules,
+    GroundServer,
+    MapSeen,
+    NoRouteSaid,
+    RouteSaid,
+)
+from fcsv_guidance.live_views import LiveViews
+from fcsv_guidance.map_files import FREE_PERCENT
+from fcsv_guidance.robot import load_robot
+from fcsv_guidance.route import NoRoute, Route
+
+AREA_M = (5.0, 22.0, -6.0, 6.0)
+RULES = GroundRules(area_m=AREA_M)
+BOX = (13.0, 14.0, -2.0, 1.0, 0.0, 0.6)
+
+
+@pytest.fixture
+def rescue(root):
+    return load_robot(root / "config/robots/rescue.yaml")
+
+
+@pytest.fixture
+def server(rescue, scene):
+    """With the map of a place with a box in it; what it said of that is taken."""
+    made = GroundServer(rescue, RULES)
+    made.receive(0.0, MapSeen(scene([BOX]).view(stamp_s=5.0)))
+    (said,) = made.step(0.0)
+    assert isinstance(said, GridSaid)
+    return made
+
+
+def at(x_m, y_m, stamp_s=0.0):
+    return RobotPlace(stamp_s, x_m, y_m, 0.0, 0.05)
+
+
+@pytest.mark.parametrize("module", [grid_regions, ground_server])
+def test_names(module):
+    done = doctest.testmod(module)
+    assert done.attempted and not done.failed
+
+
+def test_the_grid_of_a_map_says_free_obstacle_and_unknown(server):
+    said = server.said
+    assert said.stamp_s == 5.0 and said.grid == Grid.around((5, -6), (22, 6), 0.1)
+    cell = said.grid.cell_of
+    assert 0 <= said.stands[cell(10, 3)] <= FREE_PERCENT and 0 <= said.occupied[cell(10, 3)] <= FREE_PERCENT
+    assert said.occupied[cell(13.05, -0.5)] >= 50 and said.occupied[cell(14.6, -0.5)] == -1
+    assert said.stands[cell(12.8, -0.5)] > FREE_PERCENT >= said.occupied[cell(12.5, -0.5)]  # no room for the footprint
+
+
+def test_a_goal_becomes_a_route_once_the_robots_place_is_known(server):
+    server.receive(1.0, GoalSet(18.0, 0.0))
+    (said,) = server.step(1.0)
+    assert isinstance(said, NoRouteSaid) and said.reason == "no safe route is known: the robot's place is not known"
+    assert not server.step(2.5)  # said once
+    server.receive(3.0, at(10.0, 0.0))
+    (said,) = server.step(3.0)
+    assert isinstance(said, RouteSaid) and np.allclose(said.points_home_m[[0, -1]], [(10, 0), (18, 0)])
+    assert not server.step(5.0)
+
+
+def test_who_leaves_the_route_gets_another_and_who_arrived_none(server):
+    server.receive(1.0, at(10.0, 0.0))
+    server.receive(1.0, GoalSet(18.0, 0.0))
+    server.step(1.0)
+    server.receive(1.2, at(10.0, -3.0))
+    assert not server.step(1.2)  # not more often than replan_s
+    (said,) = server.step(2.2)
+    assert np.allclose(said.points_home_m[0], (10, -3))
+    server.receive(9.0, at(18.0, 0.1))
+    assert not server.step(9.0)
+
+
+def test_a_live_map_changes_cells_and_the_route(server, scene):
+    server.receive(1.0, at(10.0, 3.0))
+    server.receive(1.0, GoalSet(18.0, 3.0))
+    (first,) = server.step(1.0)
+    straight = np.hypot(*np.diff(first.points_home_m, axis=0).T).sum()
+    thing = (13.0, 14.0, 2.0, 5.0, 0.0, 0.8)
+    server.receive(2.5, MapSeen(scene([BOX, thing]).view(stamp_s=7.0, name="live"), live=True))
+    changed, said = server.step(2.5)
+    assert isinstance(changed, GridChanged) and changed.stamp_s == 7.0 == server.said.stamp_s
+    rows, columns = changed.stands.percents.shape
+    whole = server.said.stands[changed.stands.row :, changed.stands.column :][:rows, :columns]
+    assert np.array_equal(whole, changed.stands.percents) and rows * columns < 0.7 * server.said.stands.size
+    assert isinstance(said, RouteSaid) and np.hypot(*np.diff(said.points_home_m, axis=0).T).sum() > straight + 0.5
+    server.receive(4.0, MapSeen(scene([BOX]).view(stamp_s=8.0, name="live"), live=True))  # it went
+    server.step(4.0)
+    assert 0 <= server.said.stands[server.said.grid.cell_of(12.8, 3.0)] <= FREE_PERCENT
+
+
+def test_many_live_states_are_one_map_and_the_same_says_only_its_time(server, scene):
+    for k in range(4):
+        view = scene([BOX]).view(stamp_s=10.0 + k, name="live")
+        server.receive(1.0 + k, MapSeen(view, live=True))
+        server.step(1.0 + k)
+        assert len(server.ground.maps) == 2 and server.ground.views == ("drawn", "live")
+        assert server.ground.seen_by.max() <= 1
+    server.receive(9.0, MapSeen(replace(view, stamp_s=20.0), live=True))
+    (said,) = server.step(9.0)
+    assert said.stamp_s == 20.0 and said.stands.percents.shape == said.occupied.percents.shape == (1, 1)
+
+
+def test_a_live_map_alone_is_enough(rescue, scene):
+    server = GroundServer(rescue, RULES)
+    for k in (1, 2):
+        server.receive(k, MapSeen(scene([BOX]).view(stamp_s=k, name="live"), live=True))
+    whole, changed = server.step(2.0)
+    assert isinstance(whole, GridSaid) and isinstance(changed, GridChanged)
+    assert len(server.ground.maps) == 1 and server.ground.views == ("live",)
+    server.receive(3.0, MapSeen(scene([BOX]).view(stamp_s=0.5)))  # a finished one comes, too
+    server.step(3.0)
+    assert server.ground.views == ("drawn", "live") and server.said.stamp_s == 2.0
+
+
+def test_where_there_is_no_route_its_cells_are_named(rescue, scene):
+    server = GroundServer(rescue, RULES)
+    server.receive(0.0, MapSeen(scene(blank=[(13, 15, -9, 9)]).view()))
+    server.receive(0.0, at(10.0, 0.0))
+    server.receive(0.0, GoalSet(18.0, 0.0))
+    said = server.step(0.0)[-1]
+    assert isinstance(said, NoRouteSaid) and len(said.to_see_m) and "; look at (1" in said.reason
+    assert said.to_see_m[:, 0].min() > 12 and said.to_see_m[:, 0].max() < 16
+    server.receive(2.0, MapSeen(scene().view(name="second")))  # another map shows them
+    assert isinstance(server.step(2.0)[-1], RouteSaid)
+
+
+def test_a_service_gets_a_route_a_goal_nearby_or_a_sentence(server):
+    found = server.plan((10.0, 0.0), (18.0, 0.0))
+    assert isinstance(found, Route)
+    with pytest.raises(RouteError, match="at an obstacle|not surely free"):
+        server.plan((10.0, 0.0), (12.9, 0.0))
+    near = server.plan((10.0, 0.0), (12.9, 0.0), tolerance_m=1.0)
+    assert 0.1 < np.hypot(*(near.points_home_m[-1] - (12.9, 0.0))) <= 1.0
+    with pytest.raises(RouteError, match="outside of what was mapped"):
+        server.plan((10.0, 0.0), (90.0, 0.0), tolerance_m=1.0)
+    none = server.in_words(NoRoute("no safe route is known: 7 cells", np.array([[0, 0]] * 7)))
+    assert none.reason.startswith("no safe route is known: 7 cells; look at (5.") and len(none.to_see_m) == 7
+    assert none.reason.endswith(" and 2 more")
+
+
+def test_a_goal_that_is_dropped_ends_its_route_and_wrong_ones_are_refused(server, rescue):
+    server.receive(1.0, at(10.0, 0.0))
+    server.receive(1.0, GoalSet(18.0, 0.0))
+    server.step(1.0)
+    server.receive(2.0, GoalDropped("stopped by the operator"))
+    (said,) = server.step(2.0)
+    assert said.reason == "stopped by the operator" and not server.step(9.0)
+    with pytest.raises(RouteError, match="not finite"):
+        server.receive(3.0, GoalSet(np.nan, 0.0))
+    with pytest.raises(TypeError, match="does not know str"):
+        server.receive(3.0, "go")
+    with pytest.raises(RouteError, match="no map has come"):
+        GroundServer(rescue).plan((0, 0), (1, 1))
+
+
+def test_a_map_without_ground_leaves_what_is_known(server, scene):
+    before = server.said
+    view = scene([BOX]).view()
+    with pytest.raises(GroundError, match="no pixel has a depth"):
+        server.receive(1.0, MapSeen(replace(view, sigma=np.full_like(view.sigma, np.nan)), live=True))
+    with pytest.raises(GroundError, match="no pixel has a depth"):
+        server.receive(1.0, MapSeen(replace(view, sigma=np.full_like(view.sigma, np.nan))))
+    assert server.said is before and not server.step(1.0)
+    server.receive(2.0, MapSeen(scene([BOX]).view(name="good")))
+    assert server.ground.views == ("drawn", "good")
+
+
+def test_regions_are_found_put_in_place_and_refused_outside():
+    before = np.zeros((5, 6), np.int8)
+    after = before.copy()
+    after[1, 2] = after[3, 4] = 9
+    region = changed_region(before, after)
+    assert (region.row, region.column, region.percents.shape) == (1, 2, (3, 3))
+    assert np.array_equal(with_region(before, region), after) and changed_region(after, after) is None
+    for row, column in ((3, 2), (1, 4), (-1, 0)):
+        with pytest.raises(GroundError, match="outside of the grid"):
+            with_region(before, Region(row, column, region.percents))
+
+
+def test_clearance_is_the_distance_to_where_the_robot_must_not_stand():
+    grid = Grid(0.0, 0.0, 0.1, 21, 41)
+    stands = np.zeros(grid.shape, np.int8)
+    stands[:, 30] = 100
+    stands[:, :5] = -1
+    clear = clearance_map(3.0, grid, stands)
+    assert clear.stamp_s == 3.0 and (clear.clear_m[:, 30] == 0).all() and (clear.clear_m[:, :5] == 0).all()
+    assert clear.clear_m[10, 25] == pytest.approx(0.45, abs=0.01)  # to the edge of that cell
+    assert clear.clear_m[0, 15] == pytest.approx(0.05, abs=0.01)  # the grid ends
+
+
+def test_parts_of_a_live_map_become_a_view_by_their_stamp(scene):
+    view, views = scene().view(), LiveViews()
+    parts = {"depth": view.depth, "sigma": view.sigma, "kind": view.kind, "K": view.K, "T_home_cam": view.T_home_cam}
+    for stamp_s in range(20):  # incomplete ones are forgotten
+        assert views.add(stamp_s, "depth", view.depth) is None
+    for part, value in list(parts.items())[1:]:
+        assert views.add(3.0, part, value) is None
+    for part, value in list(parts.items())[1:]:
+        made = views.add(19.0, part, value)
+    assert made.stamp_s == 19.0 and np.array_equal(made.sigma, view.sigma, equal_nan=True)
+    with pytest.raises(GroundError, match="sigma has shape"):
+        [views.add(30.0, part, value if part != "sigma" else value[:9]) for part, value in parts.items()]
+    with pytest.raises(ValueError, match="has no part 'colour'"):
+        views.add(1.0, "colour", None)
