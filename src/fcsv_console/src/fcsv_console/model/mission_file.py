@@ -2,7 +2,6 @@
 """The configurations of a mission file with what each will show, or what is wrong with the file and in which line."""
 
 import dataclasses
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Optional, Tuple
@@ -108,38 +107,13 @@ def parse(text: str, source: str = "", optics: Optics = USUAL) -> MissionFile:
         return MissionFile(source, text, error=where)
     except ConfigError as error:
         where = f"{error.field}: " if error.field else ""
-        return MissionFile(source, text, error=FileError(line_of(text, error.field), f"{where}{error.problem}"))
+        return MissionFile(source, text, error=FileError(config.line_of(text, error.field), f"{where}{error.problem}"))
     return MissionFile(source, text, mission, _rows(mission, optics))
 
 
 def error_words(error: yaml.YAMLError) -> str:
     """What the parser says, on one line."""
     return str(getattr(error, "problem", None) or error).replace("\n", " ")
-
-
-def line_of(text: str, field: str) -> int:
-    """In which line, from 1 on, a field ("configurations[1].baseline_m") stands; of one that is missing its parent's.
-
-    >>> line_of("name: a\\nconfigurations:\\n  - {axis: up}\\n  - axis: a\\n    tilt: 1\\n", "configurations[1].tilt")
-    5
-    """
-    try:
-        node = yaml.compose(text)
-    except yaml.YAMLError:
-        return 0
-    line = 0
-    for name, index in re.findall(r"([A-Za-z_]\w*)|\[(\d+)", field):
-        if isinstance(node, yaml.MappingNode) and name:
-            found = next(((k, v) for k, v in node.value if k.value == name), None)
-            if found is None:
-                return line
-            line, node = found[0].start_mark.line + 1, found[1]
-        elif isinstance(node, yaml.SequenceNode) and index and int(index) < len(node.value):
-            node = node.value[int(index)]
-            line = node.start_mark.line + 1
-        else:
-            return line
-    return line
 
 
 def _rows(mission: Mission, optics: Optics) -> Tuple[ConfigurationRow, ...]:
