@@ -24,18 +24,39 @@ STEP_M = 0.1  # goals are dragged in whole steps
 
 @dataclass(frozen=True)
 class Optics:
-    """Of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it."""
+    """Of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it. ``focal_v_px``: across the rows, None: as
+    along them; ``heard_of``: the vehicle whose own camera this is, "" where none was heard."""
 
     focal_px: float = 602.0
     width: int = 640
     height: int = 480
     disparity_error_px: float = 1.0
     threshold: ErrorThreshold = ErrorThreshold(0.1, True)
+    focal_v_px: Optional[float] = None
+    heard_of: str = ""
+
+    def focal_along(self, axis: str) -> float:
+        """Focal length (px) that counts for disparities along a baseline's axis."""
+        return self.focal_px if axis == "horizontal" or self.focal_v_px is None else self.focal_v_px
 
     def fov_rad(self, axis: str) -> float:
         """Whole angle of view along a baseline's axis."""
         size = self.width if axis == "horizontal" else self.height
-        return 2.0 * float(np.arctan(size / 2.0 / self.focal_px))
+        return 2.0 * float(np.arctan(size / 2.0 / self.focal_along(axis)))
+
+    @property
+    def words(self) -> str:
+        """Of whose camera ranges and errors are.
+
+        >>> Optics().words
+        'the usual camera (640x480, f 602 px): no camera_info is heard'
+        >>> Optics(700.4, 800, 600, heard_of="uav1").words
+        "uav1's own camera (800x600, f 700 px)"
+        """
+        size = f"({self.width}x{self.height}, f {self.focal_px:.0f} px)"
+        if self.heard_of:
+            return f"{self.heard_of}'s own camera {size}"
+        return f"the usual camera {size}: no camera_info is heard"
 
 
 USUAL = Optics()
@@ -122,8 +143,8 @@ def _rows(mission: Mission, optics: Optics) -> Tuple[ConfigurationRow, ...]:
 
 def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
     c = mission.configurations[i]
-    far_m = farthest(c.baseline_m, optics.focal_px, optics.threshold, optics.disparity_error_px)
-    error_m = float(depth_error(far_m, c.baseline_m, optics.focal_px, optics.disparity_error_px))
+    far_m = farthest(c.baseline_m, optics.focal_along(c.axis), optics.threshold, optics.disparity_error_px)
+    error_m = float(depth_error(far_m, c.baseline_m, optics.focal_along(c.axis), optics.disparity_error_px))
     T_home_cam = camera_place(c)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
     settle_s, record_s, way_m = mission.settle.time_s, c.record_s, None

@@ -12,7 +12,7 @@ from fcsv_console.model.events import Event
 from fcsv_console.model.goals import Goal
 from fcsv_console.model.ground_views import GroundView
 from fcsv_console.model.hearing import Aged
-from fcsv_console.model.mission_file import MissionFile
+from fcsv_console.model.mission_file import USUAL, MissionFile, Optics
 from fcsv_console.model.pictures import CameraPicture, MapPictures
 from fcsv_console.model.poses import Relative, relative
 from fcsv_console.model.rehearsal import Rehearsal
@@ -26,7 +26,8 @@ from fcsv_geometry.phases import OVER
 @dataclass(frozen=True)
 class View:
     """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of the list,
-    ``stage``: how far the running one is; ``recorded``: a recording is played, nobody flies."""
+    ``stage``: how far the running one is; ``recorded``: a recording is played, nobody flies; ``optics``: whose camera
+    ranges and errors are computed with."""
 
     now_s: float
     vehicles: Tuple[VehicleRow, ...]
@@ -55,6 +56,7 @@ class View:
     stage: Stage = Stage()
     ground_views: Tuple[GroundView, ...] = ()
     recorded: bool = False
+    optics: Optics = USUAL
 
     @property
     def check_state(self) -> State:

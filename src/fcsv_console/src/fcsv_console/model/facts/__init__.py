@@ -29,6 +29,7 @@ from fcsv_console.model.facts.of_vehicle import (
     AutopilotState,
     Battery,
     CameraInHome,
+    CameraKnown,
     Captured,
     Clock,
     Diagnosed,
@@ -43,8 +44,8 @@ from fcsv_console.model.facts.of_vehicle import (
     Tags,
 )
 
-OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
-                  EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed, NotInBags]  # fmt: skip
+OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, CameraKnown, PictureHeard, Guardian, Agent,
+                  Recorder, Clock, EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed, NotInBags]  # fmt: skip
 Fact = Union[OfVehicle, Calibrated, HomeSet, Check, MissionTold, MissionFlown, MissionAlive, StopTold, MapTold,
              EpipolarTold, MapPicture, SeenFrom, RehearsalTold, JobTold, PlacesFound, Unusable, MasterTold]  # fmt: skip
 
@@ -55,6 +56,7 @@ __all__ = [
     "Battery",
     "Calibrated",
     "CameraInHome",
+    "CameraKnown",
     "Captured",
     "Check",
     "Clock",
