@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/reference/: nodes, commands and launch files as the code has them. Say --check to compare only."""
+"""Writes docs/reference/: nodes, commands, launch files, configuration files, as the code has them.
+
+Say --check to compare only.
+"""
 
 import argparse
 import ast
@@ -15,6 +18,7 @@ import xml.etree.ElementTree as xml
 from pathlib import Path
 from typing import Callable, Dict, List, Optional, Tuple
 
+import files_page
 from node_topics import ends_of_node, module_file, ros_modules
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -259,7 +263,10 @@ def pages() -> Dict[str, str]:
         parsers = {path: parser_of(path) for path in executables()}
     commands = {path: parser for path, parser in parsers.items() if parser is not None}
     nodes = [p for p, parser in parsers.items() if parser is None]
-    return {"commands.md": commands_page(commands), "nodes.md": nodes_page(nodes), "launch.md": launch_page()}
+    return {
+        "commands.md": commands_page(commands), "nodes.md": nodes_page(nodes), "launch.md": launch_page(),
+        "files.md": files_page.page(_HEAD),
+    }
 
 
 def main(write: Callable[[Path, str], None] = lambda path, text: path.write_text(text)) -> int:

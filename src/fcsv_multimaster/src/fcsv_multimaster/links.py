@@ -22,13 +22,13 @@ class TrafficClass:
     ``max_age_s``: older ones are not sent, not repeated, and dropped on arrival. ``max_bytes``: larger ones are, too.
     """
 
-    link: str
-    priority: str
-    reliable: bool
-    latched: bool = False
-    max_age_s: Optional[float] = None
-    rate_hz: Optional[float] = None
-    max_bytes: int = 4_000_000
+    link: str  # datagram: small and urgent; urgent: a stream, any size; bulk: pictures, paced
+    priority: str  # of Zenoh
+    reliable: bool  # repeated until acknowledged; else newest wins
+    latched: bool = False  # the last value goes to whoever comes later
+    max_age_s: Optional[float] = None  # older ones are dropped
+    rate_hz: Optional[float] = None  # at most; none: all
+    max_bytes: int = 4_000_000  # larger ones are dropped
 
     @property
     def queue_size(self) -> int:
@@ -121,7 +121,11 @@ SECTIONS = ("to_control", "to_vehicle", "to_all_vehicles", "between_vehicles")
 
 def load_links(path) -> Links:
     """The links in a YAML file. Raises ConfigError naming file and field."""
-    document = config.read_yaml(path)
+    return parse_links(config.read_yaml(path), str(path))
+
+
+def parse_links(document: Any, path: str) -> Links:
+    """The links in a document, whose file ``path`` names in errors. Raises ConfigError."""
     if not isinstance(document, dict):
         raise config.ConfigError(f"{path}: must hold classes and the sections {', '.join(SECTIONS)}")
     for key in document:
