@@ -18,11 +18,11 @@ from fcsv_control.guardian.port import (
     PoseEstimated,
 )
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
-from fcsv_geometry.arrivals import RELAY
-from fcsv_geometry.fence import Fence
 from fcsv_geometry.home import OdomLink, Place
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.streams.arrivals import RELAY
+from fcsv_geometry.vehicles import telemetry as tm
 
 NOW_S = 100.0
 THERE = transforms.from_xyz_yaw([4.0, 0.0, 6.0], 0.0)

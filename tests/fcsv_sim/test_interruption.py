@@ -40,7 +40,7 @@ def test_a_second_one_does_not_stop_what_must_come_to_its_end():
 
 
 def test_other_errors_in_such_places_are_told_as_before():
-    begin = "from fcsv_geometry.interruption import raise_again\nraise_again(KeyError)"
+    begin = "from fcsv_geometry.programs.interruption import raise_again\nraise_again(KeyError)"
     program = f"{begin}\nclass A:\n    def __del__(self): raise ValueError('told')\na = A()\ndel a\nprint('on')"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0)
     assert "ValueError: told" in done.stderr and done.stdout == "on\n"

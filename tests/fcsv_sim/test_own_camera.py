@@ -10,8 +10,8 @@ import pytest
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.camera_file import read_camera, write_camera
-from fcsv_geometry.mission import load_mission
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.missions.mission import load_mission
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.demo import demo
 from fcsv_sim.demo.fleet import SimulatedFleet
 from fcsv_sim.demo.own_camera import own_camera

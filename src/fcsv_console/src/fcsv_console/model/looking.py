@@ -8,7 +8,7 @@ import numpy as np
 
 from fcsv_console.model.facts import CameraInHome
 from fcsv_console.model.mission_file import Optics
-from fcsv_geometry.sweep import AXES
+from fcsv_geometry.missions.sweep import AXES
 
 _GRID = (48, 36)  # pixels that are asked: a share is then right to about 1 %
 

@@ -9,8 +9,8 @@ from fcsv_control.file_check.kinds import KINDS, MISSION, PARAMETER_SUFFIXES, Fi
 from fcsv_control.mission.plan_check import require_flyable
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError, FcsvError
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 _VEHICLES = "vehicles"
 

@@ -8,7 +8,7 @@ from typing import List, Optional
 
 from fcsv_control.file_check.checking import check, files_of
 from fcsv_control.file_check.kinds import KINDS
-from fcsv_geometry.commands import run
+from fcsv_geometry.programs.commands import run
 
 _EXAMPLES = """examples:
   check my_mission.yaml                                    one file; its kind is found out

@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, List, Tuple
 
 from fcsv_geometry import config
 from fcsv_geometry.camera_file import KEYS as CAMERA_KEYS
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 PARAMETER_SUFFIXES = (".param", ".params", ".parm")
 _MISTYPED = 0.8  # alike: the kind of a file is not to be guessed
@@ -55,17 +55,17 @@ _HERE = "fcsv_control.file_check.kinds"
 _LINK_KEYS = ("classes", "to_control", "to_vehicle", "to_all_vehicles", "between_vehicles")
 
 YAML_KINDS: Tuple[FileKind, ...] = (
-    FileKind(MISSION, "missions", "fcsv_geometry.mission:Mission", "fcsv_geometry.mission:load_mission"),
-    FileKind("vehicle", "vehicles", "fcsv_geometry.vehicle:VehicleGeometry", f"{_HERE}:load_vehicle"),
-    FileKind("robot", "robots", "fcsv_guidance.robot:Robot", "fcsv_guidance.robot:load_robot"),
-    FileKind("tracker", "trackers", "fcsv_geometry.tracker:TrackerProfile", "fcsv_geometry.tracker:load_profile"),
+    FileKind(MISSION, "missions", "fcsv_geometry.missions.mission:Mission"),
+    FileKind("vehicle", "vehicles", "fcsv_geometry.vehicles.vehicle:VehicleGeometry", f"{_HERE}:load_vehicle"),
+    FileKind("robot", "robots", "fcsv_guidance.robot:Robot"),
+    FileKind("tracker", "trackers", "fcsv_geometry.vehicles.tracker:TrackerProfile"),
     FileKind("links", "links", reader="fcsv_multimaster.links:load_links", keys=_LINK_KEYS),
     FileKind("guardian", "guardian", "fcsv_control.guardian.rules:GuardianRules"),
     FileKind("flight check", "tello", "fcsv_control.flight_check.rules:VehicleCheckRules"),
     FileKind("Tello controller", "tello", "fcsv_control.tello.pid:PidConfig"),
     FileKind("gimbals", "gimbal", "fcsv_tracking.gimbal.config:GroundRobot"),
-    FileKind("tilting rig", "tilting", "fcsv_tracking.tilting.rig:TiltingRig", "fcsv_tracking.tilting.rig:load_rig"),
-    FileKind("points of interest", "poi", "fcsv_stereo.poi:PointsOfInterest", "fcsv_stereo.poi:load_points"),
+    FileKind("tilting rig", "tilting", "fcsv_tracking.tilting.rig:TiltingRig"),
+    FileKind("points of interest", "poi", "fcsv_stereo.evaluating.poi:PointsOfInterest"),
     FileKind(CAMERA, "cameras", reader="fcsv_geometry.camera_file:read_camera", keys=CAMERA_KEYS),
     FileKind("MAVROS plugins", "mavros", keys=("plugin_blacklist", "plugin_whitelist"), foreign="MAVROS"),
     FileKind("MAVROS", "mavros", foreign="MAVROS", keys=(

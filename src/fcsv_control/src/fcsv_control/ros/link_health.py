@@ -10,10 +10,10 @@ import rospy
 from geometry_msgs.msg import Vector3Stamped
 
 from fcsv_control.flight.link import FlightLink
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.streams.flow import RateGate
 from fcsv_msgs.msg import LinkHealth, ParameterReport
 from mavros_msgs.msg import RCIn
 

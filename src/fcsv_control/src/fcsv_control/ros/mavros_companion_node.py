@@ -21,9 +21,9 @@ from fcsv_control.ros.mavros_line import MavrosLine
 from fcsv_control.ros.mavros_process import MavrosProcess, mind
 from fcsv_control.ros.pose_feed import WATCH_S, PoseFeed
 from fcsv_geometry import frames
-from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.streams.flow import RateGate
 from fcsv_msgs.msg import ModeAsked, Refusal
 from mavros_msgs.msg import StatusText
 

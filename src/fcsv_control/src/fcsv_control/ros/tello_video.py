@@ -15,7 +15,7 @@ from fcsv_geometry import frames
 from fcsv_geometry.camera_file import read_camera
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.silence import Silence, in_steps
+from fcsv_geometry.streams.silence import Silence, in_steps
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Mapping
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.camera_file import read_camera
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.lens import require_can_be_rendered
 from fcsv_sim.sensors.camera import CameraParameters

@@ -29,17 +29,17 @@ from fcsv_control.guardian.port import (
     PoseFed,
 )
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
-from fcsv_geometry.arrivals import RELAY
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_geometry.flow import RateGate
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.streams.arrivals import RELAY
+from fcsv_geometry.streams.flow import RateGate
+from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.bringup import bringup
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose
-from fcsv_tracking.scene_motion import SceneLook
+from fcsv_tracking.scene.scene_motion import SceneLook
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _TEXTS = {"STATUSTEXT": "text", "PARAM_VALUE": "param_id", "PARAM_SET": "param_id", "PARAM_REQUEST_READ": "param_id"}

@@ -13,9 +13,9 @@ from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vecto
 from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
-from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions, node
-from fcsv_geometry.tracker import load_profile
+from fcsv_geometry.streams.flow import RateGate
+from fcsv_geometry.vehicles.tracker import load_profile
 from fcsv_msgs.msg import Calibration, Epoch
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose, EpochBegan, GateParameters, Rebase
