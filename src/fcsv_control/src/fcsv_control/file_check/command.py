@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``rosrun fcsv_control check FILE...`` and, without ROS, ``fcsv check FILE...``."""
+"""The command that checks configuration files, with ROS or without: one line for each, exit status 1 on an error."""
 
 import argparse
 import sys
