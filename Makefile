@@ -8,13 +8,14 @@ RVIZ ?=
 LIVE ?=
 MOVERS ?=
 NEAR ?=
+CAMERA ?=
 START ?=
 SPEED ?= auto
 OUT ?= out/demo
 OVERWRITE ?=
 OPERATOR ?=
 AUTOPILOT ?=
-export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR START SPEED OUT OVERWRITE OPERATOR AUTOPILOT
+export SYSTEM MISSION SEED WORLD RVIZ LIVE MOVERS NEAR CAMERA START SPEED OUT OVERWRITE OPERATOR AUTOPILOT
 
 .PHONY: setup build demo play test bench bench-tracking bench-gimbal bench-link bench-sigma bench-survey rehearse study docs fresh
 setup build:

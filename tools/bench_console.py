@@ -50,7 +50,7 @@ def main() -> int:
     app = application("dark")
     console = samples.console(str(ROOT / "config/missions/outdoor.yaml"))
     samples.flying(console)
-    window = ConsoleWindow(console.view(samples.NOW_S), console.optics.fov_rad("horizontal"))
+    window = ConsoleWindow(console.view(samples.NOW_S))
     window.show()
     app.processEvents()
     print(f"start, without interpreter and ROS: {time.monotonic() - BEGUN_S:.2f} s")

@@ -10,6 +10,9 @@ import xml.etree.ElementTree as xml
 from pathlib import Path
 
 import pytest
+import yaml
+
+from fcsv_control.file_check.kinds import KINDS, recognised
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ROOT / "docs" / "reference"
@@ -55,6 +58,71 @@ def test_a_recipe_names_the_command_that_writes_its_new_entry_into_the_reference
     recipe = page.partition(f"\n## {section}\n")[2].partition("\n## ")[0]
     assert registry in recipe or registry == "METHODS"
     assert "`tools/run reference`" in recipe
+
+
+def rows_of_files(section):
+    """By key the cells of a kind's table: unit, default, range, meaning."""
+    page = (PAGES / "files.md").read_text().partition(f"\n## {section}\n")[2].partition("\n## ")[0]
+    rows = (line.strip("|").split(" | ") for line in page.splitlines() if line.startswith("| `"))
+    return {cells[0].strip(" `"): [c.strip() for c in cells[1:]] for cells in rows}
+
+
+def keys_in(value, at=""):
+    """Paths of all keys of a document, entries of lists as []."""
+    if isinstance(value, list):
+        return {key for entry in value for key in keys_in(entry, f"{at}[]")}
+    if not isinstance(value, dict):
+        return set()
+    paths = {f"{at}.{key}".lstrip("."): inner for key, inner in value.items()}
+    return set(paths) | {key for path, inner in paths.items() for key in keys_in(inner, path)}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config").rglob("*.yaml")), ids=lambda p: p.name)
+def test_every_key_of_a_file_in_config_stands_in_the_table_of_its_kind(path):
+    kind = recognised(path)
+    if kind.foreign or kind.name == "links":
+        return
+    rows = rows_of_files(kind.name[0].upper() + kind.name[1:])
+    assert rows and keys_in(yaml.safe_load(path.read_text())) <= set(rows)
+    assert all(cells[-1] for cells in rows.values()), "each has a meaning"
+
+
+def test_every_kind_of_file_stands_in_the_page():
+    page = (PAGES / "files.md").read_text()
+    for kind in KINDS.values():
+        assert f"\n## {kind.name[0].upper()}{kind.name[1:]}\n" in page or f"\n| {kind.name} | " in page
+
+
+@pytest.mark.parametrize("section, key, cells", [
+    ("Mission", "configurations[].record_s", ["s", "`5`", "0.5 to 600"]),
+    ("Mission", "configurations[].axis", ["", "none", "horizontal, vertical"]),
+    ("Mission", "fence.floor_m", ["m", "`0.5`", "over 0, under 40"]),
+    ("Vehicle", "system_id", ["", "must be given", "1 to 255"]),
+    ("Robot", "largest_slope_deg", ["degrees", "must be given", "over 0, at most 60"]),
+    ("Gimbals", "gimbals[].servo.pan_sign", ["", "`1`", "-1, 1"]),
+    ("Guardian", "fence.ceiling_m", ["m", "`45`", "over 0.3"]),
+    ("Links", "classes.NAME.max_age_s", ["s", "none", "over 0"]),
+    ("Tracker", "rate_hz", ["Hz", "`200`", "1 to 400"]),
+])
+def test_unit_default_and_range_are_those_of_the_parser(section, key, cells):
+    """As the tests of these parsers have them."""
+    assert rows_of_files(section)[key][:3] == cells
+
+
+def test_a_field_without_a_meaning_is_refused(monkeypatch, tmp_path):
+    """No key comes into a file without words for its user."""
+    monkeypatch.syspath_prepend(str(ROOT / "tools" / "docs"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import files_page
+
+    (tmp_path / "mute.py").write_text(
+        "import dataclasses\n\n\n@dataclasses.dataclass\nclass Mute:\n    told_m: float = 1.0  # it is told\n"
+        "    mute_m: float = 1.0\n")
+    mute = importlib.import_module("mute").Mute
+    rows = files_page._rows(mute, "", None, lambda _path, value: "" if value < 7 else "no")
+    assert next(rows) == ("told_m", "m", "`1`", "under 7", "it is told")
+    with pytest.raises(SystemExit, match="mute_m: no comment"):
+        next(rows)
 
 
 def test_topics_are_read_through_loops_helpers_and_names(monkeypatch, tmp_path):

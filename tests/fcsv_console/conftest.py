@@ -25,7 +25,7 @@ def opened(app):
     windows = []
 
     def of(console):
-        windows.append(ConsoleWindow(console.view(samples.NOW_S), console.optics.fov_rad("horizontal")))
+        windows.append(ConsoleWindow(console.view(samples.NOW_S)))
         return windows[-1]
 
     yield of

@@ -78,7 +78,7 @@ def test_a_window_that_ended_leaves_nothing_that_goes_on(app):
     from fcsv_console.qt.window import ConsoleWindow
 
     before, gone = set(app.allWidgets()), []
-    window = ConsoleWindow(samples.console(OUTDOOR).view(samples.NOW_S), 1.0)
+    window = ConsoleWindow(samples.console(OUTDOOR).view(samples.NOW_S))
     window.show()
     window.resize(960, 540)  # timers of its tables are due
     window.mission.table._fitting.destroyed.connect(lambda: gone.append("timer"))

@@ -6,10 +6,10 @@ import pytest
 from support.tello_air import until
 from support.tello_loop import CONFIG
 
+from fcsv_geometry.camera_file import write_camera
 from fcsv_sim.sensors.camera import CameraParameters
 from fcsv_sim.tello.pictures import VideoParameters
 from fcsv_sim.tello.radio import RadioParameters
-from fcsv_tracking.cameras.camera_yaml import write_camera
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 SMALL = CameraParameters(width=480, height=360, horizontal_fov_deg=70.1)

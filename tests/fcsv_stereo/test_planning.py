@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.camera_file import write_camera
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_stereo import equations
@@ -172,3 +173,30 @@ def test_the_command_writes_what_it_says(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert len(re.findall(r"^horizontal ", printed, re.M)) == 4 and "--trim-horizontal 120 240 360 400" in printed
     assert {p.name for p in tmp_path.iterdir()} == {"error_curves.png", "segments.png", "m.yaml"}
+
+
+def test_a_plan_for_the_own_camera_is_made_from_its_calibration_file(tmp_path, capsys):
+    """Equation 3.1: the focal length of the file decides, along the rows and across them."""
+    own = PinholeCamera(1280, 720, 900.0, 910.0, 640.0, 360.0, (-0.2, 0.05, 0.0, 0.0, 0.0))
+    write_camera(tmp_path / "own.yaml", "own", own)
+    words = f"--range-m 400 --baselines 4 --axis both --camera {tmp_path}/own.yaml"
+    assert command.main(words.split()) == 0
+    said = capsys.readouterr().out
+    for focal_px in (900.0, 910.0):
+        assert f"{equations.farthest(4.0, focal_px, ErrorThreshold(0.1, True)):.1f} m" in said
+    assert "no camera named" not in said
+    assert command.main("--range-m 400 --baselines 4".split()) == 0
+    assert "no camera named: planned for the D435's 56 degrees" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("more, words", [
+    ("--fov-deg 60", "leave --focal-px, --fov-deg and --size out"), ("--size 640 480", "leave --focal-px"),
+    ("", "fisheye"),
+])
+def test_a_camera_that_cannot_be_planned_for_is_named(tmp_path, capsys, more, words):
+    write_camera(tmp_path / "own.yaml", "own", CAMERA)
+    if not more:
+        (tmp_path / "own.yaml").write_text((tmp_path / "own.yaml").read_text().replace("plumb_bob", "equidistant"))
+    assert command.main(f"--range-m 400 --camera {tmp_path}/own.yaml {more}".split()) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("plan: ") and said.count("\n") == 1 and words in said

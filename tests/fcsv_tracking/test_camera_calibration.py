@@ -9,9 +9,9 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.camera_file import read_camera, write_camera
 from fcsv_geometry.errors import ConfigError
 from fcsv_tracking.cameras.board import BoardView, Chessboard, find_board
-from fcsv_tracking.cameras.camera_yaml import read_camera, write_camera
 from fcsv_tracking.cameras.intrinsics import calibrate_intrinsics
 from fcsv_tracking.cameras.pictures import collect_views
 from fcsv_tracking.cameras.stereo import calibrate_stereo

@@ -8,7 +8,7 @@ from support.spoilt_pictures import HEIC, spoil, with_orientation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_tracking.cameras.camera_yaml import read_camera
+from fcsv_geometry.camera_file import read_camera
 from fcsv_tracking.commands import calibrate_camera
 
 CAMERA = PinholeCamera(640, 480, 600.0, 600.0, 345.0, 222.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/reference/: nodes, commands, packages and launch files as the code has them. --check compares."""
+"""Writes docs/reference/: nodes, commands, packages, launch and other files as the code has them. --check compares."""
 
 import argparse
 import ast
@@ -15,6 +15,7 @@ import xml.etree.ElementTree as xml
 from pathlib import Path
 from typing import Callable, Dict, List, Optional, Tuple
 
+import files_page
 from node_topics import ends_of_node, module_file, ros_modules
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -282,8 +283,8 @@ def pages() -> Dict[str, str]:
     nodes = [p for p, parser in parsers.items() if parser is None]
     return {
         "commands.md": commands_page(commands), "nodes.md": nodes_page(nodes), "packages.md": packages_page(),
-        "launch.md": launch_page(),
-    }  # fmt: skip
+        "launch.md": launch_page(), "files.md": files_page.page(_HEAD),
+    }
 
 
 def main(write: Callable[[Path, str], None] = lambda path, text: path.write_text(text)) -> int:

@@ -24,13 +24,13 @@ class PinholeCamera:
     distortion coefficients that OpenCV does not take. Whether a reader's values are plausible: ``intrinsics``.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: Tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    width: int  # of the picture, px
+    height: int  # of the picture, px
+    fx: float  # focal length along the rows, px
+    fy: float  # focal length across them, px
+    cx: float  # principal point from the middle of the first pixel, px
+    cy: float  # likewise
+    distortion: Tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1, k2, p1, p2, k3, ... as OpenCV has them
 
     def __post_init__(self):
         values = [self.fx, self.fy, self.cx, self.cy, *self.distortion]

@@ -2,16 +2,19 @@
 """Strict configuration: a dataclass is the only home of defaults, a file may only name its fields."""
 
 import dataclasses
+import difflib
 import math
+import re
 import typing
 from pathlib import Path
-from typing import Any, Collection, Mapping, Optional, Type, TypeVar
+from typing import Any, Collection, Iterable, Mapping, Optional, Type, TypeVar
 
 import yaml
 
-from fcsv_geometry.errors import ConfigError
+from fcsv_geometry.errors import ConfigError, GeometryError
 
 T = TypeVar("T")
+_ALIKE = 0.6  # by difflib's measure; of a word with two letters exchanged, or one too many, it is above 0.8
 
 
 def load(path, cls: Type[T]) -> T:
@@ -55,8 +58,7 @@ def from_mapping(document: Any, cls: Type[T], source: str, at: str = "", base: O
     fields = {f.name: f for f in dataclasses.fields(cls) if f.init}
     for key in document:
         if key not in fields:
-            field = _join(at, key)
-            raise ConfigError(f"{source}: unknown key '{field}'; known here: {_names(cls)}", field, "is not known")
+            raise unknown_key(source, at, key, fields)
     for name, f in fields.items():
         required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
         if required and name not in document and base is None:
@@ -68,6 +70,55 @@ def from_mapping(document: Any, cls: Type[T], source: str, at: str = "", base: O
     except ValueError as error:
         name, _, problem = str(error).partition(": ")  # the contract of load()
         raise ConfigError(f"{source}: {_join(at, str(error))}", _join(at, name), problem) from error
+    except GeometryError as error:  # of a camera, which names no field
+        raise ConfigError(f"{source}: '{here}': {error}", at, str(error)) from error
+
+
+def unknown_key(source: str, at: str, key: Any, known: Iterable[str]) -> ConfigError:
+    """The error of a key that is not known at ``at``: it names the known ones, and the nearest where there is one.
+
+    >>> print(unknown_key("a.yaml", "fence", "radius", ["floor_m", "radius_m"]))
+    a.yaml: unknown key 'fence.radius'; known here: floor_m, radius_m; did you mean 'radius_m'?
+    """
+    field, names = _join(at, key), list(known)
+    near = nearest(key, names)
+    hint = f"; did you mean '{near}'?" if near else ""
+    words = f"{source}: unknown key '{field}'; known here: {', '.join(names)}{hint}"
+    return ConfigError(words, field, f"is not known{hint}")
+
+
+def nearest(key: Any, known: Iterable[str], alike: float = _ALIKE) -> str:
+    """The known key that a mistyped one is likely to mean; "" where none is ``alike`` (0..1, difflib's measure).
+
+    >>> nearest("baselinem", ["axis", "baseline_m"]), nearest("colour", ["axis", "baseline_m"])
+    ('baseline_m', '')
+    """
+    return next(iter(difflib.get_close_matches(str(key), list(known), n=1, cutoff=alike)), "")
+
+
+def line_of(text: str, field: str) -> int:
+    """In which line, from 1 on, a field ("configurations[1].baseline_m") stands; of one that is missing its parent's.
+
+    >>> line_of("name: a\\nconfigurations:\\n  - {axis: up}\\n  - axis: a\\n    tilt: 1\\n", "configurations[1].tilt")
+    5
+    """
+    try:
+        node = yaml.compose(text)
+    except yaml.YAMLError:
+        return 0
+    line = 0
+    for name, index in re.findall(r"([A-Za-z_]\w*)|\[(\d+)", field):
+        if isinstance(node, yaml.MappingNode) and name:
+            found = next(((k, v) for k, v in node.value if k.value == name), None)
+            if found is None:
+                return line
+            line, node = found[0].start_mark.line + 1, found[1]
+        elif isinstance(node, yaml.SequenceNode) and index and int(index) < len(node.value):
+            node = node.value[int(index)]
+            line = node.start_mark.line + 1
+        else:
+            return line
+    return line
 
 
 def _default(field: dataclasses.Field) -> Any:

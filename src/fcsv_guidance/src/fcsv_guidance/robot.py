@@ -19,16 +19,16 @@ class Robot:
     spot.
     """
 
-    name: str
-    radius_m: float
-    height_m: float
-    clearance_m: float
-    largest_step_m: float
-    largest_slope_deg: float
-    speed_mps: float
-    acceleration_mps2: float
-    turning_rate_radps: float
-    turning_radius_m: float = 0.0
+    name: str  # in messages
+    radius_m: float  # of its round footprint
+    height_m: float  # what has to pass under a beam
+    clearance_m: float  # what its belly passes over; below height_m
+    largest_step_m: float  # it climbs; at most its width
+    largest_slope_deg: float  # it climbs
+    speed_mps: float  # at most
+    acceleration_mps2: float  # at most
+    turning_rate_radps: float  # at most
+    turning_radius_m: float = 0.0  # 0: it turns on the spot
 
     def __post_init__(self):
         if not self.name:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The links file: classes of traffic, and which topics cross in which direction."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Dict, List, Optional, Tuple
 
 from fcsv_geometry import config
@@ -22,13 +22,13 @@ class TrafficClass:
     ``max_age_s``: older ones are not sent, not repeated, and dropped on arrival. ``max_bytes``: larger ones are, too.
     """
 
-    link: str
-    priority: str
-    reliable: bool
-    latched: bool = False
-    max_age_s: Optional[float] = None
-    rate_hz: Optional[float] = None
-    max_bytes: int = 4_000_000
+    link: str  # datagram: small and urgent; urgent: a stream, any size; bulk: pictures, paced
+    priority: str  # of Zenoh
+    reliable: bool  # repeated until acknowledged; else newest wins
+    latched: bool = False  # the last value goes to whoever comes later
+    max_age_s: Optional[float] = None  # older ones are dropped
+    rate_hz: Optional[float] = None  # at most; none: all
+    max_bytes: int = 4_000_000  # larger ones are dropped
 
     @property
     def queue_size(self) -> int:
@@ -75,12 +75,14 @@ class Rule:
 
 
 @dataclass(frozen=True)
-class _RuleEntry:
-    topic: str
-    traffic: str
-    rate_hz: Optional[float] = None
-    codec: Optional[str] = None
-    frames: List[str] = field(default_factory=list)
+class RuleEntry:
+    """A rule as the file has it, where ``traffic`` is called ``class``."""
+
+    topic: str  # begins with /; {vehicle} stands for each vehicle's name
+    traffic: str  # one of the file's classes
+    rate_hz: Optional[float] = None  # in place of the class's
+    codec: Optional[str] = None  # how pictures are packed: jpeg or h264; a class of the bulk link
+    frames: List[str] = field(default_factory=list)  # of /tf and /tf_static: the child frames that cross
 
     def __post_init__(self):
         if self.codec is not None and self.codec not in CODECS:
@@ -114,22 +116,28 @@ class Links:
         return {r.topic: r for r in (rule.of(name) for rule in rules)}
 
 
-_SECTIONS = ("to_control", "to_vehicle", "to_all_vehicles", "between_vehicles")
+SECTIONS = ("to_control", "to_vehicle", "to_all_vehicles", "between_vehicles")
 
 
 def load_links(path) -> Links:
-    """Raises ConfigError naming file and field."""
-    document = config.read_yaml(path)
+    """The links in a YAML file. Raises ConfigError naming file and field."""
+    return parse_links(config.read_yaml(path), str(path))
+
+
+def parse_links(document: Any, path: str) -> Links:
+    """The links in a document, whose file ``path`` names in errors. Raises ConfigError."""
     if not isinstance(document, dict):
-        raise config.ConfigError(f"{path}: must hold classes and the sections {', '.join(_SECTIONS)}")
-    unknown = set(document) - {"classes", *_SECTIONS}
-    if unknown:
-        raise config.ConfigError(f"{path}: unknown key '{sorted(unknown)[0]}'; known: classes, {', '.join(_SECTIONS)}")
+        raise config.ConfigError(f"{path}: must hold classes and the sections {', '.join(SECTIONS)}")
+    for key in document:
+        if key not in ("classes", *SECTIONS):
+            raise config.unknown_key(str(path), "", key, ("classes", *SECTIONS))
+    given = document.get("classes") or {}
+    if not isinstance(given, dict):
+        raise config.ConfigError(f"{path}: 'classes' must be a mapping of NAME: {{link, priority, ...}}", "classes")
     classes = {
-        name: config.from_mapping(entry, TrafficClass, str(path), f"classes.{name}")
-        for name, entry in (document.get("classes") or {}).items()
+        name: config.from_mapping(entry, TrafficClass, str(path), f"classes.{name}") for name, entry in given.items()
     }
-    sections = {s: _rules(document.get(s) or [], s, classes, path) for s in _SECTIONS}
+    sections = {s: _rules(document.get(s) or [], s, classes, path) for s in SECTIONS}
     return Links(classes, **sections)
 
 
@@ -139,11 +147,11 @@ def _rules(entries: Any, section: str, classes: Dict[str, TrafficClass], path) -
     rules = []
     for i, entry in enumerate(entries):
         at = f"{section}[{i}]"
-        if isinstance(entry, dict) and "class" in entry:
-            entry = {("traffic" if k == "class" else k): v for k, v in entry.items()}
-        parsed = config.from_mapping(entry, _RuleEntry, str(path), at)
+        parsed = config.from_mapping(_with_traffic(entry, at, path), RuleEntry, str(path), at)
         if parsed.traffic not in classes:
-            raise config.ConfigError(f"{path}: '{at}.class' is '{parsed.traffic}'; known: {', '.join(classes)}")
+            near = config.nearest(parsed.traffic, classes)
+            hint = f"; did you mean '{near}'?" if near else ""
+            raise config.ConfigError(f"{path}: '{at}.class' is '{parsed.traffic}'; known: {', '.join(classes)}{hint}")
         if not parsed.topic.startswith("/"):
             raise config.ConfigError(f"{path}: '{at}.topic' is '{parsed.topic}'; topics here begin with /")
         traffic = classes[parsed.traffic]
@@ -153,3 +161,16 @@ def _rules(entries: Any, section: str, classes: Dict[str, TrafficClass], path) -
             raise config.ConfigError(f"{path}: '{at}.class' of /tf_static must be latched, '{parsed.traffic}' is not")
         rules.append(Rule(parsed.topic, traffic, parsed.rate_hz, parsed.codec, tuple(parsed.frames)))
     return rules
+
+
+def _with_traffic(entry: Any, at: str, path) -> Any:
+    """The entry with its ``class`` as RuleEntry names it."""
+    if not isinstance(entry, dict):
+        return entry
+    known = ["class" if f.name == "traffic" else f.name for f in fields(RuleEntry)]
+    for key in entry:
+        if key not in known:
+            raise config.unknown_key(str(path), at, key, known)
+    if "class" not in entry:
+        raise config.ConfigError(f"{path}: '{at}.class' is missing", f"{at}.class", "is missing")
+    return {("traffic" if key == "class" else key): value for key, value in entry.items()}

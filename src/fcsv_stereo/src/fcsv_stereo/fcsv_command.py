@@ -15,6 +15,7 @@ COMMANDS = {
     "plan": ("fcsv_stereo.planning.command", "the baselines to fly, their ranges and errors"),
     "import-photos": ("fcsv_stereo.photos.command", "GPS-tagged photographs as a folder that map reads, in metres"),
     "import-bag": ("fcsv_stereo.bag_import.command", "any bag with posed cameras as a folder that map reads"),
+    "check": ("fcsv_control.file_check.command", "whether missions, vehicle files and other configuration are good"),
     "ground": ("fcsv_guidance.ground_command", "where a robot can drive, from maps; a route across it"),
 }
 _HELP = ("-h", "--help")

@@ -16,6 +16,7 @@ from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
 from fcsv_console.model.ground_views import GroundViews
 from fcsv_console.model.hearing import Heard, slow
+from fcsv_console.model.own_optics import OwnOptics
 from fcsv_console.model.pair import PairWatch
 from fcsv_console.model.phases_told import PhasesTold
 from fcsv_console.model.pictures import Pictures
@@ -54,6 +55,7 @@ class Console:
         recorded: bool = False, normal_s: float = NORMAL_S,
     ):  # fmt: skip
         self.names, self.optics, self.file = list(vehicles), optics, files.MissionFile()
+        self._own_optics = OwnOptics(optics)
         self._recorded, self._chronicle = recorded, Chronicle()
         self._target_m = target_m
         self._vehicles = {name: Vehicle(name, since_s) for name in vehicles}
@@ -110,11 +112,21 @@ class Console:
 
     def load(self, path) -> None:
         """A mission file; what is wrong with it is in the view."""
-        self.file = files.load(path, self.optics)
+        self._show_file(files.load(path, self.optics))
 
     def edit(self, text: str) -> None:
         """The file's text as an editor holds it."""
-        self.file = files.parse(text, self.file.source, self.optics)
+        self._show_file(files.parse(text, self.file.source, self.optics))
+
+    def _show_file(self, file: files.MissionFile) -> None:
+        """With ranges and errors of the camera of the file's reference, where that was heard."""
+        self.file = file
+        mission = file.mission or self._flown
+        optics = self._own_optics.of(mission.reference if mission is not None else self.names[0])
+        if optics != self.optics:
+            self.optics = optics
+            if file.mission is not None:
+                self.file = files.parse(file.text, file.source, optics)
 
     def drag(self, index: int, value: float, field: str = "baseline_m") -> str:
         """A goal was dragged: another baseline (m), or "tilt_deg", for one configuration. Why it stays, "" where it
@@ -169,7 +181,10 @@ class Console:
             read = files.parse(fact.text, "", self.optics)
             self._flown = read.mission
             if not self.file.source and not self.file.text:
-                self.file = read  # no file was named: the mission's own is shown
+                self._show_file(read)  # no file was named: the mission's own is shown
+        elif isinstance(fact, f.CameraKnown):
+            self._own_optics.tell(fact)
+            self._show_file(self.file)
         elif isinstance(fact, f.RehearsalTold):
             self._rehearsals.tell(fact)
         elif isinstance(fact, f.SeenFrom):
@@ -228,7 +243,7 @@ class Console:
             self.after.steps([v.name for v in rows if v.armed]), self.after.places, self._goals.shown(self.file.rows),
             self._problems(now_s, told, column, last in OVER), self._master_problem, stage,
             self._ground_views.shown(now_s), self._recorded, self._calibration, self._start.starting(now_s),
-            self._waiting(now_s, told, check), bool(ended),
+            self._waiting(now_s, told, check), bool(ended), optics=self.optics,
         )  # fmt: skip
         return replace(view, guide=guide(view, self._phases.before))
 

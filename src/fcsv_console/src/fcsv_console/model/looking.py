@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_console.model.facts import CameraInHome
 from fcsv_console.model.mission_file import Optics
+from fcsv_geometry.missions.sweep import AXES
 
 _GRID = (48, 36)  # pixels that are asked: a share is then right to about 1 %
 
@@ -50,9 +51,10 @@ def seen_by_both(reference: CameraInHome, moving: CameraInHome, z_m: float, opti
     u = (np.arange(wide) + 0.5) / wide * optics.width - optics.width / 2.0
     v = (np.arange(high) + 0.5) / high * optics.height - optics.height / 2.0
     uu, vv = (m.ravel() for m in np.meshgrid(u, v))
-    p_ref = np.column_stack([uu / optics.focal_px, vv / optics.focal_px, np.ones(uu.size)]) * z_m
+    f_u, f_v = (optics.focal_along(axis) for axis in AXES)
+    p_ref = np.column_stack([uu / f_u, vv / f_v, np.ones(uu.size)]) * z_m
     p_home = p_ref @ rotation_of(reference).T + np.array(reference.p_home_m)
     p = (p_home - np.array(moving.p_home_m)) @ rotation_of(moving)
     z = np.maximum(p[:, 2], 1e-6)
-    inside = (p[:, 2] > 0) & (np.abs(p[:, 0]) * optics.focal_px <= z * optics.width / 2.0)
-    return float(np.mean(inside & (np.abs(p[:, 1]) * optics.focal_px <= z * optics.height / 2.0)))
+    inside = (p[:, 2] > 0) & (np.abs(p[:, 0]) * f_u <= z * optics.width / 2.0)
+    return float(np.mean(inside & (np.abs(p[:, 1]) * f_v <= z * optics.height / 2.0)))

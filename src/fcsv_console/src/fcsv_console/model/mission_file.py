@@ -2,7 +2,6 @@
 """The configurations of a mission file with what each will show, or what is wrong with the file and in which line."""
 
 import dataclasses
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Optional, Tuple
@@ -25,18 +24,39 @@ STEP_M = 0.1  # goals are dragged in whole steps
 
 @dataclass(frozen=True)
 class Optics:
-    """Of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it."""
+    """Of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it. ``focal_v_px``: across the rows, None: as
+    along them; ``heard_of``: the vehicle whose own camera this is, "" where none was heard."""
 
     focal_px: float = 602.0
     width: int = 640
     height: int = 480
     disparity_error_px: float = 1.0
     threshold: ErrorThreshold = ErrorThreshold(0.1, True)
+    focal_v_px: Optional[float] = None
+    heard_of: str = ""
+
+    def focal_along(self, axis: str) -> float:
+        """Focal length (px) that counts for disparities along a baseline's axis."""
+        return self.focal_px if axis == "horizontal" or self.focal_v_px is None else self.focal_v_px
 
     def fov_rad(self, axis: str) -> float:
         """Whole angle of view along a baseline's axis."""
         size = self.width if axis == "horizontal" else self.height
-        return 2.0 * float(np.arctan(size / 2.0 / self.focal_px))
+        return 2.0 * float(np.arctan(size / 2.0 / self.focal_along(axis)))
+
+    @property
+    def words(self) -> str:
+        """Of whose camera ranges and errors are.
+
+        >>> Optics().words
+        'the usual camera (640x480, f 602 px): no camera_info is heard'
+        >>> Optics(700.4, 800, 600, heard_of="uav1").words
+        "uav1's own camera (800x600, f 700 px)"
+        """
+        size = f"({self.width}x{self.height}, f {self.focal_px:.0f} px)"
+        if self.heard_of:
+            return f"{self.heard_of}'s own camera {size}"
+        return f"the usual camera {size}: no camera_info is heard"
 
 
 USUAL = Optics()
@@ -108,7 +128,7 @@ def parse(text: str, source: str = "", optics: Optics = USUAL) -> MissionFile:
         return MissionFile(source, text, error=where)
     except ConfigError as error:
         where = f"{error.field}: " if error.field else ""
-        return MissionFile(source, text, error=FileError(line_of(text, error.field), f"{where}{error.problem}"))
+        return MissionFile(source, text, error=FileError(config.line_of(text, error.field), f"{where}{error.problem}"))
     return MissionFile(source, text, mission, _rows(mission, optics))
 
 
@@ -117,39 +137,14 @@ def error_words(error: yaml.YAMLError) -> str:
     return str(getattr(error, "problem", None) or error).replace("\n", " ")
 
 
-def line_of(text: str, field: str) -> int:
-    """In which line, from 1 on, a field ("configurations[1].baseline_m") stands; of one that is missing its parent's.
-
-    >>> line_of("name: a\\nconfigurations:\\n  - {axis: up}\\n  - axis: a\\n    tilt: 1\\n", "configurations[1].tilt")
-    5
-    """
-    try:
-        node = yaml.compose(text)
-    except yaml.YAMLError:
-        return 0
-    line = 0
-    for name, index in re.findall(r"([A-Za-z_]\w*)|\[(\d+)", field):
-        if isinstance(node, yaml.MappingNode) and name:
-            found = next(((k, v) for k, v in node.value if k.value == name), None)
-            if found is None:
-                return line
-            line, node = found[0].start_mark.line + 1, found[1]
-        elif isinstance(node, yaml.SequenceNode) and index and int(index) < len(node.value):
-            node = node.value[int(index)]
-            line = node.start_mark.line + 1
-        else:
-            return line
-    return line
-
-
 def _rows(mission: Mission, optics: Optics) -> Tuple[ConfigurationRow, ...]:
     return tuple(_row(i, mission, optics) for i in range(len(mission.configurations)))
 
 
 def _row(i: int, mission: Mission, optics: Optics) -> ConfigurationRow:
     c = mission.configurations[i]
-    far_m = farthest(c.baseline_m, optics.focal_px, optics.threshold, optics.disparity_error_px)
-    error_m = float(depth_error(far_m, c.baseline_m, optics.focal_px, optics.disparity_error_px))
+    far_m = farthest(c.baseline_m, optics.focal_along(c.axis), optics.threshold, optics.disparity_error_px)
+    error_m = float(depth_error(far_m, c.baseline_m, optics.focal_along(c.axis), optics.disparity_error_px))
     T_home_cam = camera_place(c)
     x, y, z = (float(v) for v in T_home_cam[:3, 3])
     settle_s, record_s, way_m = mission.settle.time_s, c.record_s, None

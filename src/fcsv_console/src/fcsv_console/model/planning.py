@@ -44,8 +44,8 @@ def planned(wanted: Wanted, text: str, optics: Optics) -> Planned:
     '--range-m -3 must be positive'
     """
     axes = tuple(AXES) if wanted.axis == "both" else (wanted.axis,)
-    camera = PinholeCamera(optics.width, optics.height, optics.focal_px, optics.focal_px, optics.width / 2.0 - 0.5,
-                           optics.height / 2.0 - 0.5)  # fmt: skip
+    f_u, f_v = (optics.focal_along(axis) for axis in AXES)
+    camera = PinholeCamera(optics.width, optics.height, f_u, f_v, optics.width / 2.0 - 0.5, optics.height / 2.0 - 0.5)
     try:
         request = PlanRequest(wanted.range_m, parse_threshold(wanted.error), camera, count=wanted.number,
                               whole=wanted.whole, disparity_error_px=optics.disparity_error_px, axes=axes)  # fmt: skip
@@ -57,7 +57,7 @@ def planned(wanted: Wanted, text: str, optics: Optics) -> Planned:
     whole = _with_list(text, lines)
     if _mapping(whole) is None:
         return Planned(problem="the file cannot take another list: write its keys one a line, without braces")
-    return Planned(whole, notes=tuple(plan.notes) + _farthest(plan))
+    return Planned(whole, notes=(*plan.notes, *_farthest(plan), f"for {optics.words}"))
 
 
 def _farthest(plan: Plan) -> Tuple[str, ...]:

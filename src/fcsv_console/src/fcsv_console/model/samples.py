@@ -96,6 +96,7 @@ def _streams(c: _Script, now_s: float, mode: str, armed: bool, places: Sequence[
             c.tell(at_s, f.AutopilotState(name, True, armed, mode))
             if k % 10 == 0:
                 c.tell(at_s, f.Battery(name, share - (0.04 if name == "uav2" else 0.0), 15.3))
+                c.tell(at_s, f.CameraKnown(name, 640, 480, 601.8, 601.8))
                 c.tell(at_s, f.Diagnosed(name))
                 c.tell(at_s, f.Recorder(name, mode == "GUIDED", 400 + k, 0, 96.0))
                 c.tell(at_s, f.Radio(name, 0.006, 0.01))

@@ -85,7 +85,8 @@ def judge(
         turn_deg = abs(_degrees(moving.value.heading_rad - reference.value.heading_rad - row.goal_heading_rad))
         pitch_deg = abs(_degrees(moving.value.pitch_rad - reference.value.pitch_rad))
         roll_deg = abs(_degrees(moving.value.roll_rad - reference.value.roll_rad))
-        error_m = float(depth_error(target_m, max(baseline_m, 1e-3), optics.focal_px, optics.disparity_error_px))
+        focal_px = optics.focal_along(row.axis)
+        error_m = float(depth_error(target_m, max(baseline_m, 1e-3), focal_px, optics.disparity_error_px))
     reasons += _wrong(overlap, target_m, skew_s, turn_deg, apart_m)
     reasons += _disagree(told, optics)
     return StereoHealth(

@@ -13,7 +13,7 @@ from fcsv_console.model.goals import Goal
 from fcsv_console.model.ground_views import GroundView
 from fcsv_console.model.guide import Guide
 from fcsv_console.model.hearing import Aged
-from fcsv_console.model.mission_file import MissionFile
+from fcsv_console.model.mission_file import USUAL, MissionFile, Optics
 from fcsv_console.model.pictures import CameraPicture, MapPictures
 from fcsv_console.model.poses import Relative, relative
 from fcsv_console.model.rehearsal import Rehearsal
@@ -29,7 +29,7 @@ class View:
     """``running``: index of the running configuration, None where none is; ``progress``: 0..1 of the list,
     ``stage``: how far the running one is; ``recorded``: a recording is played, nobody flies; ``starting``: what was not
     heard yet may still come, ``waiting``: lines of the flight check that are so at every start; ``ended``: the mission
-    is over and its machines are silent."""
+    is over and its machines are silent; ``optics``: whose camera ranges and errors are computed with."""
 
     now_s: float
     vehicles: Tuple[VehicleRow, ...]
@@ -58,6 +58,7 @@ class View:
     stage: Stage = Stage()
     ground_views: Tuple[GroundView, ...] = ()
     recorded: bool = False
+    optics: Optics = USUAL
     calibration: Optional[f.CalibrationFound] = None
     starting: bool = False
     waiting: FrozenSet[Tuple[str, str]] = frozenset()

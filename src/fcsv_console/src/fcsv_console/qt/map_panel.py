@@ -18,10 +18,10 @@ class MapPanel(QWidget):
 
     showed = Signal(int)
 
-    def __init__(self, fov_rad: float, rviz_config: str = "", parent=None):
+    def __init__(self, rviz_config: str = "", parent=None):
         super().__init__(parent)
         self.shows = PLAN
-        self.plan, self.rviz = PlanView(fov_rad), RvizView(rviz_config)
+        self.plan, self.rviz = PlanView(), RvizView(rviz_config)
         self._stack = QStackedWidget()
         for view in (self.plan, self.rviz):
             self._stack.addWidget(view)

@@ -47,6 +47,8 @@ class MissionPanel(QWidget):
         self.text.textChanged.connect(self._changed)
         self.note = LinesLabel(1)
         self.note.setAccessibleName("Mission file")
+        self.optics = LinesLabel(1)
+        self.optics.setAccessibleName("Camera of ranges and errors")
         self.save = self._button("&Save", "Write the file; the mission node reads it when it starts", self._save)
         self.revert = self._button("Re&vert", "Leave the changes; Ctrl+Z in the text brings them back", self._revert)
         kept = self.revert.sizePolicy()
@@ -85,6 +87,7 @@ class MissionPanel(QWidget):
         told.addWidget(self.note, 1)
         told.addWidget(self.revert)
         layout.addLayout(told)
+        layout.addWidget(self.optics)
         layout.addWidget(self.rehearsal)
         layout.addLayout(line)
 
@@ -125,6 +128,16 @@ class MissionPanel(QWidget):
         if view.file is not self._shown:
             self._shown = view.file
             self._show_file(view.file)
+        self._show_optics(view)
+
+    def _show_optics(self, view: View) -> None:
+        """Whose camera ranges and errors are computed with: a line only while it is not the vehicle's own."""
+        words = f"Ranges and errors: {view.optics.words}"
+        if self.optics.text() != words:
+            self.optics.setText(words)
+            self.optics.setStyleSheet(f"color: {colours.tone(cells.CARE, self.palette()).name()}")
+            self.optics.setVisible(not view.optics.heard_of)
+            self.table.setToolTip(words)
 
     def _show_file(self, file: MissionFile) -> None:
         if file.source != self._source or not self._saved:

@@ -9,6 +9,7 @@ from python_qt_binding.QtWidgets import QWidget
 
 from fcsv_console.model import above_view as geometry
 from fcsv_console.model.gauges import gauges as gauges_of
+from fcsv_console.model.mission_file import USUAL
 from fcsv_console.model.view import View
 from fcsv_console.qt.plan_picture import BAR_PX, Hand, PlanPicture
 
@@ -22,10 +23,10 @@ class PlanView(QWidget):
 
     goal_changed, goal_turned = Signal(int, float), Signal(int, float)
 
-    def __init__(self, fov_rad: float, parent=None):
+    def __init__(self, parent=None):
         super().__init__(parent)
         self._view: Optional[View] = None
-        self._fov_rad, self._zoom, self.editable = fov_rad, 1.0, False
+        self._fov_rad, self._zoom, self.editable = USUAL.fov_rad("horizontal"), 1.0, False
         self._held = self._turned = self._chosen = None  # type: Optional[int] # by mouse, by its knob, by keys
         self._mouse = QPointF(0.0, 0.0)
         self.setMinimumSize(300, 120)
@@ -35,7 +36,7 @@ class PlanView(QWidget):
 
     def show_view(self, view: View) -> None:
         """Draw this from now on; words for a screen reader besides."""
-        self._view = view
+        self._view, self._fov_rad = view, view.optics.fov_rad("horizontal")
         words = [a.words for a in view.above] or ["nobody is above another"]
         words += [g.words for g in gauges_of(view)]
         words += [f"what the {seen.words} sees is drawn" for seen in view.ground_views]

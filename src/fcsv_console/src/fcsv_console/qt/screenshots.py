@@ -71,7 +71,7 @@ def made(situation: str, size: Tuple[int, int]):
         samples.ground_cameras(console)
     if situation == "error":
         console.edit(console.file.text.replace("baseline_m: 6.0", "baseline_m: -6.0"))
-    window = ConsoleWindow(console.view(samples.NOW_S), console.optics.fov_rad("horizontal"))
+    window = ConsoleWindow(console.view(samples.NOW_S))
     window.resize(*size)
     if situation == "error":
         window.mission._tabs.setCurrentIndex(1)

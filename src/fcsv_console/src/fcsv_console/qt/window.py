@@ -53,7 +53,7 @@ class ConsoleWindow(QMainWindow):
     edited, opened, planned = Signal(str), Signal(str), Signal(object)
     goal_changed, goal_turned = Signal(int, float), Signal(int, float)
 
-    def __init__(self, view: View, fov_rad: float, rviz_config: str = ""):
+    def __init__(self, view: View, rviz_config: str = ""):
         super().__init__()
         self.setWindowTitle("fcsv console")
         self._view, self._lines = view, []  # type: View, List[Line]
@@ -64,7 +64,7 @@ class ConsoleWindow(QMainWindow):
             self.buttons[action.name].asked.connect(self._ask)
         self.accept = QPushButton("Accept line [Enter]")
         self.accept.clicked.connect(self._accept)
-        self.map = MapPanel(fov_rad, rviz_config)
+        self.map = MapPanel(rviz_config)
         self.plan, self.drag = self.map.plan, self.map.drag
         self._make_parts(view)
         self._lay_out()

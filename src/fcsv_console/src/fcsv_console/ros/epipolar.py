@@ -53,9 +53,12 @@ class EpipolarHearing:
 
     def _on_camera(self, m: CameraInfo, name: str) -> None:
         try:
-            self._watch.tell_camera(name, conversions.camera_from_info(m))
+            camera = conversions.camera_from_info(m)
         except FcsvError as error:
             self._put(f.Unusable(name, "camera/color/camera_info", str(error)))
+            return
+        self._watch.tell_camera(name, camera)
+        self._put(f.CameraKnown(name, camera.width, camera.height, camera.fx, camera.fy))
 
     def _on_live(self, m: CompressedImage, name: str) -> None:
         self._watch.tell_live(name, m.header.stamp.to_sec(), bytes(m.data))

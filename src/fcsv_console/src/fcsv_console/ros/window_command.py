@@ -84,7 +84,7 @@ def connected(shell: Shell, app: QApplication) -> ConsoleWindow:
     """A window that shows what the shell hears, and asks it for what the operator asks for."""
     console = shell.console
     config = Path(rospkg.RosPack().get_path("fcsv_bringup")) / "rviz/map.rviz"
-    window = ConsoleWindow(shell.view(), console.optics.fov_rad("horizontal"), str(config))
+    window = ConsoleWindow(shell.view(), str(config))
     app.installEventFilter(window.keys)
 
     def ask(name: str, given: dict) -> None:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ``rosrun fcsv_control`` runs on a desk."""
+"""Commands of fcsv_control for a desk."""

@@ -14,18 +14,18 @@ class VehicleCheckRules:
     silent_s: float = 2.0  # of what comes at least five times a second
     slow_silent_s: float = 5.0  # of what comes once a second
     red_position_hz: float = 5.0  # of 30 that the autopilot is asked for
-    amber_position_hz: float = 15.0
+    amber_position_hz: float = 15.0  # likewise
     red_feed_hz: float = 8.0  # of 30 that go to the autopilot
-    amber_feed_hz: float = 15.0
-    red_feed_age_s: float = 0.5
-    red_ekf_variance: float = 0.8
-    amber_ekf_variance: float = 0.5
+    amber_feed_hz: float = 15.0  # likewise
+    red_feed_age_s: float = 0.5  # of the newest pose
+    red_ekf_variance: float = 0.8  # of the worst of the filter's variances
+    amber_ekf_variance: float = 0.5  # likewise
     red_apart_m: float = 0.5  # between estimate and feed, on the ground
-    amber_apart_m: float = 0.2
+    amber_apart_m: float = 0.2  # likewise
     red_apart_in_flight_m: float = 1.0  # the estimate is later than the feed
-    red_battery: float = 0.2
-    amber_battery: float = 0.4
-    amber_picture_hz: float = 0.5
+    red_battery: float = 0.2  # share of the charge
+    amber_battery: float = 0.4  # likewise
+    amber_picture_hz: float = 0.5  # fewer pictures that come are amber
     red_disk_mib: float = 1000.0  # the recorder stops at 500
     amber_disk_mib: float = 8000.0  # of pictures of 640 x 480 at 5.5 Hz some 25 minutes
 

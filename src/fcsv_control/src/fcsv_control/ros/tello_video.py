@@ -12,10 +12,10 @@ from sensor_msgs.msg import CameraInfo, Image
 from fcsv_control.tello.key_pictures import KeyPictures
 from fcsv_control.tello.video import Video
 from fcsv_geometry import frames
+from fcsv_geometry.camera_file import read_camera
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.streams.silence import Silence, in_steps
-from fcsv_tracking.cameras.camera_yaml import read_camera
 
 
 @dataclass(frozen=True)

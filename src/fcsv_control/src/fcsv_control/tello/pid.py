@@ -29,12 +29,12 @@ class Gains:
     ``integral_most`` bounds the integrator's output; ``integral_within``: error (m, rad) beyond which it waits.
     """
 
-    p: float
-    i: float
-    d: float
-    most: float
-    integral_most: float
-    integral_within: float
+    p: float  # of the error
+    i: float  # of its integral
+    d: float  # of the measured velocity
+    most: float  # of the output
+    integral_most: float  # of the integrator's output
+    integral_within: float  # error (m, rad) beyond which the integrator waits
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -51,12 +51,12 @@ class StickModel:
     ``brake_per_s``: how an axis that is let go is stopped by its flow sensor. ``dead_band``: share of a stick's way.
     """
 
-    lean_deg: float = 13.0
-    climb_mps: float = 1.0
-    turn_dps: float = 100.0
-    drag_per_s: float = 0.56
-    brake_per_s: float = 1.8
-    dead_band: float = 0.02
+    lean_deg: float = 13.0  # of a full stick
+    climb_mps: float = 1.0  # of a full stick
+    turn_dps: float = 100.0  # of a full stick
+    drag_per_s: float = 0.56  # of the air: how a velocity dies away while it leans
+    brake_per_s: float = 1.8  # of its flow sensor on an axis that is let go
+    dead_band: float = 0.02  # share of a stick's way
 
     def __post_init__(self):
         require_positive(self)
@@ -82,7 +82,7 @@ class StickModel:
 class PidConfig:
     """config/tello/NAME.yaml. ``command``: what the horizontal PID gives, "velocity" or "attitude"."""
 
-    command: str = VELOCITY
+    command: str = VELOCITY  # what the horizontal PID gives: a velocity, or a lean angle ("attitude")
     horizontal: Gains = field(default_factory=lambda: Gains(1.2, 0.2, 0.0, 0.6, 0.2, 0.4))
     vertical: Gains = field(default_factory=lambda: Gains(1.4, 0.3, 0.1, 0.4, 0.2, 0.6))
     yaw: Gains = field(default_factory=lambda: Gains(1.0, 0.1, 0.0, 0.5, 0.1, 0.3))

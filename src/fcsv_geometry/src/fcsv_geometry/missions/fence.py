@@ -14,9 +14,9 @@ _CORNERS = 3
 class Fence:
     """Where cameras may be. Heights above the take-off place; x, y along home's axes, from home."""
 
-    floor_m: float = 0.5
-    ceiling_m: float = 40.0
-    radius_m: float = 60.0
+    floor_m: float = 0.5  # above the take-off place, at least
+    ceiling_m: float = 40.0  # above the take-off place, at most
+    radius_m: float = 60.0  # around home, at most
     polygon: List[Tuple[float, float]] = field(default_factory=list)  # corners x, y (m); none: the circle alone
 
     def __post_init__(self):

@@ -29,11 +29,11 @@ class PauseLimits:
 class FlightBounds:
     """How vehicles fly in GUIDED: a plan's times, and what the autopilots' parameters must say."""
 
-    speed_mps: float = 2.0
-    climb_mps: float = 1.5
-    sink_mps: float = 1.5
-    acceleration_mps2: float = 1.5
-    climb_mps2: float = 1.0  # vertical acceleration
+    speed_mps: float = 2.0  # horizontal; ArduCopter's WPNAV_SPEED, in cm/s there
+    climb_mps: float = 1.5  # WPNAV_SPEED_UP
+    sink_mps: float = 1.5  # WPNAV_SPEED_DN
+    acceleration_mps2: float = 1.5  # horizontal; WPNAV_ACCEL
+    climb_mps2: float = 1.0  # vertical acceleration; WPNAV_ACCEL_Z
     endurance_s: float = 900.0  # in the air with a full battery
 
     def __post_init__(self):

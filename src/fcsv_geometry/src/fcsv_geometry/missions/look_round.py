@@ -16,9 +16,9 @@ class LookRound:
     recorded. One vehicle turns at a time, and nobody flies meanwhile.
     """
 
-    column: bool = True
-    places: bool = True
-    rate_dps: float = 20.0
+    column: bool = True  # every vehicle turns in the column, once home is set
+    places: bool = True  # the mover turns at each place before it is recorded
+    rate_dps: float = 20.0  # of a turn
 
     def __post_init__(self):
         low, high = _RATES_DPS

@@ -36,15 +36,15 @@ class StereoConfiguration:
     (the longest) are then the sweep's.
     """
 
-    axis: str = ""
-    baseline_m: float = math.nan
-    tilt_deg: float = 0.0
-    record_s: float = 5.0
+    axis: str = ""  # must be given but for a sweep; horizontal: to the right of the reference, vertical: above it
+    baseline_m: float = math.nan  # must be given but for a sweep; between both cameras
+    tilt_deg: float = 0.0  # inwards, of horizontal baselines
+    record_s: float = 5.0  # so long pictures are taken
     least_pictures: int = 6  # of each vehicle; a slow camera is waited for, up to four times ``record_s``
-    name: Optional[str] = None
+    name: Optional[str] = None  # in reports and messages; default: axis and baseline
     vehicle: Optional[str] = None  # who moves; default: the first that is not the reference
     at_once: bool = False  # flown and recorded at the same time as the one before, by another vehicle
-    sweep: Optional[Sweep] = None
+    sweep: Optional[Sweep] = None  # a way in place of a place
 
     def __post_init__(self):
         if self.sweep is not None:
@@ -97,14 +97,14 @@ class StereoConfiguration:
 class SettleBounds:
     """When a vehicle counts as standing at its place, and how well it must hold while recording."""
 
-    position_m: float = 0.12
-    heading_deg: float = 3.0
-    speed_mps: float = 0.15
-    pose_age_s: float = 0.3
-    time_s: float = 1.5
+    position_m: float = 0.12  # from its place, at most
+    heading_deg: float = 3.0  # off the planned heading, at most
+    speed_mps: float = 0.15  # at most
+    pose_age_s: float = 0.3  # of the newest pose, at most
+    time_s: float = 1.5  # for so long all of these must hold before it is recorded
     timeout_s: float = 30.0  # for each way-point, and to become calm at the place
     hold_m: float = 0.15  # a recording that leaves this is taken again
-    attempts: int = 3
+    attempts: int = 3  # at one configuration; after the last the next one follows
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -116,21 +116,21 @@ class SettleBounds:
 class Mission:
     """What is flown. Raises ValueError ("field: what is wrong") on a list that cannot be flown safely."""
 
-    name: str
-    configurations: List[StereoConfiguration]
-    reference: str = "uav1"
+    name: str  # in reports and messages
+    configurations: List[StereoConfiguration]  # flown in this order
+    reference: str = "uav1"  # the vehicle that holds at home, whose picture gets depth
     min_separation_m: float = 1.5  # between cameras; what no way and no configuration may undercut
     air: SeparationRules = field(default_factory=lambda: SeparationRules(AIR_M))  # of a vehicle, with its downwash
     tracker: str = ON_BOARD  # "ground": one on the ground gives all in one frame, and no tag is needed to calibrate
     low_battery_share: float = 0.2  # below: everybody holds until the operator decides
     empty_battery_share: float = 0.1  # below: everybody lands
     home_height_m: float = 8.0  # a hint for the operators: above the take-off place
-    column_spacing_m: float = 3.5  # likewise
-    settle: SettleBounds = field(default_factory=SettleBounds)
-    limits: PauseLimits = field(default_factory=PauseLimits)
-    fence: Fence = field(default_factory=Fence)
-    flight: FlightBounds = field(default_factory=FlightBounds)
-    look_round: Optional[LookRound] = None  # None: nobody turns
+    column_spacing_m: float = 3.5  # a hint for the operators: between vehicles in the column
+    settle: SettleBounds = field(default_factory=SettleBounds)  # when a vehicle counts as standing
+    limits: PauseLimits = field(default_factory=PauseLimits)  # how long each kind of pause may last
+    fence: Fence = field(default_factory=Fence)  # where vehicles may be
+    flight: FlightBounds = field(default_factory=FlightBounds)  # by which ways are planned
+    look_round: Optional[LookRound] = None  # vehicles that stand turn about themselves; none: nobody turns
 
     def __post_init__(self):
         if not self.configurations:

@@ -33,7 +33,7 @@ Clear = Union[float, Sequence[float]]  # m, of all others or of each
 class SeparationRules:
     """The air that belongs to a vehicle: an ellipsoid, taller than wide, because its downwash goes far down."""
 
-    horizontal_m: float = 0.6
+    horizontal_m: float = 0.6  # horizontal semi-axis of the air that is a vehicle's own
     vertical_factor: float = 3.0  # vertical over horizontal semi-axis
 
     def __post_init__(self):

@@ -22,11 +22,11 @@ class Sweep:
     vertical one, which then may begin at 0.
     """
 
-    axis: str
-    from_m: float
-    to_m: float
-    speed_mps: float
-    across_m: float = 0.0
+    axis: str  # horizontal: to the right of the reference; vertical: above it
+    from_m: float  # where the way begins on that axis
+    to_m: float  # where it ends, at least 0.5 m away
+    speed_mps: float  # along the way; at most what `flight` allows
+    across_m: float = 0.0  # kept on the other axis all the way
 
     def __post_init__(self):
         if self.axis not in AXES:

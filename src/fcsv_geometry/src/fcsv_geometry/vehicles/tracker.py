@@ -19,8 +19,8 @@ class TrackerProfile:
     is negative or not finite.
     """
 
-    name: str = "t265"
-    rate_hz: float = 200.0
+    name: str = "t265"  # in its frames' names: uav1/t265_odom_frame
+    rate_hz: float = 200.0  # of its samples
     latency_s: float = 0.015  # from the middle of its sensing to the sample
     scale: float = 0.006  # share of the distance (thesis 6.1: 1 % in all), constant while it runs
     walk_m_per_sqrt_m: float = 0.012  # random walk of the position over the distance, each axis
@@ -28,8 +28,8 @@ class TrackerProfile:
     walk_m_per_sqrt_s: float = 0.0005  # of the position of a tracker that hovers; not simulated
     level_deg: float = 0.04  # constant error of the vertical, each axis
     position_noise_m: float = 0.0015  # of a sample, each axis, correlated over noise_correlation_s
-    attitude_noise_deg: float = 0.03
-    noise_correlation_s: float = 0.1
+    attitude_noise_deg: float = 0.03  # of a sample, each axis
+    noise_correlation_s: float = 0.1  # of both noises
 
     def __post_init__(self):
         if not self.name.isidentifier():

@@ -10,14 +10,15 @@ import numpy as np
 from fcsv_geometry import config, transforms
 
 Vector3 = Tuple[float, float, float]
+MOST_TAG_ID = 586  # of family tag36h11
 
 
 @dataclass(frozen=True)
 class Mount:
     """Pose of a part in the body frame: metres, and degrees about fixed x, y, z (a person types them)."""
 
-    xyz_m: Vector3
-    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    xyz_m: Vector3  # in the body frame: x forward, y left, z up
+    rpy_deg: Vector3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw about fixed x, y, z
 
     @property
     def T_body_part(self) -> np.ndarray:
@@ -40,20 +41,22 @@ class VehicleGeometry:
     T265's pose frame (x out of its lens side, REP 103), pitched 90 degrees when it looks down.
     """
 
-    name: str
-    system_id: int
-    tag_id: int
-    tag_size_m: float
-    camera: Mount
-    tracking_camera: Mount
-    tag: Mount
-    radius_m: float = 0.25
+    name: str  # as the file's: its namespace, its topics, its bag
+    system_id: int  # of MAVLink (SYSID_THISMAV); each vehicle has its own
+    tag_id: int  # of the tag36h11 on its back; each vehicle has its own
+    tag_size_m: float  # edge of the black square
+    camera: Mount  # x out of the lens
+    tracking_camera: Mount  # pose frame of the T265: x out of its lens side
+    tag: Mount  # x out of its printed face
+    radius_m: float = 0.25  # rotors included
 
     def __post_init__(self):
         if not self.name.isidentifier():
             raise ValueError(f"name: '{self.name}' is not a ROS name; use letters, digits and _")
         if not 1 <= self.system_id <= 255:
             raise ValueError(f"system_id: {self.system_id} is not in 1..255")
+        if not 0 <= self.tag_id <= MOST_TAG_ID:
+            raise ValueError(f"tag_id: {self.tag_id} is not in family tag36h11 (0..{MOST_TAG_ID})")
         if self.tag_size_m <= 0:
             raise ValueError(f"tag_size_m: {self.tag_size_m} must be positive")
         if self.radius_m <= 0:

@@ -27,6 +27,7 @@ from fcsv_sim.demo.look import look, stay, write_play
 from fcsv_sim.demo.monitored import in_words as monitored_in_words
 from fcsv_sim.demo.monitored import judge, load, write_table
 from fcsv_sim.demo.narration import Narrator, in_minutes, wait
+from fcsv_sim.demo.own_camera import own_camera
 from fcsv_sim.demo.pose_errors import errors_in_words, tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, TILTING, MapRun, System
 from fcsv_sim.demo.truth_export import export_movers, export_truth
@@ -93,6 +94,8 @@ def run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool = False, 
 def _run(system: System, plan: FleetPlan, say: Narrator, fly_only: bool, method: Optional[str]) -> int:
     _empty(plan.folder)
     say(_what_comes(load_mission(plan.mission_file), fly_only))
+    if plan.camera is not None:
+        say(plan.camera.words)
     build_world(plan, say)
     if not plan.buttons:
         window = shlex.join([str(plan.run_folder / "on_control"), *COMMAND, *plan.window_arguments])
@@ -188,6 +191,8 @@ def _tilt(args, say) -> int:
         raise MachineError(f"--mission {args.mission}: system {TILTING} flies none")
     if args.autopilot:
         raise MachineError(f"--autopilot {args.autopilot}: in system {TILTING} no autopilot flies")
+    if args.camera:
+        raise MachineError(f"--camera {args.camera}: system {TILTING} has the cameras of its rig's file")
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
     from fcsv_sim.demo import tilting  # a second of imports that no flight needs
@@ -203,7 +208,11 @@ def _plan(system: System, args) -> FleetPlan:
     autopilots = addresses(args.autopilot)
     if autopilots and args.system != "tags":
         raise MachineError(f"--autopilot: in system {args.system} no autopilot flies")
-    require_flyable(flown, vehicles, {n: v.radius_m for n, v in load_vehicles(vehicles_folder(), vehicles).items()})
+    if args.camera and args.system != "tags":
+        raise MachineError(f"--camera {args.camera}: system {args.system} flies Tellos, which have their own")
+    geometries = load_vehicles(vehicles_folder(), vehicles)
+    require_flyable(flown, vehicles, {n: v.radius_m for n, v in geometries.items()})
+    camera = own_camera(args.camera, flown, geometries) if args.camera else None
     if args.seed < 0:
         raise MachineError(f"--seed {args.seed}: must not be negative")
     if not 0.0 < args.ready_s <= 120.0:
@@ -227,7 +236,7 @@ def _plan(system: System, args) -> FleetPlan:
     return FleetPlan(
         out, mission, args.seed, args.world, vehicles, start_xy_m=_start(args), rviz=rviz, near=args.near == "1",
         live=live and not monitor, monitor=monitor, movers=tuple(through_town), flight_link=args.flight_link,
-        autopilots=autopilots, buttons=args.operator != "you", ready_s=args.ready_s,
+        autopilots=autopilots, buttons=args.operator != "you", ready_s=args.ready_s, camera=camera,
         window=OperatorWindow() if screen and (rviz or args.system == "tags") else None,
     )  # fmt: skip
 
@@ -288,6 +297,11 @@ def _parse(argv):
         "--start", default="", metavar="X,Y",
         help="system tags: where the column takes off in the world, m; default: 0,0, where nothing stands around it",
     )  # fmt: skip
+    parser.add_argument(
+        "--camera", default="", metavar="FILE",
+        help="system tags: calibration file of your own camera (calibrate_camera, camera_calibration), which all "
+        "vehicles then carry; default: the thesis's camera, 640 x 480 px, f = 602 px",
+    )
     near = "system tags: 1 records depth cameras, for the near field (docs/user/maps.md)"
     parser.add_argument("--near", default="", help=near)
     parser.add_argument(

@@ -13,6 +13,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.demo.autopilots import rc_port
+from fcsv_sim.demo.own_camera import OwnCamera
 from fcsv_sim.demo.window import OperatorWindow, arguments
 from fcsv_sim.machines.machines import Machine, MachineError, Process, free_port
 from fcsv_sim.machines.slow_motion import shared_time
@@ -56,6 +57,7 @@ class FleetPlan:
     flight_link: str = "mavlink"  # or mavros: as flight_link of uav.launch
     ready_s: float = READY_S  # until a simulated autopilot may be armed
     autopilots: Tuple[str, ...] = ()  # tcp:HOST:PORT of ArduCopters that fly in place of the simulated ones
+    camera: Optional[OwnCamera] = None  # that all vehicles carry; none: as the thesis's
     buttons: bool = True  # a simulated operator presses them; else somebody does in the window
     window: Optional[OperatorWindow] = None  # where there is a screen; it outlives the machines
 
@@ -202,6 +204,7 @@ class SimulatedFleet(Machines):
             "near": self.plan.near,
             "sim_movers": bool(self.plan.movers),
             **({"captures_hz": MONITORED_HZ} if self.plan.monitor else {}),
+            **self._camera_args(),
             "flight_link": self.plan.flight_link,
             "fcu_url": f"udpin:127.0.0.1:{self._mavlink_ports[vehicle]}",
             "sim_mavlink_port": self._mavlink_ports[vehicle],
@@ -210,6 +213,10 @@ class SimulatedFleet(Machines):
             **({"sim_autopilot": self.plan.autopilots[index]} if self.plan.autopilots else {}),
             "sim_start": ",".join(map(str, self.plan.start_xyz_yaw(index))),
         }
+
+    def _camera_args(self) -> Dict[str, object]:
+        own = self.plan.camera
+        return {} if own is None else {"sim_camera": own.file, "camera_rate_hz": own.rate_hz}
 
     def _control_args(self) -> Dict[str, object]:
         return {

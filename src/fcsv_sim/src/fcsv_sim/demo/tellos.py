@@ -6,6 +6,7 @@ import os
 from typing import Dict, List, Mapping, Optional
 
 from fcsv_geometry.bags.reading import messages
+from fcsv_geometry.camera_file import write_camera
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.missions.phases import PHASES
@@ -14,7 +15,6 @@ from fcsv_sim.demo.site import PairSite
 from fcsv_sim.tello.pictures import VideoParameters
 from fcsv_sim.tello.places import TelloPlace
 from fcsv_stereo.sessions.files import bags_of
-from fcsv_tracking.cameras.camera_yaml import write_camera
 
 _COLUMN = PHASES.index("COLUMN")
 _VIDEO = {"video_hz": 2.0, "video_delay_s": 0.4}  # a picture takes 0.2 s of a core, more where others want it, too

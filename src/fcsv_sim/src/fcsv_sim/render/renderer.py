@@ -7,7 +7,7 @@ import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.transforms import require_rigid
-from fcsv_sim.render import sampling
+from fcsv_sim.render import lens, sampling
 from fcsv_sim.render.bodies import Body, draw_bodies
 from fcsv_sim.render.caster import make_caster
 from fcsv_sim.render.rays import T, ray_buffer, set_rays
@@ -61,6 +61,8 @@ class Renderer:
         if samples > 1:
             self._refine_edges(values, R, p, exposure, samples)
         draw_bodies(bodies, T_world_cam, camera, self._directions, exposure, values, depth)
+        if self._dark is not None:
+            values[self._dark], depth[self._dark] = 0.0, np.nan
         return values, depth
 
     def _prepare(self, camera: PinholeCamera) -> None:
@@ -68,7 +70,9 @@ class Renderer:
         if camera == self._camera:
             return
         self._camera = camera
-        self._directions = np.ascontiguousarray(camera.rays(), np.float32)
+        rays, seen = lens.directions(camera)
+        self._directions = np.ascontiguousarray(rays, np.float32)
+        self._dark = None if seen.all() else ~seen
         self._order = sampling.tiled(camera.height, camera.width)
         self._all = np.arange(len(self._order), dtype=np.int32)
         self._rays = ray_buffer(len(self._order))

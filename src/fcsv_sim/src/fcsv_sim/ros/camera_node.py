@@ -4,13 +4,14 @@
 import math
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import List, Optional
 
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
 
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.camera_file import read_camera
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
@@ -52,6 +53,7 @@ class CameraNodeParameters:
     movers: bool = False  # a car and a walker move through the town
     near: bool = False  # also depth, in the pictures' pixels
     near_rate_hz: float = 2.0  # of depth, at most that of the pictures
+    calibration: str = ""  # file of the camera that is simulated (calibrate_camera); empty: as ``camera`` says
     camera: CameraParameters = field(default_factory=CameraParameters)
 
     def __post_init__(self):
@@ -72,7 +74,8 @@ class CameraNode:
         name = parameters.vehicle
         p = parameters
         town = Town.generate(p.seed, p.world)
-        self._camera = Photographer(name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, p.camera, p.movers)
+        shape = replace(p.camera, lens=read_camera(p.calibration)[1]) if p.calibration else p.camera
+        self._camera = Photographer(name, p.vehicles, p.vehicles_dir, p.sim_dir, town, p.seed, shape, p.movers)
         self._frame = f"{name}/camera_color_optical_frame"
         self._health = Health(name, {"pictures": 0.5 * parameters.rate_hz})
         self._pictures = rospy.Publisher("camera/color/image_raw", Image, queue_size=2)

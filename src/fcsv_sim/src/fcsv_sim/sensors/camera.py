@@ -2,7 +2,7 @@
 """The simulated camera: lens and sensor of a D435F-like colour camera on top of the renderer."""
 
 from dataclasses import dataclass
-from typing import Sequence, Tuple
+from typing import Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -19,7 +19,10 @@ _POOL = 1 << 20  # normal deviates drawn once; a picture starts somewhere in it
 
 @dataclass(frozen=True)
 class CameraParameters:
-    """Picture values are 0..1. Noise: variance = read_noise**2 + shot_noise**2 * value."""
+    """Picture values are 0..1. Noise: variance = read_noise**2 + shot_noise**2 * value.
+
+    A calibrated ``lens`` replaces width, height, angle of view and distortion.
+    """
 
     width: int = 640
     height: int = 480
@@ -32,6 +35,7 @@ class CameraParameters:
     brightness: float = 0.47  # mean value that auto-exposure aims at
     exposure_limits: Tuple[float, float] = (0.25, 4.0)
     exposure_lag_s: float = 0.4
+    lens: Optional[PinholeCamera] = None
     mount_deg: float = 0.02  # what camera and airframe do not share of the vibration
 
     def __post_init__(self):
@@ -43,6 +47,9 @@ class CameraParameters:
 
     @property
     def model(self) -> PinholeCamera:
+        """Lens and size of the pictures."""
+        if self.lens is not None:
+            return self.lens
         fov = np.radians(self.horizontal_fov_deg)
         return PinholeCamera.from_fov(self.width, self.height, fov, self.distortion)
 

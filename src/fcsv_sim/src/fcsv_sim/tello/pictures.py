@@ -102,7 +102,7 @@ def take(task: Task, given: _Input, out: BinaryIO) -> None:
     p, key = task.video, 0
     town = Town.generate(p.world_seed, p.world)
     camera = Photographer(task.vehicle, p.vehicles, p.vehicles_dir, task.sim_dir, town, p.world_seed, p.camera)
-    encoder, due_s = Encoder(p.camera.width, p.camera.height, p.rate_hz), 0.0
+    encoder, due_s = Encoder(camera.model.width, camera.model.height, p.rate_hz), 0.0
     while not given.over:
         now_s = time.time()
         if not given.orders.on or now_s < due_s:

@@ -19,12 +19,12 @@ PERCENTILES = (5, 25, 50, 75, 95)
 class PointOfInterest:
     """A box about pixel (u_px, v_px) of the reference picture; ``truth_m`` is its true depth where it is known."""
 
-    name: str
-    u_px: float
-    v_px: float
-    width_px: int = 160
-    height_px: int = 30
-    truth_m: Optional[float] = None
+    name: str  # in the report
+    u_px: float  # middle of the box in the reference picture
+    v_px: float  # likewise
+    width_px: int = 160  # of the box
+    height_px: int = 30  # of the box
+    truth_m: Optional[float] = None  # true depth, where it is known
 
     def __post_init__(self):
         if not self.name.strip():
@@ -51,7 +51,7 @@ class PointOfInterest:
 class PointsOfInterest:
     """The file: ``points_of_interest`` is a list of boxes with different names."""
 
-    points_of_interest: List[PointOfInterest]
+    points_of_interest: List[PointOfInterest]  # with different names
 
     def __post_init__(self):
         names = [p.name for p in self.points_of_interest]

@@ -4,11 +4,12 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import List, Optional
+from typing import List, Optional, Sequence
 
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.camera_file import read_camera
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.equations import parse_threshold
@@ -17,6 +18,7 @@ from fcsv_stereo.model import AXES
 from fcsv_stereo.planning.mission import MIN_SEPARATION_M, RECORD_S, map_arguments, mission_document, write_mission
 from fcsv_stereo.planning.plan import Plan, PlanRequest, make_plan
 
+_SIZE, _FOV_DEG = (640, 480), 56.0  # of the thesis's camera (table 6.2), where none is named
 _EXAMPLES = """examples:
   plan --range-m 400 --error 10%                                      four baselines by equations 3.2 and 3.3
   plan --range-m 400 --error 10% --baselines 2 4 6 8                  by hand (3.2): trim points 120, 240, 360 m
@@ -31,7 +33,7 @@ def main(argv: Optional[List[str]] = None) -> int:
     try:
         plan = make_plan(_request(args))
         document = mission_document(plan, args.name, args.record_s, args.min_separation_m) if args.mission else None
-        print(table(plan))
+        print("\n".join(filter(None, (table(plan), _whose_camera(args)))))
         if args.figures:
             _write_figures(plan, Path(args.figures))
         if document:
@@ -65,6 +67,13 @@ def table(plan: Plan) -> str:
     return "\n".join([*lines, *(f"note: {n}" for n in plan.notes)])
 
 
+def _whose_camera(args) -> str:
+    """A line that says so where no camera was named."""
+    if args.camera or args.focal_px is not None or args.fov_deg is not None:
+        return ""
+    return f"no camera named: planned for the D435's {_FOV_DEG:g} degrees; --camera FILE plans for your own"
+
+
 def _metres(z_m: float) -> str:
     return f"{z_m:.0f}" if abs(z_m - round(z_m)) < 1e-6 else f"{z_m:.2f}"
 
@@ -79,13 +88,20 @@ def _request(args) -> PlanRequest:
 
 
 def _camera(args) -> PinholeCamera:
-    width, height = args.size
-    if width < 1 or height < 1 or not 1 <= args.fov_deg <= 170:
-        raise PlanError(f"--size {width} {height} --fov-deg {args.fov_deg:g} is not a camera")
-    camera = PinholeCamera.from_fov(width, height, np.radians(args.fov_deg))
-    if args.focal_px is None:
-        return camera
-    return PinholeCamera(width, height, args.focal_px, args.focal_px, camera.cx, camera.cy)
+    """Of the calibration file, without its distortion: pairs are matched undistorted; or of an angle of view."""
+    if args.camera:
+        if any(given is not None for given in (args.focal_px, args.fov_deg, args.size)):
+            raise PlanError("--camera has size and focal length: leave --focal-px, --fov-deg and --size out")
+        return read_camera(Path(args.camera))[1].undistorted()
+    return _by_angle(args.size or _SIZE, _FOV_DEG if args.fov_deg is None else args.fov_deg, args.focal_px)
+
+
+def _by_angle(size: Sequence[int], fov_deg: float, focal_px: Optional[float]) -> PinholeCamera:
+    width, height = size
+    if width < 1 or height < 1 or not 1 <= fov_deg <= 170:
+        raise PlanError(f"--size {width} {height} --fov-deg {fov_deg:g} is not a camera")
+    camera = PinholeCamera.from_fov(width, height, np.radians(fov_deg))
+    return camera if focal_px is None else PinholeCamera(width, height, focal_px, focal_px, camera.cx, camera.cy)
 
 
 def _write_figures(plan: Plan, folder: Path) -> None:
@@ -116,9 +132,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--axis", choices=[*AXES, "both"], default=AXES[0])
     add("--tilt-per-m-deg", type=float, default=0.0, help="inward tilt (degrees) per metre of baseline (1 in 3.5)")
     add("--disparity-error-px", type=float, default=1.0, help="error of matching (default 1 px)")
+    add("--camera", metavar="FILE", help="your own camera's calibration (calibrate_camera, camera_calibration)")
     add("--focal-px", type=float, help="focal length (px), instead of --fov-deg")
-    add("--fov-deg", type=float, default=56.0, help="horizontal angle of view (default 56: the D435's at 640x480)")
-    add("--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), default=[640, 480], help="picture (px)")
+    add("--fov-deg", type=float, help="horizontal angle of view (default 56: the D435's at 640x480)")
+    add("--size", type=int, nargs=2, metavar=("WIDTH", "HEIGHT"), help="picture (px; default 640 480)")
     add("--figures", metavar="FOLDER", help="draw error_curves.png (figure 2.3) and segments.png (figure 3.7) there")
     add("--mission", metavar="FILE", help="write the mission that flies this plan")
     add("--name", default="planned", help="the mission's name")

@@ -7,12 +7,13 @@ from typing import List, Optional, Tuple
 
 from tqdm import tqdm
 
+from fcsv_geometry.camera_file import write_camera
 from fcsv_geometry.programs.writing import require_folder
 from fcsv_tracking import commands
 from fcsv_tracking.cameras.board import Chessboard
-from fcsv_tracking.cameras.camera_yaml import write_camera, write_pair
 from fcsv_tracking.cameras.coverage import write_coverage
 from fcsv_tracking.cameras.intrinsics import Intrinsics, IntrinsicsRules, calibrate_intrinsics
+from fcsv_tracking.cameras.pair_files import write_pair
 from fcsv_tracking.cameras.pictures import (
     BoardViews,
     NamedPicture,

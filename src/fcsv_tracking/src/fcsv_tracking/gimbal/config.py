@@ -7,7 +7,7 @@ from typing import Dict, List, Tuple
 import numpy as np
 
 from fcsv_geometry import config
-from fcsv_geometry.vehicles.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import MOST_TAG_ID, Mount
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
 
 
@@ -15,13 +15,13 @@ from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
 class BodyTag:
     """A tag on a vehicle; its mount's x looks out of the printed face."""
 
-    id: int
-    size_m: float
-    mount: Mount
+    id: int  # of family tag36h11
+    size_m: float  # edge of the black square
+    mount: Mount  # on the vehicle; x out of the printed face
 
     def __post_init__(self):
-        if not 0 <= self.id <= 586:
-            raise ValueError(f"id: {self.id} is not in family tag36h11 (0..586)")
+        if not 0 <= self.id <= MOST_TAG_ID:
+            raise ValueError(f"id: {self.id} is not in family tag36h11 (0..{MOST_TAG_ID})")
         if not 0.01 <= self.size_m <= 1.0:
             raise ValueError(f"size_m: {self.size_m} is not in 0.01..1: the black square's edge in metres")
 
@@ -34,12 +34,12 @@ class BodyTag:
 class GimbalServo:
     """Ids on the bus, the readings at pan and tilt zero (ticks of 360/4096 degrees), and which way they count."""
 
-    pan_id: int = 1
-    tilt_id: int = 2
-    pan_zero: int = 2048
-    tilt_zero: int = 2048
-    pan_sign: int = 1
-    tilt_sign: int = 1
+    pan_id: int = 1  # on the bus
+    tilt_id: int = 2  # on the bus
+    pan_zero: int = 2048  # reading (ticks of 360/4096 degrees) at pan 0
+    tilt_zero: int = 2048  # reading at tilt 0
+    pan_sign: int = 1  # 1: counts up to the left
+    tilt_sign: int = 1  # 1: counts up upwards
 
     def __post_init__(self):
         for name in ("pan", "tilt"):
@@ -57,11 +57,11 @@ class GimbalServo:
 class Gimbal:
     """One gimbal and the vehicle it follows; at ``start_deg`` (pan, tilt) it begins to search."""
 
-    vehicle: str
-    geometry: GimbalGeometry
-    tags: List[BodyTag]
+    vehicle: str  # that it follows
+    geometry: GimbalGeometry  # where it sits on the robot
+    tags: List[BodyTag]  # that the vehicle wears
     servo: GimbalServo = field(default_factory=GimbalServo)
-    start_deg: Tuple[float, float] = (0.0, 20.0)
+    start_deg: Tuple[float, float] = (0.0, 20.0)  # pan, tilt at which it begins to search
 
     def __post_init__(self):
         if not self.tags:
@@ -76,7 +76,7 @@ class Gimbal:
 class GroundRobot:
     """All gimbals of one ground robot."""
 
-    gimbals: List[Gimbal]
+    gimbals: List[Gimbal]  # one for each vehicle
 
     def __post_init__(self):
         if not self.gimbals:

@@ -29,11 +29,11 @@ class GimbalGeometry:
     """One gimbal. ``base`` stands in G; ``tilt_axis_xyz_m`` from base to tilt axis, turning with pan; ``camera``
     (forward-left-up, x out of the lens) sits on what tilts."""
 
-    base: Mount
-    tilt_axis_xyz_m: Vector3 = (0.0, 0.0, 0.05)
-    camera: Mount = Mount((0.03, 0.0, 0.0))
-    pan_limits_deg: Tuple[float, float] = (-150.0, 150.0)
-    tilt_limits_deg: Tuple[float, float] = (-30.0, 80.0)
+    base: Mount  # in the robot's frame
+    tilt_axis_xyz_m: Vector3 = (0.0, 0.0, 0.05)  # from the base; it turns with pan
+    camera: Mount = Mount((0.03, 0.0, 0.0))  # on what tilts; x out of the lens
+    pan_limits_deg: Tuple[float, float] = (-150.0, 150.0)  # least, most; to the left
+    tilt_limits_deg: Tuple[float, float] = (-30.0, 80.0)  # least, most; upwards
 
     def __post_init__(self):
         for name, most_deg in (("pan_limits_deg", 180.0), ("tilt_limits_deg", 85.0)):

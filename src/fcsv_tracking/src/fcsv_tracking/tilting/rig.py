@@ -31,8 +31,8 @@ class TiltAngles(NamedTuple):
 class TiltAxis:
     """A line in R: a point on it (m) and its direction, about which a positive angle turns inward."""
 
-    xyz_m: Vector3
-    direction: Vector3
+    xyz_m: Vector3  # a point on the axis, in the rig's frame
+    direction: Vector3  # unit vector; a positive angle turns inward
 
     def __post_init__(self):
         length = float(np.linalg.norm(self.direction))
@@ -60,9 +60,9 @@ class TiltAxis:
 class TiltServo:
     """An MX-12W: its id on the bus, its reading (ticks of 360/4096 degrees) at angle zero, and which way it counts."""
 
-    id: int
-    zero: int = 2048
-    sign: int = 1
+    id: int  # on the bus
+    zero: int = 2048  # reading (ticks of 360/4096 degrees) at angle 0
+    sign: int = 1  # 1: counts up as the angle grows
 
     def __post_init__(self):
         if not 0 <= self.id <= 252:
@@ -80,10 +80,10 @@ class TiltingCamera:
     Without a servo the side is geared to the other one and has its angle.
     """
 
-    camera: PinholeCamera
-    mount: Mount
-    axis: TiltAxis
-    servo: Optional[TiltServo] = None
+    camera: PinholeCamera  # lens
+    mount: Mount  # at angle 0, in the rig's frame; x out of the lens
+    axis: TiltAxis  # about which it turns
+    servo: Optional[TiltServo] = None  # none: geared to the other side
 
     def T_rig_cam(self, angle_rad: float) -> np.ndarray:
         """The camera's optical frame in R (4x4)."""
@@ -101,9 +101,9 @@ class Known:
     """Standard deviations per axis of what calibration leaves: the right camera against the left one, at exact angles,
     and of an angle as it is read (encoder and play), its resolution aside."""
 
-    rotation_deg: float = 0.05
-    position_m: float = 0.0003
-    reading_deg: float = 0.03
+    rotation_deg: float = 0.05  # standard deviation of the right camera's attitude against the left one's
+    position_m: float = 0.0003  # of its position
+    reading_deg: float = 0.03  # of an angle as it is read: encoder and play
 
     def __post_init__(self):
         config.require_positive(self)
@@ -113,10 +113,10 @@ class Known:
 class TiltingRig:
     """Both sides, the angles that they may have, and how well all of it is known."""
 
-    name: str
+    name: str  # in topics and frames
     left: TiltingCamera
     right: TiltingCamera
-    limits_deg: Tuple[float, float] = (0.0, 30.0)
+    limits_deg: Tuple[float, float] = (0.0, 30.0)  # of both angles, inwards: least, most
     known: Known = field(default_factory=Known)
 
     def __post_init__(self):

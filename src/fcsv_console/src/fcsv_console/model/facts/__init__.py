@@ -31,6 +31,7 @@ from fcsv_console.model.facts.of_vehicle import (
     AutopilotState,
     Battery,
     CameraInHome,
+    CameraKnown,
     Captured,
     Clock,
     Diagnosed,
@@ -45,8 +46,8 @@ from fcsv_console.model.facts.of_vehicle import (
     Tags,
 )
 
-OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, PictureHeard, Guardian, Agent, Recorder, Clock,
-                  EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed, NotInBags]  # fmt: skip
+OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, CameraKnown, PictureHeard, Guardian, Agent,
+                  Recorder, Clock, EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed, NotInBags]  # fmt: skip
 Fact = Union[
     OfVehicle,
     Calibrated,
@@ -77,6 +78,7 @@ __all__ = [
     "CalibratedLink",
     "CalibrationFound",
     "CameraInHome",
+    "CameraKnown",
     "Captured",
     "Check",
     "Clock",

@@ -58,6 +58,17 @@ class PictureHeard:
 
 
 @dataclass(frozen=True)
+class CameraKnown:
+    """As sensor_msgs/CameraInfo: size of the pictures, focal length (px) along the rows and across them."""
+
+    vehicle: str
+    width: int
+    height: int
+    focal_px: float
+    focal_v_px: float
+
+
+@dataclass(frozen=True)
 class Guardian:
     """As fcsv_msgs/GuardianState."""
 

@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The YAML file of camera_calibration_parsers, which camera_info_manager and every ROS camera driver read."""
+"""The YAML file of a camera's calibration, of camera_calibration_parsers: every ROS camera driver reads it."""
 
 from pathlib import Path
 from typing import List, Optional, Tuple
 
-import cv2
 import numpy as np
 
 from fcsv_geometry import config
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.intrinsics import camera_of_matrix, model_of
-from fcsv_tracking.cameras.stereo import StereoCalibration
 
 _SHAPES = {
     "camera_matrix": (3, 3), "distortion_coefficients": (1, 5), "rectification_matrix": (3, 3),
     "projection_matrix": (3, 4),
 }  # fmt: skip
+#: of the file; every one must be there
+KEYS = ("image_width", "image_height", "camera_name", "distortion_model", *_SHAPES)
 
 
 def write_camera(
@@ -39,24 +39,16 @@ def write_camera(
     Path(path).write_text("\n".join(lines) + "\n")
 
 
-def write_pair(folder: Path, left: PinholeCamera, right: PinholeCamera, stereo: StereoCalibration) -> None:
-    """left.yaml and right.yaml with the rectification of both (cv2.stereoRectify, whole pictures kept valid)."""
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(
-        left.K, np.array(left.distortion), right.K, np.array(right.distortion), (left.width, left.height),
-        stereo.T_right_left[:3, :3], stereo.T_right_left[:3, 3], flags=cv2.CALIB_ZERO_DISPARITY, alpha=0,
-    )  # fmt: skip
-    write_camera(folder / "left.yaml", "left", left, R1, P1)
-    write_camera(folder / "right.yaml", "right", right, R2, P2)
-
-
 def read_camera(path: Path) -> Tuple[str, PinholeCamera]:
     """Name and camera. Raises ConfigError naming file and field."""
     document = config.read_yaml(path)
     if not isinstance(document, dict):
         raise config.ConfigError(f"{path}: is not a camera file of camera_calibration_parsers")
-    for key in ("image_width", "image_height", "camera_name", "distortion_model", *_SHAPES):
+    for key in KEYS:
         if key not in document:
-            raise config.ConfigError(f"{path}: '{key}' is missing")
+            other = config.nearest(key, [str(k) for k in document if k not in KEYS])
+            hint = f"; is '{other}' meant?" if other else ""
+            raise config.ConfigError(f"{path}: '{key}' is missing{hint}", key, f"is missing{hint}")
     K = _matrix(path, document, "camera_matrix")
     D = _coefficients(path, document)
     try:
@@ -73,11 +65,13 @@ def _coefficients(path: Path, document: dict) -> List[float]:
     try:
         return [float(d) for d in document["distortion_coefficients"]["data"]]
     except (KeyError, TypeError, ValueError) as error:
-        raise config.ConfigError(f"{path}: 'distortion_coefficients' is no row of numbers ({error})") from error
+        key, words = "distortion_coefficients", f"is no row of numbers ({error})"
+        raise config.ConfigError(f"{path}: '{key}' {words}", key, words) from error
 
 
 def _matrix(path: Path, document: dict, key: str) -> np.ndarray:
     try:
         return np.array(document[key]["data"], float).reshape(_SHAPES[key])
     except (KeyError, TypeError, ValueError) as error:
-        raise config.ConfigError(f"{path}: '{key}' is not a {_SHAPES[key]} matrix ({error})") from error
+        words = f"is not a {_SHAPES[key]} matrix ({error})"
+        raise config.ConfigError(f"{path}: '{key}' {words}", key, words) from error
