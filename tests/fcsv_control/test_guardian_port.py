@@ -8,15 +8,9 @@ import pytest
 
 from fcsv_control.agent.messages import DONE, REFUSED, Ack, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
+from fcsv_control.flight.messages import AutopilotLimits, LinkLives, PoseEstimated
 from fcsv_control.guardian.messages import RestartLink, Verdict
-from fcsv_control.guardian.port import (
-    AutopilotLimits,
-    GuardianPort,
-    LinkLives,
-    MissionFence,
-    OtherGuarded,
-    PoseEstimated,
-)
+from fcsv_control.guardian.port import GuardianPort, MissionFence, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms

@@ -20,7 +20,8 @@ from fcsv_control.flight import conversion, keeper
 from fcsv_control.flight.estimate import EstimateWatch
 from fcsv_control.flight.fed import Fed
 from fcsv_control.flight.link_parameters import LinkParameters
-from fcsv_control.flight.listener import STREAMS_HZ, EstimateMoved, Event, Listener, PoseHeard
+from fcsv_control.flight.listener import STREAMS_HZ, Listener
+from fcsv_control.flight.messages import EstimateMoved, Event, PoseHeard
 from fcsv_control.flight.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.requests import COMPANION, Request, Requests
 from fcsv_control.flight.state import MODES, FlightState

@@ -14,7 +14,7 @@ import numpy as np
 from fcsv_control.errors import LinkError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.firmware import COPTER
-from fcsv_control.flight.listener import (
+from fcsv_control.flight.messages import (
     BarometerHeard,
     BatteryHeard,
     EstimateMoved,

@@ -6,28 +6,32 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_control.agent.core import AgentCore, AgentRules
-from fcsv_control.agent.messages import Ack, Ask, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.agent.core import AgentRules
+from fcsv_control.agent.messages import Ack, AgentAlive, Ask, AskAnswered, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
 from fcsv_control.flight.feed_check import FeedCheck
-from fcsv_control.flight.listener import BarometerHeard, BatteryHeard, EstimateMoved, PoseHeard, StateHeard
+from fcsv_control.flight.messages import (
+    AutopilotLimits,
+    BarometerHeard,
+    BatteryHeard,
+    EstimateMoved,
+    LinkLives,
+    ModeAsked,
+    PoseEstimated,
+    PoseFed,
+    PoseHeard,
+    Refused,
+    StateHeard,
+)
 from fcsv_control.flight.profile import Profile, load_profile
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import AskMode, HoldAt, Verdict
-from fcsv_control.guardian.port import (
-    AgentAlive,
-    AutopilotLimits,
-    GuardianPort,
-    LinkLives,
-    ModeAsked,
-    OtherGuarded,
-    PoseEstimated,
-    PoseFed,
-)
+from fcsv_control.guardian.port import GuardianPort, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
@@ -62,12 +66,13 @@ class OnBoard:
         self._feed = VisionFeed(FeedParameters())
         self.watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
         self.link = new_link(geometry)
-        self.agent = AgentCore(self.name, rules)
+        self.agent_port = AgentPort(self.name, rules, f"agent-{self.name}", 0.0)
         self.guardian_port = GuardianPort(self.name, guardian, 0.0)
         self.verdict = Verdict()  # as its guardian told it last
         self.check = FeedCheck()
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self._latched: Dict[object, object] = {}  # what the control PC told for good, as it came last
+        self.agent_runs = self.link_runs = True
         self._tell_epoch()
         self.recording = False
         self.pictures = 0
@@ -77,11 +82,11 @@ class OnBoard:
         self.height_m = self._ground_m = 0.0
         self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
         self.told: Callable[[float, str, object], None] = _nobody  # "sent" a message, "ordered" an instruction, "held"
-        self.agent_runs = self.link_runs = True
         self._requests: List[Tuple[Ask, object]] = []
         self._gate, self._urgent = RateGate(5.0), ()
         self._do: Dict[type, Callable[[float, object], None]] = {
-            Ack: self._acknowledge, Ask: self._ask, Pictures: self._switch, SetPoint: self._hold,
+            Ack: self._acknowledge, AgentAlive: self.guardian_port.receive, Ask: self._ask,
+            ModeAsked: self.guardian_port.receive, Pictures: self._switch, SetPoint: self._hold,
         }  # fmt: skip
 
     # ---- the radio ---------------------------------------------------------------------------------------------
@@ -90,25 +95,27 @@ class OnBoard:
         """A command came over the radio."""
         now_s = self.now_s
         self.told(now_s, "ordered", instruction)
-        self.guardian_port.receive(now_s, instruction)
-        self.agent.take(now_s, instruction)
+        self._on_board_hear(now_s, instruction)
 
     def hear_control(self, alive: MissionAlive, latched: Mapping[object, object]) -> None:
         """A sign of life of the mission came, and what the control PC told for good: once each."""
         now_s = self.now_s
-        self.agent.control_heard(now_s, alive.sender, alive.sent_s)
-        self.guardian_port.receive(now_s, alive)
+        self._on_board_hear(now_s, alive)
         for key, message in latched.items():
             if self._latched.get(key) is not message:
                 self._latched[key] = message
                 self.guardian_port.receive(now_s, message)
                 if isinstance(message, tm.EpochsFound):
-                    self._calibrated(message)
+                    self._tell_agent(now_s, message)
 
-    def _calibrated(self, found: tm.EpochsFound) -> None:
-        epoch = found.epochs.get(self.name)
-        if found.of == tm.CALIBRATION and epoch is not None and self.agent_runs:
-            self.agent.rights.frame.calibrated(epoch)
+    def _tell_agent(self, now_s: float, message: object) -> None:
+        if self.agent_runs:
+            self.agent_port.receive(now_s, message)
+
+    def _on_board_hear(self, now_s: float, message: object) -> None:
+        """Agent and guardian."""
+        self.guardian_port.receive(now_s, message)
+        self._tell_agent(now_s, message)
 
     def tell(self) -> Sequence[object]:
         """What the other vehicles are told."""
@@ -163,9 +170,7 @@ class OnBoard:
             self.watchdog.feed(now_s)
 
     def _tell_epoch(self) -> None:
-        self.agent.epoch(self.epoch.number, self.epoch.reason)
-        told = tm.OdometryEpoch(self.name, "", self.epoch.number, self.epoch.reason)
-        self.guardian_port.receive(self.now_s, told)
+        self._on_board_hear(self.now_s, tm.OdometryEpoch(self.name, "", self.epoch.number, self.epoch.reason))
 
     def _scene_looked(self, now_s: float, seen: SceneLook) -> None:
         """Its pictures were held against its tracker."""
@@ -176,26 +181,22 @@ class OnBoard:
         """The line between autopilot and link, the link's events, the watchdog, the agent."""
         for message in self._server.outgoing():
             self.link.take(now_s, _as_received(message))
-        self._end_requests()
+        self._end_requests(now_s)
         for event in self.link.events():
             if isinstance(event, PoseHeard):
                 self._estimate(now_s, event)
             elif isinstance(event, BarometerHeard):
                 self.check.barometer(now_s, event.height_m)
             elif isinstance(event, EstimateMoved):
-                self.agent.estimate_moved(now_s, event.step_m)
+                self._tell_agent(now_s, event)
             elif self.link.state.mode and isinstance(event, (StateHeard, BatteryHeard)):
-                self.agent.state(self.link.state.mode, self.link.state.armed)
-                self._tell_guardian(now_s)
+                self._tell_state(now_s)
         state = self.link.state
         if self.watchdog.check(now_s, state.armed, state.mode, self.link.mode_is_ours) is Alarm.LAND:
             self._set_mode(now_s, "LAND")
         if self._passes % _GUARDIAN_EVERY == 0:
             self._guard(now_s)
-        if self.agent_runs:
-            self.guardian_port.receive(now_s, AgentAlive())
-        self.agent.step(now_s)
-        for output in self.agent.outgoing():
+        for output in self.agent_port.step(now_s) if self.agent_runs else ():
             handler = self._do.get(type(output))
             if handler is not None:
                 handler(now_s, output)
@@ -226,13 +227,13 @@ class OnBoard:
                 self.link.send_set_point(output.T_odom_body)
                 self.told(now_s, "held", output)
             elif isinstance(output, Verdict):
-                self.verdict = v = output
-                self.agent.guarded(now_s, v.action, v.holds, "; ".join(v.reasons), v.forbids)
+                self.verdict = output
+                self._tell_agent(now_s, output)
 
-    def _tell_guardian(self, now_s: float) -> None:
+    def _tell_state(self, now_s: float) -> None:
         """Mode and battery."""
         s = self.link.state
-        self.guardian_port.receive(now_s, tm.VehicleState(self.name, "", s.mode, s.armed, self.link.connected(now_s)))
+        self._on_board_hear(now_s, tm.VehicleState(self.name, "", s.mode, s.armed, self.link.connected(now_s)))
         share = s.battery_share if self.battery_said is None else self.battery_said
         self.guardian_port.receive(now_s, tm.BatteryCharge(self.name, "", share))
 
@@ -244,8 +245,7 @@ class OnBoard:
 
     def _estimate(self, now_s: float, heard: PoseHeard) -> None:
         T_odom_body = heard.T_odom_body
-        self.agent.pose(now_s, T_odom_body)
-        self.guardian_port.receive(now_s, PoseEstimated(T_odom_body))
+        self._on_board_hear(now_s, PoseEstimated(T_odom_body))
         self.check.estimate(now_s, T_odom_body, heard.v_odom_mps)
         if self.link.state.mode and not self.link.state.armed:
             self._ground_m = float(T_odom_body[2, 3])
@@ -254,31 +254,37 @@ class OnBoard:
     # ---- what the agent wants ----------------------------------------------------------------------------------
 
     def _ask(self, now_s: float, ask: Ask) -> None:
+        """The agent calls a service of the link."""
         try:
             if ask.kind is Kind.SET_MODE:
-                request = self._set_mode(now_s, ask.mode)
+                self.modes_asked.append((now_s, ask.mode))
+                request = self.link.set_mode(now_s, ask.mode)
             elif ask.kind is Kind.ARM:
                 request = self.link.arm(now_s, ask.flag)
             else:
                 request = self.link.take_off(now_s, ask.altitude_m)
         except ControlError as error:
-            self.agent.finished(ask, str(error))
+            self._refuse(now_s, ask, error)
             return
         self._requests.append((ask, request))
+
+    def _refuse(self, now_s: float, ask: Ask, error: ControlError) -> None:
+        self._tell_agent(now_s, Refused(str(error)))
+        self._tell_agent(now_s, AskAnswered(ask.number, False))
 
     def _set_mode(self, now_s: float, mode: str):
         self.modes_asked.append((now_s, mode))
         self.guardian_port.receive(now_s, ModeAsked(mode))
         return self.link.set_mode(now_s, mode)
 
-    def _end_requests(self) -> None:
+    def _end_requests(self, now_s: float) -> None:
         for ask, request in [r for r in self._requests if r[1].over]:
             self._requests.remove((ask, request))
             try:
                 request.require_done()
-                self.agent.finished(ask, "")
+                self._tell_agent(now_s, AskAnswered(ask.number, True))
             except ControlError as error:
-                self.agent.finished(ask, str(error))
+                self._refuse(now_s, ask, error)
 
     def _acknowledge(self, now_s: float, ack: Ack) -> None:
         self.acks.append(ack)
@@ -302,7 +308,7 @@ class OnBoard:
         self.link, self.watchdog, self._feed = link, watchdog, VisionFeed(FeedParameters())
         self.check = self.check if knows else FeedCheck()
         for ask, _ in self._requests if died else []:
-            self.agent.finished(ask, "the flight link died")
+            self._tell_agent(self.now_s, AskAnswered(ask.number, False, "the flight link died"))
         self._requests = [] if died else self._requests
 
     def _wall_s(self, now_s: float) -> float:

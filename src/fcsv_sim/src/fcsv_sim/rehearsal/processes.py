@@ -12,13 +12,6 @@ from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 _MOST_UNREAD = 2000  # what a socket keeps of a line that nobody reads
 
 
-class DeadAgent:
-    """Hears nothing and says nothing, whatever it is told."""
-
-    def __getattr__(self, _name: str):
-        return lambda *_arguments, **_named: []
-
-
 class _NoWatchdog:
     """Of a process that does not run."""
 
@@ -106,7 +99,7 @@ class SleepingLink(DeadLink):
 
 def kill_agent(vehicle: RehearsedVehicle) -> None:
     """For good."""
-    vehicle.agent, vehicle.agent_runs = DeadAgent(), False
+    vehicle.agent_runs = False
 
 
 def kill_link(vehicle: RehearsedVehicle) -> None:
