@@ -132,9 +132,9 @@ class Recorder:
     def _noting(self, vehicle: RehearsedVehicle, pictured: Callable) -> Callable:
         def noted(now_s: float, T_world_body: np.ndarray) -> None:
             looks: List[SceneLook] = []
-            vehicle._scene_looked = lambda _now_s, seen: looks.append(seen)
+            receive, vehicle.link.receive = vehicle.link.receive, lambda _now_s, seen: looks.append(seen)
             pictured(now_s, T_world_body)
-            state = vehicle.link.state
+            vehicle.link.receive, state = receive, vehicle.link.port.core.state
             if state.armed and state.in_the_air:
                 others = [
                     Body(v.geometry, v.body.T_world_body.copy()) for v in self.flight.fleet.values() if v is not vehicle

@@ -166,6 +166,9 @@ class LinkCore:
         self._reset_counter = (self._reset_counter + 1) % 256
         self._begun_anew = True
 
+    def mode_asked(self, mode: str) -> None:
+        """A process on board asks for a mode. Here nothing follows: the request itself comes by this link."""
+
     def send_set_point(self, T_odom_body: np.ndarray) -> None:
         """Position and yaw target of the body in the odometry frame; heard only in GUIDED."""
         ned, (_, _, yaw) = conversion.ned_from_pose(T_odom_body)

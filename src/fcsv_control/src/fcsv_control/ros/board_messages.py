@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from fcsv_control.agent.messages import Ack, AgentAlive, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.errors import ControlError
-from fcsv_control.flight.messages import AutopilotLimits, EstimateMoved, HomeHeard, LinkLives, PoseEstimated
+from fcsv_control.flight.messages import AutopilotLimits, EstimateMoved, HomeHeard, LinkLives, PoseEstimated, PoseFed
 from fcsv_control.guardian.messages import Verdict
 from fcsv_control.guardian.port import MissionFence
 from fcsv_control.tracker_confidence import confidence
@@ -20,6 +20,8 @@ from fcsv_geometry.ros import conversions, fences
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, ParameterReport
 from fcsv_msgs.msg import Fence as FenceMessage
+
+_PREARM = {LinkHealth.PREARM_READY: True, LinkHealth.PREARM_NOT_READY: False}
 
 
 def taking(
@@ -68,6 +70,11 @@ def mission_alive_of(m: Heartbeat) -> MissionAlive:
     return MissionAlive(m.instance, m.sent_s)
 
 
+def fed_of(m: PoseStamped) -> PoseFed:
+    """Raises FcsvError where it is no pose."""
+    return PoseFed(conversions.pose_to_transform(m.pose), m.header.stamp.to_sec())
+
+
 def estimated_of(m: PoseStamped) -> PoseEstimated:
     """Raises FcsvError where it is no pose."""
     return PoseEstimated(conversions.pose_to_transform(m.pose))
@@ -87,7 +94,8 @@ def link_lives_of(m: LinkHealth) -> LinkLives:
     """What the flight link tells of itself."""
     return LinkLives(
         m.doubt, m.ekf_variance, m.throttle, m.throttle_age_s, m.system_status, m.origin_set, m.parameters_ok,
-        m.parameter, None if m.in_the_air < 0 else bool(m.in_the_air), m.connected, m.pid,
+        m.parameter, None if m.in_the_air < 0 else bool(m.in_the_air), m.connected, m.pid, m.ekf_flags, m.ekf_age_s,
+        m.feed_rate_hz, m.feed_age_s, m.estimate_apart_m, _PREARM.get(m.prearm),
     )  # fmt: skip
 
 

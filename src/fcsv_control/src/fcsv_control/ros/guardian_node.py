@@ -87,7 +87,7 @@ class GuardianNode:
             taking = convert.taking(topic, take, self._receive, self._health)
             rospy.Subscriber(topic, kind, taking, queue_size=20, tcp_nodelay=True)
 
-        hear("mavros/vision_pose/pose", PoseStamped, lambda m: flight.PoseFed(conversions.pose_to_transform(m.pose)))
+        hear("mavros/vision_pose/pose", PoseStamped, convert.fed_of)
         hear("mavros/local_position/pose", PoseStamped, convert.estimated_of)
         hear("odometry/state", Odometry, lambda m: TrackerConfidence(convert.confidence_of(m)))
         hear("mavros/state", State, lambda m: tm.VehicleState(own, "", m.mode, m.armed, m.connected))
