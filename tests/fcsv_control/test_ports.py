@@ -21,6 +21,7 @@ CORES = {
     "VisionFeed": "",
     "FeedCheck": "",
     "FeedWatchdog": "",
+    "BodyOdometry": "",
     "Twins": "",
     "CalibrationSession": "",
     "calibrate_link": "",

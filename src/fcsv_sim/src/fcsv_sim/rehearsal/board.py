@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What runs on a rehearsed vehicle's computer: odometry, and the ports of flight link, agent and guardian."""
+"""What runs on a rehearsed vehicle's computer: the ports of odometry, flight link, agent and guardian."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -37,16 +37,18 @@ from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
 from fcsv_geometry.arrivals import RELAY
+from fcsv_geometry.tracker import TrackerProfile
 from fcsv_geometry.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.bringup import bringup
 from fcsv_sim.rehearsal.processes import Process
-from fcsv_tracking.errors import OdometryRejected
-from fcsv_tracking.odometry import BodyOdometry, BodyPose
+from fcsv_tracking.odometry import BodyPose, EpochBegan
+from fcsv_tracking.odometry_port import BodySample, OdometryPort, TrackerSample
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _TEXTS = {"STATUSTEXT": "text", "PARAM_VALUE": "param_id", "PARAM_SET": "param_id", "PARAM_REQUEST_READ": "param_id"}
 _PORT = 2  # of the autopilot, at which the companion is
+_SAMPLES_HZ = 200.0  # those of the tracker that would not go on are not simulated
 _GUARDIAN_EVERY = 4  # passes between two steps of the guardian: 25 Hz
 _SERVICE_S = 3.0  # so long a caller waits for a service that is not there: the agent's service_timeout_s
 _AGENT, _GUARDIAN = "agent", "guardian"
@@ -69,11 +71,14 @@ class OnBoard:
     _passes = 0
     now_s = 0.0  # its monotonic clock
 
-    def __init__(self, geometry: VehicleGeometry, rules: AgentRules, guardian: GuardianRules):
+    def __init__(
+        self, geometry: VehicleGeometry, tracker: TrackerProfile, rules: AgentRules, guardian: GuardianRules
+    ):  # fmt: skip
         self.geometry, self.name = geometry, geometry.name
         self.clock_offset_s = 0.0
-        self._odometry = BodyOdometry(geometry.T_body_t265)
-        self.epoch = self._odometry.epoch
+        self._odometry = OdometryPort(self.name, geometry.T_body_t265, tracker, _SAMPLES_HZ)
+        self._frames = (tracker.odom_frame(self.name), tracker.pose_frame(self.name))
+        self.epoch = EpochBegan()  # as its odometry told it last
         self.link = Process(self._new_link)
         self.agent = Process(lambda now_s: AgentPort(self.name, rules, f"agent-{self.name}-{now_s}", now_s))
         self.guardian_port = GuardianPort(self.name, guardian, 0.0)
@@ -83,7 +88,6 @@ class OnBoard:
         self.verdict = Verdict()  # as its guardian told it last
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self._latched: Dict[object, object] = {}  # what the control PC told for good, as it came last
-        self._tell_epoch()
         self.recording = False
         self.pictures = 0
         self.acks: List[Ack] = []
@@ -97,13 +101,14 @@ class OnBoard:
         self._do: Dict[type, Callable[[float, Any], None]] = {
             Ack: self._acknowledge, AgentAlive: self.guardian_port.receive, Ask: self._agent_asks,
             AskMode: self._guardian_asks, AutopilotState: self._shown, BatteryTold: self._battery,
-            EstimateMoved: self.agent.receive, HoldAt: self._hold, LinkLives: self.guardian_port.receive,
-            ModeAsked: self._mode_asked,
+            BodySample: self._feed, EstimateMoved: self.agent.receive, HoldAt: self._hold,
+            LinkLives: self.guardian_port.receive, ModeAsked: self._mode_asked,
             ParametersChecked: lambda now_s, m: self.guardian_port.receive(now_s, m.limits),
             Pictures: self._switch, PoseEstimated: self._estimated, RequestOver: self._request_over,
             SetPoint: self._tell_link, TextHeard: self.agent.receive, ToAutopilot: self._to_autopilot,
-            Verdict: self._judged,
+            Verdict: self._judged, tm.OdometryEpoch: self._began,
         }  # fmt: skip
+        self._give(0.0, self._odometry)
 
     def _new_link(self, now_s: float) -> FlightLinkPort:
         """A flight link's process as it begins, with the parameters that an autopilot must have."""
@@ -158,23 +163,24 @@ class OnBoard:
     # ---- odometry ----------------------------------------------------------------------------------------------
 
     def _sampled(self, now_s: float, stamp_s: float, T: np.ndarray, linear: np.ndarray, angular: np.ndarray) -> None:
-        """A sample of the tracker, through the odometry's gate, to the autopilot."""
+        """A sample of the tracker came."""
         p, q = tuple(T[:3, 3].tolist()), transforms.fast_quaternion_xyzw(T)
-        try:
-            twist = tuple(linear.tolist()), tuple(angular.tolist())
-            self.odometry = self._odometry.feed(stamp_s, p, q, *twist, came_s=now_s)
-        except OdometryRejected:
+        twist = tuple(linear.tolist()), tuple(angular.tolist())
+        self._odometry.receive(now_s, TrackerSample(self._frames, stamp_s, p, q, *twist, ()))
+        self._give(now_s, self._odometry)
+
+    def _feed(self, now_s: float, m: BodySample) -> None:
+        if not m.goes_on:
             return
-        self.T_odom_body = transforms.from_xyz_quaternion(self.odometry.p_odom_body, self.odometry.q_odom_body_xyzw)
-        if self._odometry.epoch != self.epoch:
-            self.epoch = self._odometry.epoch
-            self._tell_epoch()
-        fed = PoseFed(self.T_odom_body, stamp_s)
+        self.odometry = m.pose
+        self.T_odom_body = transforms.from_xyz_quaternion(m.pose.p_odom_body, m.pose.q_odom_body_xyzw)
+        fed = PoseFed(self.T_odom_body, m.pose.stamp_s)
         self.guardian_port.receive(now_s, fed)
         self.link.receive(now_s, fed)
 
-    def _tell_epoch(self) -> None:
-        self._hear(self.now_s, tm.OdometryEpoch(self.name, "", self.epoch.number, self.epoch.reason))
+    def _began(self, now_s: float, m: tm.OdometryEpoch) -> None:
+        self.epoch = EpochBegan(m.number, m.reason)
+        self._hear(now_s, m)
 
     # ---- time --------------------------------------------------------------------------------------------------
 

@@ -54,7 +54,7 @@ class RehearsedVehicle(OnBoard):
         self.tracker_on = True
         self.scene = SimulatedScene(geometry.T_body_cam, seed)
         self._scene_epoch = 0
-        super().__init__(geometry, start.rules, start.guardian)
+        super().__init__(geometry, start.tracker, start.rules, start.guardian)
         self.by_hand: Optional[Tuple[float, int]] = None  # when its transmitter chose which mode
         self._switch_at = ""
         self._command = (0.0, 0.0, 0.0, 0.0)
