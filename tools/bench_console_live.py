@@ -30,10 +30,11 @@ def sent_pictures(session: Path, out: Path) -> List[str]:
     import rospy
     from sensor_msgs.msg import CompressedImage
 
-    from fcsv_geometry import home_messages, transforms
-    from fcsv_geometry.flow import RateGate
+    from fcsv_geometry import transforms
     from fcsv_geometry.home import HomeFrames
     from fcsv_geometry.ros import conversions
+    from fcsv_geometry.streams.flow import RateGate
+    from fcsv_geometry.vehicles import home_messages
     from fcsv_msgs.msg import CapturedPicture
     from fcsv_stereo.sessions.read import read_session
 

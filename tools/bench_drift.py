@@ -21,7 +21,7 @@ import numpy as np
 from fcsv_control.flight.height_check import HeightCheckRules, height_m
 from fcsv_control.flight.scene_check import SceneCheckRules
 from fcsv_geometry import transforms
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.autopilot.barometer import Barometer
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.rehearsal.command import Job, rehearse

@@ -22,7 +22,7 @@ from fcsv_guidance.views import read_map
 from fcsv_sim.robot.survey import stations, survey
 from fcsv_sim.world.footing import Footing
 from fcsv_sim.world.town import PLACES, Town
-from fcsv_stereo.truth import load_truth
+from fcsv_stereo.evaluating.truth import load_truth
 
 _BANDS_M = (0, 30, 40, 60)
 _TRUE_SIGMA_M = 1e-3

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from bench.scenes import NOISES, SceneName, shoot
-from fcsv_stereo.evaluation import band
-from fcsv_stereo.live import Corrections
+from fcsv_stereo.evaluating.evaluation import band
+from fcsv_stereo.in_flight.live import Corrections
 from fcsv_stereo.pipeline import METHODS
 
 PAIRS = [("horizontal", 2.0), ("vertical", 4.0)]  # the thesis's figure 3.15

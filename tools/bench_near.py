@@ -30,8 +30,8 @@ from scipy.spatial import cKDTree
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import Place
-from fcsv_geometry.tracker import T265_PROFILE
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.tracker import T265_PROFILE
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.bringup import bringup
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
@@ -39,12 +39,12 @@ from fcsv_sim.sensors.depth_camera import DepthParameters, SimulatedDepth
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.world.town import Town
 from fcsv_stereo.joint import Joint
+from fcsv_stereo.map_files.output import write_ply
 from fcsv_stereo.model import FLOWN, Axis, Configuration, ConfigurationInput, MapInput, MapResult, Picture
 from fcsv_stereo.near import DepthFrame, DepthSensor, NearSurface, NearVolume, Thinning, join
-from fcsv_stereo.output import write_ply
 from fcsv_stereo.report import write_report
-from fcsv_tracking.camera_covariance import camera_covariance
-from fcsv_tracking.drift import Drift
+from fcsv_tracking.column.camera_covariance import camera_covariance
+from fcsv_tracking.column.drift import Drift
 
 _HZ, _TRACKER_HZ, _SPEED_MPS, _HEIGHT_M, _BEGIN_M = 2.0, 50.0, 1.0, 2.0, 8.0
 _LEGS = (

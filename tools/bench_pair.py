@@ -15,10 +15,10 @@ import numpy as np
 
 from bench.scenes import LISTS, SceneName, shoot
 from fcsv_geometry import transforms
-from fcsv_stereo import pair_check
+from fcsv_stereo.in_flight import pair_check
+from fcsv_stereo.in_flight.pair_check import PairLook
 from fcsv_stereo.model import Picture
-from fcsv_stereo.pair_check import PairLook
-from fcsv_stereo.refinement.features import KnownFeatures, View
+from fcsv_stereo.refinement.features import FeatureView, KnownFeatures
 from fcsv_stereo.refinement.matching import Matches, match_anywhere
 from fcsv_stereo.sessions.read import read_session
 
@@ -26,7 +26,7 @@ WORLDS = ("street", "village", "field", "plain")
 DRIFTS_M = (0.5, 1.0, 1.5, 2.0, 4.0, 8.0)
 SEEN_ABOVE_M = 0.9  # across the way to the other, from which on a drift is asked to be seen
 TRACKER = (np.radians(0.3), 0.03, 0.01)  # rotation per axis (rad), position (m) and its share of the distance
-Pair = Tuple[View, View, Matches]
+Pair = Tuple[FeatureView, FeatureView, Matches]
 
 
 def matched(a: Picture, b: Picture, known: KnownFeatures) -> Pair:

@@ -43,7 +43,7 @@ class Errors:
         self.rotation_deg.append(float(np.degrees(np.linalg.norm(rotation))))
         self.position_m.append(float(np.linalg.norm(error[3:])))
         self.scale.append(float(lengths[0] / lengths[1] - 1.0))
-        self.score.append(float(error @ np.linalg.solve(refined.covariance, error) / 6.0))
+        self.score.append(float(error @ np.linalg.solve(refined.uncertainty.covariance, error) / 6.0))
 
     def row(self, *names) -> str:
         """Of the table."""

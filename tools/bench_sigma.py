@@ -23,12 +23,12 @@ from typing import List, Tuple
 import numpy as np
 from flown_errors import FlownErrors, prior_scale
 
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import StereoError
-from fcsv_stereo.evaluation import evaluate
+from fcsv_stereo.evaluating.evaluation import evaluate
+from fcsv_stereo.evaluating.truth import Truth, load_truth
 from fcsv_stereo.model import MapInput
-from fcsv_stereo.truth import Truth, load_truth
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENT = ROOT / "docs" / "lab" / "sigma.md"

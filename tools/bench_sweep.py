@@ -19,9 +19,9 @@ import numpy as np
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry import transforms
 from fcsv_geometry.home import camera_in_home, home_of
-from fcsv_geometry.mission import load_mission
-from fcsv_geometry.tracker import T265_PROFILE
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.trajectory import Trajectory
+from fcsv_geometry.vehicles.tracker import T265_PROFILE
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.render.renderer import Renderer
@@ -29,7 +29,7 @@ from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.vehicles.vehicle import PASS_S
 from fcsv_sim.world.town import Town
-from fcsv_stereo.evaluation import band
+from fcsv_stereo.evaluating.evaluation import band
 from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS
 from fcsv_stereo.sweeps import on_time, spread

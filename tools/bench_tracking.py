@@ -20,7 +20,7 @@ from fcsv_geometry.home import places_in_home
 from fcsv_geometry.ros import conversions
 from fcsv_sim.machines.machines import Machine
 from fcsv_sim.trials.formation import Formation, FormationParameters
-from fcsv_tracking.calibration import calibrate_link
+from fcsv_tracking.column.calibration import calibrate_link
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "lab" / "tracking.md"

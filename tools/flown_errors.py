@@ -16,13 +16,13 @@ import rosbag
 from fcsv_geometry import transforms
 from fcsv_geometry.home import Place
 from fcsv_geometry.ros import conversions
-from fcsv_geometry.tracker import TrackerProfile
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.vehicles.tracker import TrackerProfile
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.sensors.t265 import T265
+from fcsv_stereo.evaluating.truth import Truth
 from fcsv_stereo.joint.method import choose_pictures
 from fcsv_stereo.model import MapInput, Picture
 from fcsv_stereo.pose_covariance import relative, relative_common
-from fcsv_stereo.truth import Truth
 from fcsv_tracking.ros import link_messages
 
 _NO_ERRORS = TrackerProfile(

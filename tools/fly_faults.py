@@ -61,7 +61,7 @@ from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 from fcsv_geometry.messages import pose_to_transform
 from fcsv_geometry.ros import conversions, node
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.truth import TruthReader
 node.begin("shifted", anonymous=True)
 own = lambda name: rospy.get_param("/{v}/t265/" + name)

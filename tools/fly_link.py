@@ -91,7 +91,7 @@ class Pilotless:
         import rospy
         from geometry_msgs.msg import PoseStamped
 
-        from fcsv_geometry.flow import RateGate
+        from fcsv_geometry.streams.flow import RateGate
         from fcsv_msgs.msg import Command, CommandAck, Heartbeat, LinkHealth
         from mavros_msgs.msg import State, StatusText
 

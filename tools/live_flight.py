@@ -50,8 +50,8 @@ class Heard:
 def live_share(heard: Heard, truth_folder: Path, vehicle: str) -> float:
     """Share of the live map's pixels, up to 400 m, that are within 10 % of the truth."""
     from fcsv_geometry.ros import conversions
-    from fcsv_stereo.evaluation import band
-    from fcsv_stereo.truth import load_truth
+    from fcsv_stereo.evaluating.evaluation import band
+    from fcsv_stereo.evaluating.truth import load_truth
 
     m = heard.depth
     depth = np.frombuffer(m.data, np.float32).reshape(m.height, m.width)

@@ -18,7 +18,7 @@ from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.rehearsal.command import Job, on_all_cores, rehearse
 from fcsv_sim.rehearsal.faults import FAULTS, NONE

@@ -128,7 +128,7 @@ kernels() {  # numba's cache lies beside the sources; compile where they changed
   want=$(find src/fcsv_stereo/src/fcsv_stereo/joint -name '*.py' -print0 | LC_ALL=C sort -z | xargs -0 cat | sha256sum | cut -d' ' -f1)
   [ "$(cat build/fcsv-kernels 2>/dev/null)" = "$want" ] && return
   say "compiling kernels"
-  quietly build/kernels.log bash -c '. devel/setup.sh && exec .venv/bin/python -m fcsv_stereo.warm_up' ||
+  quietly build/kernels.log bash -c '. devel/setup.sh && exec .venv/bin/python -m fcsv_stereo.in_flight.warm_up' ||
     { tail -5 build/kernels.log >&2; fail "the kernels could not be compiled (whole log: build/kernels.log)"; }
   echo "$want" >build/fcsv-kernels
 }

@@ -24,7 +24,7 @@ from fcsv_stereo.joint.checks.evidence import FEATURES, terms
 from fcsv_stereo.joint.match import MatchOptions, match_jointly
 from fcsv_stereo.joint.method import choose_pictures
 from fcsv_stereo.joint.tuning import EVIDENCE
-from fcsv_stereo.model import MapInput
+from fcsv_stereo.model import MapInput, PoseUncertainty
 from fcsv_stereo.refinement import RefineOptions, refine
 
 _WORLDS, _SEEDS, _HARD_SEED = ("street", "village", "field", "plain"), (21, 22), 31
@@ -84,8 +84,9 @@ def _mapped(given: MapInput, true_depth: np.ndarray) -> Tuple[np.ndarray, np.nda
     reference, others = choose_pictures(given.configurations)
     refined = refine(reference, others, RefineOptions(prior=given.prior))
     options = MatchOptions(adjust_poses=True, keep_features=True)
-    pictures, covariances = [r.picture for r in refined.others], [r.told for r in refined.others]
-    found = match_jointly(refined.reference, pictures, options, covariances)
+    pictures = [r.picture for r in refined.others]
+    noise = [PoseUncertainty(r.uncertainty.noise) for r in refined.others]
+    found = match_jointly(refined.reference, pictures, options, noise)
     answered = np.isfinite(found.depth) & ~(true_depth > 400.0)
     with np.errstate(invalid="ignore"):
         wrong = ~(np.abs(found.depth / true_depth - 1.0) <= 0.1)

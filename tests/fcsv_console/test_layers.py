@@ -120,8 +120,8 @@ def test_messages_become_facts():
 
     from fcsv_console.ros import messages
     from fcsv_geometry import transforms
-    from fcsv_geometry.camera_places import camera_place
-    from fcsv_geometry.mission import StereoConfiguration
+    from fcsv_geometry.missions.camera_places import camera_place
+    from fcsv_geometry.missions.mission import StereoConfiguration
     from fcsv_geometry.ros import conversions
     from mavros_msgs.msg import State
 

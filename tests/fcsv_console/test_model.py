@@ -33,7 +33,7 @@ from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
 from fcsv_control.flight_check.lines import Line, State
 from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS, TURNS
-from fcsv_geometry.separation import SeparationRules
+from fcsv_geometry.missions.separation import SeparationRules
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 
 OUTDOOR = Path(__file__).resolve().parents[2] / "config/missions/outdoor.yaml"

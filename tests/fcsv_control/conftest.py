@@ -10,7 +10,7 @@ import pytest
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry import transforms
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 
 STEP_S = 0.1
 T_BODY_CAM = Mount((0.11, 0.0, 0.03)).T_body_part @ transforms.transform(transforms.R_FLU_OPTICAL, np.zeros(3))

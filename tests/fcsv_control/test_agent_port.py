@@ -10,8 +10,8 @@ from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import EstimateMoved, HomeHeard, ModeAsked, PoseEstimated, Refused, TextHeard
 from fcsv_control.guardian.messages import Verdict
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles import telemetry as tm
 
 STEP_S, BEGAN_S = 0.02, 50.0
 

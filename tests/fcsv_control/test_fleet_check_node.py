@@ -37,7 +37,7 @@ class StandIns:
 
         from fcsv_control.flight_check.lines import Line, State
         from fcsv_control.ros.flight_check_messages import small
-        from fcsv_geometry.flight_limits import FlightBounds
+        from fcsv_geometry.missions.flight_limits import FlightBounds
         from fcsv_msgs.msg import ClockOffset, ParameterReport, TagDetection, TagDetections
 
         for n in set(NAMES) - set(self.quiet):

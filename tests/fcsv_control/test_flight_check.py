@@ -21,8 +21,8 @@ from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS, Disk, VehicleFacts
 from fcsv_control.guardian.findings import NO_POSES, STICK
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import config
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_tracking.clocks import ClockOffset
+from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_tracking.devices.clocks import ClockOffset
 
 NAN, INF = float("nan"), float("inf")
 G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN

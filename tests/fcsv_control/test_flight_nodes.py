@@ -16,7 +16,7 @@ from support.waiting import within
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS
 from fcsv_control.ros.mavros_process import MavrosProcess
 from fcsv_geometry import transforms
-from fcsv_geometry.flight_limits import FlightBounds
+from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_sim.machines.machines import free_port
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -11,7 +11,7 @@ from fcsv_control import gathering
 from fcsv_control.commands.gather_session import main
 from fcsv_control.session import load_session, new_session, save_session
 from fcsv_geometry.bags.repair import check
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 
 
 @pytest.fixture

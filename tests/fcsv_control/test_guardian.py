@@ -12,7 +12,7 @@ from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import config, transforms
-from fcsv_geometry.fence import Fence
+from fcsv_geometry.missions.fence import Fence
 
 STEP_S = 0.05
 SQUARE = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]

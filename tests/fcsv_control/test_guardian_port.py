@@ -12,11 +12,11 @@ from fcsv_control.flight.messages import AutopilotLimits, LinkLives, PoseEstimat
 from fcsv_control.guardian.messages import RestartLink, Verdict
 from fcsv_control.guardian.port import GuardianPort, MissionFence, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
-from fcsv_geometry.arrivals import RELAY
-from fcsv_geometry.fence import Fence
 from fcsv_geometry.home import OdomLink, Place
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.streams.arrivals import RELAY
+from fcsv_geometry.vehicles import telemetry as tm
 
 NOW_S = 100.0
 THERE = transforms.from_xyz_yaw([4.0, 0.0, 6.0], 0.0)
@@ -35,6 +35,8 @@ def link(**fields):
     told = {
         "doubt": "", "ekf_variance": 0.1, "throttle": 0.4, "throttle_age_s": 0.1, "system_status": 4,
         "origin_set": True, "parameters_ok": True, "parameter": "", "in_the_air": True, "connected": True, "pid": 17,
+        "ekf_flags": 0x33F, "ekf_age_s": 0.1, "feed_rate_hz": 30.0, "feed_age_s": 0.03, "estimate_apart_m": 0.1,
+        "prearm_ok": True,
     }  # fmt: skip
     return LinkLives(**{**told, **fields})
 

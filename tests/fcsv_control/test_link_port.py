@@ -34,8 +34,8 @@ from fcsv_control.flight.messages import (
 )
 from fcsv_control.flight.port import FeedRules, FlightLinkPort
 from fcsv_control.flight.profile import NOTHING
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
+from fcsv_geometry.vehicles import telemetry as tm
 
 M = mavutil.mavlink
 STABILIZE, GUIDED, LOITER, LAND, BRAKE = 0, 4, 5, 9, 17

@@ -13,12 +13,13 @@ from fcsv_control.mission import looking_round, plan_check
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory, RememberedList
 from fcsv_control.mission.stages import TURNS
-from fcsv_geometry import config, look_round, rotations, transforms
+from fcsv_geometry import config, rotations, transforms
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_geometry.look_round import LookRound
-from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
-from fcsv_geometry.sweep import Sweep
+from fcsv_geometry.missions import look_round
+from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.missions.look_round import LookRound
+from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
+from fcsv_geometry.missions.sweep import Sweep
 
 STEP_S, RATE_DPS = 0.2, 30.0  # between two orders; the quickest
 H4, V5 = (StereoConfiguration(a, b, record_s=2.0) for a, b in (("horizontal", 4.0), ("vertical", 5.0)))

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
 
 _AT = "horizontal 4 m"
 _FAULTS = {

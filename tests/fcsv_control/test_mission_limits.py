@@ -8,8 +8,8 @@ import pytest
 
 from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.snapshot import RecorderView
-from fcsv_geometry.flight_limits import PauseLimits
-from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
+from fcsv_geometry.missions.flight_limits import PauseLimits
+from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
 
 NAN = float("nan")
 

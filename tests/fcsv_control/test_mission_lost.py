@@ -3,7 +3,7 @@
 
 import pytest
 
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
 _BY_HAND = ("COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")
 

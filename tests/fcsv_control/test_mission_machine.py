@@ -13,10 +13,10 @@ from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.flight_limits import PauseLimits
-from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration
-from fcsv_geometry.phases import PHASES
-from fcsv_geometry.separation import SeparationRules
+from fcsv_geometry.missions.flight_limits import PauseLimits
+from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
+from fcsv_geometry.missions.phases import PHASES
+from fcsv_geometry.missions.separation import SeparationRules
 from fcsv_msgs.msg import MissionState
 
 
@@ -105,7 +105,7 @@ def test_slow_cameras_are_waited_for_but_not_for_ever(flight, period_s, lasts_s)
 
 def test_the_thesis_list_with_a_slow_and_lossy_radio(flight, root):
     """Half of all commands get lost: repetition brings every one of them home."""
-    from fcsv_geometry.mission import load_mission
+    from fcsv_geometry.missions.mission import load_mission
 
     f = flight(load_mission(root / "config" / "missions" / "outdoor.yaml"), seed=3)
     f.lossy = 0.5

@@ -10,8 +10,8 @@ import yaml
 from support.waiting import within
 
 from fcsv_geometry import transforms
-from fcsv_geometry.mission import load_mission
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.missions.mission import load_mission
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 pytestmark = pytest.mark.ros
 NAMES = ("m_front", "m_back")  # not uav1, uav2: other tests may use those on the same master

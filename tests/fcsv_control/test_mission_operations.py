@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from fcsv_control.mission.task_list import TaskList, tasks
-from fcsv_geometry.flight_limits import PauseLimits
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.flight_limits import PauseLimits
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
 
 def mission(*movers, **limits):

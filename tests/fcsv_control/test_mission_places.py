@@ -15,13 +15,13 @@ from fcsv_control.mission.landing import Landing
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_geometry import transforms
-from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, camera_place
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.home import home_of, odoms_in_home
-from fcsv_geometry.mission import Mission, StereoConfiguration
-from fcsv_geometry.separation import SeparationRules, distance_m
-from fcsv_geometry.vehicle import Mount
-from fcsv_tracking.calibration import Link
+from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, camera_place
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.separation import SeparationRules, distance_m
+from fcsv_geometry.vehicles.vehicle import Mount
+from fcsv_tracking.column.calibration import Link
 
 SEPARATION_M = 1.5
 

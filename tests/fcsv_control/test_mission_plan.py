@@ -9,12 +9,12 @@ import yaml
 
 from fcsv_control.mission import plan_check
 from fcsv_control.mission.machine import MissionMachine
-from fcsv_geometry import flight_limits
 from fcsv_geometry.errors import ConfigError, MissionError
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
-from fcsv_geometry.sweep import Sweep
+from fcsv_geometry.missions import flight_limits
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration, load_mission
+from fcsv_geometry.missions.sweep import Sweep
 
 PAIR = ("uav1", "uav2")
 FULL = {"uav1": 1.0, "uav2": 1.0}

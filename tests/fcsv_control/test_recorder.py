@@ -16,7 +16,7 @@ from fcsv_control.session import load_session, new_session, save_session, with_p
 from fcsv_geometry.bags.parts import parts_in
 from fcsv_geometry.bags.repair import repaired
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 
 ros = pytest.mark.ros
 LATENCY_S = 1.0  # generous: a loaded machine with two cores

@@ -9,8 +9,8 @@ import pytest
 from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
 from fcsv_control.flight.scene_check import SceneCheck, SceneCheckRules
 from fcsv_geometry import transforms
-from fcsv_geometry.tracker import T265_PROFILE
 from fcsv_geometry.transforms import R_FLU_OPTICAL
+from fcsv_geometry.vehicles.tracker import T265_PROFILE
 from fcsv_sim.sensors.scene import SimulatedScene
 from fcsv_sim.sensors.t265 import T265
 

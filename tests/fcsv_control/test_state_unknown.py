@@ -7,7 +7,7 @@ import pytest
 
 from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.stopping.core import STOP, StopAll
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_sim.rehearsal.flight import Flight
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from fcsv_control.mission.heard import FrameEpochs, VehicleHeard
 from fcsv_control.stopping.core import LAND, STOP, StopAll
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
 NAMES = ("uav1", "uav2")
 

@@ -11,7 +11,7 @@ from fcsv_control.mission.snapshot import Snapshot, VehicleView
 from fcsv_control.mission.tag_in_front import TagInFront, TagInFrontRules
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
 STEP_S = 0.1
 T_BODY_TAG = transforms.from_xyz_yaw([-0.1, 0.0, 0.05], np.pi)

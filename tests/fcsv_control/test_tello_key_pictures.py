@@ -15,8 +15,8 @@ from fcsv_sim.machines.machines import free_port
 from fcsv_sim.tello.encoder import Encoder
 from fcsv_sim.tello.messages import Message
 from fcsv_sim.tello.packets import decode
-from fcsv_sim.tello.radio import Radio
 from fcsv_sim.tello.radio import RadioParameters as Air
+from fcsv_sim.tello.radio import SimulatedWifi
 from fcsv_sim.tello.video import Packets
 
 RATE_HZ, DELAY_S, FLOWN_S = 5.0, 0.1, 120.0
@@ -45,7 +45,7 @@ class Burst:
 def flown(at_once, loss=0.0, burst=None):
     """(gaps between pictures that were shown (s), key pictures sent, requests): the simulated Tello's encoder, packets
     and radio, which give key pictures only where one was asked for."""
-    encoder, packets, radio = Encoder(180, 136, RATE_HZ), Packets(), Radio(Air(loss=loss), 3, 0.0)
+    encoder, packets, radio = Encoder(180, 136, RATE_HZ), Packets(), SimulatedWifi(Air(loss=loss), 3, 0.0)
     video, keys = Video(), KeyPictures()
     asked_s, key, sent_keys, requests = -np.inf, False, 0, 0
     waits, shown, k, now_s = [], [0.0], 0, 0.0

@@ -20,9 +20,9 @@ from fcsv_control.mission.task_list import TaskList, tasks
 from fcsv_control.mission.timed_way import EARLY_S, LATE_S, STEP_S, timed_way
 from fcsv_geometry import config, transforms
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_geometry.mission import Mission, StereoConfiguration
-from fcsv_geometry.separation import SeparationRules
+from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.separation import SeparationRules
 
 NAMES = ("uav1", "uav2", "uav3")
 KEEP = Keep(1.5, SeparationRules(0.95))

@@ -9,7 +9,7 @@ from sensor_msgs.msg import CameraInfo
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
-from fcsv_geometry.fence import Fence
+from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.ros import conversions, fences
 
 T_A_B = transforms.from_xyz_rpy([1.0, -2.0, 3.0], [0.1, -0.2, 2.5])

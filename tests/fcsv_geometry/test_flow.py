@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fcsv_geometry import flow
-from fcsv_geometry.flow import DropCounter, RateGate
+from fcsv_geometry.streams import flow
+from fcsv_geometry.streams.flow import DropCounter, RateGate
 
 
 def test_identities_in_the_docstrings():

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fcsv_geometry import camera, config, rotations, transforms, vehicle
+from fcsv_geometry import camera, config, rotations, transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import ConfigError, GeometryError, PoseUnavailable
-from fcsv_geometry.fence import Fence
+from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.trajectory import Trajectory
+from fcsv_geometry.vehicles import vehicle
 
 ROUNDING = 1e-9  # float64, a few products of numbers of order 100
 

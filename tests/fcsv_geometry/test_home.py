@@ -83,8 +83,8 @@ def test_who_no_link_reaches_has_no_place():
 
 
 def test_from_messages():
-    from fcsv_geometry import home_messages
     from fcsv_geometry.ros import conversions
+    from fcsv_geometry.vehicles import home_messages
     from fcsv_msgs.msg import Calibration, CalibrationLink, Home
 
     fleet, frames = Fleet(6), HomeFrames()

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from fcsv_geometry.live_line import IN_PLACE_S, LOGGED_S, LiveLine, Steps
+from fcsv_geometry.programs.live_line import IN_PLACE_S, LOGGED_S, LiveLine, Steps
 
 
 class Clock:

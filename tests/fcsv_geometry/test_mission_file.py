@@ -7,10 +7,11 @@ import doctest
 import pytest
 import yaml
 
-from fcsv_geometry import config, sweep
-from fcsv_geometry import mission as schema
+from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError, MissionError
-from fcsv_geometry.mission import Mission, load_mission, spaced
+from fcsv_geometry.missions import mission as schema
+from fcsv_geometry.missions import sweep
+from fcsv_geometry.missions.mission import Mission, load_mission, spaced
 
 GOOD = {"name": "test", "configurations": [{"axis": "horizontal", "baseline_m": 4.0, "record_s": 3.0}]}
 

@@ -6,8 +6,8 @@ import doctest
 import numpy as np
 import pytest
 
-from fcsv_geometry import separation
-from fcsv_geometry.separation import SeparationRules, doubt_m, share
+from fcsv_geometry.missions import separation
+from fcsv_geometry.missions.separation import SeparationRules, doubt_m, share
 
 AIR = SeparationRules(0.6, 3.0)
 

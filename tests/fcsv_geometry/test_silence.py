@@ -5,8 +5,8 @@ import doctest
 
 import pytest
 
-from fcsv_geometry import silence
-from fcsv_geometry.silence import Silence, in_steps
+from fcsv_geometry.streams import silence
+from fcsv_geometry.streams.silence import Silence, in_steps
 
 
 def test_doctests():

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fcsv_geometry import stamps
-from fcsv_geometry.stamps import in_order, stuck
+from fcsv_geometry.streams import stamps
+from fcsv_geometry.streams.stamps import in_order, stuck
 from fcsv_geometry.trajectory import Trajectory
 
 STEADY = (1000.0 + 0.05 * np.arange(200)).tolist()

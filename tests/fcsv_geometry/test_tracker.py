@@ -7,9 +7,10 @@ import doctest
 import numpy as np
 import pytest
 
-from fcsv_geometry import rotations, tracker, transforms
+from fcsv_geometry import rotations, transforms
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.tracker import TrackerProfile, load_profile
+from fcsv_geometry.vehicles import tracker
+from fcsv_geometry.vehicles.tracker import TrackerProfile, load_profile
 
 
 def test_identities_in_the_docstrings():

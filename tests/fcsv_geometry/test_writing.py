@@ -11,8 +11,8 @@ from collections import namedtuple
 
 import pytest
 
-from fcsv_geometry import commands, writing
-from fcsv_geometry.writing import PlaceError, in_words, require_file, require_folder
+from fcsv_geometry.programs import commands, writing
+from fcsv_geometry.programs.writing import PlaceError, in_words, require_file, require_folder
 
 _Usage = namedtuple("_Usage", "total used free")
 
@@ -84,7 +84,7 @@ def test_an_error_without_a_number_on_a_full_disk_is_a_full_disk(tmp_path, monke
 def test_ctrl_c_while_a_command_is_loaded_is_one_line_and_later_an_interrupt(tmp_path):
     script = """
 import os, signal, sys, time
-from fcsv_geometry.commands import loading
+from fcsv_geometry.programs.commands import loading
 signal.signal(signal.SIGINT, signal.SIG_IGN if "ignored" in sys.argv else signal.default_int_handler)
 before = signal.getsignal(signal.SIGINT)
 with loading("map"):

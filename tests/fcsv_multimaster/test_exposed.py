@@ -7,7 +7,7 @@ import subprocess
 import pytest
 from support.waiting import within
 
-from fcsv_multimaster.keyring import make_fleet
+from fcsv_multimaster.keys.keyring import make_fleet
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 until = within(60.0)

@@ -8,12 +8,13 @@ from contextlib import ExitStack, closing
 import pytest
 from support.waiting import within
 
-from fcsv_multimaster import exchange as exchanges
-from fcsv_multimaster import joining, order
-from fcsv_multimaster.endpoints import parse_endpoint
 from fcsv_multimaster.errors import EndpointError
-from fcsv_multimaster.exchange import Exchange
 from fcsv_multimaster.links import load_links
+from fcsv_multimaster.network import joining
+from fcsv_multimaster.network.endpoints import parse_endpoint
+from fcsv_multimaster.relay import exchange as exchanges
+from fcsv_multimaster.relay import order
+from fcsv_multimaster.relay.exchange import Exchange
 from fcsv_sim.machines.machines import free_port
 
 until = within(30.0)

@@ -9,13 +9,13 @@ import struct
 import pytest
 from support.waiting import within
 
-from fcsv_multimaster import wire
-from fcsv_multimaster.endpoints import Endpoint
 from fcsv_multimaster.errors import WireError
-from fcsv_multimaster.inbound import Inbound
 from fcsv_multimaster.links import LINKS, Rule, TrafficClass
-from fcsv_multimaster.peer import Peer
-from fcsv_multimaster.transport import Transport
+from fcsv_multimaster.network import wire
+from fcsv_multimaster.network.endpoints import Endpoint
+from fcsv_multimaster.network.transport import Transport
+from fcsv_multimaster.relay.inbound import Inbound
+from fcsv_multimaster.relay.peer import Peer
 from fcsv_sim.machines.machines import free_port
 
 until = within(15.0)
@@ -75,7 +75,7 @@ def right(sequence, sent_s, boot=THERE, number=0):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_ten_thousand_mangled_messages_and_notes_end_nothing(seed, monkeypatch):
     rng, now = random.Random(seed), [1000.0]
-    monkeypatch.setattr("fcsv_multimaster.inbound.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("fcsv_multimaster.relay.inbound.time.monotonic", lambda: now[0])
     bench = Bench()
     notes = [wire.Ping(THERE, HERE, 1.0, 2.0, "host a"), wire.Pong(THERE, 999.9, 5.0, 6.0), wire.Ack(HERE, 3)]
     for i in range(ROUNDS):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """When a relay joins anew or opens a link anew, and when it gives itself up."""
 
-from fcsv_multimaster.joining import HalfOpen, Joining
+from fcsv_multimaster.network.joining import HalfOpen, Joining
 
 
 def test_nothing_is_done_without_a_reason():

@@ -10,12 +10,13 @@ from contextlib import ExitStack, closing
 
 import pytest
 
-from fcsv_multimaster import exposure, keys_command, revocation
-from fcsv_multimaster.endpoints import parse_endpoint
 from fcsv_multimaster.errors import KeyringError
-from fcsv_multimaster.exchange import Exchange
-from fcsv_multimaster.keyring import make_fleet, open_keyring, revoke
+from fcsv_multimaster.keys import keys_command, revocation
+from fcsv_multimaster.keys.keyring import make_fleet, open_keyring, revoke
 from fcsv_multimaster.links import load_links
+from fcsv_multimaster.network import exposure
+from fcsv_multimaster.network.endpoints import parse_endpoint
+from fcsv_multimaster.relay.exchange import Exchange
 from fcsv_sim.machines.machines import free_port
 
 

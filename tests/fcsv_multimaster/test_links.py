@@ -4,9 +4,9 @@
 import pytest
 
 from fcsv_geometry.errors import ConfigError
-from fcsv_multimaster.endpoints import Endpoint, parse_endpoint, parse_peers
 from fcsv_multimaster.errors import EndpointError
 from fcsv_multimaster.links import load_links
+from fcsv_multimaster.network.endpoints import Endpoint, parse_endpoint, parse_peers
 
 
 def test_shipped_links_carry_what_they_must_and_no_raw_pictures(root):

@@ -10,20 +10,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fcsv_control.mission import heard
-from fcsv_geometry import arrivals
-from fcsv_geometry.flow import RateGate
-from fcsv_multimaster import fkie, order, wire
-from fcsv_multimaster.addresses import AddressWatch, local_addresses
-from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
+from fcsv_geometry.streams import arrivals
+from fcsv_geometry.streams.flow import RateGate
+from fcsv_multimaster import fkie
 from fcsv_multimaster.errors import EndpointError, PictureError, WireError
 from fcsv_multimaster.links import Rule, TrafficClass, load_links
-from fcsv_multimaster.measure import Heard, PeerMeasure
-from fcsv_multimaster.outbound import Message, Pacer, Remembered, Repeater
-from fcsv_multimaster.parcel import Parcel
-from fcsv_multimaster.peer import Peer
-from fcsv_multimaster.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
-from fcsv_multimaster.sent_times import SentTimes
-from fcsv_multimaster.transport import Transport
+from fcsv_multimaster.network import wire
+from fcsv_multimaster.network.addresses import AddressWatch, local_addresses
+from fcsv_multimaster.network.endpoints import parse_endpoint, parse_peers
+from fcsv_multimaster.network.transport import Transport
+from fcsv_multimaster.relay import order
+from fcsv_multimaster.relay.measure import PeerMeasure, SignOfLife
+from fcsv_multimaster.relay.outbound import Message, Pacer, Remembered, Repeater
+from fcsv_multimaster.relay.parcel import Parcel
+from fcsv_multimaster.relay.peer import Peer
+from fcsv_multimaster.relay.picture_codec import AdaptiveJpeg, H264Decoder, H264Encoder, decode_jpeg, h264_available
+from fcsv_multimaster.relay.sent_times import SentTimes
 
 CRITICAL = TrafficClass("datagram", "real_time", True, max_age_s=5.0)
 EVENT = TrafficClass("urgent", "data_high", True, latched=True)
@@ -67,7 +69,7 @@ def test_another_version_of_the_language_is_named():
 
 def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
     peer = PeerMeasure()
-    assert peer.heard(1, 10.0) is Heard.NEW
+    assert peer.heard(1, 10.0) is SignOfLife.NEW
     for i, wall_s in enumerate((0.0, 3600.0, 3600.0, 3600.0, 3600.0, 3600.0)):  # the peer's clock steps by an hour
         peer.clocks.answered(10.0 + i, 10.02 + i, 500.01 + i, wall_s)
     assert peer.clocks.age_s(500.0, 10.05) == pytest.approx(0.05)
@@ -77,21 +79,27 @@ def test_ages_follow_the_monotonic_clocks_whatever_the_wall_clocks_do():
 def test_a_second_machine_of_the_same_name_is_told_from_a_restart():
     peer = PeerMeasure()
     assert [peer.heard(1, 0.0), peer.heard(1, 0.5), peer.heard(2, 0.6), peer.heard(1, 0.7)] == [
-        Heard.NEW, Heard.SAME, Heard.DOUBLE, Heard.SAME,
+        SignOfLife.NEW, SignOfLife.SAME, SignOfLife.DOUBLE, SignOfLife.SAME,
     ]  # fmt: skip
-    assert peer.heard(2, 5.0) is Heard.NEW and not peer.alive(6.5)
+    assert peer.heard(2, 5.0) is SignOfLife.NEW and not peer.alive(6.5)
 
 
 def test_of_two_machines_with_one_name_the_second_does_not_take_the_place_of_the_first_in_a_cut():
     peer = PeerMeasure()
     for at_s in np.arange(0.0, 3.0, 0.25):
-        assert peer.heard(1, at_s) is not Heard.DOUBLE
-        assert peer.heard(2, at_s + 0.1, "host b") is Heard.DOUBLE
+        assert peer.heard(1, at_s) is not SignOfLife.DOUBLE
+        assert peer.heard(2, at_s + 0.1, "host b") is SignOfLife.DOUBLE
     assert peer.twin(3.0) == "host b"
-    assert {peer.heard(2, s, "host b") for s in np.arange(3.0, 60.0, 0.5)} == {Heard.DOUBLE} and not peer.alive(60.0)
-    assert peer.heard(3, 61.0) is Heard.NEW  # the first was started again
-    assert peer.heard(2, 61.1) is Heard.DOUBLE and peer.heard(3, 100.0) is Heard.SAME
-    assert peer.heard(2, 159.0) is Heard.DOUBLE and peer.heard(2, 160.1) is Heard.NEW and peer.twin(160.1) is None
+    assert {peer.heard(2, s, "host b") for s in np.arange(3.0, 60.0, 0.5)} == {SignOfLife.DOUBLE} and not peer.alive(
+        60.0
+    )
+    assert peer.heard(3, 61.0) is SignOfLife.NEW  # the first was started again
+    assert peer.heard(2, 61.1) is SignOfLife.DOUBLE and peer.heard(3, 100.0) is SignOfLife.SAME
+    assert (
+        peer.heard(2, 159.0) is SignOfLife.DOUBLE
+        and peer.heard(2, 160.1) is SignOfLife.NEW
+        and peer.twin(160.1) is None
+    )
 
 
 def test_who_is_not_meant_by_a_peer_knows_it_but_not_right_after_his_restart():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.truth import TruthWriter

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fcsv_geometry.phases import PHASES
+from fcsv_geometry.missions.phases import PHASES
 from fcsv_sim.demo import flights, interrupt
 from fcsv_sim.demo.interrupt import Interrupted
 from fcsv_sim.demo.systems import GIMBAL_SITE

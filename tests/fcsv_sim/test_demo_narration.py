@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from fcsv_control.flight_check.lines import Line, State
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.demo import demo, flights
 from fcsv_sim.demo.fleet import FleetPlan, Machines

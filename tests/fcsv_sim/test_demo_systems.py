@@ -12,15 +12,15 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
-from fcsv_geometry.writing import in_words
+from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration, load_mission
+from fcsv_geometry.programs.writing import in_words
 from fcsv_sim.demo import demo
 from fcsv_sim.demo.fleet import FleetPlan, SimulatedFleet
 from fcsv_sim.demo.pose_errors import tracked_errors
 from fcsv_sim.demo.systems import SYSTEMS, T_WORLD_MOCAP
 from fcsv_sim.ros.mocap_node import MocapNodeParameters
-from fcsv_stereo.truth import Truth
+from fcsv_stereo.evaluating.truth import Truth
 
 
 def mission(axis, baseline_m, height_m=1.7):

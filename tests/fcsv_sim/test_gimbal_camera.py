@@ -9,7 +9,7 @@ from fcsv_geometry import transforms as tf
 from fcsv_sim.gimbal.gimbal_camera import GimbalCamera, GimbalCameraParameters
 from fcsv_sim.trials import gimbal_evaluation as evaluation
 from fcsv_tracking.gimbal.config import load_ground_robot
-from fcsv_tracking.gimbal.looking import Window, look, window_about
+from fcsv_tracking.gimbal.looking import ImageWindow, look, window_about
 from fcsv_tracking.tags import TagDetector, corner_points
 
 EXACT = GimbalCameraParameters(tag_m=0.0, tag_deg=0.0, stamp_s=0.0, stamp_jitter_s=0.0)
@@ -111,7 +111,7 @@ class TestWindow:
 
     def test_where_it_is_not_there_the_whole_picture_counts(self, camera, detector, gimbal):
         gray, _ = picture(camera, gimbal, body())
-        found, whole = look(detector, gray, camera.model, Window(0, 0, 400, 300))
+        found, whole = look(detector, gray, camera.model, ImageWindow(0, 0, 400, 300))
         assert whole and found
 
     def test_none_where_the_target_is_not_in_the_picture(self, camera):

@@ -11,7 +11,7 @@ import pytest
 from support.waiting import within
 
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_sim.gimbal.dynamixel_bus import SimulatedBus
 from fcsv_sim.gimbal.gimbal import RESOLUTION_RAD, MountErrors, ServoErrors, SimulatedGimbal
 from fcsv_tracking.gimbal import mx12w

@@ -40,7 +40,7 @@ def test_a_second_one_does_not_stop_what_must_come_to_its_end():
 
 
 def test_other_errors_in_such_places_are_told_as_before():
-    begin = "from fcsv_geometry.interruption import raise_again\nraise_again(KeyError)"
+    begin = "from fcsv_geometry.programs.interruption import raise_again\nraise_again(KeyError)"
     program = f"{begin}\nclass A:\n    def __del__(self): raise ValueError('told')\na = A()\ndel a\nprint('on')"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60.0)
     assert "ValueError: told" in done.stderr and done.stdout == "on\n"
@@ -55,7 +55,7 @@ def test_a_bench_that_is_ended_while_it_starts_a_process_ends(root):
 def test_a_command_that_is_interrupted_where_python_drops_errors_ends_with_one_line():
     program = """
 import argparse, os, signal, sys, time
-from fcsv_geometry import commands
+from fcsv_geometry.programs import commands
 signal.signal(signal.SIGINT, signal.default_int_handler)  # who started the tests may have it ignored
 class Falls:
     def __del__(self):

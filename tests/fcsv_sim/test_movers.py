@@ -18,7 +18,7 @@ from fcsv_sim.world.export import write_mesh
 from fcsv_sim.world.movers import movers
 from fcsv_sim.world.plan import TownPlan
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.truth import load_truth
+from fcsv_stereo.evaluating.truth import load_truth
 
 CAMERA = PinholeCamera.from_fov(160, 120, np.radians(56.0), (0.0,) * 5)
 T_WORLD_CAM = transforms.from_xyz_yaw([0.0, 0.0, 3.0], 0.0) @ transforms.transform(

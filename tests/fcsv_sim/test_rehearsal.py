@@ -10,8 +10,8 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
-from fcsv_geometry.flight_limits import PauseLimits
-from fcsv_geometry.mission import Mission, SettleBounds, StereoConfiguration, load_mission
+from fcsv_geometry.missions.flight_limits import PauseLimits
+from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration, load_mission
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import command, takeover
 from fcsv_sim.rehearsal.command import Job, main, on_all_cores, prepare, rehearse

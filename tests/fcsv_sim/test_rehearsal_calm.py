@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.guardian.messages import Verdict
-from fcsv_geometry.mission import Mission, StereoConfiguration, load_mission
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration, load_mission
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.rehearsal.calm import CONTROL, DEADLINES_S, OTHERS, POSES, SEEN, STATES, Calm
 from fcsv_sim.rehearsal.flight import Flight

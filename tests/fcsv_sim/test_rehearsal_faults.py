@@ -9,7 +9,7 @@ import pytest
 
 from fcsv_control.agent.messages import Ask, Kind, SetPoint
 from fcsv_control.mission.standing import CaptureWindow
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_sim.autopilot import modes
 from fcsv_sim.people.operator import Sticks
 from fcsv_sim.rehearsal.faults import make_faults

@@ -10,7 +10,7 @@ import pytest
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
-from fcsv_geometry.vehicle import Mount, VehicleGeometry
+from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
 from fcsv_sim.render.bodies import Body, sample_offsets
 from fcsv_sim.render.caster import EmbreeCaster, Open3dCaster
 from fcsv_sim.render.rays import PRIM, T, ray_buffer, set_rays

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fcsv_control.stopping.core import LAND
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_sim.people.operator import Sticks
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.radio import RadioQuality

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.tello_air import free_udp_port, until
 
-from fcsv_geometry import netns
+from fcsv_geometry.programs import netns
 from fcsv_sim.tello.drone import DroneParameters
 from fcsv_sim.tello.radio import RadioParameters
 from fcsv_sim.truth import TruthReader

@@ -7,8 +7,8 @@ from support.tello_by_hand import ByHand, apart_m
 
 from fcsv_control.tello.pid import PidConfig
 from fcsv_geometry import transforms
-from fcsv_geometry.mission import load_mission
-from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Act, Finger, Hands, Screen
+from fcsv_geometry.missions.mission import load_mission
+from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Act, Finger, Screen, TelloHands
 
 HERE = transforms.from_xyz_yaw([0.1, 0.2, 2.0], 0.0)
 
@@ -40,7 +40,7 @@ def test_they_take_off_sway_until_the_tracker_knows_both_hold_and_land(seed, tmp
 
 
 def test_the_frame_that_changes_moves_no_vehicle():
-    hands = Hands(PidConfig(), 2.0, 0.35)
+    hands = TelloHands(PidConfig(), 2.0, 0.35)
     hands.act(1.0, "MOVE_HOME", screen())
     assert hands.act(1.05, "MOVE_HOME", screen()).sticks.moved == 0.0
     moved = transforms.from_xyz_yaw([3.0, -1.0, -0.3], 0.2)
@@ -49,7 +49,7 @@ def test_the_frame_that_changes_moves_no_vehicle():
 
 
 def test_they_let_go_of_whom_the_mission_flies_and_land_whom_it_leaves():
-    hands = Hands(PidConfig(), 2.0, 0.35)
+    hands = TelloHands(PidConfig(), 2.0, 0.35)
     off = transforms.from_xyz_yaw([1.0, 0.2, 2.0], 0.0)
     hands.act(1.0, "SET_HOME", screen())
     assert hands.act(1.1, "SET_HOME", screen(mode="GUIDED", T=off)) == Act()

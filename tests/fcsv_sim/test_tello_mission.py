@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from support.tello_mission import TelloMission
 
-from fcsv_geometry.mission import load_mission
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.missions.mission import load_mission
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ import time
 
 from support.tello_air import until
 
-from fcsv_geometry import netns
+from fcsv_geometry.programs import netns
 from fcsv_sim.demo.truth_export import export_truth
 from fcsv_sim.machines import namespaces
 from fcsv_sim.tello.places import places

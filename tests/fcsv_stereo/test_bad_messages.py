@@ -343,9 +343,7 @@ def test_a_camera_that_changes_is_used_each_for_its_pictures(session, camera, tm
     assert cameras == [CAMERA, CAMERA, camera, camera]
     if camera is ZOOMED:
         return
-    document = pipeline.run(
-        session, tmp_path / "map", "joint", pipeline.METHODS["joint"].options(), None, lambda *_: None
-    )
+    document = pipeline.run(pipeline.MapRequest(session, tmp_path / "map", "joint"))
     depth = np.load(tmp_path / "map" / "depth.npy")
     assert 19.5 < np.nanmedian(depth) < 20.5 and any("the camera changes at" in w for w in document["warnings"])
     wrong_input(AREA, "a camera whose zoom or resolution changes for good", "read, with a warning",
@@ -359,7 +357,7 @@ def test_the_thesis_matches_no_pictures_of_two_sizes(session, tmp_path):
     spoil(bag, RAW, lambda _i, m: conversions.array_to_image(small, "rgb8", m.header.stamp.to_sec(), "c"))
     options = ThesisOptions(threshold=ErrorThreshold(5.0, False))
     with pytest.raises(MatchingError, match="these matchers need pictures of one size"):
-        pipeline.run(session, tmp_path / "map", "thesis", options, None, lambda *_: None)
+        pipeline.run(pipeline.MapRequest(session, tmp_path / "map", "thesis", options))
 
 
 def test_a_driver_that_estimates_its_camera_anew_is_believed(session):

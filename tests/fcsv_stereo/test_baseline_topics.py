@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from fcsv_stereo.baseline_clouds import chosen, groups
+from fcsv_stereo.in_flight.baseline_clouds import chosen, groups
+from fcsv_stereo.map_files.output import write_ply
 from fcsv_stereo.model import Cloud
-from fcsv_stereo.output import write_ply
 
 BASELINES = [("horizontal", 2.0), ("vertical", 4.0)]
 

@@ -10,10 +10,11 @@ import pytest
 from support.scenes import CAMERA, DEPTH_M, given
 
 from fcsv_geometry import transforms
-from fcsv_stereo import cli, cloud_bounds, output, pipeline
-from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud, held_range_m
+from fcsv_stereo import cli, pipeline
 from fcsv_stereo.equations import ErrorThreshold, depth_error
 from fcsv_stereo.errors import InputError, OutputError
+from fcsv_stereo.map_files import cloud_bounds, output
+from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud, held_range_m
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 
 BASELINE_M = 0.8

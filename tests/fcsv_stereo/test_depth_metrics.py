@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import halfnorm, norm
 
-from fcsv_stereo import depth_metrics, evaluation
-from fcsv_stereo.depth_metrics import LEVELS, ause, interval_coverage, overconfident_share
+from fcsv_stereo.evaluating import depth_metrics, evaluation
+from fcsv_stereo.evaluating.depth_metrics import LEVELS, ause, interval_coverage, overconfident_share
 
 N = 200_000
 CHANCE = 0.005  # 4 standard deviations of a share of N pixels are 0.45 %

@@ -12,8 +12,8 @@ from support.scenes import CAMERA, photograph
 from support.sessions import T_HOME_CAM, write_session
 
 from fcsv_geometry.ros import conversions
-from fcsv_stereo import colmap, exposure
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.posed import colmap, exposure
 from fcsv_stereo.sessions.pictures import ENCODINGS, rgb_of
 from fcsv_stereo.sessions.read import read_session
 

@@ -9,7 +9,7 @@ import numpy as np
 from fcsv_stereo.joint.views import Views
 from fcsv_stereo.joint.volume import far_rematch
 from fcsv_stereo.joint.volume.far_rematch import _strips, sharpened
-from fcsv_stereo.joint.volume.winner import coarse
+from fcsv_stereo.joint.volume.winner import match_volume
 
 SIZE = 160, 200
 CELLS = 10**7
@@ -80,8 +80,8 @@ def test_a_band_of_rows_is_matched_as_in_the_whole_picture(pool):
     _, found = world()
     rows = slice(40, 100)
     nearest = np.full(SIZE[0], 12.0, np.float32)
-    whole = coarse(found, nearest, 0.0, 768, pool, 0.5)
-    part = coarse(found.rows(rows), nearest[rows], 0.0, 768, pool, 0.5)
+    whole = match_volume(found, nearest, 0.0, 768, pool, 0.5)
+    part = match_volume(found.rows(rows), nearest[rows], 0.0, 768, pool, 0.5)
     middle = slice(20, 40)  # paths and windows end at a band's borders
     same = np.abs(part.w[middle] - whole.w[rows][middle]) < 0.02 * whole.w[rows][middle]
     assert same.mean() > 0.99  # measured 2026-11-24: 0.9985
@@ -113,6 +113,6 @@ def test_rows_in_which_no_other_picture_shows_the_far_are_left(pool, monkeypatch
     beside = found.projections.copy()
     beside[:, 2] += 0.6 * SIZE[1]
     true[:, : SIZE[1] // 2] = NEAR
-    monkeypatch.setattr(far_rematch, "coarse", None)
+    monkeypatch.setattr(far_rematch, "match_volume", None)
     better, where = sharpened(replace(found, projections=beside), true, CELLS, pool)
     assert np.array_equal(better, true) and not where.any()

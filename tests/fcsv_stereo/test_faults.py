@@ -263,12 +263,12 @@ def test_an_error_leaves_nothing_in_out(tmp_path, method, options):
     """Two grey pictures; the folder above OUT is as it was, and an earlier map stays."""
     folder, out = model(tmp_path / "model"), tmp_path / "out"
     with pytest.raises(StereoError):
-        pipeline.run(folder, out, method, options, None, quiet)
+        pipeline.run(pipeline.MapRequest(folder, out, method, options), quiet)
     assert [p.name for p in tmp_path.iterdir()] == ["model"]
     out.mkdir()
     (out / "map.ply").write_text("an earlier map")
     with pytest.raises(StereoError):
-        pipeline.run(folder, out, method, options, None, quiet)
+        pipeline.run(pipeline.MapRequest(folder, out, method, options), quiet)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["model", "out"] and (out / "map.ply").exists()
 
 
@@ -279,7 +279,7 @@ def test_a_picture_that_ends_early_is_named(tmp_path):
     for content, words in ((whole[: len(whole) // 40], "ends in the middle"), (b"", "cannot be read as a picture")):
         (folder / "images" / "b.png").write_bytes(content)
         with pytest.raises(InputError, match=rf"b\.png: {words}"):
-            pipeline.run(folder, tmp_path / "out", "joint", JointOptions(), None, quiet)
+            pipeline.run(pipeline.MapRequest(folder, tmp_path / "out", "joint"), quiet)
     (tmp_path / "out").write_text("a file")
     with pytest.raises(OutputError, match="is a file"):
-        pipeline.run(folder, tmp_path / "out", "joint", JointOptions(), None, quiet)
+        pipeline.run(pipeline.MapRequest(folder, tmp_path / "out", "joint"), quiet)

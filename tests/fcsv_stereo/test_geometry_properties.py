@@ -15,7 +15,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.depth import points_from_depth, resample
 from fcsv_stereo.equations import ErrorThreshold, baseline_for, depth_error, farthest, segment_ends
-from fcsv_stereo.exposure import Exposure
+from fcsv_stereo.posed.exposure import Exposure
 from fcsv_stereo.refinement import geometry
 from fcsv_stereo.thesis.fuse import fuse_axes, segments, trim
 

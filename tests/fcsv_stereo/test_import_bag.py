@@ -10,12 +10,13 @@ from support.scenes import CAMERA, camera_pose, photograph, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import cli, colmap
+from fcsv_stereo import cli
 from fcsv_stereo.bag_import import CameraRequest, ImportRequest, import_bag
 from fcsv_stereo.bag_import.choice import PosedStamp, choose
 from fcsv_stereo.bag_import.command import main
 from fcsv_stereo.errors import InputError, OutputError
 from fcsv_stereo.photos.models import read_model
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.sessions import read_session
 
 KINDS = ("ros1", "sqlite3", "mcap", "plain mcap")

@@ -12,7 +12,7 @@ from support.gps_tags import FOCAL_35_MM, ORIGIN, PLACES_M, flown_photographs, g
 from support.scenes import CAMERA, camera_pose
 
 from fcsv_geometry import transforms
-from fcsv_stereo import colmap, fcsv_command
+from fcsv_stereo import fcsv_command
 from fcsv_stereo.errors import InputError, OutputError
 from fcsv_stereo.photos import ImportOptions, import_photos
 from fcsv_stereo.photos.command import main
@@ -20,6 +20,7 @@ from fcsv_stereo.photos.earth import east_north_up_m
 from fcsv_stereo.photos.models import read_model
 from fcsv_stereo.photos.similarity import fit
 from fcsv_stereo.photos.tags import read_tags
+from fcsv_stereo.posed import colmap
 
 XMP = """<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:Description drone-dji:GimbalYawDegree="+90.00"
 drone-dji:GimbalPitchDegree="-30.0" drone-dji:GimbalRollDegree="0" drone-dji:RtkFlag="50" drone-dji:RtkStdLon="0.012"

@@ -11,14 +11,23 @@ from support.photographs import fountain, motorcycle
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import cli, colmap
+from fcsv_stereo import cli
 from fcsv_stereo.errors import InputError, MatchingError, StereoError
-from fcsv_stereo.evaluation import evaluate
+from fcsv_stereo.evaluating.evaluation import evaluate
 from fcsv_stereo.joint import JointOptions, MatchOptions, map_joint, match_jointly, method
 from fcsv_stereo.joint.pairs import NearestUseful
 from fcsv_stereo.joint.views import grey, inverse_depths, projection, views
-from fcsv_stereo.model import Configuration, ConfigurationInput, InputKind, MapInput, Picture, PosePrior
+from fcsv_stereo.model import (
+    Configuration,
+    ConfigurationInput,
+    InputKind,
+    MapInput,
+    Picture,
+    PosePrior,
+    PoseUncertainty,
+)
 from fcsv_stereo.pipeline import METHODS
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.refinement import refine
 
 UNREFINED = JointOptions(refine_poses=False)
@@ -84,14 +93,14 @@ def test_sigma_tells_the_errors():
 def test_sigma_grows_with_the_poses_uncertainty():
     reference, others, _ = walls((0, -1.0, 0))
     scale = np.diag([0, 0, 0, 0, 0.03**2, 0])  # 3 % of the baseline, along it
-    sure, unsure = (match_jointly(reference, others, covariances=[c]) for c in (np.zeros((6, 6)), scale))
+    sure, unsure = (match_jointly(reference, others, poses=[PoseUncertainty(c)]) for c in (np.zeros((6, 6)), scale))
     both = np.isfinite(sure.sigma) & np.isfinite(unsure.sigma)
     added = (
         np.sqrt(unsure.sigma[both] ** 2 - np.minimum(sure.sigma[both], unsure.sigma[both]) ** 2) / unsure.depth[both]
     )
     assert np.median(added) == pytest.approx(0.03, rel=0.1)
     yaw = np.diag([0, np.radians(0.1) ** 2, 0, 0, 0, 0])  # about the camera's y: f tan(0.1 deg) px of disparity
-    turned = match_jointly(reference, others, covariances=[yaw])
+    turned = match_jointly(reference, others, poses=[PoseUncertainty(yaw)])
     both = np.isfinite(sure.sigma) & np.isfinite(turned.sigma)
     added_w = np.sqrt(turned.sigma[both] ** 2 - np.minimum(sure.sigma[both], turned.sigma[both]) ** 2)
     added_px = added_w / turned.depth[both] ** 2 * FOCAL_PX

@@ -10,7 +10,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.joint import match_jointly
 from fcsv_stereo.joint.views import grey, inverse_depths, views
 from fcsv_stereo.joint.volume.cost_volume import cost_volume
-from fcsv_stereo.joint.volume.winner import coarse, highest_level, level_drift
+from fcsv_stereo.joint.volume.winner import highest_level, level_drift, match_volume
 from fcsv_stereo.model import Picture
 
 HEIGHT_M = 8.0
@@ -81,7 +81,7 @@ def test_a_level_surface_drifts_by_the_fall_of_its_rays(ground):
 
 def test_the_ground_is_what_lies_lowest(ground, pool):
     found = seen(ground)
-    rough = coarse(found, np.full(found.shape[0], np.inf), np.inf, 768, pool)
+    rough = match_volume(found, np.full(found.shape[0], np.inf), np.inf, 768, pool)
     assert 1.0 / HEIGHT_M < highest_level(rough, found) < 2.5 / HEIGHT_M
 
 

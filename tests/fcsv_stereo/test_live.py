@@ -10,7 +10,7 @@ import pytest
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.live import Corrections, LiveSession, Window
+from fcsv_stereo.in_flight.live import Corrections, LiveSession, RecordingWindow
 from fcsv_stereo.model import Configuration, ConfigurationInput, ImageEntry, LivePicture, MapInput, MapResult
 
 CAMERA = PinholeCamera.from_fov(64, 48, np.radians(56.0), (0.04, -0.08, 0.0, 0.0, 0.0))
@@ -25,7 +25,7 @@ def picture(vehicle, stamp_s, y_m=0.0, z_m=0.0, size=(48, 64)):
 
 
 def window(index, start_s, stop_s, name="horizontal 2 m"):
-    return Window(index, Configuration("horizontal", 2.0, 0.0, name), "uav1", "uav2", start_s, stop_s)
+    return RecordingWindow(index, Configuration("horizontal", 2.0, 0.0, name), "uav1", "uav2", start_s, stop_s)
 
 
 @pytest.fixture

@@ -11,10 +11,12 @@ import pytest
 from support.scenes import given
 
 from fcsv_geometry import transforms
-from fcsv_stereo import local_origin, output, pipeline
+from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold
-from fcsv_stereo.local_origin import moved, with_local_origin
+from fcsv_stereo.map_files import output
 from fcsv_stereo.model import Reference
+from fcsv_stereo.posed import local_origin
+from fcsv_stereo.posed.local_origin import moved, with_local_origin
 from fcsv_stereo.products import clouds, write_products
 from fcsv_stereo.report import figures
 from fcsv_stereo.thesis import ThesisOptions, map_thesis

@@ -10,8 +10,8 @@ import pytest
 from support.scenes import CAMERA, camera_pose, given, picture
 
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.in_flight.live import MapStage
 from fcsv_stereo.joint import JointOptions
-from fcsv_stereo.live import MapStage
 from fcsv_stereo.model import AXES, Axis, Configuration, MapInput, Pair, Reference, configuration, inputs
 from fcsv_stereo.pipeline import DEFAULT_METHOD, METHODS
 from fcsv_stereo.refinement import KnownFeatures

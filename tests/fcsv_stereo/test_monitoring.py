@@ -7,7 +7,7 @@ import pytest
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import monitoring
+from fcsv_stereo.in_flight import monitoring
 from fcsv_stereo.model import Axis, Configuration, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pipeline import METHODS
 
@@ -69,7 +69,7 @@ def test_the_picture_holds_both_and_a_line_that_fits(line):
 
 
 def test_a_rate_is_of_the_last_seconds():
-    rate = monitoring.Rate()
+    rate = monitoring.ImageRate()
     assert rate.hz(0.0) == 0.0
     for t in (0.0, 10.0, 10.5, 11.0):
         rate.tick(t)

@@ -13,10 +13,10 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo import pipeline
 from fcsv_stereo.cli import main
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.map_files.output import read_ply
 from fcsv_stereo.model import Cloud, ImageEntry, MapResult, Reference
 from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.near import NEAR_BASELINE, DepthFrame, DepthSensor, NearVolume, join, with_near
-from fcsv_stereo.output import read_ply
 from fcsv_stereo.report.near import near_field
 from fcsv_stereo.report.sections import ReportData
 from fcsv_stereo.sessions.read import read_session
@@ -129,7 +129,7 @@ def test_the_report_says_what_it_brought_and_warns_of_a_seam():
 
 
 def mapped(session, out, **options):
-    return pipeline.run(session, out, "thesis", ThesisOptions(matcher="sgbm"), None, lambda *_: None, **options)
+    return pipeline.run(pipeline.MapRequest(session, out, "thesis", ThesisOptions(matcher="sgbm"), **options))
 
 
 def test_a_session_that_holds_depth_is_mapped_with_it(tmp_path):

@@ -11,9 +11,9 @@ from support.scenes import camera_pose, picture
 from fcsv_geometry import transforms
 from fcsv_sim.sensors.pair_scene import FOCAL_PX, NOISE_PX, MatchedScene
 from fcsv_sim.sensors.scene import SimulatedScene
-from fcsv_stereo import colmap
+from fcsv_stereo.in_flight.pair_check import PairRules, PairsToLookAt, compare, look
 from fcsv_stereo.model import LivePicture
-from fcsv_stereo.pair_check import PairRules, PairsToLookAt, compare, look
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.refinement import KnownFeatures
 
 FRONT = camera_pose((0.0, 0.0, 10.0))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support.photographs import fountain, model, motorcycle
 
-from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 
 

@@ -9,12 +9,14 @@ import pytest
 from support.scenes import CAMERA, camera_pose, given, picture
 
 from fcsv_geometry import transforms
-from fcsv_stereo import ground_sample, output, pipeline
+from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold
-from fcsv_stereo.ground_sample import GroundSample
+from fcsv_stereo.evaluating import ground_sample
+from fcsv_stereo.evaluating.ground_sample import GroundSample
 from fcsv_stereo.joint.method import _unfit_to_match
 from fcsv_stereo.joint.tuning import PAIRS
-from fcsv_stereo.picture_list import picture_list, spare
+from fcsv_stereo.map_files import output
+from fcsv_stereo.map_files.picture_list import picture_list, spare
 from fcsv_stereo.refinement import RefinedPicture
 from fcsv_stereo.report import write_report
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
@@ -80,7 +82,7 @@ def test_the_command_counts_what_a_recording_holds_beyond(scene, tmp_path, monke
     monkeypatch.setattr(pipeline, "load", lambda path, reference: replace(
         scene, configurations=[replace(first, others=more)]))  # fmt: skip
     options = ThesisOptions(threshold=ErrorThreshold(5.0, False))
-    document = pipeline.run(tmp_path, tmp_path / "out", "thesis", options, None, lambda *_: None)
+    document = pipeline.run(pipeline.MapRequest(tmp_path, tmp_path / "out", "thesis", options))
     assert document["spare_pictures"] == {"uav2": 1} and len(document["pictures"]) == 2
 
 

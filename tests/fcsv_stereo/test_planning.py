@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_stereo import equations
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import PlanError

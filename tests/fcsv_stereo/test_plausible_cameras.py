@@ -6,8 +6,8 @@ import pytest
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import ConfigError
-from fcsv_stereo.colmap import read_cameras
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.posed.colmap import read_cameras
 from fcsv_tracking.cameras.camera_yaml import read_camera, write_camera
 
 CAMERA = PinholeCamera(640, 480, 600.0, 601.0, 320.0, 238.0, (0.05, -0.1, 0.001, -0.002, 0.03))

@@ -12,7 +12,7 @@ from fcsv_geometry import transforms
 from fcsv_geometry.errors import ConfigError
 from fcsv_stereo import cli
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.poi import PointOfInterest, load_points, sample
+from fcsv_stereo.evaluating.poi import PointOfInterest, load_points, sample
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 from fcsv_stereo.thesis.matchers import DisparityWindow
 

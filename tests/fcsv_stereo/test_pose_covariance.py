@@ -10,16 +10,16 @@ from support import boards
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import places_in_home
-from fcsv_geometry.tracker import T265_PROFILE
+from fcsv_geometry.vehicles.tracker import T265_PROFILE
 from fcsv_stereo import pose_covariance
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, Configuration, ConfigurationInput, PosePrior
 from fcsv_stereo.refinement import RefineOptions, refine
 from fcsv_stereo.refinement.adjust import Problem, _with_shared
 from fcsv_stereo.refinement.geometry import PairPrior
-from fcsv_tracking.calibration import Link
-from fcsv_tracking.camera_covariance import camera_covariance
-from fcsv_tracking.drift import Drift
+from fcsv_tracking.column.calibration import Link
+from fcsv_tracking.column.camera_covariance import camera_covariance
+from fcsv_tracking.column.drift import Drift
 
 DRAWS = 4000
 #: five standard deviations of a variance that is estimated from so many draws; errors are a few degrees at most, so
@@ -165,7 +165,7 @@ def scale_sigmas(result, reference):
     out = []
     for r in result.others:
         arm = r.picture.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
-        out.append(float(np.sqrt(arm @ (r.told + r.untold)[3:, 3:] @ arm)) / (arm @ arm))
+        out.append(float(np.sqrt(arm @ (r.uncertainty.noise + r.uncertainty.shared)[3:, 3:] @ arm)) / (arm @ arm))
     return out
 
 
@@ -178,7 +178,7 @@ def test_the_scale_of_one_vehicles_pictures_does_not_average_out(flown):
     for a, b in zip(one.others, two.others):  # what is estimated is the same, what is said of it is not
         assert np.array_equal(a.picture.T_home_cam, b.picture.T_home_cam)
     assert min(scale_sigmas(one, reference)) > 1.05 * min(scale_sigmas(two, reference))
-    sigma_rad = np.sqrt(max(np.diag(r.covariance)[:3].max() for r in one.others))
+    sigma_rad = np.sqrt(max(np.diag(r.uncertainty.covariance)[:3].max() for r in one.others))
     assert sigma_rad < 0.1 * np.radians(0.5)  # the pictures fix the rotation, whatever the prior
 
 
@@ -207,7 +207,7 @@ def test_of_a_refused_picture_the_prior_is_what_is_known(flown):
     (r,) = refine(reference, [blank]).others
     turn = pose_covariance.to_camera(other, position_too=False)
     assert not r.refined
-    assert np.allclose(r.covariance, turn @ pose_covariance.relative(reference, other) @ turn.T)
+    assert np.allclose(r.uncertainty.covariance, turn @ pose_covariance.relative(reference, other) @ turn.T)
 
 
 @pytest.mark.parametrize("broken, words", [

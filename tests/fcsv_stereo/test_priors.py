@@ -6,11 +6,12 @@ import pytest
 from support.photographs import model
 from support.scenes import given
 
-from fcsv_stereo import cli, colmap
+from fcsv_stereo import cli
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.model import PosePrior
-from fcsv_stereo.priors import read_priors
+from fcsv_stereo.posed import colmap
+from fcsv_stereo.posed.priors import read_priors
 
 HEAD = "name,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg\n"
 SCALED = HEAD.replace("\n", ",scale_sigma\n")

@@ -11,10 +11,12 @@ from support.scenes import CAMERA, camera_pose, given, true_depth
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import colmap, output, pipeline
+from fcsv_stereo import pipeline
 from fcsv_stereo.equations import ErrorThreshold, depth_error
 from fcsv_stereo.errors import InputError, MatchingError, OutputError
+from fcsv_stereo.map_files import output
 from fcsv_stereo.model import Cloud, MapInput, Reference, concatenate
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.products import FILES, PRODUCTS, names, parse_products, pictures, write_products
 from fcsv_stereo.products.clouds import write_laz, write_pcd
 from fcsv_stereo.products.from_above import rasterize, write_from_above
@@ -202,7 +204,7 @@ def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch
     options = ThesisOptions(threshold=ErrorThreshold(5.0, False))
     out = tmp_path / "map"
     for products in (list(PRODUCTS), []):  # the second run takes the first one's place, products and all
-        pipeline.run(tmp_path, out, "thesis", options, None, lambda *_: None, products=products)
+        pipeline.run(pipeline.MapRequest(tmp_path, out, "thesis", options, products=products))
         expected = {*output.FILES, *(f for p in products for f in PRODUCTS[p])}
         assert {p.name for p in out.iterdir()} == expected
     assert set(FILES) == {f for files in PRODUCTS.values() for f in files}
@@ -212,7 +214,7 @@ def test_the_command_writes_products_all_or_nothing(scene, tmp_path, monkeypatch
 
     monkeypatch.setattr("fcsv_stereo.products.clouds.write_laz", broken)
     with pytest.raises(OutputError, match="laz: cannot be written .*No space left"):
-        pipeline.run(tmp_path, tmp_path / "other", "thesis", options, None, lambda *_: None, products=["laz"])
+        pipeline.run(pipeline.MapRequest(tmp_path, tmp_path / "other", "thesis", options, products=["laz"]))
     assert [p.name for p in tmp_path.iterdir()] == ["map"]
 
 

@@ -13,8 +13,8 @@ from support import boards, faulty
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.refinement import KnownFeatures, PosePrior, RefineOptions, geometry, refine, structure, symptoms
 
 TRUE_POSE = boards.pose([0, -4.0, 0.3], (1.0, 0.0, -1.0))
@@ -58,7 +58,7 @@ def covariance_scores(result, truths):
     scores = []
     for r, t in zip(result.others, truths):
         e = Rotation.from_matrix(t.T_home_cam[:3, :3].T @ r.picture.T_home_cam[:3, :3]).as_rotvec()
-        scores.append(e @ np.linalg.solve(r.covariance[:3, :3], e) / 3)
+        scores.append(e @ np.linalg.solve(r.uncertainty.covariance[:3, :3], e) / 3)
     return np.array(scores)
 
 
@@ -172,7 +172,7 @@ def test_a_useless_picture_keeps_its_prior_and_harms_no_other(reference, bad, go
     r = result.others[-1]
     assert not r.refined and r.inliers == 0 and np.isnan(r.epipolar_after_px) and word in r.reason
     assert np.array_equal(r.picture.T_home_cam, prior.T_home_cam)
-    assert np.sqrt(r.covariance[0, 0]) == pytest.approx(PosePrior().rotation_rad)
+    assert np.sqrt(r.uncertainty.covariance[0, 0]) == pytest.approx(PosePrior().rotation_rad)
     assert len(result.warnings) == 1 and "bad: keeps the pose" in result.warnings[0] and r.reason in result.warnings[0]
     if not alone:
         assert result.others[0].refined
@@ -273,11 +273,11 @@ def test_one_pair_doubts_a_wrong_focal_length(factor):
     camera = replace(reference.camera, fx=reference.camera.fx * factor, fy=reference.camera.fy * factor)
     result = refine(replace(reference, camera=camera), [replace(others[2], camera=camera)])
     (pose,) = result.others
-    assert result.focal_scale == 1.0 and pose.refined and 0.1 < pose.focal_doubt < 1.0
+    assert result.focal_scale == 1.0 and pose.refined and 0.1 < pose.uncertainty.focal_probability < 1.0
     assert not any("focal length" in w for w in result.warnings)
     assert len(result.unseen) == 1 and result.unseen[0].startswith("Whether the focal length is right ")
-    across = pose.doubted[4, 4] ** 0.5 / abs(pose.picture.T_home_cam[1, 3])
-    assert 0.5 * pose.focal_doubt**0.5 * 0.05 < across < 0.1, "a scale that is in doubt"
+    across = pose.uncertainty.focal[4, 4] ** 0.5 / abs(pose.picture.T_home_cam[1, 3])
+    assert 0.5 * pose.uncertainty.focal_probability**0.5 * 0.05 < across < 0.1, "a scale that is in doubt"
 
 
 def read_by_rows(picture, turn_rad, strips=60):

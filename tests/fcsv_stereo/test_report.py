@@ -16,14 +16,14 @@ from scipy.spatial import cKDTree
 from support.scenes import CAMERA, given, texture, true_depth
 
 from fcsv_geometry import transforms
-from fcsv_stereo import output
-from fcsv_stereo.depth_metrics import TITLES
 from fcsv_stereo.equations import ErrorThreshold
-from fcsv_stereo.evaluation import evaluate
+from fcsv_stereo.evaluating.depth_metrics import TITLES
+from fcsv_stereo.evaluating.evaluation import evaluate
+from fcsv_stereo.map_files import output
+from fcsv_stereo.map_files.table import demo_table
 from fcsv_stereo.report import cloud_view, evidence, figures, page, plain_words, sections, write_report
 from fcsv_stereo.report.figures import _with_none
 from fcsv_stereo.report.parts import Paragraph, Tone
-from fcsv_stereo.table import demo_table
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 
 WIDE = ErrorThreshold(5.0, False)

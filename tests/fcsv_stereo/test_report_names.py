@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fcsv_stereo.map_files.table import demo_table
 from fcsv_stereo.model import Configuration, ImageEntry
 from fcsv_stereo.report import pictures, plain_words
 from fcsv_stereo.report.naming import named, picture_names
 from fcsv_stereo.report.origin import Origin
 from fcsv_stereo.report.page import write_report
-from fcsv_stereo.table import demo_table
 
 BEGAN_S = 1795759387.0
 

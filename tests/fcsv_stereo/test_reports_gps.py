@@ -18,11 +18,11 @@ from support.gps_reports import (
 )  # fmt: skip
 from support.gps_tags import gps_at
 
-from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.command import table
 from fcsv_stereo.photos.gps import read_gps
 from fcsv_stereo.photos.tags import read_tags
+from fcsv_stereo.posed import colmap
 
 # ---- the reports ---------------------------------------------------------------------------------------------------
 

@@ -6,7 +6,8 @@ import unicodedata
 import pytest
 from support.gps_reports import AREA, block, imported, refusal, require_right, sexagesimal, write
 
-from fcsv_stereo import colmap, fcsv_command
+from fcsv_stereo import fcsv_command
+from fcsv_stereo.posed import colmap
 
 
 @pytest.mark.parametrize("name", ["DJI, {}.JPG", "DJI  {}.JPG", 'a "b" {}.JPG', "100MEDIA/DJI_{}.JPG", "#{}.jpg"])

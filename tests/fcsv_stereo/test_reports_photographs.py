@@ -12,13 +12,13 @@ from support.spoilt_pictures import BREAKS, HEIC, grain, spoil, with_orientation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.picture_files import read_picture
-from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
 from fcsv_stereo.photos.pictures import copy_upright, upright_size
 from fcsv_stereo.photos.tags import read_tags
 from fcsv_stereo.pipeline import METHODS, load
-from fcsv_stereo.posed_pictures import load_pictures
+from fcsv_stereo.posed import colmap
+from fcsv_stereo.posed.posed_pictures import load_pictures
 
 NAMES = [f"uav2_h{n}.png" for n in (2, 4, 6, 8)]
 

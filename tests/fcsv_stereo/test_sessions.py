@@ -17,7 +17,7 @@ from fcsv_stereo import pipeline
 from fcsv_stereo.cli import main
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.output import read_ply
+from fcsv_stereo.map_files.output import read_ply
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.read import read_session
 from fcsv_stereo.thesis import ThesisOptions
@@ -28,7 +28,7 @@ OPTIONS = ThesisOptions(threshold=ErrorThreshold(5.0, False))
 def test_a_session_becomes_a_map(tmp_path):
     session = write_session(tmp_path / "session")
     out = tmp_path / "map"
-    document = pipeline.run(session, out, "thesis", OPTIONS, None, lambda *_: None)
+    document = pipeline.run(pipeline.MapRequest(session, out, "thesis", OPTIONS))
     depth = np.load(out / "depth.npy")
     truth = true_depth(T_HOME_CAM["uav1"])
     known = np.isfinite(depth)
@@ -39,7 +39,7 @@ def test_a_session_becomes_a_map(tmp_path):
     assert (out / "report.html").stat().st_size > 10000
     assert f"Made by fcsv {VERSION}." in (out / "report.html").read_text()
     assert json.loads((out / "report.json").read_text())["fcsv_version"] == VERSION
-    pipeline.run(session, out, "thesis", OPTIONS, None, lambda *_: None)  # an earlier map is replaced
+    pipeline.run(pipeline.MapRequest(session, out, "thesis", OPTIONS))  # an earlier map is replaced
 
 
 def half_truth(folder, files):
@@ -59,7 +59,7 @@ _HEAD = "stamp_s,vehicle,x,y,z,qx,qy,qz,qw\n"
 def test_half_a_truth_is_a_warning_and_the_map_is_made(files, words, tmp_path):
     session = write_session(tmp_path / "session")
     half_truth(session, files)
-    document = pipeline.run(session, tmp_path / "map", "thesis", OPTIONS, None, lambda *_: None)
+    document = pipeline.run(pipeline.MapRequest(session, tmp_path / "map", "thesis", OPTIONS))
     told = [w for w in document["warnings"] if w.startswith("not compared with truth: ")]
     assert len(told) == 1 and words in told[0] and "truth" not in document
     assert np.isfinite(np.load(tmp_path / "map" / "depth.npy")).mean() > 0.5
@@ -138,7 +138,7 @@ def test_one_bag_that_holds_everything_is_a_session(tmp_path):
 def test_bad_sessions_are_named_in_one_line(tmp_path, changes, words):
     session = write_session(tmp_path / "session", **changes)
     with pytest.raises(InputError) as error:
-        pipeline.run(session, tmp_path / "map", "thesis", OPTIONS, None, lambda *_: None)
+        pipeline.run(pipeline.MapRequest(session, tmp_path / "map", "thesis", OPTIONS))
     assert "\n" not in str(error.value) and all(w in str(error.value) for w in words), str(error.value)
     assert [p.name for p in tmp_path.iterdir()] == ["session"]
 

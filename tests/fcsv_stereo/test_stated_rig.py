@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support.scenes import given
 
-from fcsv_stereo import colmap
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.model import RIG, PosePrior
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.refinement import RefineOptions
 
 CAMERAS = "1 PINHOLE 64 48 60 60 32 24\n2 PINHOLE 64 48 60 60 32 24\n"

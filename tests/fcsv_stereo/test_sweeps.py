@@ -12,7 +12,6 @@ from support.sessions import T0, Moving, write_session
 from fcsv_geometry import transforms
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo import pipeline
-from fcsv_stereo.joint import JointOptions
 from fcsv_stereo.model import Axis, Configuration, ConfigurationInput, Picture
 from fcsv_stereo.sessions import read_session
 from fcsv_stereo.sweeps import choice, clock, clock_offset, moves, spread
@@ -172,7 +171,7 @@ def test_a_session_with_a_sweep_is_mapped_from_its_pictures_at_the_trackers_time
             assert np.linalg.norm(p.T_home_cam[:3, 3] - true[:3, 3]) < 0.002, "5 ms at 1 m/s are 5 mm"
             # on each axis interpolation between samples of 5 ms takes 0.26 of 0.08 degrees at 47 Hz, 0.12 at 31 Hz
             assert transforms.rotation_angle(p.T_home_cam, true) < np.radians(np.sqrt(3.0) * 0.38 * 0.08)
-    document = pipeline.run(tmp_path / "s", tmp_path / "map", "joint", JointOptions(), None, lambda *_: None)
+    document = pipeline.run(pipeline.MapRequest(tmp_path / "s", tmp_path / "map", "joint"))
     assert document["time_offsets"]["uav2"]["offset_ms"] == pytest.approx(5.0, abs=1.0)
     assert "time offset of uav2" in (tmp_path / "map" / "report.html").read_text()
 

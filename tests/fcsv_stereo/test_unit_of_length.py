@@ -10,13 +10,14 @@ from support.photographs import motorcycle
 from support.scenes import given
 
 from fcsv_geometry import transforms
-from fcsv_stereo import cli, colmap
+from fcsv_stereo import cli
 from fcsv_stereo.errors import InputError, MatchingError
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.model import RIG, MapInput, PosePrior
 from fcsv_stereo.model.kinds import supported
+from fcsv_stereo.posed import colmap
+from fcsv_stereo.posed.unit_of_length import in_metres, in_unit, unit_of
 from fcsv_stereo.refinement import RefineOptions
-from fcsv_stereo.unit_of_length import in_metres, in_unit, unit_of
 
 RIG_OPTIONS = JointOptions(prior=RIG, refinement=RefineOptions(calibrated=True))
 ROUNDING = 2e-3  # share of pixels at the edge of a kind that rounding tips over

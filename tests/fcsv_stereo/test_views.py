@@ -9,7 +9,7 @@ from numba import njit
 from support import scenes
 
 from fcsv_geometry import transforms
-from fcsv_stereo.joint.pictures import Pictures, usable
+from fcsv_stereo.joint.pictures import MatchPictures, usable
 from fcsv_stereo.joint.projecting import motion, place, ray
 from fcsv_stereo.joint.views import grey, views
 
@@ -80,7 +80,7 @@ def test_what_cannot_serve_is_named_in_order(pictures):
 def test_poses_are_adjusted_only_where_every_covariance_is_given(pictures):
     reference, others = pictures
     some, every = [np.eye(6), None, np.eye(6)], [np.eye(6)] * 3
-    assert Pictures.of(reference, others, every, True).prior is not None
+    assert MatchPictures.of(reference, others, every, True).prior is not None
     for covariances, adjust in ((some, True), (every, False), (None, True)):
-        assert Pictures.of(reference, others, covariances, adjust).prior is None
-    assert Pictures.of(reference, others, None, True).covariances == [None] * 3
+        assert MatchPictures.of(reference, others, covariances, adjust).prior is None
+    assert MatchPictures.of(reference, others, None, True).covariances == [None] * 3

@@ -15,7 +15,8 @@ from support.ros2_bags import session_to_ros2
 from support.scenes import CAMERA, camera_pose, photograph
 from support.sessions import write_session
 
-from fcsv_stereo import cli, colmap, fcsv_command
+from fcsv_stereo import cli, fcsv_command
+from fcsv_stereo.posed import colmap
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")  # the one whose wheels requirements.txt has brought into pip's cache
 ROS = ("rospy", "rosbag", "genpy", "cv_bridge", "tf2_ros", "sensor_msgs", "fcsv_msgs", "rospkg", "catkin_pkg")

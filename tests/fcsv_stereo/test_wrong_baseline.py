@@ -28,7 +28,7 @@ def scales(scene, numbers, wrong):
     found = []
     for o, t in zip(result.others, truths):
         p = o.picture.T_home_cam[:3, 3]
-        sigma = np.sqrt(p @ o.covariance[3:, 3:] @ p) / (p @ p)
+        sigma = np.sqrt(p @ o.uncertainty.covariance[3:, 3:] @ p) / (p @ p)
         found.append((np.linalg.norm(p) / np.linalg.norm(t.T_home_cam[:3, 3]) - 1, sigma))
     return np.array(found), result.warnings
 

@@ -11,8 +11,8 @@ from support.tag_pictures import CAMERA, pose, render
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_sim.trials.formation import Formation, FormationParameters
-from fcsv_tracking.calibration import calibrate_link
-from fcsv_tracking.clocks import ClockExchange, ClockOffset, difference, in_words
+from fcsv_tracking.column.calibration import calibrate_link
+from fcsv_tracking.devices.clocks import ClockExchange, ClockOffset, difference, in_words
 from fcsv_tracking.errors import CalibrationRefused, TagError
 from fcsv_tracking.tags import TagDetector, corner_points
 

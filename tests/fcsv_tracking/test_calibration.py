@@ -9,10 +9,10 @@ from support.simulated_column import Column, DriftingColumn
 
 from fcsv_geometry import transforms
 from fcsv_geometry.home import home_of, odoms_in_home
-from fcsv_tracking.calibration import CalibrationRules, calibrate_link, position_std
-from fcsv_tracking.detection import single_link
+from fcsv_tracking.column.calibration import CalibrationRules, calibrate_link, position_std
+from fcsv_tracking.column.detection import single_link
+from fcsv_tracking.column.link_model import LinkModel, LinkNoise
 from fcsv_tracking.errors import CalibrationRefused
-from fcsv_tracking.link_model import LinkModel, LinkNoise
 from fcsv_tracking.tags import planar_poses
 
 EXACT = {"corner_noise_px": 0.0, "attitude_noise_deg": 0.0, "position_noise_m": 0.0}

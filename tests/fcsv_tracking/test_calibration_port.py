@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from support.simulated_column import Column
 
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry.home import home_of
-from fcsv_tracking.calibration import CalibrationRules
-from fcsv_tracking.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
-from fcsv_tracking.clocks import ClockOffset, VehicleClock
+from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_tracking.column.calibration import CalibrationRules
+from fcsv_tracking.column.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
+from fcsv_tracking.devices.clocks import ClockOffset, VehicleClock
 
 START_S = 500.0  # of the port's clock; the vehicles' stamps begin at 0
 

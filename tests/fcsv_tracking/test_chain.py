@@ -10,13 +10,13 @@ from scipy.stats import chi2
 from fcsv_geometry import transforms
 from fcsv_geometry.home import Place, odoms_in_home, places_in_home
 from fcsv_geometry.rotations import wrap
-from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.trials.formation import Formation, FormationParameters
-from fcsv_tracking.calibration import Link, calibrate_link
-from fcsv_tracking.drift import Drift
+from fcsv_tracking.column.calibration import Link, calibrate_link
+from fcsv_tracking.column.drift import Drift
+from fcsv_tracking.column.loops import merge_loops
 from fcsv_tracking.errors import CalibrationRefused
-from fcsv_tracking.loops import merge_loops
 
 
 def random_place(random, scale_m=20.0):

@@ -7,9 +7,9 @@ import pytest
 
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
-from fcsv_tracking import usb_bus
-from fcsv_tracking.driver_watch import DeviceRules, DriverWatch, Level, Remedy
-from fcsv_tracking.usb_bus import UsbDevice, findings, read_devices
+from fcsv_tracking.devices import usb_bus
+from fcsv_tracking.devices.driver_watch import DeviceRules, DriverWatch, Level, Remedy
+from fcsv_tracking.devices.usb_bus import UsbDevice, findings, read_devices
 
 RULES = DeviceRules("t265/odom/sample", 150.0, 0.5, starts_s=10.0, reset="t265/reset", nodes=["t265/manager"])
 

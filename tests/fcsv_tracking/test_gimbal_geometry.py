@@ -10,7 +10,7 @@ from support.gimbal_scene import GIMBAL
 from fcsv_geometry import config
 from fcsv_geometry import transforms as tf
 from fcsv_geometry.errors import ConfigError, PoseUnavailable
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal import equations, follow, geometry, mx12w
 from fcsv_tracking.gimbal.angles import AngleTrack

@@ -10,7 +10,7 @@ from support.ground_topics import GroundTopics
 from support.waiting import within
 
 from fcsv_geometry import transforms as tf
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.truth import TruthReader, TruthWriter
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

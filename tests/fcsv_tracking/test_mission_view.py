@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, camera_place
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.mission import StereoConfiguration, load_mission
+from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, camera_place
+from fcsv_geometry.missions.mission import StereoConfiguration, load_mission
 from fcsv_tracking import mission_view
-from fcsv_tracking.shared_view import shared_view
+from fcsv_tracking.scene.shared_view import shared_view
 
 TANGENTS = (0.5, 0.4)
 
@@ -57,7 +57,7 @@ def test_cameras_back_to_back_and_far_apart_share_nothing():
 
 
 def test_a_fence_with_a_polygon_has_its_walls_too(root):
-    from fcsv_geometry.fence import Fence
+    from fcsv_geometry.missions.fence import Fence
 
     square = [(-5.0, -5.0), (20.0, -5.0), (20.0, 5.0), (-5.0, 5.0)]
     lines = mission_view.fence_lines(Fence(polygon=square), 8.0)

@@ -11,7 +11,7 @@ from support.tello_log import TelloLog
 from support.waiting import within
 
 from fcsv_geometry import transforms as tf
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.truth import TruthReader, TruthWriter
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.slow_motion]

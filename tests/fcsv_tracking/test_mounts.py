@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import ConfigError
-from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.sensors.t265 import T265
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.hand_eye import TagView, first_solution

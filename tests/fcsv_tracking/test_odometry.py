@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms as tf
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, GateParameters
 

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry.home import OdomLink
-from fcsv_geometry.tracker import T265_PROFILE
+from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.tracker import T265_PROFILE
 from fcsv_tracking.odometry import EpochBegan, Rebase
 from fcsv_tracking.odometry_port import BodySample, OdometryPort, TrackerSample
 

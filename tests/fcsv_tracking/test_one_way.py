@@ -6,7 +6,7 @@ import pytest
 
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.transforms import R_FLU_OPTICAL
-from fcsv_tracking.one_way import one_way_ratio
+from fcsv_tracking.scene.one_way import one_way_ratio
 
 HEIGHT_M, COUNT, BOUND = 6.0, 60, 3.8  # the last of SceneCheckRules
 T_ODOM_THEN = transforms.transform(R_FLU_OPTICAL, [0.0, 0.0, HEIGHT_M])  # looks along x

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fcsv_geometry import transforms
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_sim.render.tag import tag_bitmap
 from fcsv_tracking.commands import calibrate_tilting
 from fcsv_tracking.errors import CalibrationRefused

@@ -134,7 +134,7 @@ def test_frames_publish_covariance_that_grows_and_call_for_calibration(start_nod
 
     from fcsv_geometry.ros import conversions
     from fcsv_msgs.msg import Calibration, Home
-    from fcsv_tracking.calibration import Link
+    from fcsv_tracking.column.calibration import Link
     from fcsv_tracking.ros import link_messages
 
     camera = listen("/uav3/camera_pose", PoseWithCovarianceStamped)
@@ -193,7 +193,7 @@ def test_what_was_flown_before_the_calibration_is_heard_of_is_in_the_covariance(
 
     from fcsv_geometry.ros import conversions
     from fcsv_msgs.msg import Calibration, Home
-    from fcsv_tracking.calibration import Link
+    from fcsv_tracking.column.calibration import Link
     from fcsv_tracking.ros import link_messages
 
     camera = listen("/uav2/camera_pose", PoseWithCovarianceStamped)

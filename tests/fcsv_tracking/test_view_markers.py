@@ -35,7 +35,7 @@ def test_a_gimbal_sees_along_its_optical_axis_as_wide_as_its_camera_says():
 
 
 def test_before_home_vehicles_stand_in_a_column_and_move_by_their_odometry(root):
-    from fcsv_geometry.vehicle import load_vehicles
+    from fcsv_geometry.vehicles.vehicle import load_vehicles
     from fcsv_tracking.ros.vehicle_markers import assumed_place, vehicle_markers
 
     uav2 = load_vehicles(root / "config" / "vehicles", ["uav2"])["uav2"]

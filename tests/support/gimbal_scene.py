@@ -5,7 +5,7 @@ import numpy as np
 
 from fcsv_geometry import transforms as tf
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.gimbal.config import BodyTag
 from fcsv_tracking.gimbal.geometry import GimbalGeometry
 from fcsv_tracking.tags import corner_points, observation

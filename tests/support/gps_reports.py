@@ -10,11 +10,11 @@ from PIL import Image, TiffImagePlugin
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos import ImportOptions, import_photos
 from fcsv_stereo.photos.gps import Gps
 from fcsv_stereo.photos.models import write_model
+from fcsv_stereo.posed import colmap
 from support.gps_tags import gps_at
 
 AREA = "Photographs with GPS"  # of the table of wrong inputs

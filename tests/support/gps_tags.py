@@ -6,10 +6,10 @@ from PIL import Image, TiffImagePlugin
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
-from fcsv_stereo import colmap
 from fcsv_stereo.photos.earth import east_north_up_m
 from fcsv_stereo.photos.models import write_model
 from fcsv_stereo.photos.tags import Gps
+from fcsv_stereo.posed import colmap
 from support.scenes import CAMERA, camera_pose, photograph
 
 ORIGIN = Gps(48.1371, 11.5754, 520.0)

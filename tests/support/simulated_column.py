@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.tracker import T265_PROFILE
-from fcsv_geometry.vehicle import Mount, VehicleGeometry
+from fcsv_geometry.vehicles.tracker import T265_PROFILE
+from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
 from fcsv_sim.sensors.t265 import T265
-from fcsv_tracking.detection import Detection
+from fcsv_tracking.column.detection import Detection
 from fcsv_tracking.tags import corner_points
 
 FOCAL_PX = 601.8

@@ -17,7 +17,7 @@ import tellopy
 from tellopy._internal import dispatcher
 from tellopy._internal import tello as tello_module
 
-from fcsv_geometry import netns
+from fcsv_geometry.programs import netns
 from fcsv_sim.tello.program import ProgramParameters, switched_on
 from fcsv_sim.tello.udp import run
 

@@ -16,11 +16,11 @@ from fcsv_control.tello.telemetry import OwnOdometry
 from fcsv_geometry import config, transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_sim.demo.systems import MOCAP_SITE, T_WORLD_MOCAP
-from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Hands, Screen
+from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Screen, TelloHands
 from fcsv_sim.sensors.tello_sensors import TelloSensors
 from fcsv_sim.sensors.v120_duo import FRAME_RATE_HZ, V120Duo, V120DuoErrors
 from fcsv_sim.tello.log import tick_of
-from fcsv_sim.tello.messages import Sticks as DroneSticks
+from fcsv_sim.tello.messages import TelloSticks as DroneSticks
 from fcsv_sim.tello.telemetry import _no_delays
 from fcsv_sim.tello.vehicle import TelloDrone, TelloDroneParameters
 from fcsv_tracking.errors import SampleRejected
@@ -42,7 +42,7 @@ class _One:
     def __init__(self, folder, name: str, start, seed: int, gains: PidConfig, height_m: float):
         self.drone = TelloDrone(TelloDroneParameters(name, str(folder), seed, tuple(start)), EPOCH_S)
         self.core, self.own = TelloCore(name, gains, TelloRules()), OwnOdometry()
-        self.hands, self.track, self.height_m = Hands(gains, height_m, MOCAP_SITE.sway_m), GroundTrack(), height_m
+        self.hands, self.track, self.height_m = TelloHands(gains, height_m, MOCAP_SITE.sway_m), GroundTrack(), height_m
         self.v_body = np.zeros(3)
         self.sensors, self.count, self.T_N_O, self.pose_s = TelloSensors(_no_delays(), seed), 0, None, 0.0
 

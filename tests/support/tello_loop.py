@@ -10,11 +10,11 @@ import numpy as np
 from fcsv_control.tello.core import TelloCore
 from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, LogReport, Said, StayUp, TakeOffNow
 from fcsv_control.tello.observer import Observer, ObserverRules
-from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
+from fcsv_control.tello.pid import PidConfig, PositionPid, TelloSticks
 from fcsv_control.tello.rules import TelloRules
 from fcsv_geometry import config, transforms
 from fcsv_geometry.rotations import wrap
-from fcsv_sim.tello.messages import Sticks as DroneSticks
+from fcsv_sim.tello.messages import TelloSticks as DroneSticks
 from fcsv_sim.tello.vehicle import TelloDrone, TelloDroneParameters
 
 STEP_OF_LINK_S = 0.04
@@ -66,7 +66,7 @@ def drone(folder, seed: int, start_m=(0.0, 0.0), wind_mps: float = 0.5, bias_mps
         name, str(folder), seed, (*start_m, 0.0, 0.3), wind_mps=wind_mps, flow_bias_mps=bias_mps), 0.0)  # fmt: skip
 
 
-def give(tello: TelloDrone, now_s: float, s: Sticks) -> None:
+def give(tello: TelloDrone, now_s: float, s: TelloSticks) -> None:
     """As its link's sticks arrive."""
     tello.flight.heard(now_s)
     tello.flight.sticks(now_s, DroneSticks(roll=-s.left, pitch=s.forward, throttle=s.up, yaw=-s.turn))
@@ -159,7 +159,7 @@ class Flown:
     time_s: np.ndarray
     off_m: np.ndarray
     off_deg: np.ndarray
-    sticks: List[Sticks]
+    sticks: List[TelloSticks]
 
 
 def fly(
@@ -168,7 +168,7 @@ def fly(
 ) -> Flown:  # fmt: skip
     """Off the ground and towards one target. Without ``predict`` the pose is taken as if it were of now."""
     observer, pid = Observer(ObserverRules(), gains.sticks), PositionPid(gains)
-    seen, now_s, sticks, rows = SeenPoses(kind, seed), 0.0, Sticks(), []
+    seen, now_s, sticks, rows = SeenPoses(kind, seed), 0.0, TelloSticks(), []
     tello.flight.take_off()
     while now_s < seconds:
         now_s += STEP_OF_LINK_S

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Optional, Tuple
 
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.machines.slow_motion import Page
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot, Sight
 from fcsv_sim.truth import TruthReader

@@ -16,7 +16,7 @@ from support.demos import left_behind, said, start_demo
 
 from fcsv_sim.demo.pose_errors import tracked_errors
 from fcsv_sim.truth import TruthReader
-from fcsv_stereo.truth import load_truth
+from fcsv_stereo.evaluating.truth import load_truth
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800)]
 

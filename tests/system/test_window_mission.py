@@ -13,7 +13,7 @@ import pytest
 from support.demos import said
 from support.window_flight import DRAGGED, GATHERED_MAP, TO_M
 
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1800)]
 

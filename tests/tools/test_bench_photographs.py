@@ -10,7 +10,7 @@ from support.photographs import model
 
 from bench import photographs
 from fcsv_geometry import transforms
-from fcsv_stereo import colmap
+from fcsv_stereo.posed import colmap
 
 
 def test_where_a_disparity_is_unknown_there_is_no_truth(tmp_path, monkeypatch):

@@ -103,7 +103,7 @@ def _page(args, scenes, results, priors, poses, why_not, pairs, samples, answere
     if results:
         lines += [*tables.requirement_table(results, list(LISTS), noises), ""]
         lines += [
-            "Rows without a bound are the field's metrics (`fcsv_stereo/depth_metrics.py` defines them), of",
+            "Rows without a bound are the field's metrics (`fcsv_stereo/evaluating/depth_metrics.py` defines them), of",
             "the answered pixels; `joint` answers all here (`--complete`). AUSE is 0 where sigma sorts the",
             "pixels as their errors do; the overconfident share is 20 % where sigma says nothing. The worst",
             "band is the worst of all scenes' bands, not a mean.", "",

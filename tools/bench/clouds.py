@@ -15,9 +15,9 @@ import numpy as np
 
 from bench.scenes import HORIZONTAL, NOISES, SCENES, shoot
 from fcsv_geometry import transforms
-from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud, held_range_m
 from fcsv_stereo.equations import ErrorThreshold
 from fcsv_stereo.joint import Joint, JointOptions
+from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud, held_range_m
 from fcsv_stereo.model import MapResult
 
 _NEIGHBOURS, _DEVIATIONS = 20, 2.0

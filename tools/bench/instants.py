@@ -24,11 +24,11 @@ from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.movers import movers, things
 from fcsv_sim.world.town import Town
 from fcsv_stereo import pipeline
-from fcsv_stereo.evaluation import Moving, moving
+from fcsv_stereo.evaluating.evaluation import Moving, moving
+from fcsv_stereo.evaluating.truth import TrueScene, load_truth
 from fcsv_stereo.instants import MOST_SKEW_S, at_once, instants
 from fcsv_stereo.model import Configuration, ConfigurationInput, MapInput, MapResult, Picture
 from fcsv_stereo.pipeline import METHODS
-from fcsv_stereo.truth import TrueScene, load_truth
 
 MOST_ERROR = 0.05  # of the distance, of the median pixel of what moves
 SECONDS_APART_S = 7.0  # between the recordings of a session

@@ -8,9 +8,9 @@ from typing import Dict, List, Optional, Sequence, Union
 import numpy as np
 
 from bench.rectified import RectifiedCase
-from fcsv_stereo import depth_metrics
-from fcsv_stereo.depth_metrics import ause, inlier_ratio, overconfident_share
 from fcsv_stereo.errors import StereoError
+from fcsv_stereo.evaluating import depth_metrics
+from fcsv_stereo.evaluating.depth_metrics import ause, inlier_ratio, overconfident_share
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.thesis import Thesis, ThesisOptions

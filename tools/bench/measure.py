@@ -9,9 +9,9 @@ import numpy as np
 
 from bench.scenes import Scene
 from fcsv_geometry import transforms
-from fcsv_stereo.depth_metrics import DepthMetrics
 from fcsv_stereo.errors import StereoError
-from fcsv_stereo.evaluation import band, evaluate
+from fcsv_stereo.evaluating.depth_metrics import DepthMetrics
+from fcsv_stereo.evaluating.evaluation import band, evaluate
 from fcsv_stereo.model import ImageEntry, MapInput, MapResult
 from fcsv_stereo.pipeline import METHODS
 

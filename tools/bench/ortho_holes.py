@@ -20,9 +20,9 @@ from bench.__main__ import _scene
 from bench.scenes import HORIZONTAL, NOISES, T_WORLD_HOME, SceneName, shoot
 from fcsv_geometry import transforms
 from fcsv_sim.world.town import Town
-from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.depth import cloud_of
 from fcsv_stereo.joint import Joint
+from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.model import Reference
 from fcsv_stereo.model.kinds import Kind
 from fcsv_stereo.products.from_above import Raster, rasterize

@@ -11,10 +11,10 @@ import numpy as np
 
 from bench.hard_cases import Case
 from fcsv_geometry import transforms
-from fcsv_stereo import colmap
 from fcsv_stereo.joint import Joint, JointOptions
 from fcsv_stereo.model import MapInput, MapResult
 from fcsv_stereo.model.kinds import masks, supported
+from fcsv_stereo.posed import colmap
 from fcsv_stereo.thesis import Thesis, ThesisOptions
 from fcsv_stereo.thesis.matchers import DisparityWindow
 

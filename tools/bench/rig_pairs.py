@@ -18,7 +18,7 @@ from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.world.town import Town
 from fcsv_stereo.model import RIG, Configuration, ConfigurationInput, InputKind, MapInput, Picture, PosePrior
-from fcsv_stereo.unit_of_length import in_unit
+from fcsv_stereo.posed.unit_of_length import in_unit
 
 _TRIES = 60
 _UNITS = (0.1, 1.0, 10.0)

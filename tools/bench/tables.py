@@ -9,7 +9,7 @@ from bench.colmap_poses import PosesFound
 from bench.growth import Sample, exponent
 from bench.measure import Figures, mean, ratio
 from bench.scenes import SceneName
-from fcsv_stereo import depth_metrics
+from fcsv_stereo.evaluating import depth_metrics
 
 #: method, list, noise -> figures by scene, in the scenes' order
 Results = Dict[Tuple[str, str, str], List[Figures]]

@@ -11,7 +11,7 @@ from typing import Iterator, List
 
 import psutil
 
-from fcsv_geometry.interruption import leave_it, raise_again
+from fcsv_geometry.programs.interruption import leave_it, raise_again
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 _END_S = 30.0

@@ -21,7 +21,7 @@ from typing import Callable, Dict, List, Tuple
 from machines import PORT, NamespaceMachine
 from radio import Conditions, Radio, in_namespace
 
-from fcsv_multimaster.keyring import make_fleet
+from fcsv_multimaster.keys.keyring import make_fleet
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, SimulatedFleet
 from fcsv_sim.demo.truth_export import export_truth
 from fcsv_sim.machines.machines import MachineError

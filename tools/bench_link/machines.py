@@ -9,7 +9,7 @@ from typing import Callable, Dict, List, Optional
 
 from radio import Conditions, Radio, in_namespace
 
-from fcsv_multimaster.keyring import make_fleet
+from fcsv_multimaster.keys.keyring import make_fleet
 from fcsv_sim.machines.machines import Machine, Process
 
 PORT, BULK_PORT = 7447, 7448

@@ -93,10 +93,10 @@ def fleet(keys: str, control: str, rate_hz: str, seconds: str, *vehicles: str) -
     """Real exchanges with keys, each on ports of its own; only ROS is missing."""
     from machines import vehicle_ports
 
-    from fcsv_multimaster.endpoints import parse_endpoint
-    from fcsv_multimaster.exchange import Exchange
-    from fcsv_multimaster.keyring import open_keyring
+    from fcsv_multimaster.keys.keyring import open_keyring
     from fcsv_multimaster.links import load_links
+    from fcsv_multimaster.network.endpoints import parse_endpoint
+    from fcsv_multimaster.relay.exchange import Exchange
     from fcsv_multimaster.ros.pictures import _serialize
 
     links = load_links(Path(__file__).with_name("links.yaml"))

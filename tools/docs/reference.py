@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/reference/: nodes, commands and launch files as the code has them. Say --check to compare only."""
+"""Writes docs/reference/: nodes, commands, packages and launch files as the code has them. --check compares."""
 
 import argparse
 import ast
@@ -205,6 +205,27 @@ def _written(cls, what: str) -> Dict[str, str]:
     return dict(re.findall(rf"^    (\w+): {what}", source, re.M))
 
 
+# ---- packages ----------------------------------------------------------------------------------------------------
+
+
+def packages_page() -> str:
+    """docs/reference/packages.md."""
+    lines = [_HEAD, "# Packages", "", "Every folder of Python modules, by the first sentence of its `__init__.py`.", ""]
+    for top in sorted(ROOT.glob("src/fcsv_*/src/fcsv_*")):
+        lines += [f"## {top.name}", "", _folder_is(top), ""]
+        rooms = sorted(f.parent for f in top.rglob("*/__init__.py"))
+        rows = [f"| `{r.relative_to(top)}/` | {_cell(_folder_is(r))} |" for r in rooms]
+        lines += ["| folder | what it holds |", "|---|---|", *rows, ""] if rows else []
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _folder_is(folder: Path) -> str:
+    text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+    if not text:
+        raise SystemExit(f"{folder.relative_to(ROOT)}/__init__.py: has no docstring")
+    return _sentence(text.split("\n\n")[0])
+
+
 # ---- launch files ------------------------------------------------------------------------------------------------
 
 
@@ -259,7 +280,10 @@ def pages() -> Dict[str, str]:
         parsers = {path: parser_of(path) for path in executables()}
     commands = {path: parser for path, parser in parsers.items() if parser is not None}
     nodes = [p for p, parser in parsers.items() if parser is None]
-    return {"commands.md": commands_page(commands), "nodes.md": nodes_page(nodes), "launch.md": launch_page()}
+    return {
+        "commands.md": commands_page(commands), "nodes.md": nodes_page(nodes), "packages.md": packages_page(),
+        "launch.md": launch_page(),
+    }  # fmt: skip
 
 
 def main(write: Callable[[Path, str], None] = lambda path, text: path.write_text(text)) -> int:

@@ -9,7 +9,7 @@ from scenes import CAMERA, Scene, Shot, city
 
 from fcsv_geometry import transforms
 from fcsv_stereo.equations import depth_error
-from fcsv_stereo.evaluation import band
+from fcsv_stereo.evaluating.evaluation import band
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import DisparityWindow
 

@@ -8,7 +8,7 @@ from page import Page, metres, panels, percent
 from scenes import CAMERA, FLIGHT, Shot, city
 
 from fcsv_geometry import transforms
-from fcsv_stereo.evaluation import band
+from fcsv_stereo.evaluating.evaluation import band
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import DisparityWindow
 

@@ -11,7 +11,7 @@ from page import Page, percent
 from scenes import FLIGHT, Shot, city
 
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.evaluation import BANDS_M, band
+from fcsv_stereo.evaluating.evaluation import BANDS_M, band
 from fcsv_stereo.thesis import ThesisOptions
 
 THESIS_S = 106.0  # abstract and 7.1: acquisition and processing

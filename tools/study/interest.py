@@ -5,7 +5,7 @@ import methods
 from page import Page, metres, percent
 from scenes import Shot, city
 
-from fcsv_stereo.poi import PointOfInterest, sample
+from fcsv_stereo.evaluating.poi import PointOfInterest, sample
 from fcsv_stereo.report import poi
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import DisparityWindow

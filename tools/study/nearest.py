@@ -10,7 +10,7 @@ from scenes import CAMERA, Scene, Shot, city
 
 from fcsv_geometry import transforms
 from fcsv_stereo.equations import ErrorThreshold, farthest
-from fcsv_stereo.evaluation import band
+from fcsv_stereo.evaluating.evaluation import band
 from fcsv_stereo.planning.overlap import overlap_starts_m
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import DisparityWindow

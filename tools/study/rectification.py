@@ -7,7 +7,7 @@ from page import Page, panels, percent
 from scenes import CAMERA, Scatter, Shot, city
 
 from fcsv_geometry import transforms
-from fcsv_stereo.evaluation import band
+from fcsv_stereo.evaluating.evaluation import band
 from fcsv_stereo.rectify import RECTIFIERS
 from fcsv_stereo.thesis import ThesisOptions, map_thesis
 from fcsv_stereo.thesis.matchers import DisparityWindow, match, match_rate

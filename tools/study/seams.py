@@ -9,7 +9,7 @@ from page import Page, panels, percent
 from scenes import CAMERA, FLIGHT, Shot, city
 
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
-from fcsv_stereo.evaluation import band
+from fcsv_stereo.evaluating.evaluation import band
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import DisparityWindow
 

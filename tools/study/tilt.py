@@ -8,7 +8,7 @@ import numpy as np
 from page import Page, metres, panels, percent
 from scenes import CAMERA, Shot, city
 
-from fcsv_stereo.evaluation import band
+from fcsv_stereo.evaluating.evaluation import band
 from fcsv_stereo.planning.overlap import overlap_starts_m
 from fcsv_stereo.rectify import home
 from fcsv_stereo.thesis import ThesisOptions

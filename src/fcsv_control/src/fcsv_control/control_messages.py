@@ -6,7 +6,7 @@ from typing import List, Sequence
 
 from fcsv_control.agent.messages import Ack
 from fcsv_control.flight_check.lines import Line
-from fcsv_geometry.telemetry import MissionPhase
+from fcsv_geometry.vehicles.telemetry import MissionPhase
 
 # ---- requests -------------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import yaml
 from fcsv_control.errors import SessionError
 from fcsv_geometry import config
 from fcsv_geometry.bags.parts import part_number
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 
 FILE = "session.yaml"
 VERSION = 1

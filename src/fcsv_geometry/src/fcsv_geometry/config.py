@@ -25,8 +25,8 @@ def load(path, cls: Type[T]) -> T:
 
 
 def require_positive(rules, but: Collection[str] = ()) -> None:
-    """For a dataclass's ``__post_init__``: ValueError ("field: what is wrong") unless its numbers are positive, ``but``
-    for those of these names."""
+    """Checks, for a dataclass's ``__post_init__``: ValueError ("field: what is wrong") unless its numbers are positive,
+    ``but`` for those of these names."""
     for field in (f for f in dataclasses.fields(rules) if f.name not in but):
         value = getattr(rules, field.name)
         if isinstance(value, (int, float)) and not isinstance(value, bool) and not 0 < value < math.inf:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From calibration links and home to every odometry frame and camera in home (thesis 6.3), with what is known of each.
+"""Leads from calibration links and home to every odometry frame and camera in home (thesis 6.3), with what is known of
+each.
 
     T_home_cam = T_home_odom @ T_odom_body @ T_body_cam
 
@@ -97,7 +98,7 @@ def places_in_home(links: Sequence[OdomLink], reference: str, T_odom_home: np.nd
     """T_home_odom of every vehicle that the links connect to the reference, whose T_odom_home is given.
 
     Home is defined in the reference's odometry, whose place in it is therefore exact. Of several ways to a vehicle
-    the shortest counts: loops are merged beforehand (fcsv_tracking.loops.merge_loops).
+    the shortest counts: loops are merged beforehand (fcsv_tracking.column.loops.merge_loops).
 
     >>> link = OdomLink("uav1", "uav2", transforms.from_xyz_yaw([-3.5, 0.0, 0.0], 0.0), np.zeros((4, 4)))
     >>> places = places_in_home([link], "uav1", transforms.from_xyz_yaw([0.0, 0.0, 8.0], 0.0))

@@ -62,7 +62,7 @@ def read_picture(path: Path, grey: bool = False) -> StoredPicture:
 
 
 def decode_picture(data: bytes, name: str, grey: bool = False) -> StoredPicture:
-    """From a file's content; ``name`` is for errors. Raises PictureFileError."""
+    """Decodes a picture from a file's content; ``name`` is for errors. Raises PictureFileError."""
     _require_picture(data, name)
     is_jpeg = data.startswith(_JPEG)
     pixels = _decode_jpeg(data, name, grey) if is_jpeg else None
@@ -164,7 +164,7 @@ def _problem(data: bytes) -> Optional[str]:
 
 
 def _deflate_problem(data: bytes) -> Optional[str]:
-    """Of a TIFF's deflated parts, whose checksums no decoder looks at."""
+    """Says what is wrong with the checksums of a TIFF's deflated parts, whose checksums no decoder looks at."""
     if not data.startswith(_TIFFS):
         return None
     import tifffile
@@ -200,7 +200,7 @@ def _ends_in_zeros(data: bytes, pixels: np.ndarray) -> bool:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Without Pillow's warnings about EXIF parts that are broken, which say nothing of the pixels."""
+    """Runs the block without Pillow's warnings about EXIF parts that are broken, which say nothing of the pixels."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

@@ -8,7 +8,7 @@ from typing import List, Optional
 
 import numpy as np
 
-from fcsv_geometry.commands import run
+from fcsv_geometry.programs.commands import run
 from fcsv_guidance import tuning
 from fcsv_guidance.errors import GroundError
 from fcsv_guidance.ground import Ground, ground_from, stand_probability

@@ -3,8 +3,8 @@
 
 from typing import Dict, List, Optional
 
-from fcsv_multimaster.endpoints import Endpoint
 from fcsv_multimaster.links import Links
+from fcsv_multimaster.network.endpoints import Endpoint
 
 HEARTBEAT_HZ, TIMEOUT_FACTOR = 2.0, 1.0  # measured: back within 2 s of a 15 s cut, with nothing stale
 

@@ -32,7 +32,7 @@ class TrafficClass:
 
     @property
     def queue_size(self) -> int:
-        """Of ROS's queues on either side: where every message counts, a burst after a cut must fit."""
+        """Gives the length of ROS's queues on either side: where every message counts, a burst after a cut must fit."""
         if not self.reliable:
             return 20
         return 64 if self.link == "bulk" else 500

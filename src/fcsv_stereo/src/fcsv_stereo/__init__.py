@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From posed pictures to depth, points, map and report."""
+"""Leads from posed pictures to depth, points, map and report."""

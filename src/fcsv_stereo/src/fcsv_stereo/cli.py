@@ -9,20 +9,20 @@ from functools import partial
 from pathlib import Path
 from typing import List, Optional, Union
 
-from fcsv_geometry import commands
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.live_line import LiveLine, Steps
+from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_geometry.version import VERSION
 from fcsv_stereo import pipeline
-from fcsv_stereo.cloud_bounds import CloudBounds
 from fcsv_stereo.equations import ErrorThreshold, parse_threshold
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.joint import JointOptions
+from fcsv_stereo.map_files.cloud_bounds import CloudBounds
+from fcsv_stereo.map_files.table import demo_table
 from fcsv_stereo.model import AXES, RIG, PosePrior
 from fcsv_stereo.products import PRODUCTS, parse_products
 from fcsv_stereo.rectify import Rectification
 from fcsv_stereo.refinement import RefineOptions
-from fcsv_stereo.table import demo_table
 from fcsv_stereo.thesis import ThesisOptions
 from fcsv_stereo.thesis.matchers import MATCHERS, DisparityWindow
 
@@ -64,16 +64,17 @@ def _map(args, command: str) -> None:
     poi = Path(args.poi) if args.poi else None
     options, instant = _options(args), _instant(args.instant)
     bounds = CloudBounds.of_words(args.cloud_range_m, args.cloud_sigma)
+    request = pipeline.MapRequest(
+        Path(args.input), Path(args.out), args.method, options, reference=args.reference, poi=poi, products=products,
+        instant=instant, bounds=bounds, near=not args.no_near, command=command,
+    )  # fmt: skip
     with Steps(LiveLine(sys.stderr), "reading pictures").shown() as steps:
 
         def progress(name: str, done: int, total: int) -> None:
             ended = done == total
             steps.begin("writing the map and its report" if ended else name, _MAPPED * done / total)
 
-        document = pipeline.run(
-            Path(args.input), Path(args.out), args.method, options, args.reference, progress, poi, products,
-            instant, bounds, not args.no_near, command,
-        )  # fmt: skip
+        document = pipeline.run(request, progress)
     print(demo_table(document))
     written = ["map.ply", "depth.npy", "sigma.npy", "kind.npy", "report.json", "report.html"]
     print(f"wrote {args.out}: {', '.join(written + [f for p in products for f in PRODUCTS[p]])}")

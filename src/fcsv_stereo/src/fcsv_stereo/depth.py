@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From disparity to depth, and from one view to another."""
+"""Leads from disparity to depth, and from one view to another."""
 
 from typing import Tuple, Union
 
@@ -58,7 +58,8 @@ def _points_home(view: Union[Picture, Reference], depth: np.ndarray, y: int, kno
 def pixels_of(
     camera: PinholeCamera, T_home_cam: np.ndarray, points_home_m: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of points (N,3) in a picture: rows, columns (N,) int, 0 outside; depth (N,) m; bool (N,): which lie in it."""
+    """Says where points are: of points (N,3) in a picture: rows, columns (N,) int, 0 outside; depth (N,) m; bool (N,):
+    which lie in it."""
     p_cam = transforms.apply(transforms.invert(T_home_cam), points_home_m.astype(float))
     u, v = np.rint(camera.project(p_cam)).T
     with np.errstate(invalid="ignore"):

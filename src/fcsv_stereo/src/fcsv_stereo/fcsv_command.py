@@ -5,7 +5,7 @@ import importlib
 import sys
 from typing import List, Optional
 
-from fcsv_geometry.commands import loading
+from fcsv_geometry.programs.commands import loading
 from fcsv_geometry.version import VERSION
 
 #: by name: the module whose ``main(arguments)`` it is, and what it does

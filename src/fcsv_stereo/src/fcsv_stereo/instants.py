@@ -103,7 +103,8 @@ def _from_recording_s(group: Sequence[ConfigurationInput], stamp_s: float) -> fl
 
 
 def skews(given: MapInput) -> Dict[str, float]:
-    """By name of the other cameras' pictures: how far (s) the reference camera's nearest is. Empty for photographs."""
+    """Gives, by name of the other cameras' pictures: how far (s) the reference camera's nearest is. Empty for
+    photographs."""
     if given.kind is not InputKind.SESSION:
         return {}
     return {o.name: skew_s(c.references, o) for c in given.configurations for o in c.others}

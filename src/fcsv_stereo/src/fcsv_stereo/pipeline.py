@@ -1,33 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From an input to OUT/: load, map with a method, evaluate against truth where there is one, write."""
+"""Leads from an input to OUT/: load, map with a method, evaluate against truth where there is one, write."""
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_geometry.writing import require_folder
-from fcsv_stereo import colmap, instants, output
-from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_geometry.programs.writing import require_folder
+from fcsv_stereo import instants
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.evaluation import evaluate
+from fcsv_stereo.evaluating.evaluation import evaluate
+from fcsv_stereo.evaluating.poi import FILE as POI_FILE
+from fcsv_stereo.evaluating.poi import PointOfInterest, load_points, sample
+from fcsv_stereo.evaluating.truth import TrueScene, Truth, load_truth
 from fcsv_stereo.joint import Joint
-from fcsv_stereo.local_origin import with_local_origin
-from fcsv_stereo.model import MapInput, MapResult, Method, Progress
+from fcsv_stereo.map_files import output
+from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_stereo.map_files.picture_list import spare
+from fcsv_stereo.map_files.staging import StagedFolder
+from fcsv_stereo.model import MapInput, MapResult, Method, Progress, silent
 from fcsv_stereo.near import with_near
-from fcsv_stereo.picture_list import spare
-from fcsv_stereo.poi import FILE as POI_FILE
-from fcsv_stereo.poi import load_points, sample
+from fcsv_stereo.posed import colmap
+from fcsv_stereo.posed.local_origin import with_local_origin
 from fcsv_stereo.products import write_products
 from fcsv_stereo.report import write_report
 from fcsv_stereo.report.charts import STEPS
 from fcsv_stereo.report.origin import Origin
 from fcsv_stereo.sessions import is_session, read_session
-from fcsv_stereo.staging import StagedFolder
 from fcsv_stereo.thesis import Thesis
-from fcsv_stereo.truth import TrueScene, Truth, load_truth
 
 #: by name; another method is another entry
 METHODS: Dict[str, Method] = {m.name: m for m in (Joint(), Thesis())}
@@ -48,39 +50,52 @@ def load(path: Path, reference: Optional[str] = None) -> MapInput:
     raise InputError(f"{path}: is neither a session (session.yaml or bags) nor posed photographs (images/, images.txt)")
 
 
-def run(
-    path: Path,
-    out: Path,
-    method: str,
-    options: Any,
-    reference: Optional[str],
-    progress: Progress,
-    poi: Optional[Path] = None,
-    products: Sequence[str] = (),
-    instant: Optional[str] = None,
-    bounds: Optional[CloudBounds] = None,
-    near: bool = True,
-    command: str = "",
-) -> dict:
-    """Map ``path`` into ``out``; the report's document. Raises StereoError, and then nothing is written.
+@dataclass(frozen=True)
+class MapRequest:
+    """What is mapped, how, and what is written.
 
-    ``options`` are of the method's ``options`` class. ``poi`` names a file of points of interest; a session may hold
-    one (poi.yaml). ``products`` are written besides. ``instant``: only pictures of one, ``last`` or a stamp (s).
-    ``bounds`` are those of the cloud (None: its defaults). ``near``: join what depth cameras saw, where a session holds
-    it (docs/user/maps.md). ``command``: what the user gave, for the report.
+    ``options`` are of the method's ``options`` class (None: its defaults). ``reference`` names the reference picture of
+    photographs. ``poi`` is a file of points of interest; a session may hold one (poi.yaml). ``products`` are written
+    besides. ``instant``: only pictures of one, ``last`` or a stamp (s). ``bounds`` are those of the cloud. ``near``:
+    join what depth cameras saw, where a session holds it (docs/user/maps.md). ``command``: what the user gave, for the
+    report.
     """
-    started = time.perf_counter()
+
+    path: Path
+    out: Path
+    method: str = DEFAULT_METHOD
+    options: Any = None
+    reference: Optional[str] = None
+    poi: Optional[Path] = None
+    products: Sequence[str] = ()
+    instant: Optional[str] = None
+    bounds: CloudBounds = field(default_factory=CloudBounds)
+    near: bool = True
+    command: str = ""
+
+    def points_of_interest(self) -> List[PointOfInterest]:
+        """Loads the points from ``poi``, or from the input's own file; none where neither is there. Raises
+        InputError."""
+        file = self.poi or self.path / POI_FILE
+        return load_points(file) if self.poi or file.is_file() else []
+
+
+def run(request: MapRequest, progress: Progress = silent) -> dict:
+    """Map what is requested; the report's document. Raises StereoError, and then nothing is written."""
+    started, out = time.perf_counter(), request.out
     output.check_out(out)
     require_folder(out.absolute().parent, _LEAST_MIB)
-    points = load_points(poi or path / POI_FILE) if poi or (path / POI_FILE).is_file() else []
-    given = load(path, reference)
-    if instant is not None:
-        given = instants.of_one_instant(given, None if instant == "last" else float(instant))
+    points = request.points_of_interest()
+    given = load(request.path, request.reference)
+    if request.instant is not None:
+        given = instants.of_one_instant(given, None if request.instant == "last" else float(request.instant))
     loaded = time.perf_counter()
-    result = replace(METHODS[method].map(given, options, progress), skews_s=instants.skews(given), clocks=given.clocks)
-    result = replace(result, spare=spare(given, result), origin_m=given.origin_m)
-    result = bound_cloud(result, bounds or CloudBounds())
-    result = with_near(result, given) if near else result
+    result = METHODS[request.method].map(given, request.options, progress)
+    result = replace(
+        result, skews_s=instants.skews(given), clocks=given.clocks, spare=spare(given, result), origin_m=given.origin_m
+    )
+    result = bound_cloud(result, request.bounds)
+    result = with_near(result, given) if request.near else result
     result.timing_s["load"] = loaded - started
     truth, true_depth, on = _truth(given, result)
     with StagedFolder(out, output.check_out) as staged:
@@ -88,14 +103,14 @@ def run(
         output.write_arrays(result, staged.folder)
         result.timing_s["write"] = time.perf_counter() - writing
         result.timing_s["total"] = sum(result.timing_s[k] for k in STEPS if k in result.timing_s)
-        write_products(products, result, given, staged.folder)
+        write_products(request.products, result, given, staged.folder)
         evaluation = evaluate(result, truth, true_depth, on=on) if truth else None
         sampled = sample(result, points, true_depth)
         document = output.report_document(result, evaluation)
         if sampled:
             document["points_of_interest"] = [p.to_dict() for p in sampled]
         output.write_report_json(document, staged.folder)
-        origin = Origin.of(path, command, time.time())
+        origin = Origin.of(request.path, request.command, time.time())
         write_report(result, staged.folder, evaluation, true_depth, sampled, origin)
     return document
 

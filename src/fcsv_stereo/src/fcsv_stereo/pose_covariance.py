@@ -76,7 +76,8 @@ class KnownCovariances:
 
 
 def unknown_warning(configurations: Iterable, prior, refused: Iterable[str] = ()) -> List[str]:
-    """In words, which vehicles' pictures have no covariance, why, and the PosePrior that serves; empty where all have.
+    """Says, in words, which vehicles' pictures have no covariance, why, and the PosePrior that serves; empty where all
+    have.
 
     ``configurations`` are of ConfigurationInput.
     """

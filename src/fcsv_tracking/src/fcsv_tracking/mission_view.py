@@ -8,10 +8,10 @@ import numpy as np
 import yaml
 
 from fcsv_geometry import config
-from fcsv_geometry.camera_places import camera_place, last_place
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.camera_places import camera_place, last_place
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.missions.mission import Mission
 
 _SIDES = 48  # of the fence's circle
 _POSTS = 8
@@ -19,7 +19,8 @@ _POSTS = 8
 
 @dataclass(frozen=True)
 class PlannedPlace:
-    """Of configuration ``index``: a pose of the moving camera, 4x4; of a sweep where it begins and ``end_m`` (3,)."""
+    """Is the place of configuration ``index``: a pose of the moving camera, 4x4; of a sweep where it begins and
+    ``end_m`` (3,)."""
 
     index: int
     T_home_cam: np.ndarray
@@ -27,7 +28,7 @@ class PlannedPlace:
 
 
 def read_mission(text: str) -> Mission:
-    """From a mission file's text as the mission node tells it. Raises ConfigError."""
+    """Reads a mission from a mission file's text as the mission node tells it. Raises ConfigError."""
     try:
         document = yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -64,7 +65,7 @@ def _walls(ring: np.ndarray, posts: np.ndarray, heights_m: Sequence[float]) -> L
 
 
 def planned_places(mission: Mission) -> List[PlannedPlace]:
-    """Of every configuration, in the order of the list.
+    """Gives the places of every configuration, in the order of the list.
 
     >>> text = "name: a\\nconfigurations:\\n  - {axis: horizontal, baseline_m: 4.0}\\n"
     >>> [(p.index, p.T_home_cam[:3, 3].tolist()) for p in planned_places(read_mission(text))]

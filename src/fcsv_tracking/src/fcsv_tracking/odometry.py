@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the tracking camera's odometry to the body's, with a gate that no jump passes.
+"""Leads from the tracking camera's odometry to the body's, with a gate that no jump passes.
 
 ``odom`` is the T265's own level odometry frame, so T_odom_body = T_odom_t265 @ inv(T_body_t265), until
 the tracker jumps. Then the frame is re-based by four degrees of freedom (the jump undone, roll and
@@ -16,9 +16,9 @@ import numpy as np
 
 from fcsv_geometry import rotations, transforms
 from fcsv_geometry.config import require_positive
-from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.rotations import Quaternion, Vector
-from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry.streams.flow import DropCounter
+from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking.errors import OdometryRejected
 
 _STEP_S = 0.3  # by which stamps may run ahead of when samples come, and no more: they are then stepped

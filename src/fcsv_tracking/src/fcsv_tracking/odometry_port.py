@@ -9,10 +9,10 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry import frames
-from fcsv_geometry import telemetry as tm
-from fcsv_geometry.flow import RateGate
 from fcsv_geometry.rotations import Quaternion, Vector
-from fcsv_geometry.tracker import TrackerProfile
+from fcsv_geometry.streams.flow import RateGate
+from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.tracker import TrackerProfile
 from fcsv_tracking.errors import OdometryRejected
 from fcsv_tracking.odometry import BodyOdometry, BodyPose, EpochBegan, GateParameters, Rebase
 

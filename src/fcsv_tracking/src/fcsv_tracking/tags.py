@@ -10,7 +10,7 @@ from pupil_apriltags import Detection, Detector
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.flow import DropCounter
+from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.errors import TagError
 
 FAMILY = "tag36h11"
@@ -44,7 +44,7 @@ class TagObservation:
 
 
 def longest_edge(corners: np.ndarray) -> float:
-    """Of a tag's corners (4,2)."""
+    """Measures the longest edge of a tag's corners (4,2)."""
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max())
 
 

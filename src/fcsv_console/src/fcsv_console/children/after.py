@@ -9,7 +9,7 @@ from typing import Callable, Dict, List, Mapping, Sequence
 from fcsv_console.children.child import Child
 from fcsv_console.model import after
 from fcsv_console.model import facts as f
-from fcsv_geometry.writing import in_words
+from fcsv_geometry.programs.writing import in_words
 
 COMMANDS = {after.GATHER: ("rosrun", "fcsv_control", "gather_session"), after.MAP: ("rosrun", "fcsv_stereo", "map")}
 

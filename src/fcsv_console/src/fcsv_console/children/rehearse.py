@@ -10,7 +10,7 @@ from typing import Callable, Optional, Sequence
 from fcsv_console.children.child import Child
 from fcsv_console.model.facts import RehearsalTold
 from fcsv_console.model.rehearsal import judged
-from fcsv_geometry.writing import in_words
+from fcsv_geometry.programs.writing import in_words
 
 COMMAND = ("rosrun", "fcsv_sim", "rehearse")
 

@@ -9,8 +9,8 @@ from fcsv_console.model.mission_file import MissionFile, differs
 from fcsv_console.model.rehearsal import RUNS, Rehearsal
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_control.flight_check.lines import Line, State
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.phases import FLOWN, OVER
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.phases import FLOWN, OVER
 
 
 @dataclass(frozen=True)

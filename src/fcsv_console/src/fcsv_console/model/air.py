@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import permutations
 from typing import List, Mapping, Tuple
 
-from fcsv_geometry.separation import SeparationRules, distance_m
+from fcsv_geometry.missions.separation import SeparationRules, distance_m
 
 
 @dataclass(frozen=True)

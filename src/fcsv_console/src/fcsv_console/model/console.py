@@ -25,9 +25,9 @@ from fcsv_console.model.vehicles import Vehicle, VehicleRow
 from fcsv_console.model.view import View
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.mission.stages import GOES_BACK, TURNS
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.phases import BY_HOME, FLOWN, OVER
-from fcsv_geometry.separation import SeparationRules
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
+from fcsv_geometry.missions.separation import SeparationRules
 
 CONTROL = "control"
 _PENDING_S = 10.0  # after it a request that was not answered may be asked for again

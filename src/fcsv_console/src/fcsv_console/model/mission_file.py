@@ -13,9 +13,9 @@ import yaml
 from fcsv_control.mission.looking_round import turns_s
 from fcsv_control.mission.places import heading_rad
 from fcsv_geometry import config
-from fcsv_geometry.camera_places import camera_place
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.camera_places import camera_place
+from fcsv_geometry.missions.mission import Mission
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 from fcsv_stereo.planning.overlap import non_overlap, overlap_starts_m
 

@@ -9,7 +9,7 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.hearing import Aged, Heard, slow
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
 from fcsv_control.guardian.messages import in_words
-from fcsv_geometry.silence import Silence
+from fcsv_geometry.streams.silence import Silence
 
 _FAILSAFE_MODES = ("RTL", "SMART_RTL", "AUTO", "FLIP")
 _STOPPED_MODES = ("BRAKE", "LAND")

@@ -20,7 +20,7 @@ from fcsv_console.model.stage import Stage
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import VehicleRow
 from fcsv_control.flight_check.lines import Line, State, worst
-from fcsv_geometry.phases import OVER
+from fcsv_geometry.missions.phases import OVER
 
 
 @dataclass(frozen=True)

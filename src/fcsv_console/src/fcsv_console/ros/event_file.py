@@ -9,7 +9,7 @@ from typing import Callable
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.events import EventLog
-from fcsv_geometry.writing import in_words
+from fcsv_geometry.programs.writing import in_words
 
 _EVERY_S = 2.0
 

@@ -12,9 +12,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from fcsv_console.model import facts as f
 from fcsv_console.model.bags import Bags
 from fcsv_console.ros import messages
-from fcsv_geometry.arrivals import Arrivals
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros.relay_ages import hear_ages, publisher_of
+from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_multimaster.ros.master_watch import master_knows_us, register_again
 
 _MOST = 20000  # facts that wait: a window that hangs for a minute

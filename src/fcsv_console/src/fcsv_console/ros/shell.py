@@ -27,9 +27,9 @@ from fcsv_console.ros.goal_markers import GoalMarkers
 from fcsv_console.ros.ground_views import GroundViewHearing
 from fcsv_console.ros.hearing import NO_MASTER, Hearing
 from fcsv_console.ros.window_turns import WindowTurns
-from fcsv_geometry.arrivals import Arrivals
 from fcsv_geometry.ros import node
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.streams.arrivals import Arrivals
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 _LOOK_S = 0.5
 _CONTROL = ("pause", "skip", "repeat", "next", "previous", "abort")

@@ -33,7 +33,7 @@ from fcsv_control.agent.sender_clocks import SenderClocks
 from fcsv_control.agent.twins import Twins
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import frames
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.streams.flow import RateGate
 
 _QUIET_S = 0.15  # set-points on their way arrive before the take-off that they would replace
 

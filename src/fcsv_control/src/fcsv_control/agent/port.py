@@ -11,7 +11,7 @@ from fcsv_control.agent.twins import Twins
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import EstimateMoved, HomeHeard, ModeAsked, PoseEstimated, Refused, TextHeard
 from fcsv_control.guardian.messages import Verdict
-from fcsv_geometry import telemetry as tm
+from fcsv_geometry.vehicles import telemetry as tm
 
 _ALIVE_S = 0.2
 

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from fcsv_control.errors import SessionError
 from fcsv_control.gathering import RSH, Gatherer, parse_source
-from fcsv_geometry import commands
+from fcsv_geometry.programs import commands
 
 
 def main(argv: Optional[List[str]] = None) -> int:

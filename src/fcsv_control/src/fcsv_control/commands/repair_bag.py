@@ -9,9 +9,9 @@ from typing import List, Optional
 from tqdm import tqdm
 
 from fcsv_control.errors import SessionError
-from fcsv_geometry import commands
 from fcsv_geometry.bags.repair import ACTIVE, KEPT, repaired
 from fcsv_geometry.errors import BagError
+from fcsv_geometry.programs import commands
 
 
 def main(argv: Optional[List[str]] = None) -> int:

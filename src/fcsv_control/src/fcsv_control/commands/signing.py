@@ -8,7 +8,7 @@ from fcsv_control.errors import ControlError, LinkError
 from fcsv_control.flight.signing import read_key
 from fcsv_control.flight_check.autopilot_line import reached_by_nobody_else
 from fcsv_control.parameters.vehicle import Vehicle
-from fcsv_geometry import commands
+from fcsv_geometry.programs import commands
 
 _TRIES = 3
 _ANSWERS_S = 5.0

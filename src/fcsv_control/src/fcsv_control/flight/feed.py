@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Optional, Tuple
 
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.streams.flow import RateGate
 
 
 @dataclass(frozen=True)

@@ -48,9 +48,9 @@ from fcsv_control.flight.requests import Request
 from fcsv_control.flight.take_off import TakeOff
 from fcsv_control.flight.texts import ALERT, CRITICAL
 from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
-from fcsv_geometry import telemetry as tm
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.streams.flow import RateGate
+from fcsv_geometry.vehicles import telemetry as tm
 
 _LOG = logging.getLogger(__name__)
 _WATCH_S, _STALL_S = 0.05, 0.25  # a watch that comes later than the second was delayed itself

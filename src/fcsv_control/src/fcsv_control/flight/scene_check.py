@@ -21,7 +21,7 @@ class SceneCheckRules:
     looks: int = 3  # in a row
     longest_s: float = 2.0  # between two of those
     lands: bool = False  # whether this is a doubt, upon which the vehicle lands; else it is only said
-    one_way_ratio: float = 3.8  # along one way over across it (fcsv_tracking.one_way): it flew, and does not know,
+    one_way_ratio: float = 3.8  # along one way over across it (scene.one_way): it flew, and does not know,
     one_way_looks: int = 2  # in a row,
     one_way_above_m: float = 2.5  # over the take-off: nearer to the ground small errors move the points far
     one_way_lands: bool = True  # likewise

@@ -11,7 +11,7 @@ from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.flight_check.vehicle import Disk
 from fcsv_geometry.config import require_positive
-from fcsv_geometry.flight_limits import FlightBounds
+from fcsv_geometry.missions.flight_limits import FlightBounds
 
 CONTROL = "control"
 _G, _A, _R, _U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN

@@ -5,7 +5,7 @@ import math
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from fcsv_control.flight_check.lines import Check, Found, State
-from fcsv_geometry.flight_limits import FlightBounds
+from fcsv_geometry.missions.flight_limits import FlightBounds
 
 _SAME = 0.01  # of the planned value; parameters are set in whole cm/s
 

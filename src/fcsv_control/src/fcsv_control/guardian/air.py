@@ -10,9 +10,10 @@ import numpy as np
 
 from fcsv_control.flight.estimate import apart_m
 from fcsv_control.recent_way import RecentWay
-from fcsv_geometry import separation, transforms
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.flight_limits import FlightBounds
+from fcsv_geometry import transforms
+from fcsv_geometry.missions import separation
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.missions.flight_limits import FlightBounds
 
 _INF = float("inf")
 _FLYING_M = 0.5  # above where it stood

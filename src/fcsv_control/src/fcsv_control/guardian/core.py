@@ -17,8 +17,8 @@ from fcsv_control.guardian.hands import COMPANIONS_MODES, Hands
 from fcsv_control.guardian.messages import AskMode, HoldAt, Output, RestartLink, Verdict, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.streams.flow import RateGate
 
 _SET_POINT_HZ = 10.0
 _AGAIN_S = 0.5  # a mode is asked for again

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_control.guardian import room, way_home
 from fcsv_control.guardian.air import Air, Other
 from fcsv_control.guardian.rules import NEVER, GuardianRules
-from fcsv_geometry import separation
+from fcsv_geometry.missions import separation
 
 STICK = "the throttle stick is not in the middle: who takes over would climb or fall"
 NO_POSES = "no poses come from the tracking camera"

@@ -13,11 +13,11 @@ from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
 from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import Output, RestartLink, Verdict
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
-from fcsv_geometry.arrivals import Arrivals
-from fcsv_geometry.fence import Fence
 from fcsv_geometry.home import HomeFrames
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.streams.arrivals import Arrivals
+from fcsv_geometry.vehicles import telemetry as tm
 
 _STATE_S = 0.2  # a verdict is told at least so often
 _THROTTLE_OLD_S = 2.0  # no transmitter is heard

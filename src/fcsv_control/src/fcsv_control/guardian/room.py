@@ -8,7 +8,7 @@ import numpy as np
 
 from fcsv_control.guardian.air import Air, Other
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import separation
+from fcsv_geometry.missions import separation
 
 _UNHEARD_S = 0.5  # in calm flights 0.4 at most
 

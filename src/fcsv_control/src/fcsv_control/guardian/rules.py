@@ -4,8 +4,8 @@
 from dataclasses import dataclass, field
 
 from fcsv_geometry.config import require_positive
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.separation import LOST_CLEAR_M, SeparationRules
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.missions.separation import LOST_CLEAR_M, SeparationRules
 
 NEVER = "never"
 LINK_LOSS = ("land", NEVER)

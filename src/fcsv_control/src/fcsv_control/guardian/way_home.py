@@ -9,7 +9,8 @@ import numpy as np
 from fcsv_control.guardian import room
 from fcsv_control.guardian.air import Air, Other
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import separation, transforms
+from fcsv_geometry import transforms
+from fcsv_geometry.missions import separation
 
 THERE_M = 0.4  # horizontally
 _MORE_M = 0.3  # of room, to set out: what is only just clear would stop it on the way

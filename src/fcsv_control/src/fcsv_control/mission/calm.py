@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_control.mission.places import heading_error_rad
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_geometry.mission import SettleBounds
+from fcsv_geometry.missions.mission import SettleBounds
 
 _SAID_S = 1.0  # so often the figures that are said change at most
 

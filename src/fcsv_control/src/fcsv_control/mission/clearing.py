@@ -7,7 +7,8 @@ import numpy as np
 
 from fcsv_control.mission.places import level_camera
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_geometry import separation, transforms
+from fcsv_geometry import transforms
+from fcsv_geometry.missions import separation
 
 
 def clearance_m(separation_m: float) -> float:

@@ -11,7 +11,7 @@ from fcsv_control.mission.journey import Journey
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 
 _OFF_M = 0.8  # from where a vehicle may be at a time: it is not on its timed way
 SLICES = 3  # of a plan in one step

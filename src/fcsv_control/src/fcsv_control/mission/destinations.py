@@ -6,8 +6,8 @@ from typing import Dict, Mapping, Sequence, Tuple
 import numpy as np
 
 from fcsv_control.mission.task_list import Task
-from fcsv_geometry.camera_places import camera_place
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.camera_places import camera_place
+from fcsv_geometry.missions.mission import Mission
 
 
 class Destinations:

@@ -20,9 +20,9 @@ from fcsv_control.mission.stages import GOES_BACK, MOVES, TURNS
 from fcsv_control.mission.standing import CaptureWindow, Progress, Standing
 from fcsv_control.mission.sweeping import Sweeping
 from fcsv_control.mission.task_list import Task, TaskList, tasks
-from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME
+from fcsv_geometry.missions.mission import Mission
 
 _LONGEST = 4  # times the wanted recording: what one attempt records at most
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from fcsv_control.mission.snapshot import VehicleView
 from fcsv_control.mission.watch import POSE_STALE_S
-from fcsv_geometry import separation, transforms
+from fcsv_geometry import transforms
 from fcsv_geometry.home import camera_in_home
+from fcsv_geometry.missions import separation
 
 _TAG_GAP_S = 2.5  # a camera on a slow computer takes a picture a second
 _SIGHT_OLD_S = 0.5  # where it was seen longer ago it may not be any more

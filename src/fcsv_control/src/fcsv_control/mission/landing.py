@@ -10,7 +10,7 @@ from fcsv_control.mission.hands import Hands
 from fcsv_control.mission.journey import go_to
 from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 
 _REPEAT_S = 3.0
 _ASIDE_REPEAT_S = 1.0

@@ -16,9 +16,9 @@ from fcsv_control.mission.outbox import Order, Outbox
 from fcsv_control.mission.places import body_set_point, heading_error_rad, heading_rad
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_geometry import rotations, transforms
-from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, camera_place
-from fcsv_geometry.look_round import LookRound
-from fcsv_geometry.mission import Mission, SettleBounds
+from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, camera_place
+from fcsv_geometry.missions.look_round import LookRound
+from fcsv_geometry.missions.mission import Mission, SettleBounds
 
 _ORDER_EVERY_S = 0.2  # set-points: one that is lost on the radio is followed by the next
 _LAG_RAD = math.radians(40.0)  # so far behind its set-point it may be: an autopilot follows within a second

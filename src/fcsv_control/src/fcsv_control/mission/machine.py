@@ -19,8 +19,8 @@ from fcsv_control.mission.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import GROUND, ON_BOARD, Mission
-from fcsv_geometry.phases import BY_HOME, FLOWN, OVER
+from fcsv_geometry.missions.mission import GROUND, ON_BOARD, Mission
+from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
 
 _BY_HAND = ("TAKE_OFF", "COLUMN", "CALIBRATE", "MOVE_HOME", "SET_HOME")  # people fly
 _SEEN_S = 2.0

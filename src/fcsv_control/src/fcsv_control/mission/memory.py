@@ -12,7 +12,7 @@ from fcsv_control.mission.looking_round import Turned
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.mission.task_list import Task
 from fcsv_geometry import config
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 
 FILE = "mission_memory.json"
 _VERSION = 2

@@ -11,8 +11,8 @@ from fcsv_control.mission.patience import Patience
 from fcsv_control.mission.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.standing import CaptureWindow
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.phases import FLOWN
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.phases import FLOWN
 
 OPERATIONS = ("pause", "resume", "skip", "repeat", "next", "previous", "abort")
 _CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger

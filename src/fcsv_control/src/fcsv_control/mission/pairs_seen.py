@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the pictures of two vehicles that record show them where both trackers say (fcsv_stereo/pair_check.py).
+"""Whether the pictures of two vehicles that record show them where both trackers say (in_flight/pair_check.py).
 
 A tracker that drifts slowly takes its vehicle along: nothing on board may tell. What is recorded then is no recording
 of its configuration, and the next way leads somewhere else.

@@ -4,7 +4,7 @@
 from enum import Enum
 from typing import Dict, Iterable, List, Optional
 
-from fcsv_geometry.flight_limits import PauseLimits
+from fcsv_geometry.missions.flight_limits import PauseLimits
 
 
 class Pause(Enum):

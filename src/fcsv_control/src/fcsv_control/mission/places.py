@@ -4,7 +4,7 @@
 import numpy as np
 
 from fcsv_geometry import rotations, transforms
-from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME
+from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME
 
 
 def level_camera(T_home_cam: np.ndarray) -> np.ndarray:

@@ -12,9 +12,9 @@ from fcsv_control.mission.looking_round import turns_s
 from fcsv_control.mission.routes import Keep, route
 from fcsv_control.mission.task_list import Task, TaskList, tasks
 from fcsv_control.mission.timed_way import TimedWay, timed_way
-from fcsv_geometry.camera_places import camera_place, last_place
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.camera_places import camera_place, last_place
+from fcsv_geometry.missions.mission import Mission
 
 RADIUS_M = 0.25  # of a vehicle whose file says nothing else
 _APART_M = 0.5  # between the outlines of two vehicles, at least

@@ -5,7 +5,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_control.mission import plan_check
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 
 
 class PlanGate:

@@ -19,13 +19,13 @@ from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.mission.tag_in_front import TagInFront
 from fcsv_control.mission.time_of_day import TimeOfDay
 from fcsv_control.stopping.core import STOP
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
-from fcsv_geometry.arrivals import Arrivals
 from fcsv_geometry.home import HomeFrames
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.phases import BY_HOME
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.phases import BY_HOME
+from fcsv_geometry.streams.arrivals import Arrivals
+from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 
 _log = logging.getLogger(__name__)
 _ALIVE_S = 0.2

@@ -6,7 +6,7 @@ from typing import List, Tuple
 
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_geometry.phases import BY_HOME, FLOWN
+from fcsv_geometry.missions.phases import BY_HOME, FLOWN
 
 _FRESH_S = 3.5  # a state that is older is none
 

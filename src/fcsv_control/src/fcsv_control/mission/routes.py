@@ -8,10 +8,10 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
-from fcsv_geometry import separation
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.separation import SeparationRules
+from fcsv_geometry.missions import separation
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.separation import SeparationRules
 
 _SLACK = 0.2  # a goal may keep this share less of a vehicle that does not stand quite at its place
 _SHELL = 1.35  # corners of the way stand at this multiple of the separation; their chords stay outside of it

@@ -6,8 +6,8 @@ from typing import Dict, Optional
 
 import numpy as np
 
-from fcsv_geometry import separation
-from fcsv_geometry.flight_limits import FlightBounds
+from fcsv_geometry.missions import separation
+from fcsv_geometry.missions.flight_limits import FlightBounds
 
 _INF = float("inf")
 

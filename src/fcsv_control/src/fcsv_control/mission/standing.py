@@ -13,7 +13,7 @@ from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.stages import HOLDS, RECORDS
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 
 _LONGEST = 4.0  # times the wanted recording, where pictures come in slowly
 

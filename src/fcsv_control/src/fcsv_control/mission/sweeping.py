@@ -13,11 +13,11 @@ from fcsv_control.mission.routes import distance_to_segments
 from fcsv_control.mission.snapshot import Snapshot
 from fcsv_control.mission.stages import MOVES, RECORDS
 from fcsv_control.mission.standing import CaptureWindow, Progress
-from fcsv_geometry.camera_places import T_HOME_CAM_AT_HOME, sweep_place
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.flight_limits import FlightBounds
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.sweep import Sweep
+from fcsv_geometry.missions.camera_places import T_HOME_CAM_AT_HOME, sweep_place
+from fcsv_geometry.missions.flight_limits import FlightBounds
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.sweep import Sweep
 
 _ORDER_EVERY_S = 0.2  # set-points: one that is lost on the radio is followed by the next
 _LAG_S, _LAG_M = 2.0, 0.5  # so far behind its set-point a vehicle may be: an autopilot follows at 1/s

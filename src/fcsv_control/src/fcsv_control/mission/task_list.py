@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import Collection, List, Optional, Sequence, Set
 
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 
 
 @dataclass(frozen=True)

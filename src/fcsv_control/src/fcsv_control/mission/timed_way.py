@@ -6,7 +6,7 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
-from fcsv_geometry.flight_limits import FlightBounds
+from fcsv_geometry.missions.flight_limits import FlightBounds
 
 STEP_S = 0.1
 #: A vehicle is so much before and behind its time at most, else it is not on its timed way: orders that come late over

@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_control.mission.routes import Keep, route
 from fcsv_control.mission.timed_way import EARLY_S, LATE_S, STEP_S, TimedWay, timed_way
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.flight_limits import FlightBounds
+from fcsv_geometry.missions.flight_limits import FlightBounds
 
 _BAND_STEPS = int(round((EARLY_S + LATE_S) / STEP_S))  # one may be late while the other is early
 _DELAY_STEP_S = 1.0

@@ -9,11 +9,11 @@ import numpy as np
 from fcsv_control.mission.patience import Pause
 from fcsv_control.mission.routes import Keep
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
-from fcsv_geometry import separation
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import AIR_M, GROUND, Mission
-from fcsv_geometry.phases import FLOWN
-from fcsv_geometry.separation import SeparationRules
+from fcsv_geometry.missions import separation
+from fcsv_geometry.missions.mission import AIR_M, GROUND, Mission
+from fcsv_geometry.missions.phases import FLOWN
+from fcsv_geometry.missions.separation import SeparationRules
 
 POSE_STALE_S = 2.0
 STATE_STALE_S = 3.5  # it comes with the heartbeat, once a second, and one may be lost on the radio

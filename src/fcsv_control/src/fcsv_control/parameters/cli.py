@@ -13,8 +13,8 @@ from fcsv_control.flight import parameter_files
 from fcsv_control.flight.profile import Profile, load_profile, port_of
 from fcsv_control.flight.signing import read_key
 from fcsv_control.parameters.vehicle import Vehicle
-from fcsv_geometry import commands
-from fcsv_geometry.writing import require_file
+from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.writing import require_file
 
 _PROFILE = "config/autopilot/arducopter-4.3-t265.param"
 _EXAMPLES = """SOURCE is a line to a vehicle, as the flight link's fcu_url (udpin:0.0.0.0:14550, tcp:HOST:5760,

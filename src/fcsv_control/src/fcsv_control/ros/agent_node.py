@@ -29,11 +29,11 @@ from fcsv_control.agent.port import AgentPort
 from fcsv_control.flight import messages
 from fcsv_control.ros import board_messages as convert
 from fcsv_geometry import frames
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros import telemetry_messages as telemetry
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, ModeAsked, Refusal
 from mavros_msgs.msg import State, StatusText
 from mavros_msgs.srv import CommandBool, CommandTOL, SetMode

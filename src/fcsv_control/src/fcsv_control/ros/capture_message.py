@@ -4,7 +4,7 @@
 import rospy
 
 from fcsv_control.mission.standing import CaptureWindow
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Capture, Configuration
 

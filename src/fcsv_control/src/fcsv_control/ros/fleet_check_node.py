@@ -15,7 +15,7 @@ from fcsv_control.flight_check.lines import Line, worst
 from fcsv_control.ros import flight_check_messages as messages
 from fcsv_control.ros.relay_keys import RelayKeys
 from fcsv_control.ros.vehicle_check_node import disk_of
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import (

@@ -25,11 +25,11 @@ from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros import board_messages as convert
 from fcsv_control.ros.vehicle_messages import TOPICS
 from fcsv_geometry import frames
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros import telemetry_messages as telemetry
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.relay_ages import publisher_of
+from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_msgs.msg import (
     Calibration,
     Command,

@@ -12,9 +12,9 @@ from fcsv_control.flight.link import FlightLink
 from fcsv_control.flight.messages import Diagnosis, EstimateMoved, LinkLives, ParametersChecked, PosePassed
 from fcsv_control.ros.posed import pose_in
 from fcsv_geometry import frames
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_msgs.msg import LinkHealth, ModeAsked, ParameterReport, SceneMotion
 
 _PREARM = {None: LinkHealth.PREARM_UNKNOWN, True: LinkHealth.PREARM_READY, False: LinkHealth.PREARM_NOT_READY}

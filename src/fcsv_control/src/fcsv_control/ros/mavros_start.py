@@ -13,7 +13,7 @@ from rospkg import ResourceNotFound
 from fcsv_control.errors import ControlError, LinkError
 from fcsv_control.flight.mavros import COMPONENT, mavros_url
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 
 
 def mavros_node() -> str:

@@ -8,7 +8,7 @@ from typing import Optional, Sequence
 from fcsv_control.errors import SessionError
 from fcsv_control.mission import memory as memories
 from fcsv_control.mission.memory import Memory
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 
 
 def write(path: Path, memory: Memory) -> None:

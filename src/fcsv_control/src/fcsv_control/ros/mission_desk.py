@@ -8,7 +8,7 @@ import rospy
 from std_srvs.srv import Trigger, TriggerResponse
 
 from fcsv_control.control_messages import Abort, Cancel, Confirm, Execute, MissionStatus, Operate
-from fcsv_geometry.telemetry import Reply
+from fcsv_geometry.vehicles.telemetry import Reply
 from fcsv_msgs.msg import ExecuteAction, ExecuteFeedback, ExecuteResult
 from fcsv_msgs.srv import Control, ControlResponse, Proceed, ProceedResponse
 

@@ -16,7 +16,7 @@ from fcsv_control.errors import SessionError
 from fcsv_control.mission import memory as memories
 from fcsv_control.mission.memory import Memory
 from fcsv_control.ros.memory_file import read, set_aside, write
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, Home
 

@@ -34,12 +34,12 @@ from fcsv_control.ros.mission_memory import MissionMemory, Restored
 from fcsv_control.ros.vehicle_messages import TOPICS, command_of
 from fcsv_control.stopping.core import LAND, STOP
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.mission import load_mission
-from fcsv_geometry.phases import PHASES
+from fcsv_geometry.missions.mission import load_mission
+from fcsv_geometry.missions.phases import PHASES
 from fcsv_geometry.ros import conversions, fences, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.telemetry_messages import calibration_of, hear, hear_epochs, hear_relay, home_of
-from fcsv_geometry.telemetry import RecorderState, Reply
+from fcsv_geometry.vehicles.telemetry import RecorderState, Reply
 from fcsv_msgs.msg import (
     Calibration,
     Capture,

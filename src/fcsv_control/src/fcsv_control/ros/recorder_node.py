@@ -19,10 +19,10 @@ from fcsv_control.ros.bag_writer import BagWriter
 from fcsv_control.session import FILE, Session, new_session, save_session, utc_now, with_part
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.mission import Mission, load_mission
+from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.silence import Silence, in_steps
+from fcsv_geometry.streams.silence import Silence, in_steps
 from fcsv_msgs.msg import RecorderStatus
 
 

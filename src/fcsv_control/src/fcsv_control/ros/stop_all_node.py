@@ -23,7 +23,7 @@ from fcsv_control.stopping.port import StopAllPort
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.telemetry_messages import hear, phase_of
-from fcsv_geometry.telemetry import VehicleState
+from fcsv_geometry.vehicles.telemetry import VehicleState
 from fcsv_msgs.msg import Command, MissionState, StopReport
 
 _STEP_HZ = 50.0

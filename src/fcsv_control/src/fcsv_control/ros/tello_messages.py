@@ -18,8 +18,8 @@ from fcsv_control.tello.rules import GUIDED
 from fcsv_control.tello.telemetry import OwnMotion
 from fcsv_control.tello.tracking import Tracking
 from fcsv_geometry import frames, transforms
-from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.streams.flow import RateGate
 from fcsv_msgs.msg import LinkHealth
 from mavros_msgs.msg import RCIn, State, StatusText
 

@@ -14,7 +14,7 @@ from fcsv_control.tello.video import Video
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.silence import Silence, in_steps
+from fcsv_geometry.streams.silence import Silence, in_steps
 from fcsv_tracking.cameras.camera_yaml import read_camera
 
 

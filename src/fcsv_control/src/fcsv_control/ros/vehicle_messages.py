@@ -10,8 +10,8 @@ from sensor_msgs.msg import BatteryState
 from fcsv_control.agent.messages import Ack, Instruction
 from fcsv_control.control_messages import CommandAnswered
 from fcsv_control.guardian.messages import in_words
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry.ros import conversions, telemetry_messages
+from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_msgs.msg import Command, CommandAck, GuardianState, RecorderStatus
 from mavros_msgs.msg import State
 

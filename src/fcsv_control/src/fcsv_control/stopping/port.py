@@ -8,7 +8,7 @@ from typing import List, Sequence
 from fcsv_control.agent.messages import Instruction, Kind
 from fcsv_control.control_messages import CommandAnswered, StopCalled, StopOver
 from fcsv_control.stopping.core import StopAll, StopOrder
-from fcsv_geometry.telemetry import MissionPhase, Reply, VehicleState
+from fcsv_geometry.vehicles.telemetry import MissionPhase, Reply, VehicleState
 
 _log = logging.getLogger(__name__)
 _REPORT_S = 0.5

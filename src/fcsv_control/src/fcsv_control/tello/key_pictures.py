@@ -5,7 +5,7 @@ tellopy asks every 2 s. A key picture is some ten times as many packets as anoth
 often, and each time that costs the pictures of 2 s.
 """
 
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.streams.flow import RateGate
 
 _APART_S = 0.5  # an answer takes 0.1 to 0.5 s; faster requests only fill the radio with key pictures
 

@@ -16,7 +16,7 @@ import tellopy
 
 from fcsv_control.errors import ControlError
 from fcsv_control.tello.pid import Sticks
-from fcsv_geometry import netns
+from fcsv_geometry.programs import netns
 
 _log = logging.getLogger(__name__)
 _CONNECTION_REQUEST = b"conn_req:\x96\x17"  # pictures to port 6038 (0x1796), as tellopy asks

@@ -156,7 +156,7 @@ def _of_chunk(buffer, record: Record, end: int, found: Salvaged) -> Optional[_Pa
 
 
 def _unpacked(packed_bytes: bytes, compression: bytes) -> bytes:
-    """As much as can be unpacked."""
+    """Unpacks as much as can be unpacked."""
     unpack, out = (bz2.BZ2Decompressor if compression == _BZ2 else _lz4().LZ4FrameDecompressor)(), []
     try:
         for i in range(0, len(packed_bytes), 4096):

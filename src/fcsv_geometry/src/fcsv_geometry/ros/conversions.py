@@ -59,7 +59,7 @@ def info_from_camera(camera: PinholeCamera, stamp_s: float, frame_id: str) -> Ca
 
 
 def epochs_of(message: Epochs) -> Dict[str, int]:
-    """By vehicle."""
+    """Gives the epochs by vehicle."""
     return dict(zip(message.vehicles, message.epochs))
 
 

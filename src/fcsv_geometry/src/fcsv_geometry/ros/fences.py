@@ -4,7 +4,7 @@
 from geometry_msgs.msg import Point32, Polygon
 
 from fcsv_geometry.errors import GeometryError
-from fcsv_geometry.fence import Fence
+from fcsv_geometry.missions.fence import Fence
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Fence as FenceMessage
 

@@ -9,8 +9,8 @@ import diagnostic_updater
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from fcsv_geometry.flow import DropCounter
 from fcsv_geometry.ros import node
+from fcsv_geometry.streams.flow import DropCounter
 
 
 class Health:

@@ -11,7 +11,7 @@ import rospy
 from fcsv_geometry import config
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import publishers
-from fcsv_geometry.vehicle import VehicleGeometry, load_vehicles
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry, load_vehicles
 
 T = TypeVar("T")
 CANNOT_RUN = 2

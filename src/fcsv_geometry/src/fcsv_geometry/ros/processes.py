@@ -19,8 +19,8 @@ _NO_SOUND_ANSWER = (http.client.HTTPException, xmlrpc.client.Error, ExpatError, 
 
 
 def address_of(caller: str, name: str, timeout_s: float) -> str:
-    """Of a node's own interface (ROS 1 slave API), as the master knows it. Raises OSError where the master does not
-    answer for ``timeout_s``, or does not know the node."""
+    """Gives the address of a node's own interface (ROS 1 slave API), as the master knows it. Raises OSError where the
+    master does not answer for ``timeout_s``, or does not know the node."""
     try:
         with server_at(rosgraph.get_master_uri(), timeout_s) as master:
             code, text, uri = master.lookupNode(caller, name)
@@ -51,7 +51,8 @@ def ask_to_end(caller: str, name: str, why: str, timeout_s: float) -> None:
 
 
 def processes_of(name: str) -> List[psutil.Process]:
-    """Of a node of this master (resolved ``name``) on this machine; one that hangs answers no call."""
+    """Finds the processes of a node of this master (resolved ``name``) on this machine; one that hangs answers no
+    call."""
     return [process for process in psutil.process_iter() if is_node(process, name)]
 
 

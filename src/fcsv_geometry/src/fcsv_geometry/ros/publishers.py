@@ -13,12 +13,13 @@ from rospy.impl.registration import RegManager
 
 
 def keep_all() -> None:
-    """From here on in this process; to be called before ``rospy.init_node``, any number of times."""
+    """Takes effect from here on in this process; to be called before ``rospy.init_node``, any number of times."""
     RegManager.publisher_update = _publisher_update
 
 
 def _publisher_update(self: RegManager, resolved_name: str, uris: Sequence[str]) -> None:
-    """In place of rospy's: addresses that still wait are tried, too. One that is gone by then refuses, which is all."""
+    """Stands in place of rospy's: addresses that still wait are tried, too. One that is gone by then refuses, which is
+    all."""
     with self.cond:
         waiting = [uri for name, older in self.updates if name == resolved_name for uri in older]
         self.updates.append((resolved_name, list(dict.fromkeys([*uris, *waiting]))))

@@ -3,7 +3,7 @@
 
 import rospy
 
-from fcsv_geometry.arrivals import Arrivals
+from fcsv_geometry.streams.arrivals import Arrivals
 from fcsv_msgs.msg import RelayAges
 
 

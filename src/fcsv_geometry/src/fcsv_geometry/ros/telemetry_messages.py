@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics as the dataclasses of fcsv_geometry.telemetry, and back."""
+"""Topics as the dataclasses of fcsv_geometry.vehicles.telemetry, and back."""
 
 from typing import Any, Callable, Dict, Mapping, Optional, Sequence, Tuple, Type
 
@@ -8,12 +8,13 @@ import rospy
 from geometry_msgs.msg import Pose
 from nav_msgs.msg import Odometry
 
-from fcsv_geometry import frames, home_messages
-from fcsv_geometry import telemetry as tm
+from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError, GeometryError
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.relay_ages import publisher_of
+from fcsv_geometry.vehicles import home_messages
+from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_msgs.msg import Calibration, Epoch, Epochs, Home, MissionState, RelayAges, TagDetections
 
 Take = Callable[[str, str, Any], object]  # of the vehicle's name, the publisher's, and a message
@@ -90,7 +91,7 @@ def hear_relay(receive: Callable[[object], None], prefix: str = "") -> None:
 
 
 def hear_epochs(receive: Callable[[object], None]) -> None:
-    """For which epochs calibration and home hold."""
+    """Reads for which epochs calibration and home hold."""
     for of in (tm.CALIBRATION, tm.HOME):
         take = lambda m, of=of: receive(tm.EpochsFound(of, m.header.stamp.to_sec(), conversions.epochs_of(m)))  # noqa: E731
         rospy.Subscriber(f"/{of}_epochs", Epochs, take, queue_size=1)
@@ -107,18 +108,18 @@ def home_of(m: Home) -> tm.HomeFound:
 
 
 def epochs_message(m: tm.EpochsFound) -> Epochs:
-    """As it is told."""
+    """Makes the message as it is told."""
     message = Epochs(vehicles=list(m.epochs), epochs=list(m.epochs.values()))
     message.header.stamp = rospy.Time.from_sec(m.stamp_s)
     return message
 
 
 def home_message(m: tm.HomeFound) -> Home:
-    """As it is told."""
+    """Makes the message as it is told."""
     header = conversions.header(m.stamp_s, frames.odom(m.reference))
     return Home(header, m.reference, conversions.transform_to_pose(m.T_odom_home))
 
 
 def phase_of(m: MissionState) -> tm.MissionPhase:
-    """In which phase the mission says that it is."""
+    """Says in which phase the mission says that it is."""
     return tm.MissionPhase(m.phase_name)

@@ -13,16 +13,17 @@ import rospy
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_multimaster import fkie
-from fcsv_multimaster.endpoints import parse_peers
 from fcsv_multimaster.errors import RelayError
 from fcsv_multimaster.links import load_links
+from fcsv_multimaster.network.endpoints import parse_peers
 
 _NODES = (("fkie_master_discovery", "master_discovery"), ("fkie_master_sync", "master_sync"))
 
 
 @dataclass(frozen=True)
 class FkieParameters:
-    """As the relay's; ``keys`` and the ports are not for fkie, which is open: use it inside a VPN alone."""
+    """Holds parameters as the relay's; ``keys`` and the ports are not for fkie, which is open: use it inside a VPN
+    alone."""
 
     machine: str
     links: str

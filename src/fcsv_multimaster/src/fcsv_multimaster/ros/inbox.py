@@ -11,12 +11,12 @@ import roslib.message
 import rospy
 
 from fcsv_geometry.ros import node
-from fcsv_multimaster import wire
 from fcsv_multimaster.links import TF_TOPICS
-from fcsv_multimaster.parcel import Parcel
+from fcsv_multimaster.network import wire
+from fcsv_multimaster.relay.parcel import Parcel
+from fcsv_multimaster.relay.sent_times import SentTimes
 from fcsv_multimaster.ros.pictures import PictureUnpacker
 from fcsv_multimaster.ros.tf_merge import TfIn
-from fcsv_multimaster.sent_times import SentTimes
 
 _CONNECT_S = 1.0  # who subscribed before has connected by then, or is no more
 _NO_MORE_S = 0.3  # after the last connection no other comes

@@ -12,8 +12,8 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from fcsv_multimaster.errors import ExposedError
-from fcsv_multimaster.exposure import REMEDY, exposed, listening
-from fcsv_multimaster.keyring import Keyring
+from fcsv_multimaster.keys.keyring import Keyring
+from fcsv_multimaster.network.exposure import REMEDY, exposed, listening
 from fcsv_multimaster.ros.master_watch import local_master
 
 

@@ -5,7 +5,7 @@ from typing import Dict, Optional
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from fcsv_multimaster.measure import CLOCKS_APART_S
+from fcsv_multimaster.relay.measure import CLOCKS_APART_S
 
 _BAD_LOSS = 0.2
 _SLOW_S = 0.5

@@ -11,15 +11,15 @@ import numpy as np
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from fcsv_multimaster import wire
 from fcsv_multimaster.errors import PictureError
-from fcsv_multimaster.outbound import Message
-from fcsv_multimaster.parcel import Parcel
-from fcsv_multimaster.picture_codec import (
+from fcsv_multimaster.network import wire
+from fcsv_multimaster.relay.outbound import Message
+from fcsv_multimaster.relay.parcel import Parcel
+from fcsv_multimaster.relay.picture_codec import (
     AdaptiveJpeg,
     H264Decoder,
     H264Encoder,
-    Rate,
+    OfferedRate,
     decode_jpeg,
     h264_available,
 )
@@ -34,7 +34,7 @@ class PicturePacker:
     """Sending side: one codec state per target and topic. Called by one thread."""
 
     def __init__(self):
-        self._streams: Dict[Tuple[str, str], Tuple[Rate, AdaptiveJpeg, H264Encoder]] = {}
+        self._streams: Dict[Tuple[str, str], Tuple[OfferedRate, AdaptiveJpeg, H264Encoder]] = {}
         self._h264 = h264_available()
 
     def steps(self) -> Dict[str, int]:
@@ -47,7 +47,7 @@ class PicturePacker:
         if cls is None or cls._md5sum != message.md5:
             raise PictureError(f"a codec takes {' and '.join(_TYPES)}, not {message.type} {message.md5}")
         known = (target, message.topic)
-        rate, jpeg, h264 = self._streams.setdefault(known, (Rate(), AdaptiveJpeg(), H264Encoder()))
+        rate, jpeg, h264 = self._streams.setdefault(known, (OfferedRate(), AdaptiveJpeg(), H264Encoder()))
         rate.seen(message.sequence, time.monotonic())
         if cls is CompressedImage and jpeg.fits(len(message.data), budget_octets_s, rate.hz):
             return wire.RAW, message.data

@@ -14,14 +14,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import RelayAges
-from fcsv_multimaster.addresses import AddressWatch
-from fcsv_multimaster.endpoints import parse_endpoint, parse_peers
 from fcsv_multimaster.errors import EndpointError, RelayError
-from fcsv_multimaster.exchange import Exchange
-from fcsv_multimaster.joining import Joining
-from fcsv_multimaster.keyring import open_keyring
+from fcsv_multimaster.keys.keyring import open_keyring
 from fcsv_multimaster.links import TF_TOPICS, load_links
-from fcsv_multimaster.parcel import Parcel
+from fcsv_multimaster.network.addresses import AddressWatch
+from fcsv_multimaster.network.endpoints import parse_endpoint, parse_peers
+from fcsv_multimaster.network.joining import Joining
+from fcsv_multimaster.relay.exchange import Exchange
+from fcsv_multimaster.relay.parcel import Parcel
 from fcsv_multimaster.ros import key_watch, link_report
 from fcsv_multimaster.ros.inbox import Inbox
 from fcsv_multimaster.ros.master_watch import master_knows_us, register_again

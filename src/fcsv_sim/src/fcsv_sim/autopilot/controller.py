@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From positions, velocities or sticks to lean angles, yaw rate and thrust (ext frame, SI).
+"""Leads from positions, velocities or sticks to lean angles, yaw rate and thrust (ext frame, SI).
 
 Plain floats: a hundred passes a second of every vehicle go through here, and numpy takes ten times as long for three.
 """
@@ -29,7 +29,8 @@ class WayLimits:
 
     @classmethod
     def of(cls, parameters: Dict[str, Tuple[float, int]]) -> "WayLimits":
-        """From parameters (value, type), which are in cm/s and cm/s^2; too slow ones are as slow as it gets."""
+        """Reads the limits from parameters (value, type), which are in cm/s and cm/s^2; too slow ones are as slow as it
+        gets."""
         names = ("WPNAV_SPEED", "WPNAV_SPEED_UP", "WPNAV_SPEED_DN", "WPNAV_ACCEL", "WPNAV_ACCEL_Z")
         return cls(*(_clip(0.01 * parameters[n][0], _SLOWEST, _QUICKEST) for n in names))
 

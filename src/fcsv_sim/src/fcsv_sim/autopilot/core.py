@@ -130,9 +130,10 @@ class Autopilot(FlightLaws):
         return self._origin.set(origin, self.estimator.started(now_s))
 
     def reboot(self) -> None:
-        """As if its watchdog reset it in flight: boot time, streams, intervals, origin and position are gone, the
-        filter begins anew, the system id stays. Motors and mode go on, which is kinder than ArduCopter: that one comes
-        up disarmed and falls. What a companion sees is the same, and a position mode ends in the EKF failsafe's LAND.
+        """Starts anew as if its watchdog reset it in flight: boot time, streams, intervals, origin and position are
+        gone, the filter begins anew, the system id stays. Motors and mode go on, which is kinder than ArduCopter: that
+        one comes up disarmed and falls. What a companion sees is the same, and a position mode ends in the EKF
+        failsafe's LAND.
         """
         self.estimator.begin()
         self.controller.reset()

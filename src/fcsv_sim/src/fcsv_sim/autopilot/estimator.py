@@ -54,7 +54,7 @@ class Estimator:
         self.begin()
 
     def begin(self) -> None:
-        """As after power-on: nothing is known."""
+        """Begins as after power-on: nothing is known."""
         self._boot_s: Optional[float] = None
         self.runs = False  # whether the filter has begun, as of the last prediction
         self._vision_s: Optional[float] = None
@@ -127,7 +127,7 @@ class Estimator:
             self.v_ext_mps += _VELOCITY_GAIN * weight * innovation
 
     def _creep(self, gap_s: float, innovation: np.ndarray, apart_m: float) -> None:
-        """On the way to a jump that was rejected: over many messages, in steps that no agent takes for a jump."""
+        """Moves on the way to a jump that was rejected: over many messages, in steps that no agent takes for a jump."""
         share = 1.0 - math.exp(-gap_s / _ADOPT_LAG_S)
         step = innovation * min(share, _ADOPT_STEP_M / max(apart_m, 1e-9))
         self.p_ext_m += step

@@ -52,7 +52,7 @@ class MavlinkServer:
         }
 
     def _start(self) -> None:
-        """As after power-on: nobody has asked for anything."""
+        """Begins as after power-on: nobody has asked for anything."""
         self._intervals_s: Dict[int, float] = {_M.MAVLINK_MSG_ID_HEARTBEAT: 1.0}
         self._due_s: Dict[int, float] = {_M.MAVLINK_MSG_ID_HEARTBEAT: 0.0}
         self._mode_told = self._pilot.mode

@@ -31,7 +31,8 @@ class StickParameters:
 
     @classmethod
     def of(cls, parameters: Dict[str, Tuple[float, int]]) -> "StickParameters":
-        """From parameters (value, type), in us, cm/s, cm/s^2, cm/s^3, s, degrees and hundredths of a degree."""
+        """Reads the parameters from parameters (value, type), in us, cm/s, cm/s^2, cm/s^3, s, degrees and hundredths of
+        a degree."""
         value = lambda name: float(parameters[name][0])  # noqa: E731
         lean_deg = min(80.0, max(10.0, 0.01 * value("ANGLE_MAX")))
         up, down = value("PILOT_SPEED_UP"), value("PILOT_SPEED_DN")
@@ -66,7 +67,7 @@ class Climb:
         self.begin(0.0)
 
     def begin(self, mps: float) -> None:
-        """From this one, without acceleration."""
+        """Begins from this one, without acceleration."""
         self._mps, self.mps2 = mps, 0.0
 
     def step(self, p: StickParameters, wanted_mps: float, dt_s: float) -> float:

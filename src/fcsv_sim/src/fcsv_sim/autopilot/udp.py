@@ -54,7 +54,7 @@ class UdpLine:
                 pass  # lost, as on any line
 
     def _sign(self) -> None:
-        """As the server was told last."""
+        """Signs as the server was told last."""
         told = self._server.signing
         if told is self._signing:
             return

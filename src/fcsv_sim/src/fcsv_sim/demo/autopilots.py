@@ -4,7 +4,7 @@
 import re
 from typing import Sequence, Tuple
 
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.autopilot.simulation_line import require_simulation
 from fcsv_sim.bringup import vehicles_folder
 from fcsv_sim.machines.machines import MachineError

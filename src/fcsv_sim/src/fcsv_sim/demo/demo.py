@@ -13,9 +13,9 @@ from typing import List, Optional, Tuple
 
 from fcsv_control.mission.plan_check import require_flyable
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.mission import Mission, load_mission
-from fcsv_geometry.vehicle import load_vehicles
-from fcsv_geometry.writing import in_words, require_folder
+from fcsv_geometry.missions.mission import Mission, load_mission
+from fcsv_geometry.programs.writing import in_words, require_folder
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.autopilot.ground import READY_S
 from fcsv_sim.bringup import mission_file, vehicles_folder
 from fcsv_sim.demo import interrupt
@@ -33,7 +33,7 @@ from fcsv_sim.machines import slow_motion
 from fcsv_sim.machines.machines import MachineError
 from fcsv_sim.world.movers import movers
 from fcsv_sim.world.town import WORLDS, Town
-from fcsv_stereo.truth import load_truth
+from fcsv_stereo.evaluating.truth import load_truth
 
 _FURTHEST_START_M = 500.0  # from the middle of a world
 _CORES_FOR_LIVE = 3  # on two, simulated cameras and a growing map slow each other down

@@ -75,7 +75,7 @@ class FleetPlan:
         return self.run_folder / "sim"
 
     def start_xyz_yaw(self, index: int) -> List[float]:
-        """On the ground, in a column, facing the town (world frame, m and rad)."""
+        """Places the vehicle on the ground, in a column, facing the town (world frame, m and rad)."""
         x, y = self.start_xy_m
         return [x - index * self.column_spacing_m, y, 0.0, 0.0]
 

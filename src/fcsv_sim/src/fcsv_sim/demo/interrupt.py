@@ -3,7 +3,7 @@
 
 import signal
 
-from fcsv_geometry.interruption import leave_it, raise_again
+from fcsv_geometry.programs.interruption import leave_it, raise_again
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -13,7 +13,7 @@ class Interrupted(BaseException):
 
 
 def listen() -> None:
-    """From now on either raises Interrupted in the main thread."""
+    """Takes care that from now on either raises Interrupted in the main thread."""
     raise_again(Interrupted)
     _listen()
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.evaluation import LEAST_SHARE, Band, Moving, band, moving
-from fcsv_stereo.truth import TrueScene, Truth
+from fcsv_stereo.evaluating.evaluation import LEAST_SHARE, Band, Moving, band, moving
+from fcsv_stereo.evaluating.truth import TrueScene, Truth
 
 MOST_ERROR = 0.05  # of its distance, of the median answered pixel of what moves
 _MOST_M = 400.0
@@ -23,7 +23,8 @@ _SEEN = 0.1  # of its pixels: what another camera sees less of has no second pic
 
 @dataclass(frozen=True)
 class Frame:
-    """As it was published: depth (H,W f32, m, NaN: none) of the reference's picture, and what was said of it."""
+    """Is a depth image as it was published: depth (H,W f32, m, NaN: none) of the reference's picture, and what was said
+    of it."""
 
     reference: str
     stamp_s: float
@@ -49,7 +50,7 @@ class Unjudged:
 
     @property
     def why(self) -> str:
-        """In words.
+        """Says why in words.
 
         >>> [Unjudged("walker", *pixels, 16).why for pixels in ((3, 150), (0, 0), (9, 9))]
         ['hidden', 'outside the picture', 'too small']
@@ -144,7 +145,7 @@ def write_table(judged: Sequence[Judged], path: Path) -> None:
 
 
 def verdict(m: Moving) -> str:
-    """Of what is seen of something that moves: "right" is within 5 % of its distance."""
+    """Gives the verdict of what is seen of something that moves: "right" is within 5 % of its distance."""
     if m.median_relative_error is None:
         return "not answered"
     return "right" if m.median_relative_error <= MOST_ERROR else "off"

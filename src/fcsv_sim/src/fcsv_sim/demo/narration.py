@@ -5,7 +5,7 @@ import subprocess
 import sys
 from typing import Callable, Optional, TextIO, Tuple
 
-from fcsv_geometry.live_line import IN_PLACE_S, LiveLine
+from fcsv_geometry.programs.live_line import IN_PLACE_S, LiveLine
 from fcsv_sim.machines import slow_motion
 
 _CLOCKS_APART_S = 1.0
@@ -59,7 +59,7 @@ def wait(child: subprocess.Popen, narrator: Narrator, words: str) -> int:
 
 
 def in_minutes(seconds: float) -> str:
-    """For people.
+    """Writes the time for people.
 
     >>> in_minutes(40.0), in_minutes(130.0)
     ('40 s', '2 min')

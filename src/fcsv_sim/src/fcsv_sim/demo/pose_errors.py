@@ -6,7 +6,7 @@ from typing import List, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.truth import Truth
+from fcsv_stereo.evaluating.truth import Truth
 
 
 def tracked_errors(document: dict, truth: Truth) -> List[Tuple[float, float]]:

@@ -5,7 +5,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.sensors.v120_duo import V120Duo, V120DuoErrors
 from fcsv_tracking.gimbal.config import Gimbal, GroundRobot

@@ -7,8 +7,8 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.camera_places import camera_place
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.camera_places import camera_place
+from fcsv_geometry.missions.mission import Mission
 
 
 @dataclass(frozen=True)

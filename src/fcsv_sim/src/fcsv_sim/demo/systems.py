@@ -10,7 +10,7 @@ import numpy as np
 from fcsv_control.flight_check import speeds
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_sim.autopilot.parameters import DEFAULTS
 from fcsv_sim.bringup import bringup, vehicles_folder
 from fcsv_sim.demo import flights, reach
@@ -83,8 +83,8 @@ def _autopilots_can(mission: Mission) -> None:
 
 
 def _mocap_maps(mission: Mission) -> Tuple[MapRun, ...]:
-    """Besides the map that every demo makes, that of thesis 5.7 where its baselines were flown: 1 m up to 20 m, 2 m
-    beyond, the noisy 3 m left out."""
+    """Gives, besides the map that every demo makes, that of thesis 5.7 where its baselines were flown: 1 m up to 20 m,
+    2 m beyond, the noisy 3 m left out."""
     vertical = sorted({c.baseline_m for c in mission.configurations if c.axis == "vertical"})
     return (MapRun(), MapRun("map_thesis", _BY_HAND)) if vertical == [1.0, 2.0, 3.0] else (MapRun(),)
 

@@ -7,12 +7,12 @@ from typing import Dict, List, Mapping, Optional
 
 from fcsv_geometry.bags.reading import messages
 from fcsv_geometry.messages import seconds
-from fcsv_geometry.mission import load_mission
-from fcsv_geometry.phases import PHASES
+from fcsv_geometry.missions.mission import load_mission
+from fcsv_geometry.missions.phases import PHASES
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, Machines
 from fcsv_sim.demo.site import PairSite
 from fcsv_sim.tello.pictures import VideoParameters
-from fcsv_sim.tello.places import Place
+from fcsv_sim.tello.places import TelloPlace
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_tracking.cameras.camera_yaml import write_camera
 
@@ -23,7 +23,7 @@ _VIDEO = {"video_hz": 2.0, "video_delay_s": 0.4}  # a picture takes 0.2 s of a c
 class SimulatedTellos(Machines):
     """``places``: where each Tello is, which must outlive this object."""
 
-    def __init__(self, plan: FleetPlan, site: PairSite, places: Mapping[str, Place]):
+    def __init__(self, plan: FleetPlan, site: PairSite, places: Mapping[str, TelloPlace]):
         super().__init__(plan, [CONTROL])
         self._site, self._places = site, places
 
@@ -74,7 +74,7 @@ class SimulatedTellos(Machines):
 
 
 def received_stamps(plan: FleetPlan) -> Dict[str, List[float]]:
-    """By vehicle the stamps (s) that its recorded pictures got: a Tello's video has none of its own."""
+    """Gives, by vehicle the stamps (s) that its recorded pictures got: a Tello's video has none of its own."""
     found: Dict[str, List[float]] = {name: [] for name in plan.vehicles}
     topics = {f"/{name}/camera/color/camera_info": name for name in plan.vehicles}
     for bag in bags_of(plan.session_folder, []):

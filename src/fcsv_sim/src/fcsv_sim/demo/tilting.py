@@ -9,7 +9,7 @@ from typing import Callable, Optional, Sequence
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.writing import require_folder
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_sim.bringup import bringup
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.tilting.calibrated import calibrate_simulated
@@ -17,7 +17,7 @@ from fcsv_sim.tilting.live import live_depths, write_live
 from fcsv_sim.tilting.report import table, write_curves, write_pictures
 from fcsv_sim.tilting.rig import SimulatedRig, as_made
 from fcsv_sim.tilting.things import THINGS
-from fcsv_sim.tilting.trial import DISTANCES_M, Outcome, outcomes
+from fcsv_sim.tilting.trial import DISTANCES_M, PairOutcome, outcomes
 from fcsv_stereo import pipeline
 from fcsv_stereo.errors import StereoError
 from fcsv_tracking.tilting.aim import nearest_m
@@ -87,7 +87,7 @@ def _off(rig: TiltingRig, simulated: SimulatedRig) -> str:
     return f"{turn_deg:.3f} deg and {1e3 * away_m:.2f} mm"
 
 
-def _live(out: Path, shown: Outcome, say: Callable[[str], None]) -> None:
+def _live(out: Path, shown: PairOutcome, say: Callable[[str], None]) -> None:
     """Depth as the live map makes it, without bars and with them."""
     depths = live_depths(out / "pairs" / f"{shown.thing}_{shown.distance_m:g}m_parallel", shown)
     write_live(shown, depths, out / _FILES[-1])
@@ -95,7 +95,7 @@ def _live(out: Path, shown: Outcome, say: Callable[[str], None]) -> None:
     say(f"live depth of {shown.thing} at {shown.distance_m:g} m: {without}; with bars {barred}")
 
 
-def _report(out: Path, chosen: Optional[Outcome], say: Callable[[str], None]) -> None:
+def _report(out: Path, chosen: Optional[PairOutcome], say: Callable[[str], None]) -> None:
     """The map command's own report, of the nearest pair that came out well."""
     if chosen is None:
         say("no pair was refined and half right: no report of a map")
@@ -105,7 +105,7 @@ def _report(out: Path, chosen: Optional[Outcome], say: Callable[[str], None]) ->
     say(f"mapping {pair.name} with its report")
     method = pipeline.METHODS[pipeline.DEFAULT_METHOD]
     try:
-        pipeline.run(pair, out / "map", method.name, replace(method.options(), bars=True), None, lambda *_: None)
+        pipeline.run(pipeline.MapRequest(pair, out / "map", method.name, replace(method.options(), bars=True)))
     except StereoError as error:
         raise SimulationError(f"{pair}: no map ({error})") from error
     print(f"report: {out / 'map' / 'report.html'}")

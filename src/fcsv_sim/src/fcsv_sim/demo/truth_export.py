@@ -57,8 +57,8 @@ def export_movers(truth: Path, moving: Sequence[Mover]) -> None:
 
 
 def nearest(rows: List[Dict[str, str]], stamps_s: Sequence[float]) -> List[Dict[str, str]]:
-    """For each stamp the row whose own is nearest, with that stamp; none for a stamp further from all than they are
-    from each other in the mean.
+    """Finds, for each stamp the row whose own is nearest, with that stamp; none for a stamp further from all than they
+    are from each other in the mean.
 
     >>> rows = [{"stamp_s": "1.0", "x": "a"}, {"stamp_s": "1.5", "x": "b"}]
     >>> nearest(rows, [1.3, 1.1, 9.0])

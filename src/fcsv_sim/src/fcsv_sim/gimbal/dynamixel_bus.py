@@ -91,7 +91,7 @@ class SimulatedBus:
         self.close()
 
     def close(self) -> None:
-        """As if unplugged."""
+        """Closes the line, as if unplugged."""
         if not self._stop.is_set():
             self._stop.set()
             self._thread.join()

@@ -9,7 +9,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
 from fcsv_tracking.gimbal.servos import GimbalReading, GimbalServos
 

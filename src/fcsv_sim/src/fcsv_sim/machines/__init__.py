@@ -1,1 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
+"""A ROS master per simulated machine, slow motion."""

@@ -2,7 +2,7 @@
 """Network namespaces for devices that all have the same address, as Tellos have: one for the device, one for its pilot.
 
 Each pair is joined by a virtual cable (veth). A process may stay where it is, with its ROS master, and open single
-sockets inside (fcsv_geometry.netns). Root is needed, or CAP_SYS_ADMIN and CAP_NET_ADMIN.
+sockets inside (fcsv_geometry.programs.netns). Root is needed, or CAP_SYS_ADMIN and CAP_NET_ADMIN.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ import threading
 from dataclasses import dataclass
 from typing import Iterator, List, Sequence
 
-from fcsv_geometry.netns import FOLDER, NamespaceError, exists, inside
+from fcsv_geometry.programs.netns import FOLDER, NamespaceError, exists, inside
 
 _numbers = iter(range(1, 1 << 20))
 _LOCK = threading.Lock()

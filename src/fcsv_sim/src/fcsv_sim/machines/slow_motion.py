@@ -133,7 +133,7 @@ def share_of_real_time(since: Tuple[float, float]) -> float:
 
 
 def shared_time(env: Dict[str, str]) -> Dict[str, str]:
-    """Of an environment what makes a program share its time; empty in real time."""
+    """Gives, of an environment what makes a program share its time; empty in real time."""
     return {name: env[name] for name in (_PRELOAD, _PAGE) if _PAGE in env}
 
 
@@ -143,7 +143,7 @@ def in_real_time(env: Dict[str, str]) -> Dict[str, str]:
 
 
 def _changes(rate: Optional[float]) -> Dict[str, str]:
-    """Of the environment; a page that begins now, and who keeps its rate until this process ends."""
+    """Gives the changes of the environment; a page that begins now, and who keeps its rate until this process ends."""
     library = _library()
     handle, path = tempfile.mkstemp(prefix="fcsv-slow-motion-")
     os.close(handle)

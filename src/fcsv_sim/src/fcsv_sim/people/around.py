@@ -5,7 +5,7 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from fcsv_geometry import separation
+from fcsv_geometry.missions import separation
 
 CLEAR_M = 2.5  # horizontally
 _HEIGHT_M = 3.0  # and above or below: nearer than both is too near

@@ -149,7 +149,7 @@ class Pilot:
 
     @staticmethod
     def _bring_down(sight: Sight) -> Sticks:
-        """In ALT_HOLD, which needs no position: against the way that it flies, and down."""
+        """Moves the sticks, in ALT_HOLD, which needs no position: against the way that it flies, and down."""
         forward, left = in_body(np.clip(-0.8 * sight.v_world_mps[:2], -2.0, 2.0), sight)
         lean = [_clip(a / 9.81 / _LEAN_RAD) for a in (-left, forward)]
         return Sticks(*lean, -0.6 if sight.T_world_body[2, 3] > _LOW_M else -1.0, 0.0, "ALT_HOLD")

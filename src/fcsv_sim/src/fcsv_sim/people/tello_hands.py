@@ -29,7 +29,8 @@ _CALM_MPS, _CALM_S = 0.2, 2.0
 
 @dataclass(frozen=True)
 class Screen:
-    """Of one vehicle: T_odom_body by its link (None: nothing yet), velocity in the body (m/s), the tracker's rate."""
+    """Shows the state of one vehicle: T_odom_body by its link (None: nothing yet), velocity in the body (m/s), the
+    tracker's rate."""
 
     armed: bool = False
     mode: str = ""
@@ -51,7 +52,7 @@ class Act:
     order: str = ""
 
 
-class Hands:
+class TelloHands:
     """``act`` at each look. ``sway_m``: how far all sway sideways until the tracker knows their headings."""
 
     def __init__(self, gains: PidConfig, height_m: float, sway_m: float):

@@ -34,11 +34,11 @@ from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import AskMode, HoldAt, Verdict
 from fcsv_control.guardian.port import GuardianPort, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
-from fcsv_geometry.arrivals import RELAY
-from fcsv_geometry.tracker import TrackerProfile
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.streams.arrivals import RELAY
+from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.tracker import TrackerProfile
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.bringup import bringup
 from fcsv_sim.rehearsal.processes import Process

@@ -7,7 +7,7 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from fcsv_geometry.mission import Mission, StereoConfiguration
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.ground import READY_S

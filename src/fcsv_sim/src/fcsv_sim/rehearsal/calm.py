@@ -6,7 +6,7 @@ from typing import Callable, Dict
 
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.mission.watch import POSE_STALE_S, STATE_STALE_S
-from fcsv_geometry.phases import FLOWN
+from fcsv_geometry.missions.phases import FLOWN
 from fcsv_sim.rehearsal.control import ControlPc
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 

@@ -17,9 +17,9 @@ from typing import Callable, Iterable, List, Optional, Sequence, Tuple
 from tqdm import tqdm
 
 from fcsv_control.mission import plan_check
-from fcsv_geometry import commands
-from fcsv_geometry.mission import Mission, load_mission
-from fcsv_geometry.writing import require_file
+from fcsv_geometry.missions.mission import Mission, load_mission
+from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.writing import require_file
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.rehearsal import takeover, trace

@@ -31,18 +31,18 @@ from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ports import ServingPort
 from fcsv_control.stopping.core import STOP, Report
 from fcsv_control.stopping.port import StopAllPort
-from fcsv_geometry import telemetry as tm
-from fcsv_geometry.arrivals import RELAY
 from fcsv_geometry.home import HomeFrames
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.streams.arrivals import RELAY
+from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_sim.rehearsal.board import WALL_S
 from fcsv_sim.rehearsal.pairs import PairCheck
 from fcsv_sim.rehearsal.radio import CRITICAL_S, Radio
 from fcsv_sim.rehearsal.tag_camera import TagCamera
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
-from fcsv_tracking.calibration import CalibrationRules
-from fcsv_tracking.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
-from fcsv_tracking.clocks import ClockOffset, VehicleClock
+from fcsv_tracking.column.calibration import CalibrationRules
+from fcsv_tracking.column.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
+from fcsv_tracking.devices.clocks import ClockOffset, VehicleClock
 
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
 _POSE_CALIBRATES_S = 0.02  # the radio carries 30 poses a second; where nobody needs them all, every third is sent

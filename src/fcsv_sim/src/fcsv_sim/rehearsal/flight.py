@@ -7,7 +7,7 @@ from typing import Callable, Dict, List, Optional, Sequence
 
 import numpy as np
 
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_sim.people.operator import ButtonPresser, Field, Pilot
 from fcsv_sim.rehearsal.calm import Calm
 from fcsv_sim.rehearsal.control import ControlPc

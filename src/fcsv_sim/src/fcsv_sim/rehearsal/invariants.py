@@ -11,7 +11,7 @@ import numpy as np
 
 from fcsv_control.mission.routes import distance_to_segments
 from fcsv_control.mission.standing import CaptureWindow
-from fcsv_geometry.mission import StereoConfiguration
+from fcsv_geometry.missions.mission import StereoConfiguration
 from fcsv_sim.autopilot import modes
 
 CONTACT, DOWNWASH, BENEATH, TOUCH_DOWN = "contact", "downwash", "beneath", "touch-down"

@@ -9,7 +9,7 @@ from fcsv_geometry import transforms
 from fcsv_sim.rehearsal.radio import Radio
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 from fcsv_sim.sensors.pair_scene import FOCAL_PX, NOISE_PX, MatchedScene
-from fcsv_stereo import pair_check
+from fcsv_stereo.in_flight import pair_check
 
 _EVERY_S, _TAKES_S = 0.5, 0.5  # pictures on their way, and looked at
 

@@ -6,7 +6,7 @@ from typing import Callable, List, Sequence
 from fcsv_control.agent.messages import SetPoint
 from fcsv_control.flight.messages import PoseFed
 from fcsv_control.ports import Port
-from fcsv_geometry.telemetry import SceneLook
+from fcsv_geometry.vehicles.telemetry import SceneLook
 
 _TOPICS = (PoseFed, SetPoint, SceneLook)  # of which a process that was stopped reads the newest message
 _MOST_UNREAD = 2000  # what a socket keeps of a line that nobody reads

@@ -5,9 +5,9 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry import transforms
-from fcsv_geometry.arrivals import RELAY
+from fcsv_geometry.streams.arrivals import RELAY
+from fcsv_geometry.vehicles import telemetry as tm
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
 from fcsv_tracking.tags import corner_points
 

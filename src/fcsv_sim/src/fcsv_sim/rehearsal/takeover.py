@@ -6,8 +6,8 @@ from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_geometry.mission import Mission
-from fcsv_geometry.phases import PHASES
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.missions.phases import PHASES
 from fcsv_sim.autopilot import modes
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.hands import HandsOn

@@ -10,8 +10,8 @@ from fcsv_control.agent.core import AgentRules
 from fcsv_control.guardian.port import TrackerConfidence
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
-from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer

@@ -10,7 +10,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.render import compiled
 from fcsv_sim.render.light import SUN, haze, respond
 from fcsv_sim.render.tag import tag_bitmap
@@ -111,7 +111,7 @@ def draw_bodies(bodies: Sequence[Drawn], T_world_cam: np.ndarray, camera: Pinhol
 
 
 def _draw_thing(thing: BoxedThing, T_cam_body, camera, directions, exposure, values, depth) -> None:
-    """As a body without rotors and tag: their windows are empty."""
+    """Draws it as a body without rotors and tag: their windows are empty."""
     windows = _windows(T_cam_body, _box_corners(thing.boxes), camera)
     if windows is None:
         return

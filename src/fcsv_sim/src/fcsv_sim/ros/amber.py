@@ -10,7 +10,7 @@ from fcsv_msgs.srv import AcceptLine
 
 
 def accept_amber(names: Sequence[str]) -> rospy.Subscriber:
-    """From now on, those of ``names`` wherever they are amber."""
+    """Accepts, from now on, those of ``names`` wherever they are amber."""
     accept = rospy.ServiceProxy("/flight_check/accept", AcceptLine)
 
     def on_check(message: FlightCheck) -> None:

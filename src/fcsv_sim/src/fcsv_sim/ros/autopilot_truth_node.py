@@ -39,7 +39,7 @@ class AutopilotTruthNode:
         self._writer = TruthWriter(p.sim_dir, p.vehicle)
 
     def spin(self) -> None:
-        """Until ROS shuts the node down."""
+        """Runs until ROS shuts the node down."""
         heard_s = time.monotonic()
         while not rospy.is_shutdown():
             message = self._line.receive(0.05)

@@ -14,7 +14,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_msgs.msg import RecorderStatus
 from fcsv_sim.render.renderer import require_samples
 from fcsv_sim.sensors import trigger
@@ -33,8 +33,8 @@ _CATCH_UP = 3
 
 @dataclass(frozen=True)
 class CameraNodeParameters:
-    """As given to the node. Pictures have ``samples`` (as in Renderer) while this vehicle's recorder takes pictures,
-    ``preview_samples`` while it says that it does not, ``samples`` where there is no recorder.
+    """Holds the parameters as given to the node. Pictures have ``samples`` (as in Renderer) while this vehicle's
+    recorder takes pictures, ``preview_samples`` while it says that it does not, ``samples`` where there is no recorder.
 
     The rate goes before the finish: a machine that falls behind gets some pictures of ``preview_samples``.
     """

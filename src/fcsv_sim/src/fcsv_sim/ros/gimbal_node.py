@@ -68,7 +68,7 @@ class GimbalNode:
             self._loop.pass_once()
 
     def spin(self) -> None:
-        """Until ROS shuts the node down."""
+        """Runs until ROS shuts the node down."""
         due_s, period_s = time.time(), 1.0 / self._parameters.camera.rate_hz
         while not rospy.is_shutdown():
             due_s = max(due_s + period_s, time.time() - 0.5 * period_s)

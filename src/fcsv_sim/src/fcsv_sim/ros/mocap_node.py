@@ -53,7 +53,7 @@ class MocapNode:
         self._places = {n: rospy.Publisher(f"/mocap/{n}/ground_pose", Pose2D, queue_size=50) for n in p.vehicles}
 
     def spin(self) -> None:
-        """Until ROS shuts the node down."""
+        """Runs until ROS shuts the node down."""
         due_s = time.time()
         while not rospy.is_shutdown():
             due_s = max(due_s + 1.0 / self._parameters.rate_hz, time.time() - 0.05)

@@ -9,7 +9,7 @@ from typing import Dict, List, Tuple
 import rospy
 
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import MissionState

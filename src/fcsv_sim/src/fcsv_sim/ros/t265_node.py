@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
 from fcsv_geometry.ros import conversions, node
-from fcsv_geometry.tracker import load_profile
+from fcsv_geometry.vehicles.tracker import load_profile
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.truth import TruthReader
 

@@ -30,7 +30,7 @@ class TelloDroneNode:
         rospy.Subscriber("~battery_percent", Float64, self._on_battery, queue_size=1)
 
     def spin(self) -> None:
-        """Until ROS shuts the node down."""
+        """Runs until ROS shuts the node down."""
         with self._open:
             run(self._shell, rospy.is_shutdown)
 

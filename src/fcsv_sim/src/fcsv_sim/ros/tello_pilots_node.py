@@ -18,12 +18,12 @@ from sensor_msgs.msg import Joy
 from fcsv_control.tello.pid import PidConfig
 from fcsv_geometry import config
 from fcsv_geometry.errors import GeometryError
-from fcsv_geometry.mission import load_mission
+from fcsv_geometry.missions.mission import load_mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import LinkHealth, MissionState
 from fcsv_msgs.srv import Proceed
-from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Act, Finger, Hands, Screen
+from fcsv_sim.people.tello_hands import LAND, TAKE_OFF, Act, Finger, Screen, TelloHands
 from fcsv_sim.ros.amber import accept_amber
 from mavros_msgs.msg import State
 from mavros_msgs.srv import CommandTOL, SetMode
@@ -57,7 +57,7 @@ class TelloPilotsNode:
     def __init__(self):
         p = self._parameters = node.parameters(TelloPilotsParameters)
         gains, height_m = config.load(p.gains, PidConfig), load_mission(p.mission).home_height_m
-        self._hands = {n: Hands(gains, height_m, p.sway_m) for n in p.vehicles}
+        self._hands = {n: TelloHands(gains, height_m, p.sway_m) for n in p.vehicles}
         self._screens: Dict[str, Screen] = {n: Screen() for n in p.vehicles}
         self._finger, self._mission, self._lock = Finger(), MissionState(), threading.Lock()
         self._health = Health("pilots", {"sticks": p.rate_hz / 3.0})

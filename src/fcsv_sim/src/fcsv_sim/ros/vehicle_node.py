@@ -51,7 +51,7 @@ class VehicleNode:
         self._vehicle = SimulatedVehicle(parameters, time.time())
 
     def spin(self) -> None:
-        """Until ROS shuts the node down."""
+        """Runs until ROS shuts the node down."""
         while not rospy.is_shutdown():
             self._vehicle.advance_to(time.time())
             time.sleep(max(0.001, self._vehicle.next_pass_s - time.time()))

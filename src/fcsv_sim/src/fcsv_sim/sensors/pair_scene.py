@@ -19,7 +19,8 @@ _MOVED_M = 1.0  # then other points are matched
 
 
 class MatchedScene:
-    """Of the cameras whose scenes are ``a`` and ``b``: where one shows too little texture the pair does."""
+    """Matches points of the cameras whose scenes are ``a`` and ``b``: where one shows too little texture the pair
+    does."""
 
     def __init__(self, a: SimulatedScene, b: SimulatedScene, seed: int):
         self._random = np.random.default_rng([seed, 6])

@@ -8,7 +8,7 @@ import cv2
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.vehicle import load_vehicles
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, Shot, SimulatedCamera

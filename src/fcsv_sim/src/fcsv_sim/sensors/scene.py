@@ -12,7 +12,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import rotations, transforms
-from fcsv_tracking.scene_motion import SceneLook, look, outlived
+from fcsv_tracking.scene.scene_motion import SceneLook, look, outlived
 
 _POINTS, _POINTS_OF_LITTLE_TEXTURE, _LITTLE_TEXTURE = 60, 10, 1.0 / 7.0
 FIELD = np.array([0.53, 0.4])  # tangents of the half angles of view: 56 degrees wide
@@ -36,7 +36,7 @@ class SimulatedScene:
         self.begin_again()
 
     def begin_again(self) -> None:
-        """As SceneWatch's."""
+        """Begins anew, as SceneWatch's."""
         self._then: Optional[Tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = None
 
     def see(

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from fcsv_geometry import rotations
-from fcsv_geometry.tracker import TrackerProfile
+from fcsv_geometry.vehicles.tracker import TrackerProfile
 
 _TAKEOFF_HEIGHT_M = 0.3  # above the ground, where it may jump
 

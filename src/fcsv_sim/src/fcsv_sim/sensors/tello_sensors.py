@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
-from fcsv_geometry.flow import RateGate
+from fcsv_geometry.streams.flow import RateGate
 
 _G = np.array([0.0, 0.0, -9.81])
 
@@ -78,7 +78,7 @@ class TelloSensors:
         self._yaw += self._random.uniform(0.5, 2.0)
 
     def advance(self, stamp_s: float, T_world_body: np.ndarray, v_world_mps: np.ndarray) -> List[TelloSample]:
-        """At most one packet."""
+        """Gives at most one packet."""
         before, self._before = self._before, (stamp_s, T_world_body, np.array(v_world_mps))
         if before is None:
             self._gate.take(stamp_s)

@@ -24,7 +24,7 @@ class BatteryRules:
             raise ValueError(f"hover_s: {self.hover_s} must be positive")
 
 
-class Battery:
+class TelloBattery:
     """drain() as time passes."""
 
     def __init__(self, rules: BatteryRules):
@@ -34,7 +34,7 @@ class Battery:
         self._load = 0.0
 
     def change(self, percent: float) -> None:
-        """For another one. Raises ValueError where there is none such."""
+        """Exchanges the battery for another one. Raises ValueError where there is none such."""
         if not 0.0 <= percent <= 100.0:
             raise ValueError(f"percent: {percent} must be 0 to 100")
         self._percent = percent
@@ -46,7 +46,7 @@ class Battery:
 
     @property
     def volts(self) -> float:
-        """Of the cell: falls with its charge and under load."""
+        """Gives the voltage of the cell: falls with its charge and under load."""
         return _EMPTY_V + (_FULL_V - _EMPTY_V) * self._percent / 100.0 - _SAG_V * min(self._load, 2.0)
 
     @property

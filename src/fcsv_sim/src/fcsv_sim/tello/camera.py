@@ -47,7 +47,7 @@ class Camera:
 
     @property
     def pid(self) -> Optional[int]:
-        """Of its process."""
+        """Gives the number of its process."""
         return self._process.pid if self._process else None
 
     def _order(self, now_s: float, drone: TelloDrone) -> None:

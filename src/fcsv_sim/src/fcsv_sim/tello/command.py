@@ -50,7 +50,7 @@ def _parameters(args: argparse.Namespace) -> ProgramParameters:
 
 
 def main(argv=None) -> int:
-    """Until SIGINT or SIGTERM. Exit status 2 where it cannot run."""
+    """Runs until SIGINT or SIGTERM. Exit status 2 where it cannot run."""
     over = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: over.set())

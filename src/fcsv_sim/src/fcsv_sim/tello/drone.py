@@ -8,11 +8,11 @@ from typing import Callable, Dict
 import numpy as np
 
 from fcsv_sim.tello import messages
-from fcsv_sim.tello.battery import Battery
-from fcsv_sim.tello.flight import Felt, Flight
+from fcsv_sim.tello.battery import TelloBattery
+from fcsv_sim.tello.flight import Felt, TelloFlight
 from fcsv_sim.tello.messages import STATUS_OK, STATUS_REFUSED, FlightData, Message
 from fcsv_sim.tello.packets import Packet
-from fcsv_sim.tello.radio import Radio
+from fcsv_sim.tello.radio import SimulatedWifi
 from fcsv_sim.tello.telemetry import Telemetry
 
 _FIRMWARE = "01.04.92.01"
@@ -35,7 +35,7 @@ class DroneParameters:
 class Drone:
     """Everything that a message can ask for; ``felt`` is renewed every pass."""
 
-    def __init__(self, parameters: DroneParameters, flight: Flight, telemetry: Telemetry, radio: Radio):
+    def __init__(self, parameters: DroneParameters, flight: TelloFlight, telemetry: Telemetry, radio: SimulatedWifi):
         self.parameters = parameters
         self.flight, self.telemetry, self.radio = flight, telemetry, radio
         self.felt = Felt(0.0, np.zeros(3), 0.0, False)
@@ -46,7 +46,7 @@ class Drone:
         self._names = {"ssid": parameters.ssid, "password": parameters.password}
 
     @property
-    def battery(self) -> Battery:
+    def battery(self) -> TelloBattery:
         return self.flight.battery
 
     # -- what it says by itself -------------------------------------------------------------------------------------
@@ -72,7 +72,7 @@ class Drone:
     # -- what it is asked -------------------------------------------------------------------------------------------
 
     def handlers(self) -> Dict[int, Callable[[float, Packet], bytes]]:
-        """By message: now (s) and the packet to the payload of the answer."""
+        """Gives the handlers by message: now (s) and the packet to the payload of the answer."""
         text, number, flight = messages.encode_text, self._number, self.flight
         return {
             Message.STICKS: self._on_sticks,

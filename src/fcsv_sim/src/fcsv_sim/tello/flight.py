@@ -13,8 +13,8 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
-from fcsv_sim.tello.battery import Battery
-from fcsv_sim.tello.messages import FlyMode, Sticks
+from fcsv_sim.tello.battery import TelloBattery
+from fcsv_sim.tello.messages import FlyMode, TelloSticks
 
 G_MPS2 = 9.81
 LANDED, TAKING_OFF, FLYING, LANDING = "LANDED", "TAKE_OFF", "FLY", "LAND"
@@ -53,16 +53,16 @@ class Felt:
     sees_ground: bool
 
 
-class Flight:
+class TelloFlight:
     """Commands as they come; decide() every pass gives roll, pitch (rad), yaw rate (rad/s), thrust (share)."""
 
-    def __init__(self, rules: FlightRules, battery: Battery, hover_thrust: float, now_s: float):
+    def __init__(self, rules: FlightRules, battery: TelloBattery, hover_thrust: float, now_s: float):
         self.rules, self.battery = rules, battery
         self._hover = hover_thrust
         self.state = LANDED
         self.height_limit_m, self.lean_limit_deg = rules.height_limit_m, rules.lean_limit_deg
         self._heard_s, self._flown_s = now_s, 0.0
-        self._sticks: List[Tuple[float, Sticks]] = []
+        self._sticks: List[Tuple[float, TelloSticks]] = []
         self._hold_m: Optional[float] = None
         self._climb_integral = 0.0
         self._trim_mps2 = np.zeros(2)  # against wind, in the world
@@ -84,7 +84,7 @@ class Flight:
         return self._hold_m is not None and self.state == FLYING and not self._moved
 
     def mode(self, felt: Felt) -> FlyMode:
-        """As the flight data names it."""
+        """Names the mode as the flight data names it."""
         if self.state in (TAKING_OFF, LANDING):
             return FlyMode.TAKE_OFF if self.state == TAKING_OFF else FlyMode.LANDING
         return FlyMode.POSITION if felt.sees_ground or not self.flying else FlyMode.ATTITUDE
@@ -112,10 +112,10 @@ class Flight:
             self.state, self._hold_m = FLYING, None
 
     def stop_motors(self) -> None:
-        """At once, also in the air."""
+        """Stops the motors at once, also in the air."""
         self.state, self.why_landing = LANDED, "motors stopped"
 
-    def sticks(self, now_s: float, sticks: Sticks) -> None:
+    def sticks(self, now_s: float, sticks: TelloSticks) -> None:
         self._sticks = [*self._sticks[-20:], (now_s + self.rules.stick_delay_s, sticks)]
 
     # -- every pass -------------------------------------------------------------------------------------------------
@@ -126,7 +126,7 @@ class Flight:
         if not self.flying:
             return OFF
         self._flown_s += dt_s
-        sticks = self._now(now_s) if self.state == FLYING else Sticks()
+        sticks = self._now(now_s) if self.state == FLYING else TelloSticks()
         self._moved = any(self._axis(s) for s in (sticks.roll, sticks.pitch, sticks.throttle, sticks.yaw))
         lift = self._lift(self._climb(sticks, felt), dt_s, felt)
         forward, right = self._level(sticks, felt, dt_s)
@@ -148,11 +148,11 @@ class Flight:
         if self.state == LANDING and on_ground:
             self.state = LANDED
 
-    def _now(self, now_s: float) -> Sticks:
+    def _now(self, now_s: float) -> TelloSticks:
         """The sticks that count now; those that are not repeated are let go."""
         due = [(s, k) for s, k in self._sticks if s <= now_s]
         if not due or now_s - due[-1][0] > self.rules.let_go_s:
-            return Sticks()
+            return TelloSticks()
         return due[-1][1]
 
     def _axis(self, value: float) -> float:
@@ -162,7 +162,7 @@ class Flight:
 
     # -- up and down ------------------------------------------------------------------------------------------------
 
-    def _climb(self, sticks: Sticks, felt: Felt) -> float:
+    def _climb(self, sticks: TelloSticks, felt: Felt) -> float:
         """Climb rate (m/s) that is wanted; a height is held where nobody asks for one."""
         if self.state == TAKING_OFF:
             return self.rules.take_off_mps
@@ -185,7 +185,7 @@ class Flight:
 
     # -- level ------------------------------------------------------------------------------------------------------
 
-    def _level(self, sticks: Sticks, felt: Felt, dt_s: float) -> Tuple[float, float]:
+    def _level(self, sticks: TelloSticks, felt: Felt, dt_s: float) -> Tuple[float, float]:
         """Lean forward and to the right (rad)."""
         c, s = math.cos(felt.yaw_rad), math.sin(felt.yaw_rad)
         axes = np.array([[c, s], [s, -c]])  # forward and right in the world

@@ -8,7 +8,7 @@ answered with its own number and sequence and one byte, 0 where it was done.
 import struct
 from typing import Callable, Dict, List, Optional, Tuple
 
-from fcsv_geometry.flow import DropCounter, RateGate
+from fcsv_geometry.streams.flow import DropCounter, RateGate
 from fcsv_sim.tello import log, messages
 from fcsv_sim.tello.drone import Drone
 from fcsv_sim.tello.messages import STATUS_REFUSED, Message
@@ -24,7 +24,7 @@ _TELLS = ((Message.FLIGHT, 10.0), (Message.WIFI, 2.0), (Message.LIGHT, 1.0))
 _UNANSWERED = frozenset({Message.STICKS, Message.LOG_HEADER, Message.TIME})
 
 
-class Link:
+class SimulatedTelloLink:
     """take() what arrives, step() every pass; outgoing() is what the client gets."""
 
     def __init__(self, drone: Drone):

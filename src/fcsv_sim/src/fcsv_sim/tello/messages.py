@@ -64,7 +64,7 @@ class FlyMode(IntEnum):
 
 
 @dataclass(frozen=True)
-class Sticks:
+class TelloSticks:
     """-1..1 each: roll to the right, pitch forward, throttle up, yaw to the right; the switch for fast mode."""
 
     roll: float = 0.0
@@ -113,7 +113,7 @@ def encode_connected(video_port: int) -> bytes:
     return CONNECTED + struct.pack("<H", video_port)
 
 
-def decode_sticks(payload: bytes) -> Sticks:
+def decode_sticks(payload: bytes) -> TelloSticks:
     """Sticks of a payload of 6 bytes and more (a clock follows). Raises ValueError where it is shorter.
 
     Four axes of 11 bits, 1024 in the middle, 660 to either side; bit 44 is the fast mode.
@@ -122,7 +122,7 @@ def decode_sticks(payload: bytes) -> Sticks:
         raise ValueError(f"sticks of {len(payload)} bytes; 6 are needed")
     packed = int.from_bytes(payload[:6], "little")
     axes = [((packed >> shift & _AXIS) - _CENTRE) / _THROW for shift in (0, 11, 22, 33)]
-    return Sticks(*(min(1.0, max(-1.0, axis)) for axis in axes), bool(packed >> 44 & 1))
+    return TelloSticks(*(min(1.0, max(-1.0, axis)) for axis in axes), bool(packed >> 44 & 1))
 
 
 def encode_flight(data: FlightData) -> bytes:

@@ -22,8 +22,9 @@ _numbers = itertools.count(1)
 
 
 @dataclass(frozen=True)
-class Place:
-    """Of one Tello. ``network``: empty on loopback; ``port``: its own, ``client_port`` that of who flies it."""
+class TelloPlace:
+    """Names the place of one Tello. ``network``: empty on loopback; ``port``: its own, ``client_port`` that of who
+    flies it."""
 
     network: str = ""
     address: str = ADDRESS
@@ -45,7 +46,7 @@ class Place:
 
 
 @contextlib.contextmanager
-def places(vehicles: Sequence[str]) -> Iterator[Tuple[Dict[str, Place], str]]:
+def places(vehicles: Sequence[str]) -> Iterator[Tuple[Dict[str, TelloPlace], str]]:
     """A place for each, as long as the block runs; and what is to be said of them, empty where all is as it should be.
 
     The namespaces outlive a Tello that is switched off and on again.
@@ -58,9 +59,9 @@ def places(vehicles: Sequence[str]) -> Iterator[Tuple[Dict[str, Place], str]]:
         stems = {v: f"fcsv-{os.getpid()}-place{next(_numbers)}-{v}" for v in vehicles}
         for stem in stems.values():
             made.enter_context(namespaces.named(stem, ADDRESS, PILOT_ADDRESS))
-        yield {v: Place(stem) for v, stem in stems.items()}, ""
+        yield {v: TelloPlace(stem) for v, stem in stems.items()}, ""
 
 
-def _on_loopback() -> Place:
+def _on_loopback() -> TelloPlace:
     port, client, video = (free_port(socket.SOCK_DGRAM) for _ in range(3))
-    return Place("", "127.0.0.1", port, client, video)
+    return TelloPlace("", "127.0.0.1", port, client, video)

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field
 from typing import Iterator
 
-from fcsv_geometry import netns
+from fcsv_geometry.programs import netns
 from fcsv_sim.machines import namespaces
 from fcsv_sim.tello.camera import Camera
 from fcsv_sim.tello.pictures import Task, VideoParameters

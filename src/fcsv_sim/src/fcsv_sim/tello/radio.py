@@ -18,7 +18,8 @@ _STRONGEST = 90  # the most that the real one says
 
 @dataclass(frozen=True)
 class RadioParameters:
-    """Of both ways. ``cuts``: pairs of start and length (s) after the start, in which nothing passes."""
+    """Describes the radio of both ways. ``cuts``: pairs of start and length (s) after the start, in which nothing
+    passes."""
 
     least_delay_s: float = 0.0025
     mean_delay_s: float = 0.024  # beyond the least
@@ -32,7 +33,7 @@ class RadioParameters:
             raise ValueError("radio: delays must not be negative, loss must be 0 to 1")
 
 
-class Radio:
+class SimulatedWifi:
     """Two queues: send() puts a packet on its way, arrived() gives those whose time has come, in order."""
 
     def __init__(self, parameters: RadioParameters, seed: int, now_s: float):

@@ -7,11 +7,11 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import rotations, transforms
-from fcsv_sim.tello.battery import Battery, BatteryRules
+from fcsv_sim.tello.battery import BatteryRules, TelloBattery
 from fcsv_sim.tello.drone import Drone, DroneParameters
-from fcsv_sim.tello.flight import Felt, Flight, FlightRules
-from fcsv_sim.tello.link import Address, Link
-from fcsv_sim.tello.radio import Radio, RadioParameters
+from fcsv_sim.tello.flight import Felt, FlightRules, TelloFlight
+from fcsv_sim.tello.link import Address, SimulatedTelloLink
+from fcsv_sim.tello.radio import RadioParameters, SimulatedWifi
 from fcsv_sim.tello.telemetry import Telemetry, TelemetryParameters
 from fcsv_sim.truth import TruthWriter
 from fcsv_sim.vehicles.dynamics import Airframe, Quadrotor
@@ -24,7 +24,8 @@ _HEIGHT_NOISE_M = 0.01
 
 @dataclass(frozen=True)
 class TelloDroneParameters:
-    """Of one simulated Tello; start: x, y, z (m) and yaw (rad) in the world; ``pilot_xyz_m``: who has its Wi-Fi."""
+    """Holds the parameters of one simulated Tello; start: x, y, z (m) and yaw (rad) in the world; ``pilot_xyz_m``: who
+    has its Wi-Fi."""
 
     vehicle: str
     sim_dir: str
@@ -53,11 +54,11 @@ class TelloDrone(SteppedBody):
         self._p = p
         self._random = np.random.default_rng([p.seed, 41])
         self._bias_mps = p.flow_bias_mps * self._random.standard_normal(2)
-        self.flight = Flight(p.flight, Battery(p.battery), body.hover_thrust, now_s)
+        self.flight = TelloFlight(p.flight, TelloBattery(p.battery), body.hover_thrust, now_s)
         self.telemetry = Telemetry(p.telemetry, p.seed, now_s - _BOOT_S)
-        self.radio = Radio(p.radio, p.seed, now_s)
+        self.radio = SimulatedWifi(p.radio, p.seed, now_s)
         self.drone = Drone(p.drone, self.flight, self.telemetry, self.radio)
-        self.link = Link(self.drone)
+        self.link = SimulatedTelloLink(self.drone)
 
     @property
     def now_s(self) -> float:

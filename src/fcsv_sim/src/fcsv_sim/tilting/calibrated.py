@@ -29,7 +29,8 @@ def T_rig_board(station: int) -> np.ndarray:
 
 
 def board_views(rig: SimulatedRig, board: TagBoard, seed: int) -> List[BoardView]:
-    """Of every station, angle and side: the tags that are whole in the picture, corners with noise, angles as read."""
+    """Gives views of every station, angle and side: the tags that are whole in the picture, corners with noise, angles
+    as read."""
     random, views = np.random.default_rng([seed, 8]), []
     points = np.concatenate([board.corners(board.first_id + i) for i in range(board.columns * board.rows)])
     for station in range(len(STATIONS)):
@@ -49,5 +50,5 @@ def board_views(rig: SimulatedRig, board: TagBoard, seed: int) -> List[BoardView
 
 
 def calibrate_simulated(rig: SimulatedRig, seed: int = 1) -> TiltSolution:
-    """From its file to what was found; the rig itself is left as it was told. Raises CalibrationRefused."""
+    """Leads from its file to what was found; the rig itself is left as it was told. Raises CalibrationRefused."""
     return calibrate(rig.told, board_views(rig, TagBoard(), seed))

@@ -9,8 +9,9 @@ from typing import Tuple
 import cv2
 import numpy as np
 
-from fcsv_sim.tilting.trial import Outcome, right_pixels
-from fcsv_stereo import monitoring, pipeline
+from fcsv_sim.tilting.trial import PairOutcome, right_pixels
+from fcsv_stereo import pipeline
+from fcsv_stereo.in_flight import monitoring
 from fcsv_stereo.model import MapResult
 
 RANGE_M = (0.3, 20.0)  # of the colours, as launch/tilting.launch has it
@@ -26,8 +27,9 @@ class LiveDepth:
     took_s: float
 
 
-def live_depths(folder: Path, outcome: Outcome) -> Tuple[LiveDepth, LiveDepth]:
-    """Without bars and with them, as ``live_map`` makes them in between refinements: poses are the rig's own.
+def live_depths(folder: Path, outcome: PairOutcome) -> Tuple[LiveDepth, LiveDepth]:
+    """Maps the pair without bars and with them, as ``live_map`` makes them in between refinements: poses are the rig's
+    own.
 
     ``folder`` holds the pair of ``outcome`` (``shots.take``). Raises StereoError where there is no depth.
     """
@@ -47,7 +49,7 @@ def live_depths(folder: Path, outcome: Outcome) -> Tuple[LiveDepth, LiveDepth]:
     return found[0], found[1]
 
 
-def write_live(outcome: Outcome, depths: Tuple[LiveDepth, LiveDepth], file: Path) -> None:
+def write_live(outcome: PairOutcome, depths: Tuple[LiveDepth, LiveDepth], file: Path) -> None:
     """Both as /map/monitor shows them, one above the other."""
     rows = []
     for depth, name in zip(depths, ("without bars", "with bars")):

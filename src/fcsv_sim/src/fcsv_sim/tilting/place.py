@@ -24,7 +24,7 @@ _SAME_DEPTH_M = 2e-3
 
 
 @dataclass(frozen=True)
-class View:
+class RenderedView:
     """A picture (H,W,3 uint8 RGB), its true depth (H,W float32, m, NaN for the sky), and which pixels are the
     thing's (H,W bool)."""
 
@@ -34,7 +34,7 @@ class View:
 
 
 @dataclass
-class Place:
+class TiltingPlace:
     """The world, made once; ``seed`` is of the noise of pictures."""
 
     seed: int = 1
@@ -64,13 +64,13 @@ class Place:
         x, y, z = _AT[thing]
         return transforms.transform(np.eye(3), [x - distance_m, y, z])
 
-    def photograph(self, thing: str, T_world_cam: np.ndarray, camera: PinholeCamera, number: int = 0) -> View:
-        """As a camera with noise, blur and vignetting takes it; ``number`` distinguishes noises."""
+    def photograph(self, thing: str, T_world_cam: np.ndarray, camera: PinholeCamera, number: int = 0) -> RenderedView:
+        """Takes a picture as a camera with noise, blur and vignetting takes it; ``number`` distinguishes noises."""
         sensor = _Sensor(self._renderer, camera, self.seed * 1000 + number)
         image, depth = sensor.shoot(T_world_cam)
         alone = self.depth_of(thing, T_world_cam, camera)
         with np.errstate(invalid="ignore"):
-            return View(image, depth, np.abs(alone - depth) < _SAME_DEPTH_M)
+            return RenderedView(image, depth, np.abs(alone - depth) < _SAME_DEPTH_M)
 
     def depth_of(self, thing: str, T_world_cam: np.ndarray, camera: PinholeCamera) -> np.ndarray:
         """(H,W) m along the optical axis of the thing alone, infinite elsewhere."""

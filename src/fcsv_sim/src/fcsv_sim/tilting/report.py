@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter
 from PIL import Image
 
-from fcsv_sim.tilting.trial import Outcome
+from fcsv_sim.tilting.trial import PairOutcome
 
 HEAD = ("thing", "distance", "inward", "shown", "covered", "within 10 %", "without bars", "within 2.12", "median error",
         "2.12, 1 px", "poses", "by the drawing")  # fmt: skip
@@ -23,7 +23,7 @@ _NAMES = {False: "parallel", True: "tilted"}
 _NONE = "#20242b"
 
 
-def table(outcomes: Sequence[Outcome]) -> List[str]:
+def table(outcomes: Sequence[PairOutcome]) -> List[str]:
     """Lines of Markdown, one row each; what stands as it did (parallel beyond a distance) has one row."""
     lines = [f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD)]
     for o in outcomes:
@@ -38,7 +38,7 @@ def table(outcomes: Sequence[Outcome]) -> List[str]:
     return lines
 
 
-def write_curves(outcomes: Sequence[Outcome], file: Path) -> None:
+def write_curves(outcomes: Sequence[PairOutcome], file: Path) -> None:
     """Share within 10 % and median error over the distance, beside equation 2.12; a column for each thing."""
     things = list(dict.fromkeys(o.thing for o in outcomes))
     figure, axes = plt.subplots(2, len(things), figsize=(4.0 * len(things), 6.0), squeeze=False, sharex=True,
@@ -68,8 +68,9 @@ def write_curves(outcomes: Sequence[Outcome], file: Path) -> None:
     _save(figure, file)
 
 
-def write_pictures(outcomes: Sequence[Outcome], distance_m: float, file: Path) -> None:
-    """Of every thing at one distance, parallel and tilted: the left picture, and depths of the thing alone."""
+def write_pictures(outcomes: Sequence[PairOutcome], distance_m: float, file: Path) -> None:
+    """Writes pictures of every thing at one distance, parallel and tilted: the left picture, and depths of the thing
+    alone."""
     chosen = [o for o in outcomes if o.distance_m == distance_m]
     things = list(dict.fromkeys(o.thing for o in chosen))
     figure, axes = plt.subplots(len(things), 4, figsize=(14.0, 2.75 * len(things)), squeeze=False, layout="constrained")
@@ -89,7 +90,7 @@ def write_pictures(outcomes: Sequence[Outcome], distance_m: float, file: Path) -
 
 
 def _save(figure, file: Path) -> None:
-    """With a palette of 128 colours: a quarter of the size, and no difference to the eye."""
+    """Saves the figure with a palette of 128 colours: a quarter of the size, and no difference to the eye."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=72)
     plt.close(figure)

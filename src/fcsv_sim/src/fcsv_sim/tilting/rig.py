@@ -7,7 +7,7 @@ from typing import Callable, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_sim.gimbal.gimbal import STEP_S, ServoErrors, SimulatedServo
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltAxis, TiltingRig
 
@@ -69,11 +69,11 @@ class SimulatedRig:
 
     @property
     def angles(self) -> TiltAngles:
-        """As the cameras truly stand."""
+        """Gives the angles as the cameras truly stand."""
         return TiltAngles(self._servos[0].angle_rad, self._servos[-1].angle_rad)
 
     def read(self) -> TiltAngles:
-        """As the encoders say."""
+        """Gives the angles as the encoders say."""
         first, last = self._servos[0], self._servos[-1]
         return TiltAngles(first.reading_rad(first.angle_rad), last.reading_rad(last.angle_rad))
 

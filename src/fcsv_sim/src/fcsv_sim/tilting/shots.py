@@ -8,15 +8,17 @@ from typing import Tuple
 import cv2
 import numpy as np
 
-from fcsv_sim.tilting.place import Place, View
+from fcsv_sim.tilting.place import RenderedView, TiltingPlace
 from fcsv_sim.tilting.rig import SimulatedRig
-from fcsv_stereo.colmap import PosedImage
 from fcsv_stereo.photos.models import write_model
-from fcsv_stereo.priors import FILE as PRIORS
+from fcsv_stereo.posed.colmap import PosedImage
+from fcsv_stereo.posed.priors import FILE as PRIORS
 from fcsv_tracking.tilting.rig import SIDES, TiltAngles, TiltingRig
 
 
-def take(place: Place, rig: SimulatedRig, thing: str, distance_m: float, folder: Path) -> Tuple[View, View]:
+def take(
+    place: TiltingPlace, rig: SimulatedRig, thing: str, distance_m: float, folder: Path
+) -> Tuple[RenderedView, RenderedView]:
     """Both pictures as they stand in ``folder`` (images/, cameras.txt, images.txt, priors.csv), left first.
 
     ``home`` is the rig's frame, poses are those of ``rig.told``. The folder must be new.

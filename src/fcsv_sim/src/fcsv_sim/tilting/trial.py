@@ -8,7 +8,7 @@ from typing import Callable, Iterator, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_sim.tilting.place import Place, View
+from fcsv_sim.tilting.place import RenderedView, TiltingPlace
 from fcsv_sim.tilting.rig import SimulatedRig
 from fcsv_sim.tilting.shots import posed_by, take
 from fcsv_stereo import pipeline
@@ -24,7 +24,7 @@ _RIGHT_SHARE = 0.1  # of the depth: what is farther off is wrong
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PairOutcome:
     """One pair of pictures. The thing is its part within 0.15 m of its middle, and 15 % of the distance.
 
     Shares are of its pixels as a picture twice as wide would show them: ``shown`` in the left picture, ``covered``
@@ -48,7 +48,7 @@ class Outcome:
     refused: str
     drawn: float
     unbarred: float
-    view: View
+    view: RenderedView
     depth: np.ndarray
 
 
@@ -56,12 +56,13 @@ def outcomes(
     simulated: SimulatedRig, drawing: TiltingRig, things: Sequence[str],
     distances_m: Sequence[float] = DISTANCES_M, seed: int = 1, folder: Optional[Path] = None,
     rules: Optional[AimRules] = None, say: Callable[[str], None] = lambda _line: None,
-) -> Iterator[Outcome]:  # fmt: skip
-    """Of every thing from every distance, parallel and tilted; the folders that ``map`` reads stay in ``folder``.
+) -> Iterator[PairOutcome]:  # fmt: skip
+    """Gives outcomes of every thing from every distance, parallel and tilted; the folders that ``map`` reads stay in
+    ``folder``.
 
     Poses are those of what the rig is told to be, its calibration; of tilted pairs also those of its ``drawing``.
     """
-    rig, place, rules = simulated.told, Place(seed), rules or AimRules()
+    rig, place, rules = simulated.told, TiltingPlace(seed), rules or AimRules()
     with tempfile.TemporaryDirectory() as scratch:
         for thing in things:
             for distance_m in distances_m:
@@ -81,8 +82,8 @@ def outcomes(
 
 
 def _one(
-    place: Place, rig: SimulatedRig, thing: str, distance_m: float, drawing: Optional[TiltingRig], folder: Path
-) -> Outcome:
+    place: TiltingPlace, rig: SimulatedRig, thing: str, distance_m: float, drawing: Optional[TiltingRig], folder: Path
+) -> PairOutcome:
     """Tilted where there is a drawing to compare with."""
     left, _ = take(place, rig, thing, distance_m, folder)
     plain, depth, refused = map_depth(folder, left.depth.shape)
@@ -101,7 +102,7 @@ def _one(
     if drawing is not None:
         _, by_drawing, _ = map_depth(posed_by(drawing, rig.read(), folder, Path(f"{folder}_drawn")), left.depth.shape)
         drawn = right_pixels(by_drawing, left.depth, part) / pixels
-    return Outcome(
+    return PairOutcome(
         thing, distance_m, drawing is not None, rig.read(), pixels, shown / pixels, error.size / pixels,
         right_pixels(depth, left.depth, part) / pixels, float((error <= bound).sum()) / pixels,
         float(np.median(error)) if error.size else nan, float(np.median(bound)) if error.size else nan, refused, drawn,
@@ -138,7 +139,7 @@ def map_depth(folder: Path, shape: Tuple[int, int]) -> Tuple[np.ndarray, np.ndar
     return nothing, nothing, refused
 
 
-def in_words(o: Outcome) -> str:
+def in_words(o: PairOutcome) -> str:
     """One line for a person."""
     turned = f"{np.degrees(np.mean(o.angles)):4.1f} deg" if o.tilt else "parallel"
     ends = f"error {1e3 * o.error_m:.1f} mm, 2.12 {1e3 * o.bound_m:.1f} mm" if np.isfinite(o.error_m) else ""

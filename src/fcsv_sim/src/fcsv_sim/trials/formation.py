@@ -10,15 +10,15 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
 from fcsv_geometry.trajectory import Trajectory
-from fcsv_geometry.vehicle import Mount, VehicleGeometry
+from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
 from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer
 from fcsv_sim.sensors.camera import CameraParameters, SimulatedCamera
 from fcsv_sim.sensors.t265 import T265
 from fcsv_sim.world.town import Town
-from fcsv_tracking.detection import Detection
+from fcsv_tracking.column.detection import Detection
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, corner_points
 
 _STATE_EVERY = 7  # every which sample of the odometry the radio carries

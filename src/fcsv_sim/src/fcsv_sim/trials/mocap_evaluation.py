@@ -39,7 +39,7 @@ class Record:
 
 
 @dataclass
-class Flight:
+class EvaluatedFlight:
     """All that one flight gave; ``relative`` holds (in view of both, error m, error rad, normalised error)."""
 
     records: Dict[str, List[Record]]
@@ -50,7 +50,7 @@ class Flight:
     wrong_poses: int = 0
 
 
-def in_view(flight: Flight) -> Dict[str, float]:
+def in_view(flight: EvaluatedFlight) -> Dict[str, float]:
     """Errors (m, deg) of poses of both vehicles while in view: rms, 95 %, worst."""
     settled = [r for records in flight.records.values() for r in records if r.settled]
     out = {}
@@ -72,7 +72,7 @@ def normalised(record: Record) -> float:
     return float(error @ np.linalg.solve(record.covariance, error))
 
 
-def normalised_in_view(flight: Flight) -> List[float]:
+def normalised_in_view(flight: EvaluatedFlight) -> List[float]:
     """The middle one of either vehicle: constant errors of a mounting make poses of one flight alike."""
     settled = [[r for r in records if r.settled] for records in flight.records.values()]
     return [normalised(records[len(records) // 2]) for records in settled]
@@ -106,13 +106,13 @@ def truths(seed: int) -> Dict[str, Truth]:
 
 def evaluate(
     seed: int, errors: Optional[FlightErrors] = None, rules: Optional[TrackerRules] = None, hidden=lambda _t_s: ()
-) -> Flight:
+) -> EvaluatedFlight:
     """Fly the pair and follow it."""
     flown = truths(seed)
     errors = errors or FlightErrors()
     system = MocapSystem({n: np.eye(4) for n in flown}, rules)
     watches = {n: _Watch(T, errors) for n, T in flown.items()}
-    flight = Flight({n: w.records for n, w in watches.items()}, [], [], system, flown)
+    flight = EvaluatedFlight({n: w.records for n, w in watches.items()}, [], [], system, flown)
     next_s = 0.0
     for now_s, name, message in mocap_flight.messages(flown, errors, seed, hidden):
         watches[name].hear(message)
@@ -193,7 +193,7 @@ class _Watch:
         return float(np.linalg.norm(moved_O - R_O_world @ (now[:3, 3] - T_left[:3, 3])))
 
 
-def _look_at_both(flight: Flight, now_s: float) -> None:
+def _look_at_both(flight: EvaluatedFlight, now_s: float) -> None:
     try:
         R_M_W, _ = flight.system.level()
     except GeometryError:

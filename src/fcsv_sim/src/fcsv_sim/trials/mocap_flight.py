@@ -52,7 +52,7 @@ class MocapPose:
 
 @dataclass(frozen=True)
 class FlightErrors:
-    """Of both devices."""
+    """Holds the errors of both devices."""
 
     mocap: V120DuoErrors = field(default_factory=V120DuoErrors)
     tello: TelloErrors = field(default_factory=TelloErrors)

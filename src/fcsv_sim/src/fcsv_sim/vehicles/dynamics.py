@@ -163,7 +163,7 @@ class Quadrotor:
 
     @property
     def T_world_body(self) -> np.ndarray:
-        """Without vibration."""
+        """Gives the pose without vibration."""
         if self._T_world_body is None:
             state = self._state.tolist()
             self._T_world_body = transforms.from_xyz_quaternion(state[_P], state[_Q])

@@ -23,7 +23,7 @@ _SUBSTEPS = int(round(PASS_S / STEP_S))
 
 @dataclass(frozen=True)
 class VehicleParameters:
-    """Of one simulated vehicle; start: x, y, z (m) and yaw (rad) in the world."""
+    """Holds the parameters of one simulated vehicle; start: x, y, z (m) and yaw (rad) in the world."""
 
     name: str
     system_id: int

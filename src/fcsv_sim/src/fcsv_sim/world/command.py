@@ -12,8 +12,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.vehicle import Mount, VehicleGeometry
-from fcsv_geometry.writing import in_words
+from fcsv_geometry.programs.writing import in_words
+from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
 from fcsv_sim.errors import SimulationError
 from fcsv_sim.render.bodies import Body
 from fcsv_sim.render.renderer import Renderer

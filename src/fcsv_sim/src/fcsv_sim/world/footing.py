@@ -28,7 +28,7 @@ class Footing:
 
     @classmethod
     def of(cls, plan: PlacePlan, cell_m: float = 0.05) -> "Footing":
-        """Of a place's area."""
+        """Finds the footing of a place's area."""
         x0, x1, y0, y1 = plan.area_m
         x, y = np.meshgrid(np.arange(x0 + cell_m / 2, x1, cell_m), np.arange(y0 + cell_m / 2, y1, cell_m))
         ground = plan.drawn_height(x, y)

@@ -25,7 +25,8 @@ def ground(mesh: MeshBuilder, plan: TownPlan, axes_m: Optional[Tuple[np.ndarray,
 
 
 def foreground(mesh: MeshBuilder, plan: TownPlan, random) -> None:
-    """On the field, 12 to 20 m ahead: a few small trees, bushes, a post; nothing where vehicles fly (x < 11 m)."""
+    """Puts, on the field, 12 to 20 m ahead: a few small trees, bushes, a post; nothing where vehicles fly (x < 11
+    m)."""
     side = random.choice([-1.0, 1.0])
     spots = np.array([[13.2, side * random.uniform(4.6, 5.8)], [17.5, -side * random.uniform(6.5, 9.0)],
                       [20.0, side * random.uniform(12.0, 15.0)]])  # fmt: skip

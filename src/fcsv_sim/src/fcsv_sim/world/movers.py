@@ -30,7 +30,7 @@ class Mover:
 
     @property
     def radius_m(self) -> float:
-        """Of a ball about its origin that holds it."""
+        """Gives the radius of a ball about its origin that holds it."""
         return float(np.linalg.norm(np.abs(self.boxes[:, :3]) + self.boxes[:, 3:6], axis=1).max())
 
     def y_m(self, stamp_s: float) -> Tuple[float, float]:
@@ -49,7 +49,7 @@ class Mover:
 
 
 def things(moving: Sequence[Mover], stamp_s: float) -> List[BoxedThing]:
-    """As the renderer draws them, at a time."""
+    """Gives the things as the renderer draws them, at a time."""
     return [BoxedThing(m.boxes, m.T_world_body(stamp_s), m.radius_m) for m in moving]
 
 
@@ -66,7 +66,7 @@ def mesh(boxes: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def movers(plan: TownPlan) -> List[Mover]:
-    """Of a town; they keep to the road, clear of the cars that are parked at its far side.
+    """Makes the movers of a town; they keep to the road, clear of the cars that are parked at its far side.
 
     Raises SimulationError in a world without a crossing street.
     """

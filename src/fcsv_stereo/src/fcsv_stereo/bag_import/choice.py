@@ -74,7 +74,7 @@ class _Candidates:
         self._stamps_s = np.array([p.stamp_s for p in posed])
 
     def of(self, reference: PosedStamp, count: int) -> List[PosedStamp]:
-        """At most one for each step of the baseline and each axis, the nearest in time to the
+        """Chooses at most one for each step of the baseline and each axis, the nearest in time to the
         reference.
         """
         baselines_m, lengths_m = self._baselines(reference)
@@ -106,7 +106,7 @@ class _Candidates:
         return away_m @ reference.T_world_cam[:3, :3], np.linalg.norm(away_m, axis=1)
 
     def why_none(self, references: Sequence[PosedStamp]) -> str:
-        """In words, why no reference has a partner."""
+        """Says in words, why no reference has a partner."""
         low_m, high_m = (share * self._range_m for share in SHARES)
         said = f"no two pictures make a pair for a scene {self._range_m:g} m away"
         lengths_m = np.concatenate([self._baselines(r)[1] for r in references])
@@ -129,7 +129,7 @@ def overlap(reference: PosedStamp, p: PosedStamp, range_m: float) -> float:
 
 
 def _spread(posed: Sequence[PosedStamp], most: int) -> List[PosedStamp]:
-    """At most so many, evenly over the order."""
+    """Keeps at most so many, evenly over the order."""
     if len(posed) <= most:
         return list(posed)
     return [posed[i] for i in np.linspace(0, len(posed) - 1, most).round().astype(int)]

@@ -11,8 +11,8 @@ from typing import List, Optional
 
 import numpy as np
 
-from fcsv_geometry import commands
-from fcsv_geometry.live_line import LiveLine, Steps
+from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.live_line import LiveLine, Steps
 from fcsv_stereo.bag_import.importing import ImportedBag, import_bag
 from fcsv_stereo.bag_import.request import AXES, CameraRequest, ImportRequest, each
 from fcsv_stereo.errors import InputError

@@ -13,8 +13,7 @@ import numpy as np
 from fcsv_geometry.bags import reading
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import BagError
-from fcsv_geometry.writing import require_folder
-from fcsv_stereo import priors
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_stereo.bag_import import contents
 from fcsv_stereo.bag_import.choice import PosedStamp, choose
 from fcsv_stereo.bag_import.frame_tree import FrameTree
@@ -22,16 +21,17 @@ from fcsv_stereo.bag_import.posing import PosedCamera, PoseSource, pose_all, pos
 from fcsv_stereo.bag_import.recorded import BagContents, BagPass, PictureTopic, stamp_of
 from fcsv_stereo.bag_import.request import CameraRequest, ImportRequest
 from fcsv_stereo.bag_import.tum import read_tum
-from fcsv_stereo.colmap import PosedImage
 from fcsv_stereo.errors import InputError, OutputError
-from fcsv_stereo.exposure import Exposure
+from fcsv_stereo.map_files.staging import StagedFolder, check_new
 from fcsv_stereo.photos.models import write_model
+from fcsv_stereo.posed import priors
+from fcsv_stereo.posed.colmap import PosedImage
+from fcsv_stereo.posed.exposure import Exposure
 from fcsv_stereo.sessions.cameras import timeline
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.pictures import compressed_rgb_of, rgb_of
 from fcsv_stereo.sessions.stamped import Stamped
 from fcsv_stereo.sessions.tracks import track_of
-from fcsv_stereo.staging import StagedFolder, check_new
 
 _OTHER_CLOCK_S = 0.2  # between the lags of pictures and poses: more is no transport
 _ROUNDS = 5  # in which pictures that turn out damaged are replaced
@@ -368,7 +368,7 @@ def _require_one_size(request: ImportRequest, chosen: Sequence[PosedStamp]) -> N
 
 
 def _names(chosen: Sequence[PosedStamp]) -> List[str]:
-    """By camera and in order of time: camera1_02.png."""
+    """Names pictures by camera and in order of time: camera1_02.png."""
     places: Dict[int, List[float]] = {}
     for p in chosen:
         places.setdefault(p.camera, []).append(p.own_stamp_s)

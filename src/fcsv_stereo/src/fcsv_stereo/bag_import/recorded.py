@@ -47,7 +47,7 @@ class PictureTopic:
 
 @dataclass
 class BagContents:
-    """By topic what was recorded; ``lags_s``: by topic the time from each stamp to its recording
+    """Holds by topic what was recorded; ``lags_s``: by topic the time from each stamp to its recording
     (s).
     """
 
@@ -124,7 +124,7 @@ class BagPass:
             self.contents.left_out.add(topic, stamp_s, str(error))
 
     def _take_info(self, path: Path, pictures: PictureTopic, stamp_s: float, message) -> None:
-        """Of rectified pictures P holds, and R turns the camera; of others K and D."""
+        """Takes the intrinsics: of rectified pictures P holds, and R turns the camera; of others K and D."""
         if not base_of(pictures.stamps.topic).rpartition("/")[2].startswith("image_rect"):
             camera = camera_from_info(message)
         else:

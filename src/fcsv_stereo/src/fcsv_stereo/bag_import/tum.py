@@ -11,7 +11,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.text import text_of
+from fcsv_stereo.posed.text import text_of
 
 
 def read_tum(path: Path) -> List[Tuple[float, np.ndarray]]:

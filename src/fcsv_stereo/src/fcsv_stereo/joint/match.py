@@ -14,7 +14,7 @@ from fcsv_stereo.joint.checks.kinds import infinite, kinds
 from fcsv_stereo.joint.checks.reliability import confirmed, is_certain, relied_on, trusted
 from fcsv_stereo.joint.checks.sigma import geometry_sigmas, matching_sigma
 from fcsv_stereo.joint.checks.sky import in_the_skyline, moved_clouds, sky
-from fcsv_stereo.joint.pictures import Pictures, usable
+from fcsv_stereo.joint.pictures import MatchPictures, usable
 from fcsv_stereo.joint.refine.exposure import same_exposure
 from fcsv_stereo.joint.refine.pose_alignment import adjust
 from fcsv_stereo.joint.refine.residuals import detail, residuals, support_bits, without_mean
@@ -24,8 +24,8 @@ from fcsv_stereo.joint.surfaces.select import Map, choose_surfaces, stretched
 from fcsv_stereo.joint.tuning import EVIDENCE, FAR_REMATCH, MATCH, RESIDUALS
 from fcsv_stereo.joint.views import Views, colours, seen_by_any
 from fcsv_stereo.joint.volume.far_rematch import sharpened
-from fcsv_stereo.joint.volume.winner import Coarse, coarse, highest_level, nearest_inverse_depth
-from fcsv_stereo.model import Picture
+from fcsv_stereo.joint.volume.winner import VolumeMatch, highest_level, match_volume, nearest_inverse_depth
+from fcsv_stereo.model import Picture, PoseUncertainty
 from fcsv_stereo.model.kinds import Kind, supported
 
 
@@ -91,31 +91,32 @@ class Suspicion:
     probability: float
     covariances: Sequence[np.ndarray]
 
+    @classmethod
+    def of(cls, poses: Sequence[PoseUncertainty]) -> Optional["Suspicion"]:
+        """That of their focal length; None where it is not in doubt."""
+        probability = max(p.focal_probability for p in poses)
+        return cls(probability, [p.focal / probability for p in poses]) if probability > 0.0 else None
+
 
 def match_jointly(
     reference: Picture,
     others: Sequence[Picture],
     options: Optional[MatchOptions] = None,
-    covariances: Optional[Sequence[Optional[np.ndarray]]] = None,
-    untold: Optional[Sequence[np.ndarray]] = None,
-    suspicion: Optional[Suspicion] = None,
-    in_pixels: Optional[Sequence[Optional[np.ndarray]]] = None,
+    poses: Optional[Sequence[PoseUncertainty]] = None,
 ) -> JointDepth:
-    """Depth of ``reference`` from all ``others``; poses are taken as they are, with their 6x6 ``covariances``.
+    """Depth of ``reference`` from all ``others``; ``poses`` says how well each pose is known (None: exactly).
 
-    ``untold`` (6x6 each) is besides in these poses whatever the pixels say (``RefinedPicture.untold``): it is in sigma,
-    and has no part in whether there is a depth, nor in what speaks for it. A ``suspicion`` has, and is in sigma.
-    ``in_pixels`` (6x6, or None) are the errors of poses by pixels where others are better (``RefinedPicture``): such
-    poses are adjusted as little as that says.
+    What poses share is in sigma, and has no part in whether there is a depth, nor in what speaks for it. A focal length
+    that may be wrong has, and is in sigma. Poses with ``pixel`` errors are adjusted as little as these say.
     Raises MatchingError where no other picture can be used.
     """
     options = options or MatchOptions()
     used, left_out = usable(reference, others)
     if not used:
         raise MatchingError("no picture can be matched: " + "; ".join(left_out.values()))
-    poses = [covariances[i] for i in used] if covariances else None
-    pictures = Pictures.of(reference, [others[i] for i in used], poses, options.adjust_poses)
-    pictures = replace(pictures, in_pixels=[in_pixels[i] if in_pixels else None for i in used])
+    known_poses = [poses[i] for i in used] if poses else None
+    suspicion = Suspicion.of(poses) if poses else None
+    pictures = MatchPictures.of(reference, [others[i] for i in used], known_poses, options.adjust_poses)
     first, *between = _scales(pictures.shape[0] * pictures.shape[1], options)
     with ThreadPoolExecutor(options.threads) as pool:
         pictures, rough = _match_roughly(pictures, first / 2.0, options, pool)
@@ -125,50 +126,51 @@ def match_jointly(
             surfaces = _surfaces_between(pictures, surfaces, levels, scale, options, pool)
         pictures, fine = _at_full_size(pictures, surfaces, levels, known, options, pool)
     del surfaces
-    geometry, off, stays = _by_poses(pictures, fine, suspicion, untold, used)
+    geometry, pose_sigma_share, shared = _by_poses(pictures, fine, suspicion, known_poses, used)
     own_w = matching_sigma(fine, known)
     fine = fine.without_slopes()
     sigma_w = np.hypot(own_w, geometry, out=geometry)
     own_w = sigma_w if options.poses_withhold else own_w
     with ThreadPoolExecutor(options.threads) as pool:
-        kind, columns = _judged(pictures, fine, own_w, known, options, pool, suspicion, off)
+        kind, columns = _judged(pictures, fine, own_w, known, options, pool, suspicion, pose_sigma_share)
     depth, sigma, support = _certain_depth(fine, sigma_w, own_w, reference.blank, options)
-    if stays is not None:
-        sigma = np.hypot(sigma, depth * stays)
+    if shared is not None:
+        sigma = np.hypot(sigma, depth * shared)
     if suspicion:
-        sigma = np.hypot(sigma, depth * np.float32(suspicion.probability**0.5) * off)
+        sigma = np.hypot(sigma, depth * np.float32(suspicion.probability**0.5) * pose_sigma_share)
     if reference.blank is not None:
         kind[reference.blank] = Kind.NOTHING
     return JointDepth(depth, sigma, support, used, left_out, fine, known, pictures.others, kind, columns)
 
 
 def _by_poses(
-    pictures: Pictures, fine: Fine, suspicion: Optional[Suspicion], untold: Optional[Sequence[np.ndarray]],
+    pictures: MatchPictures, fine: Fine, suspicion: Optional[Suspicion], poses: Optional[Sequence[PoseUncertainty]],
     used: Sequence[int],
 ) -> Tuple[np.ndarray, Optional[np.ndarray], Optional[np.ndarray]]:  # fmt: skip
     """HxW float32 each, what errors of the poses make: of inverse depth (1/m) by their covariances; of the depth, as a
-    share of it, by those suspected and those ``untold``, None where there are none."""
+    share of it, by those suspected and those that all share, None where there are none."""
     sets = [pictures.covariances]
-    sets += [[each[i] for i in used] for each in (suspicion and suspicion.covariances, untold) if each]
+    sets += [[suspicion.covariances[i] for i in used]] if suspicion else []
+    sets += [[p.shared for p in poses]] if poses else []
     geometry, *shares = geometry_sigmas(pictures.reference, pictures.others, sets, fine)
     for sigma_w in shares:
         sigma_w /= np.maximum(fine.w, np.float32(1e-9))
-    off = shares.pop(0) if suspicion else None
-    return geometry, off, shares.pop() if untold else None
+    focal = shares.pop(0) if suspicion else None
+    return geometry, focal, shares.pop() if poses else None
 
 
 def _judged(
-    pictures: Pictures, fine: Fine, sigma_w: np.ndarray, known: np.ndarray, options: MatchOptions,
-    pool: ThreadPoolExecutor, suspicion: Optional[Suspicion] = None, off: Optional[np.ndarray] = None,
+    pictures: MatchPictures, fine: Fine, sigma_w: np.ndarray, known: np.ndarray, options: MatchOptions,
+    pool: ThreadPoolExecutor, suspicion: Optional[Suspicion] = None, pose_sigma_share: Optional[np.ndarray] = None,
 ) -> Tuple[np.ndarray, Optional[np.ndarray]]:  # fmt: skip
-    """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that tell it. ``off`` (HxW)
-    is what the suspected poses make of the depth, as a share of it."""
+    """What kind each pixel is of (HxW uint8), and where they are kept the features (HxWxF) that tell it.
+    ``pose_sigma_share`` (HxW) is what the suspected poses make of the depth, as a share of it."""
     full = fine.w.shape
     small = pictures.views(min(1.0, max(EVIDENCE.scale, EVIDENCE.least_width_px / full[1])))
     w = cv2.resize(fine.w, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     here = residuals(small, w, pool)
     colour, seeing = colours(pictures.reference, small.shape), (here.seen > 0).sum(axis=0)
-    heaven = infinite(w, here, colour, ~seen_by_any(small, 0.0), full)
+    is_sky = infinite(w, here, colour, ~seen_by_any(small, 0.0), full)
     out = standing_out(small, w, here, full, pool)
     del small, w, here  # large pictures
     grey = pictures.grey(0)
@@ -180,8 +182,8 @@ def _judged(
     kept = np.stack(list(columns), axis=-1) if options.keep_features else None
     doubts = doubt(columns if kept is None else np.moveaxis(kept, -1, 0))
     if suspicion:
-        doubts += (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(off)
-    kind = kinds(doubts, out, fine.residuals, contrast, heaven, bright)
+        doubts += (1.0 - doubts) * np.float32(suspicion.probability) * chance_of_wrong(pose_sigma_share)
+    kind = kinds(doubts, out, fine.residuals, contrast, is_sky, bright)
     kind[moved_clouds(kind, seeing, colour)] = Kind.SKY
     moves_px = fine.w * fine.residuals.speed.max(axis=0)
     kind[in_the_skyline(kind == Kind.SKY, supported(kind), moves_px, pictures.reference.image)] = Kind.SKY
@@ -192,24 +194,25 @@ def _judged(
 class _Rough:
     """The first match, at half the volume's size, in the pictures ``found``: it bounds the volume's depths."""
 
-    match: Coarse
+    match: VolumeMatch
     found: Views
 
 
 def _scales(pixels: int, options: MatchOptions) -> List[float]:
-    """Of the volume and of those between it and the full size, in even steps, each at most twice the one before."""
+    """Gives the scales of the volume and of those between it and the full size, in even steps, each at most twice the
+    one before."""
     first = min(MATCH.largest_volume, float(np.sqrt(options.volume_pixels / pixels)))
     steps = max(1 if options.stretch else MATCH.least_choices, int(np.ceil(-np.log2(first))))
     return [first ** (1.0 - k / steps) for k in range(steps)]
 
 
 def _match_roughly(
-    pictures: Pictures, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
-) -> Tuple[Pictures, _Rough]:
+    pictures: MatchPictures, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+) -> Tuple[MatchPictures, _Rough]:
     """Every depth at every pixel of small pictures; poses adjusted by it."""
     found = pictures.views(scale)
     everywhere = np.full(found.shape[0], np.inf)
-    match = coarse(found, everywhere, np.inf, options.most_levels, pool, MATCH.rough_step_px)
+    match = match_volume(found, everywhere, np.inf, options.most_levels, pool, MATCH.rough_step_px)
     if pictures.prior:
         known = trusted(match, found, residuals(found, match.w, pool))
         pictures, _ = _with_adjusted_poses(pictures, detail(found), match.w, known, pool)
@@ -217,12 +220,12 @@ def _match_roughly(
 
 
 def _match_in_volume(
-    pictures: Pictures, rough: _Rough, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
-) -> Tuple[Pictures, Map, np.ndarray]:
+    pictures: MatchPictures, rough: _Rough, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+) -> Tuple[MatchPictures, Map, np.ndarray]:
     """The cost volume's map and its levels (1/m); exposures and poses adjusted by it; the sky at infinity."""
     found = pictures.views(scale)
     nearest = nearest_inverse_depth(rough.match, rough.found.reference, found.shape[0])
-    match = coarse(found, nearest, highest_level(rough.match, rough.found), options.most_levels, pool)
+    match = match_volume(found, nearest, highest_level(rough.match, rough.found), options.most_levels, pool)
     w, r = match.w, residuals(found, match.w, pool)
     known = trusted(match, found, r)
     pictures = replace(pictures, exposures=same_exposure(found, w, r, pool))
@@ -235,7 +238,12 @@ def _match_in_volume(
 
 
 def _surfaces_between(
-    pictures: Pictures, coarser: Map, levels: np.ndarray, scale: float, options: MatchOptions, pool: ThreadPoolExecutor
+    pictures: MatchPictures,
+    coarser: Map,
+    levels: np.ndarray,
+    scale: float,
+    options: MatchOptions,
+    pool: ThreadPoolExecutor,
 ) -> Map:
     """Surfaces chosen at a size between, and what of them the pictures confirm."""
     found = pictures.views(scale)
@@ -246,34 +254,34 @@ def _surfaces_between(
 
 
 def _at_full_size(
-    pictures: Pictures, coarser: Map, levels: np.ndarray, known: np.ndarray, options: MatchOptions,
+    pictures: MatchPictures, coarser: Map, levels: np.ndarray, known: np.ndarray, options: MatchOptions,
     pool: ThreadPoolExecutor,
-) -> Tuple[Pictures, Fine]:  # fmt: skip
+) -> Tuple[MatchPictures, Fine]:  # fmt: skip
     """Surfaces chosen, what is far matched again, poses adjusted, and inverse depth between the levels."""
     found = pictures.views(1.0)
-    w, again = _finer(pictures, found, coarser, options.stretch, pool), np.False_
+    w, rematched = _finer(pictures, found, coarser, options.stretch, pool), np.False_
     if not options.stretch:
-        w, again = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
+        w, rematched = sharpened(found, w, options.volume_pixels * options.most_levels, pool)
     if pictures.prior:
         certain = known & is_certain(found, w, residuals(found, w, pool))
         pictures, w = _with_adjusted_poses(pictures, detail(found), w, certain, pool)
         found = found.with_poses(pictures.reference, pictures.others)
-    step = _level_sizes(w, levels) * np.where(again, np.float32(FAR_REMATCH.finer), 1.0)
+    step = _level_sizes(w, levels) * np.where(rematched, np.float32(FAR_REMATCH.finer), 1.0)
     return pictures, refine(found, w, step, options.iterations, pool)
 
 
 def _with_adjusted_poses(
-    pictures: Pictures, details: Views, w: np.ndarray, known: np.ndarray, pool: ThreadPoolExecutor
-) -> Tuple[Pictures, np.ndarray]:
+    pictures: MatchPictures, details: Views, w: np.ndarray, known: np.ndarray, pool: ThreadPoolExecutor
+) -> Tuple[MatchPictures, np.ndarray]:
     """Poses that fit the pictures where ``w`` is ``known`` (HxW), and inverse depth (1/m) with them."""
     others, covariances, w = adjust(
         pictures.reference, pictures.others, pictures.prior, details, w, known, MATCH.pose_steps, pool,
-        pictures.in_pixels,
+        pictures.pixel_errors,
     )  # fmt: skip
     return pictures.posed(others, covariances), w
 
 
-def _finer(pictures: Pictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor) -> np.ndarray:
+def _finer(pictures: MatchPictures, found: Views, coarser: Map, stretch: bool, pool: ThreadPoolExecutor) -> np.ndarray:
     """Inverse depth (HxW, 1/m) in the finer pictures ``found``: surfaces chosen, or interpolated and settled."""
     image = colours(pictures.reference, found.shape, np.int16)  # half the memory
     if not stretch:

@@ -16,7 +16,7 @@ from fcsv_stereo.joint.checks.axis_conflict import doubt_contradicted
 from fcsv_stereo.joint.checks.enough_evidence import require_evidence, why_no_depth
 from fcsv_stereo.joint.checks.kinds import supported_only
 from fcsv_stereo.joint.checks.moved import leave_out_moved
-from fcsv_stereo.joint.match import JointDepth, MatchOptions, Suspicion, match_jointly
+from fcsv_stereo.joint.match import JointDepth, MatchOptions, match_jointly
 from fcsv_stereo.joint.pairs import JointPair, NearestUseful
 from fcsv_stereo.joint.tuning import PAIRS
 from fcsv_stereo.model import (
@@ -30,15 +30,16 @@ from fcsv_stereo.model import (
     Method,
     Picture,
     PosePrior,
+    PoseUncertainty,
     Progress,
     Reference,
     silent,
 )
 from fcsv_stereo.pose_covariance import of_scale, prior_covariance
+from fcsv_stereo.posed.rig import rig_hint, rig_words
+from fcsv_stereo.posed.unit_of_length import in_metres, in_unit, unit_of
 from fcsv_stereo.refinement import METRIC, KnownFeatures, RefinedPicture, RefineOptions, refine
 from fcsv_stereo.refinement.turning import most_turn_rad
-from fcsv_stereo.rig import rig_hint, rig_words
-from fcsv_stereo.unit_of_length import in_metres, in_unit, unit_of
 
 _MONITORED_PIXELS = 640 * 480
 
@@ -71,7 +72,7 @@ class JointOptions:
             raise InputError(f"most_pixels is {self.most_pixels}; depth needs 1000 pixels at least")
 
     def scale_of(self, pixels: int) -> float:
-        """At which share of its size (0 to 1) a reference picture of so many ``pixels`` is matched.
+        """Says at which share of its size (0 to 1) a reference picture of so many ``pixels`` is matched.
 
         >>> [JointOptions(most_pixels=307200).scale_of(n) for n in (307200, 4 * 307200)]
         [1.0, 0.5]
@@ -108,26 +109,27 @@ class Joint(Method):
 
     @property
     def monitor(self) -> JointOptions:
-        """As ``quick``, with a volume in which a walker at 20 m is 6 pixels wide (4 are lost before a car), and large
-        pictures made smaller: what each image costs does not grow with the camera's size (docs/lab/at_once.md)."""
+        """Gives options as ``quick``, with a volume in which a walker at 20 m is 6 pixels wide (4 are lost before a
+        car), and large pictures made smaller: what each image costs does not grow with the camera's size
+        (docs/lab/at_once.md)."""
         matching = replace(self.quick.matching, volume_pixels=40000)
         return replace(self.quick, matching=matching, most_pixels=_MONITORED_PIXELS)
 
     @property
     def complete(self) -> JointOptions:
-        """With the depths that no pair's texture supports."""
+        """Gives options with the depths that no pair's texture supports."""
         return JointOptions(complete=True)
 
     def remembering(self, options: JointOptions, known: KnownFeatures) -> JointOptions:
-        """With a memory for the features of pictures that come again with every configuration."""
+        """Gives options with a memory for the features of pictures that come again with every configuration."""
         return replace(options, refinement=replace(options.refinement, known=known))
 
     def trusting_poses(self, options: JointOptions) -> JointOptions:
-        """Without refinement."""
+        """Gives options without refinement."""
         return replace(options, refine_poses=False)
 
     def with_bars(self, options: JointOptions) -> JointOptions:
-        """With conductors, rails and limbs matched as wholes."""
+        """Gives options with conductors, rails and limbs matched as wholes."""
         return replace(options, bars=True)
 
     def with_depth_steps(self, options: JointOptions, steps: int) -> JointOptions:
@@ -174,11 +176,7 @@ def _mapped(given: MapInput, options: JointOptions, progress: Progress, unit_m: 
     scale = options.scale_of(reference.image.shape[0] * reference.image.shape[1])
     if scale < 1.0:
         reference, pictures = reference.shrunk(scale), [p.shrunk(scale) for p in pictures]
-    told, untold = [refined[i].told for i in kept], [refined[i].untold for i in kept]
-    doubt = max(refined[i].focal_doubt for i in kept)
-    suspicion = Suspicion(doubt, [refined[i].doubted / doubt for i in kept]) if doubt > 0.0 else None
-    in_pixels = [refined[i].in_pixels for i in kept]
-    found = match_jointly(reference, pictures, matching, told, untold, suspicion, in_pixels)
+    found = match_jointly(reference, pictures, matching, [refined[i].uncertainty for i in kept])
     for i, picture in zip(found.used, found.pictures):
         pictures[i] = picture
         refined[kept[i]] = replace(refined[kept[i]], picture=picture)
@@ -251,9 +249,9 @@ def _refine(
     prior = options.refinement.prior
     unrefined = []
     for o in others:
-        told, nan = prior_covariance(reference, o, prior), float("nan")
-        untold = of_scale(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3], prior.scale_sigma)
-        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, told, untold))
+        scale = of_scale(o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3], prior.scale_sigma)
+        known, nan = PoseUncertainty(prior_covariance(reference, o, prior), scale), float("nan")
+        unrefined.append(RefinedPicture(o, o.T_home_cam, False, "refinement is off", 0, nan, nan, known))
     return reference, unrefined, []
 
 
@@ -265,7 +263,7 @@ def _unfit_to_match(refined: List[RefinedPicture]) -> Dict[int, str]:
         return {}
     reasons = {}
     for i, r in enumerate(refined):
-        rotation_rad = float(np.sqrt(np.max(np.diag(r.covariance)[:3])))
+        rotation_rad = float(np.sqrt(np.max(np.diag(r.uncertainty.covariance)[:3])))
         off_px = r.picture.camera.fx * rotation_rad
         if not r.refined and off_px > PAIRS.most_pose_off_px(r.picture.camera.fx):
             reasons[i] = f"its pose is only known to {off_px:.1f} px ({r.reason})"

@@ -114,7 +114,7 @@ class JointPair:
         return np.concatenate([self._disparity_band(depth, y) for y in range(0, len(depth), _BAND)])
 
     def _disparity_band(self, depth: np.ndarray, first_row: int) -> np.ndarray:
-        """Of the rectified view's rows from ``first_row`` on; ``depth`` as above, whole."""
+        """Gives the disparity of the rectified view's rows from ``first_row`` on; ``depth`` as above, whole."""
         pair, reference = self._rectified, self._pictures[0]
         R_cam_rect = reference.T_home_cam[:3, :3].T @ pair.R_home_rect
         height, width = depth.shape
@@ -157,12 +157,12 @@ class NearestUseful:
         self._of = self._counted(band)
 
     def _counted(self, bands: np.ndarray) -> np.ndarray:
-        """By band, with its neighbours."""
+        """Counts by band, with its neighbours."""
         count = len(self._edges) - 1
         return np.convolve(np.bincount(bands, minlength=count + 2)[1 : count + 1], np.ones(3))[1:-1]
 
     def of(self, agrees: np.ndarray, sees: np.ndarray) -> float:
-        """Of a pair."""
+        """Gives the nearest useful distance of a pair."""
         if not self._known.any():
             return 0.0
         edges, of = self._edges, self._of

@@ -8,20 +8,21 @@ import numpy as np
 
 from fcsv_stereo.joint.tuning import MATCH
 from fcsv_stereo.joint.views import Views, grey, inverse_depths, views
-from fcsv_stereo.model import Picture
+from fcsv_stereo.model import Picture, PoseUncertainty
 
 Exposure = Tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Pictures:
+class MatchPictures:
     """The reference and those that are matched with it.
 
     ``exposures`` are by each picture, the reference's first, the gain and offset that make its grey like the
     reference's, None before they are known. Grey pictures are made when they are needed: large ones are as large as
     all else.
     ``covariances`` (6x6; rad in camera axes, m in home's) are those of the others' poses, None where not given.
-    ``prior`` is what poses may be adjusted by; None where they are taken as they are. ``in_pixels``: see ``adjust``.
+    ``prior`` is what poses may be adjusted by; None where they are taken as they are. ``pixel_errors``: see
+    ``adjust``.
     """
 
     reference: Picture
@@ -29,17 +30,20 @@ class Pictures:
     exposures: List[Optional[Exposure]]
     covariances: List[Optional[np.ndarray]]
     prior: Optional[List[np.ndarray]] = None
-    in_pixels: Optional[List[Optional[np.ndarray]]] = None
+    pixel_errors: Optional[List[Optional[np.ndarray]]] = None
 
     @classmethod
-    def of(cls, reference: Picture, others: List[Picture], covariances, adjust_poses: bool) -> "Pictures":
-        """``covariances`` may be None; poses are adjusted only where every one of them is given."""
-        given = list(covariances) if covariances else [None] * len(others)
-        prior = given if adjust_poses and all(c is not None for c in given) else None
-        return cls(reference, others, [None] * (1 + len(others)), given, prior)
+    def of(
+        cls, reference: Picture, others: List[Picture], poses: Optional[Sequence[PoseUncertainty]], adjust_poses: bool
+    ) -> "MatchPictures":
+        """``poses`` may be None: then none is adjusted."""
+        noise = [p.noise for p in poses] if poses else [None] * len(others)
+        pixel = [p.pixel for p in poses] if poses else [None] * len(others)
+        prior = noise if adjust_poses and poses else None
+        return cls(reference, others, [None] * (1 + len(others)), noise, prior, pixel)
 
     def views(self, scale: float) -> Views:
-        """At ``scale`` of the full size."""
+        """Makes the views at ``scale`` of the full size."""
         return views(self.reference, self.others, scale, map(self.grey, range(1 + len(self.others))))
 
     def grey(self, i: int) -> np.ndarray:
@@ -49,10 +53,10 @@ class Pictures:
 
     @property
     def shape(self) -> Tuple[int, int]:
-        """Of the reference."""
+        """Gives the size of the reference."""
         return self.reference.image.shape[:2]
 
-    def posed(self, others: List[Picture], covariances: List[np.ndarray]) -> "Pictures":
+    def posed(self, others: List[Picture], covariances: List[np.ndarray]) -> "MatchPictures":
         """The same pictures with other poses."""
         return replace(self, others=others, covariances=covariances)
 

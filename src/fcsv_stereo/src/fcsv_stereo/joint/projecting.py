@@ -26,7 +26,7 @@ def ray(projections, i, u, v):
 
 @njit(inline="always")
 def place(a, b, c, projections, i, w):
-    """Of a ``ray`` (a, b, c) at inverse depth w (1/m): x and y (px) in picture i, z and its inverse.
+    """Places the point of a ``ray`` (a, b, c) at inverse depth w (1/m): x and y (px) in picture i, z and its inverse.
 
     Behind the camera z is not above 0, and x and y mean nothing.
     """
@@ -37,7 +37,7 @@ def place(a, b, c, projections, i, w):
 
 @njit(inline="always")
 def motion(x, y, inverse, projections, i):
-    """By how many px along x and y a ``place`` in picture i moves per 1/m of inverse depth."""
+    """Says by how many px along x and y a ``place`` in picture i moves per 1/m of inverse depth."""
     return (
         (projections[i, 9] - x * projections[i, 11]) * inverse,
         (projections[i, 10] - y * projections[i, 11]) * inverse,

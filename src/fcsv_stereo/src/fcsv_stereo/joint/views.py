@@ -42,7 +42,8 @@ class Views:
 
     @cached_property
     def fastest_px_m(self) -> float:
-        """By how many pixels a pixel moves per 1/m of inverse depth in the pair in which it moves fastest (px m)."""
+        """Says by how many pixels a pixel moves per 1/m of inverse depth in the pair in which it moves fastest (px
+        m)."""
         return float(np.hypot(self.projections[:, 9], self.projections[:, 10]).max())
 
     @cached_property
@@ -87,8 +88,8 @@ def colours(picture: Picture, shape: Tuple[int, int], kind=np.float32) -> np.nda
 
 
 def views(reference: Picture, others: Sequence[Picture], scale: float, greys: Iterable[np.ndarray]) -> Views:
-    """At ``scale`` of the full size; ``greys`` are the full-size grey pictures, the reference's first, taken one by
-    one."""
+    """Makes the views at ``scale`` of the full size; ``greys`` are the full-size grey pictures, the reference's first,
+    taken one by one."""
     small = (_resize(g, scale) for g in greys)
     first = next(small)
     sizes = np.array([_size(o.image.shape[:2], scale) for o in others], np.int64).reshape(-1, 2)
@@ -200,7 +201,7 @@ def _rate(p: np.ndarray, grid: np.ndarray, size: np.ndarray, w: np.ndarray) -> n
 
 
 def _percentile(values: np.ndarray, chosen: np.ndarray, share: float) -> np.ndarray:
-    """Of the chosen ones of each row, 0 where there are none."""
+    """Gives the percentile of the chosen ones of each row, 0 where there are none."""
     rows = np.sort(np.where(chosen, values, np.inf), axis=1)
     at = share * np.maximum(chosen.sum(axis=1) - 1, 0)
     low = np.floor(at).astype(int)

@@ -6,11 +6,12 @@ from fcsv_stereo.model.inputs import FLOWN, RIG, ConfigurationInput, MapInput, P
 from fcsv_stereo.model.method import Method, silent
 from fcsv_stereo.model.pairs import Pair, PairResult
 from fcsv_stereo.model.pictures import LivePicture, Picture, Reference, as_grey, as_rgb
+from fcsv_stereo.model.pose_uncertainty import PoseUncertainty
 from fcsv_stereo.model.results import Cloud, CloudCut, ImageEntry, MapResult, Progress, concatenate
 from fcsv_stereo.model.words import AXES, Axis, InputKind, Word
 
 __all__ = [
     "AXES", "Axis", "Cloud", "CloudCut", "Configuration", "ConfigurationInput", "FLOWN", "ImageEntry", "LivePicture",
-    "MapInput", "MapResult", "Method", "Pair", "PairResult", "Picture", "PosePrior", "Progress", "RIG", "Reference",
-    "InputKind", "Word", "as_grey", "as_rgb", "concatenate", "silent",
+    "MapInput", "MapResult", "Method", "Pair", "PairResult", "Picture", "PosePrior", "PoseUncertainty", "Progress",
+    "RIG", "Reference", "InputKind", "Word", "as_grey", "as_rgb", "concatenate", "silent",
 ]  # fmt: skip

@@ -53,7 +53,8 @@ class PosePrior:
         return float(np.hypot(position_m, self.position_share * distance_m))
 
     def in_scene(self, distances_m: Sequence[float]) -> "PosePrior":
-        """With ``position_m`` for cameras at these distances (m) from the reference, where nobody stated it.
+        """Gives the prior with ``position_m`` for cameras at these distances (m) from the reference, where nobody
+        stated it.
 
         >>> PosePrior().in_scene([0.2, 0.4, 2.0]).position_m, PosePrior(position_m=0.15).in_scene([0.2]).position_m
         (0.002, 0.15)

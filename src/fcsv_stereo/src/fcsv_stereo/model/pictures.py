@@ -46,7 +46,7 @@ class Picture:
     def undistorted(
         cls, name, vehicle, stamp_s, image, camera: PinholeCamera, T_home_cam, covariance=None
     ) -> "Picture":  # fmt: skip
-        """From the picture as a ``camera`` with distortion took it."""
+        """Makes a picture from the picture as a ``camera`` with distortion took it."""
         undistorted = camera.undistort(image)
         return cls(name, vehicle, stamp_s, undistorted, camera.undistorted(), T_home_cam, camera.blank(), covariance)
 
@@ -88,7 +88,7 @@ class LivePicture:
         return self.camera.undistort(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
 
     def picture(self, T_home_odom: np.ndarray) -> Picture:
-        """With its pose in home. Raises like image."""
+        """Makes the picture with its pose in home. Raises like image."""
         name = f"{self.vehicle}/{self.stamp_s:.3f}"
         T_home_cam = T_home_odom @ self.T_odom_cam
         camera, blank = self.camera.undistorted(), self.camera.blank()

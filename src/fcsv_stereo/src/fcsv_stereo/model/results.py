@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a mapping method gives back: the map, and everything a person needs to judge it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 import numpy as np
@@ -33,7 +33,7 @@ class ImageEntry:
 
     @property
     def turned_deg(self) -> float:
-        """By how many degrees refinement turned it."""
+        """Says by how many degrees refinement turned it."""
         return float(np.degrees(transforms.rotation_angle(self.prior_T_home_cam, self.T_home_cam)))
 
     @property
@@ -74,7 +74,7 @@ class CloudCut:
     beyond_sigma: int
 
     def to_dict(self) -> dict:
-        """For report.json."""
+        """Gives the counts for report.json."""
         share, metres = None, None
         if self.sigma is not None:
             share, metres = (self.sigma.value, None) if self.sigma.relative else (None, self.sigma.value)
@@ -112,6 +112,17 @@ class MapResult:
     def __post_init__(self):
         if self.kind is None and self.depth is not None:
             self.kind = np.isfinite(self.depth).astype(np.uint8)
+
+    def keep(self, stays: np.ndarray) -> "MapResult":
+        """The map with depth, sigma and points only where ``stays`` (HxW bool). Until the cloud is bounded or joined
+        with another it has a point for each pixel with a depth, row by row: so it must be here and in ``with_sigma``.
+        """
+        depth, sigma = (np.where(stays, x, np.float32(np.nan)).astype(np.float32) for x in (self.depth, self.sigma))
+        return replace(self, depth=depth, sigma=sigma, cloud=self.cloud[stays[np.isfinite(self.depth)]])
+
+    def with_sigma(self, sigma: np.ndarray) -> "MapResult":
+        """The map with another ``sigma`` (HxW float32, m)."""
+        return replace(self, sigma=sigma, cloud=replace(self.cloud, sigma_m=sigma[np.isfinite(self.depth)]))
 
     @property
     def is_shifted(self) -> bool:

@@ -21,19 +21,20 @@ class Word(str, Enum):
 
 
 class Axis(Word):
-    """Of a baseline, in the reference's image plane."""
+    """Names the direction of a baseline, in the reference's image plane."""
 
     HORIZONTAL = "horizontal"
     VERTICAL = "vertical"
 
     @property
     def coordinate(self) -> int:
-        """Of a picture or a point: 0 (x: columns differ) or 1 (y: rows differ)."""
+        """Says which coordinate it is of a picture or a point: 0 (x: columns differ) or 1 (y: rows differ)."""
         return 0 if self is Axis.HORIZONTAL else 1
 
 
 class InputKind(Word):
-    """Of a map's input: a session (home is level, cameras are nearly parallel) or photographs (any poses)."""
+    """Names the kind of a map's input: a session (home is level, cameras are nearly parallel) or photographs (any
+    poses)."""
 
     SESSION = "session"
     PHOTOGRAPHS = "photographs"

@@ -44,7 +44,8 @@ class DepthFrame:
         cls, vehicle: str, stamp_s: float, depth_mm: np.ndarray, camera: PinholeCamera, T_home_cam: np.ndarray,
         covariance: np.ndarray,
     ) -> "DepthFrame":  # fmt: skip
-        """From (H,W) uint16 in mm, 0 where there is none, as a ``camera`` with distortion took it (REP 118)."""
+        """Makes a frame from (H,W) uint16 in mm, 0 where there is none, as a ``camera`` with distortion took it (REP
+        118)."""
         depth_m = depth_mm.astype(np.float32) / 1000.0
         if depth_m.shape == (camera.height, camera.width):
             depth_m = camera.undistort(depth_m, cv2.INTER_NEAREST)

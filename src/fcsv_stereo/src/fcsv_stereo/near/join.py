@@ -37,7 +37,7 @@ class NearJoin:
     agree: Optional[float] = None
 
     def to_dict(self) -> dict:
-        """For report.json."""
+        """Gives the figures for report.json."""
         return {
             "frames": dict(self.frames), "points": self.points, "pixels": self.pixels, "new_pixels": self.new,
             "seam": {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a session's depth frames to a map that holds the near field."""
+"""Leads from a session's depth frames to a map that holds the near field."""
 
 import time
 from dataclasses import replace

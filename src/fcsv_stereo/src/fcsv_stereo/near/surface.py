@@ -7,7 +7,7 @@ from typing import Tuple
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.raycast import cast, open3d, scene_of
+from fcsv_stereo.evaluating.raycast import cast, open3d, scene_of
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class NearSurface:
 
     @classmethod
     def of(cls, vertices_home_m, triangles, sigma_m, kept, voxel_m: float) -> "NearSurface":
-        """Of those vertices that are ``kept`` (N,) bool, and the triangles between them."""
+        """Makes a surface of those vertices that are ``kept`` (N,) bool, and the triangles between them."""
         number = np.cumsum(kept) - 1
         whole = kept[triangles].all(axis=1)
         return cls(vertices_home_m[kept], number[triangles[whole]], sigma_m[kept], voxel_m)

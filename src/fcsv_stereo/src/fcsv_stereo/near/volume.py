@@ -12,12 +12,12 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
+from fcsv_stereo.evaluating.raycast import open3d
 from fcsv_stereo.near.frame import DepthFrame
 from fcsv_stereo.near.reach import View, within_reach
 from fcsv_stereo.near.sensor import DepthSensor
 from fcsv_stereo.near.summing import add_frame
 from fcsv_stereo.near.surface import NearSurface
-from fcsv_stereo.raycast import open3d
 
 _BLOCK = 8  # voxels along the edge of one
 _BLOCKS = 4096  # at first; the grid grows

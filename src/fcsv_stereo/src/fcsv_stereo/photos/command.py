@@ -8,7 +8,7 @@ from typing import List, Optional
 
 import numpy as np
 
-from fcsv_geometry import commands
+from fcsv_geometry.programs import commands
 from fcsv_stereo.photos.importing import Imported, ImportOptions, import_photos
 
 POOR_LEVEL_DEG, POOR_NORTH_DEG = 5.0, 10.0  # said with a warning

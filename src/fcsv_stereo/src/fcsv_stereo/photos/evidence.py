@@ -30,8 +30,8 @@ _LOG_K_SIGMA, _LOG_M_SIGMA, _LOG_K_ANGLE_SIGMA = 0.7, 1.5, 0.6
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Of N photographs, all float64: places in the model and by GPS (m; NaN where there is none).
+class GpsEvidence:
+    """Holds what is known of N photographs, all float64: places in the model and by GPS (m; NaN where there is none).
 
     ``sigmas_m`` and ``steps_m``: GPS's standard deviations per axis, and the steps in which places are written.
     ``R_model_cam`` and ``R_enu_cam``: of the upright pictures, by the model and by angles (NaN where not known).
@@ -54,10 +54,10 @@ class Evidence:
         away = np.linalg.norm(self.p_model - np.median(self.p_model, axis=0), axis=1)
         object.__setattr__(self, "extent", float(np.sqrt(2.0) * max(np.median(away), 1e-9)))
 
-    def of(self, chosen: np.ndarray) -> "Evidence":
+    def of(self, chosen: np.ndarray) -> "GpsEvidence":
         """That of the photographs at these indices alone."""
         arrays = (self.p_model, self.p_enu_m, self.sigmas_m, self.steps_m, self.R_model_cam, self.R_enu_cam)
-        return Evidence(*(a[chosen] for a in arrays))
+        return GpsEvidence(*(a[chosen] for a in arrays))
 
 
 class Pose(NamedTuple):
@@ -78,7 +78,8 @@ class Noise(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """Of each photograph, 0 to 1: how surely its place (east and north), height, angles and level rows are right."""
+    """Holds weights of each photograph, 0 to 1: how surely its place (east and north), height, angles and level rows
+    are right."""
 
     place: np.ndarray
     height: np.ndarray
@@ -86,12 +87,12 @@ class Weights(NamedTuple):
     level: np.ndarray
 
 
-def away_m(e: Evidence, pose: Pose) -> np.ndarray:
+def away_m(e: GpsEvidence, pose: Pose) -> np.ndarray:
     """(P, 3): GPS less the model, of those that have GPS."""
     return e.p_enu_m[e.placed] - (pose.scale * e.p_model[e.placed] @ pose.R.T + pose.t)
 
 
-def turns(e: Evidence, pose: Pose) -> np.ndarray:
+def turns(e: GpsEvidence, pose: Pose) -> np.ndarray:
     """(A, 3) rotation vectors in east, north, up from the gimbals' to the model's, of those that have angles."""
     if not e.angled.any():
         return np.zeros((0, 3))
@@ -99,13 +100,14 @@ def turns(e: Evidence, pose: Pose) -> np.ndarray:
     return Rotation.from_matrix(between).as_rotvec() - pose.shared[:3]
 
 
-def tilts(e: Evidence, pose: Pose) -> Tuple[np.ndarray, np.ndarray]:
-    """Of those without angles: how far rows are from level, and how far the pictures' down is above it (sines)."""
+def tilts(e: GpsEvidence, pose: Pose) -> Tuple[np.ndarray, np.ndarray]:
+    """Gives the tilts of those without angles: how far rows are from level, and how far the pictures' down is above it
+    (sines)."""
     rows, down = (pose.R @ e.R_model_cam[~e.angled])[:, 2, :2].T
     return rows - pose.shared[3], np.maximum(down - LEVEL_SIGMA, 0.0)
 
 
-def agreement(e: Evidence, pose: Pose, fine: bool = True) -> Tuple[float, Noise, Weights]:
+def agreement(e: GpsEvidence, pose: Pose, fine: bool = True) -> Tuple[float, Noise, Weights]:
     """The cost of a similarity with the noise that makes it least, and what is right then. Not ``fine``: roughly."""
     gps, model_m, place_cost, place, height = _places(e, pose, fine)
     factor, angle_cost, angles = _angles(turns(e, pose))
@@ -119,13 +121,13 @@ def agreement(e: Evidence, pose: Pose, fine: bool = True) -> Tuple[float, Noise,
     return float(cost), Noise(gps, model_m, factor), Weights(place, height, angles, level)
 
 
-def place_variances(e: Evidence, noise: Noise) -> np.ndarray:
+def place_variances(e: GpsEvidence, noise: Noise) -> np.ndarray:
     """(P, 3) m2."""
     return np.square(noise.gps * e.sigmas_m[e.placed]) + np.square(e.steps_m[e.placed]) + noise.model_m**2
 
 
 class _Places(NamedTuple):
-    """Of the noise that makes the cost least."""
+    """Holds the places of the noise that makes the cost least."""
 
     gps: float
     model_m: float
@@ -134,7 +136,7 @@ class _Places(NamedTuple):
     height: np.ndarray
 
 
-def _places(e: Evidence, pose: Pose, fine: bool) -> _Places:
+def _places(e: GpsEvidence, pose: Pose, fine: bool) -> _Places:
     usual_m = MODEL_SHARE * pose.scale * e.extent
     square, said, steps = np.square(away_m(e, pose)), np.square(e.sigmas_m[e.placed]), np.square(e.steps_m[e.placed])
     found = _best_noise(square, said, steps, usual_m, _LOG_K, _LOG_M)
@@ -145,7 +147,8 @@ def _places(e: Evidence, pose: Pose, fine: bool) -> _Places:
 
 
 def _best_noise(square, said, steps, usual_m: float, log_k: np.ndarray, log_m: np.ndarray) -> _Places:
-    """From squares of residuals, of what is said of them and of steps (P, 3), m2, of all pairs of the two factors."""
+    """Chooses the noise from squares of residuals, of what is said of them and of steps (P, 3), m2, of all pairs of the
+    two factors."""
     k, m = (np.exp(g).reshape(-1, 1, 1) for g in np.meshgrid(log_k, log_m, indexing="ij"))
     prior = (np.square(np.log(k) / _LOG_K_SIGMA) + np.square(np.log(m) / _LOG_M_SIGMA))[:, 0, 0]
     variances = np.square(k) * said + steps + np.square(m * usual_m)  # (pairs, P, 3)

@@ -4,15 +4,15 @@
 from pathlib import Path, PurePosixPath
 from typing import Dict, List, Sequence
 
-from fcsv_stereo.colmap_images import same_name
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos.tags import SUFFIXES
+from fcsv_stereo.posed.colmap_images import same_name
 
 _NOT_PHOTOGRAPHS = ("__MACOSX", "@eaDir", "Thumbs")  # what computers keep beside pictures
 
 
 def find_photographs(folder: Path) -> Dict[str, Path]:
-    """By name relative to ``folder``, sorted. Raises InputError where there are none."""
+    """Finds pictures by name relative to ``folder``, sorted. Raises InputError where there are none."""
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder of photographs")
     found = {p.relative_to(folder).as_posix(): p for p in sorted(folder.rglob("*")) if p.suffix.lower() in SUFFIXES}

@@ -37,7 +37,7 @@ class Gps:
 
 
 def read_gps(exif, dji: Dict[str, float]) -> Tuple[Optional[Gps], str]:
-    """From EXIF's GPS tags and DJI's numbers: the place, or why there is none. XMP counts where it is finer."""
+    """Reads, from EXIF's GPS tags and DJI's numbers: the place, or why there is none. XMP counts where it is finer."""
     found, why = _exif_place(exif)
     xmp = _xmp_place(dji)
     if xmp is not None and (found is None or step_deg(*xmp) < step_deg(*found)):
@@ -63,7 +63,7 @@ def with_steps(places: Sequence[Gps]) -> List[Gps]:
 
 
 def step_deg(*values_deg: float) -> float:
-    """In which all values are written; 0 where no step is seen.
+    """Gives the step in which all values are written; 0 where no step is seen.
 
     >>> step_deg(48.0 + 13 / 3600, 11.0 + 55 / 3600) * 3600
     1.0

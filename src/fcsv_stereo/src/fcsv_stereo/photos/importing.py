@@ -9,10 +9,9 @@ from typing import Dict, List, Optional, Sequence, Set, Tuple
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.writing import require_folder
-from fcsv_stereo import priors
-from fcsv_stereo.colmap import PosedImage
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.map_files.staging import StagedFolder, check_new
 from fcsv_stereo.photos import pictures
 from fcsv_stereo.photos.finding import by_model, find_photographs
 from fcsv_stereo.photos.gps import Gps
@@ -21,7 +20,8 @@ from fcsv_stereo.photos.placing import Photograph, place
 from fcsv_stereo.photos.posing import CameraKey, pose, require_pycolmap
 from fcsv_stereo.photos.similarity import FEWEST, SAME_COST, Similarity
 from fcsv_stereo.photos.tags import Tags, read_tags
-from fcsv_stereo.staging import StagedFolder, check_new
+from fcsv_stereo.posed import priors
+from fcsv_stereo.posed.colmap import PosedImage
 
 #: How good structure from motion is, apart from its scale (one standard deviation). Measured: docs/lab/photographs.md.
 ROTATION_SIGMA_DEG, POSITION_SHARE = 0.1, 0.003
@@ -191,7 +191,7 @@ def _is_of_turned_pixels(p: PosedImage, tags: Tags, camera: PinholeCamera) -> bo
 
 
 def _sigmas(posed: List[PosedImage]) -> Dict[str, Sequence[float]]:
-    """For priors.csv: of each position a share of the distance from the first photograph."""
+    """Gives standard deviations for priors.csv: of each position a share of the distance from the first photograph."""
     places = np.array([p.T_home_cam[:3, 3] for p in posed])
     away_m = np.linalg.norm(places - places[0], axis=1)
     nearest_m = float(min(away_m[1:], default=1.0))

@@ -10,8 +10,8 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import GeometryError
-from fcsv_stereo import colmap
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.posed import colmap
 
 #: COLMAP's numbers of the camera models that ``map`` knows.
 _NAMES = {0: "SIMPLE_PINHOLE", 1: "PINHOLE", 2: "SIMPLE_RADIAL", 3: "RADIAL", 4: "OPENCV"}

@@ -72,7 +72,7 @@ def copy_upright(tags: Tags, folder: Path, longest_px: int) -> None:
 
 
 def focal_px(tags: Tags, longest_px: int):
-    """Of the copy; None where the file says none."""
+    """Gives the focal length of the copy; None where the file says none."""
     if tags.focal_px is None:
         return None
     share = math.hypot(*upright_size(tags, longest_px)) / math.hypot(*tags.size)

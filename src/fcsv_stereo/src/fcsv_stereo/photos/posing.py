@@ -9,8 +9,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.colmap import PosedImage
 from fcsv_stereo.errors import InputError
+from fcsv_stereo.posed.colmap import PosedImage
 
 INSTALL = "pip install pycolmap"
 _EXHAUSTIVE = 60  # photographs up to which every pair is compared; above, those that follow each other by name

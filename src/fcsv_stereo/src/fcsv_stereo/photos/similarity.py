@@ -8,7 +8,7 @@ import numpy as np
 
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.photos import evidence
-from fcsv_stereo.photos.evidence import Evidence, Pose
+from fcsv_stereo.photos.evidence import GpsEvidence, Pose
 from fcsv_stereo.photos.solving import Fitted, covariance, solve
 from fcsv_stereo.photos.starts import about_the_line, starts
 
@@ -81,16 +81,16 @@ def fit(
     p_model: np.ndarray, p_enu_m: np.ndarray, sigmas_m: np.ndarray, R_model_cam: np.ndarray,
     R_enu_cam: Sequence[Optional[np.ndarray]], steps_m: Optional[np.ndarray] = None,
 ) -> Similarity:  # fmt: skip
-    """From places (N, 3) in both (NaN where there is no GPS), GPS's standard deviations (N, 3), and the cameras'
-    rotations (N, 3, 3). ``R_enu_cam`` are the gimbals', None where they are not known: then rows are taken to be level.
-    ``steps_m`` (N, 3): in which places are written.
+    """Fits a similarity from places (N, 3) in both (NaN where there is no GPS), GPS's standard deviations (N, 3), and
+    the cameras' rotations (N, 3, 3). ``R_enu_cam`` are the gimbals', None where they are not known: then rows are taken
+    to be level. ``steps_m`` (N, 3): in which places are written.
 
     Raises InputError where these contradict each other, or do not fix scale, level and north.
     """
     gimbals = np.array([np.full((3, 3), np.nan) if R is None else R for R in R_enu_cam]).reshape(-1, 3, 3)
     middle = p_model.mean(axis=0)  # about it scale and turn do not move the places as one
     steps_m = np.zeros_like(sigmas_m) if steps_m is None else steps_m
-    e = Evidence(p_model - middle, np.array(p_enu_m, float), sigmas_m, steps_m, R_model_cam, gimbals)
+    e = GpsEvidence(p_model - middle, np.array(p_enu_m, float), sigmas_m, steps_m, R_model_cam, gimbals)
     _require_spread(e)
     fits = _fits(e)
     found = _similarity(e, fits[0], middle)
@@ -101,7 +101,7 @@ def fit(
     return found
 
 
-def _require_spread(e: Evidence) -> None:
+def _require_spread(e: GpsEvidence) -> None:
     placed = int(e.placed.sum())
     if placed < FEWEST:
         raise InputError(f"{placed} photographs have both GPS and a pose; scale and turn need {FEWEST}")
@@ -111,7 +111,7 @@ def _require_spread(e: Evidence) -> None:
         raise InputError(f"the photographs were taken within {spread_m:.1f} m, which GPS cannot tell apart")
 
 
-def _fits(e: Evidence) -> List[Fitted]:
+def _fits(e: GpsEvidence) -> List[Fitted]:
     """Local optima, the best first."""
     rng = np.random.default_rng(0)
     some = _some(e, rng)
@@ -127,7 +127,7 @@ def _fits(e: Evidence) -> List[Fitted]:
     return sorted(fits, key=lambda f: f.cost)
 
 
-def _some(e: Evidence, rng: np.random.Generator) -> Evidence:
+def _some(e: GpsEvidence, rng: np.random.Generator) -> GpsEvidence:
     """Few photographs that stand for all, with GPS first."""
     order = rng.permutation(len(e.placed))
     return e.of(order[np.argsort(~e.placed[order], kind="stable")][:_SCORED])
@@ -147,7 +147,7 @@ def _apart(a: Pose, b: Pose, turn_rad: float = np.radians(8.0), log_scale: float
     return bool(angle > turn_rad or abs(np.log(a.scale / b.scale)) > log_scale)
 
 
-def _require_not_mirrored(e: Evidence, best: Fitted, found: Similarity) -> None:
+def _require_not_mirrored(e: GpsEvidence, best: Fitted, found: Similarity) -> None:
     """E for W, or N for S, in all photographs: their places are mirrored, and a flat model fits them upside down."""
     w, up = best.weights, (best.pose.R @ e.R_model_cam[~e.angled])[:, 2, 2]
     doubtful = any(len(of) and (of < _RIGHT).mean() > _DOUBTFUL for of in (w.place, w.angles, w.level))
@@ -155,7 +155,7 @@ def _require_not_mirrored(e: Evidence, best: Fitted, found: Similarity) -> None:
         return
     costs = {}
     for name, mirror in _MIRRORS.items():
-        mirrored = Evidence(e.p_model, e.p_enu_m * mirror, e.sigmas_m, e.steps_m, e.R_model_cam, e.R_enu_cam)
+        mirrored = GpsEvidence(e.p_model, e.p_enu_m * mirror, e.sigmas_m, e.steps_m, e.R_model_cam, e.R_enu_cam)
         costs[name] = _fits(mirrored)[0].cost
     least = min(costs, key=costs.get)
     if costs[least] + SAME_COST < best.cost:
@@ -169,14 +169,14 @@ def _require_not_mirrored(e: Evidence, best: Fitted, found: Similarity) -> None:
         )
 
 
-def _require_most_places(e: Evidence, found: Similarity) -> None:
+def _require_most_places(e: GpsEvidence, found: Similarity) -> None:
     wrong, of = int(found.outliers.sum()), int(e.placed.sum())
     if of - wrong < FEWEST or 2 * wrong >= of:
         height = f", {int(found.wrong_heights.sum())} of them in height alone" if found.wrong_heights.any() else ""
         raise ContradictionError(f"GPS contradicts the poses: {wrong} of {of} places are elsewhere{height}", found)
 
 
-def _require_known(e: Evidence, found: Similarity) -> None:
+def _require_known(e: GpsEvidence, found: Similarity) -> None:
     if not found.scale_sigma < MOST_SCALE_SIGMA:
         raise InputError(
             f"GPS does not fix the scale: it is known to {found.scale_sigma:.0%} only; photographs further apart would "
@@ -190,7 +190,7 @@ def _require_known(e: Evidence, found: Similarity) -> None:
         )
 
 
-def _line(e: Evidence) -> str:
+def _line(e: GpsEvidence) -> str:
     spread = np.linalg.svd(e.p_model - np.median(e.p_model, axis=0), compute_uv=False)
     return ", because the photographs lie on a line" if spread[1] < 0.2 * spread[0] else ""
 
@@ -211,7 +211,7 @@ def _told(f: Fitted) -> str:
     return f"{f.pose.scale:.4g} m per unit with {wrong} places or angles wrong"
 
 
-def _similarity(e: Evidence, best: Fitted, middle: np.ndarray) -> Similarity:
+def _similarity(e: GpsEvidence, best: Fitted, middle: np.ndarray) -> Similarity:
     pose = best.pose
     residuals, outliers, heights, angles = _by_photograph(e, best)
     return Similarity(
@@ -220,7 +220,7 @@ def _similarity(e: Evidence, best: Fitted, middle: np.ndarray) -> Similarity:
     )  # fmt: skip
 
 
-def _by_photograph(e: Evidence, best: Fitted):
+def _by_photograph(e: GpsEvidence, best: Fitted):
     residuals, wrong = np.full(e.p_model.shape, np.nan), np.zeros((3, len(e.p_model)), bool)
     residuals[e.placed] = evidence.away_m(e, best.pose)
     wrong[0, e.placed] = best.weights.height < _RIGHT

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry.rotations import skews
 from fcsv_stereo.photos import evidence
-from fcsv_stereo.photos.evidence import Evidence, Noise, Pose, Weights
+from fcsv_stereo.photos.evidence import GpsEvidence, Noise, Pose, Weights
 
 _ROUNDS, _CONVERGED = 60, 1e-4
 _MOST_TURN_RAD, _MOST_LOG_SCALE = 0.5, 0.5  # of one step
@@ -28,7 +28,7 @@ class Fitted(NamedTuple):
     pose: Pose
 
 
-def solve(e: Evidence, pose: Pose) -> Fitted:
+def solve(e: GpsEvidence, pose: Pose) -> Fitted:
     """The optimum near ``pose``, by Gauss-Newton; weights and noise are those of the last step's residuals
     (expectation-maximisation)."""
     best = now = Fitted(*evidence.agreement(e, pose), pose)
@@ -42,7 +42,7 @@ def solve(e: Evidence, pose: Pose) -> Fitted:
     return best
 
 
-def covariance(e: Evidence, at: Fitted) -> np.ndarray:
+def covariance(e: GpsEvidence, at: Fitted) -> np.ndarray:
     """(7, 7) of the logarithm of the scale, the turn (rad) and the shift (m), in east, north, up."""
     J, _, w = _linear(e, at)
     H = J.T @ (w[:, None] * J)
@@ -53,7 +53,7 @@ def covariance(e: Evidence, at: Fitted) -> np.ndarray:
     return np.linalg.inv(H)[:7, :7] * student**2
 
 
-def _step(e: Evidence, at: Fitted) -> Pose:
+def _step(e: GpsEvidence, at: Fitted) -> Pose:
     J, r, w = _linear(e, at)
     H = J.T @ (w[:, None] * J)
     x = np.linalg.solve(H + 1e-9 * np.diag(np.diag(H)) + 1e-12 * np.eye(len(H)), J.T @ (w * r))
@@ -63,7 +63,7 @@ def _step(e: Evidence, at: Fitted) -> Pose:
     return Pose(scale, R, at.pose.t + x[4:7], at.pose.shared + x[7:])
 
 
-def _linear(e: Evidence, at: Fitted) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _linear(e: GpsEvidence, at: Fitted) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(K, 11) by (logarithm of scale, turn, shift, shared turn of angles, shared tilt of rows), residuals, weights."""
     parts = [_linear_places(e, at), _linear_turns(e, at), _linear_tilts(e, at)]
     J_shared = np.zeros((4, 11))
@@ -72,7 +72,7 @@ def _linear(e: Evidence, at: Fitted) -> Tuple[np.ndarray, np.ndarray, np.ndarray
     return tuple(np.concatenate(of) for of in zip(*parts))
 
 
-def _linear_places(e: Evidence, at: Fitted):
+def _linear_places(e: GpsEvidence, at: Fitted):
     moved = at.pose.scale * e.p_model[e.placed] @ at.pose.R.T
     J = np.zeros((len(moved), 3, 11))
     J[:, :, 0], J[:, :, 1:4], J[:, :, 4:7] = moved, -skews(moved), np.eye(3)
@@ -81,7 +81,7 @@ def _linear_places(e: Evidence, at: Fitted):
     return J.reshape(-1, 11), evidence.away_m(e, at.pose).ravel(), weights.ravel()
 
 
-def _linear_turns(e: Evidence, at: Fitted):
+def _linear_turns(e: GpsEvidence, at: Fitted):
     turned = evidence.turns(e, at.pose)
     J = np.zeros((len(turned), 3, 11))
     J[:, :, 1:4], J[:, :, 7:10] = np.eye(3), -np.eye(3)
@@ -89,7 +89,7 @@ def _linear_turns(e: Evidence, at: Fitted):
     return J.reshape(-1, 11), -turned.ravel(), weights.ravel()
 
 
-def _linear_tilts(e: Evidence, at: Fitted):
+def _linear_tilts(e: GpsEvidence, at: Fitted):
     rows, down = evidence.tilts(e, at.pose)
     axes = at.pose.R @ e.R_model_cam[~e.angled]
     J_rows, J_down = np.zeros((2, len(rows), 11))

@@ -7,7 +7,7 @@ from typing import Iterator, List, Optional, Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fcsv_stereo.photos.evidence import Evidence, Pose
+from fcsv_stereo.photos.evidence import GpsEvidence, Pose
 
 _TRIPLES, _SUBSETS, _ATTITUDES, _PAIRS = 200, 40, 40, 300
 _KEPT, _WRONG, _MODEL_SHARE = 40, 17.0, 0.01  # of those from places: the best, by squares up to a bound
@@ -15,13 +15,13 @@ _LINE_TURNS = np.radians(np.arange(15, 360, 15))
 Start = Tuple[float, np.ndarray, np.ndarray]
 
 
-def starts(e: Evidence, rng: np.random.Generator) -> List[Pose]:
-    """At least one wherever two places differ."""
+def starts(e: GpsEvidence, rng: np.random.Generator) -> List[Pose]:
+    """Proposes at least one wherever two places differ."""
     found = [*_from_places(e, rng), *_from_angles(e, rng)]
     return [Pose(s, R, t, np.zeros(4)) for s, R, t in found]
 
 
-def about_the_line(e: Evidence, pose: Pose) -> Iterator[Pose]:
+def about_the_line(e: GpsEvidence, pose: Pose) -> Iterator[Pose]:
     """The same, turned about the line along which the photographs lie: where they do, places do not tell that turn."""
     middle = np.median(e.p_model, axis=0)
     axis = pose.R @ np.linalg.svd(e.p_model - middle, full_matrices=False)[2][0]
@@ -46,14 +46,14 @@ def closed(p_model: np.ndarray, p_enu_m: np.ndarray, sigmas_m: np.ndarray) -> Op
     return (s, R, middle_b - s * R @ middle_a) if s > 0.0 else None
 
 
-def _from_places(e: Evidence, rng: np.random.Generator) -> List[Start]:
+def _from_places(e: GpsEvidence, rng: np.random.Generator) -> List[Start]:
     at = np.flatnonzero(e.placed)
     subsets = [at, *_subsets(at, 3, _TRIPLES, rng), *_subsets(at, max(4, len(at) // 2), _SUBSETS, rng)]
     found = [closed(e.p_model[list(s)], e.p_enu_m[list(s)], e.sigmas_m[list(s)]) for s in map(list, subsets)]
     return _best([f for f in found if f is not None], e)
 
 
-def _best(found: List[Start], e: Evidence) -> List[Start]:
+def _best(found: List[Start], e: GpsEvidence) -> List[Start]:
     if len(found) <= _KEPT:
         return found
     scales, rotations, shifts = (np.array(of) for of in zip(*found))
@@ -75,7 +75,7 @@ def _subsets(at: np.ndarray, size: int, most: int, rng: np.random.Generator) -> 
     return [rng.choice(at, size, replace=False) for _ in range(most)]
 
 
-def _from_angles(e: Evidence, rng: np.random.Generator) -> List[Start]:
+def _from_angles(e: GpsEvidence, rng: np.random.Generator) -> List[Start]:
     """Rotations by a photograph each, and by the median of all; scale and shift by medians."""
     at = np.flatnonzero(e.angled)
     if not len(at) or e.placed.sum() < 2:
@@ -96,7 +96,7 @@ def _pairs(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return pairs[pairs[:, 0] != pairs[:, 1]]
 
 
-def _by_medians(e: Evidence, R: np.ndarray, pairs: np.ndarray) -> Optional[Start]:
+def _by_medians(e: GpsEvidence, R: np.ndarray, pairs: np.ndarray) -> Optional[Start]:
     turned = e.p_model @ R.T
     a, b = (p[pairs[:, 1]] - p[pairs[:, 0]] for p in (turned, e.p_enu_m))
     square = np.square(a).sum(axis=1)

@@ -93,8 +93,8 @@ def _dji(xmp: bytes) -> Dict[str, float]:
 
 
 def _focal_px(exif, dji: Dict[str, float], size: Tuple[int, int]) -> Optional[float]:
-    """By DJI's calibration, else by the focal length of a 35 mm camera with the same diagonal, else by the sensor's
-    resolution."""
+    """Gives the focal length by DJI's calibration, else by the focal length of a 35 mm camera with the same diagonal,
+    else by the sensor's resolution."""
     width, shrunk = number(exif.get(_TAGGED_WIDTH)), 1.0
     if width and width > 0.0:  # of a picture that was made smaller, or turned, later
         shrunk = min(size[0] / width, max(size) / width)

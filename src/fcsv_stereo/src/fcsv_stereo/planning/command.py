@@ -10,7 +10,7 @@ import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.writing import in_words
+from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.equations import parse_threshold
 from fcsv_stereo.errors import OutputError, PlanError
 from fcsv_stereo.model import AXES

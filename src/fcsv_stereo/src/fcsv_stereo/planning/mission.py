@@ -10,8 +10,8 @@ import yaml
 
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
-from fcsv_geometry.mission import Mission, StereoConfiguration, spaced
-from fcsv_geometry.writing import in_words
+from fcsv_geometry.missions.mission import Mission, StereoConfiguration, spaced
+from fcsv_geometry.programs.writing import in_words
 from fcsv_stereo.errors import OutputError, PlanError
 from fcsv_stereo.planning.plan import Plan, PlannedBaseline
 

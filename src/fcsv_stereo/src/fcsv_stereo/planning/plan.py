@@ -7,8 +7,8 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.fence import Fence
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.fence import Fence
+from fcsv_geometry.missions.mission import Mission
 from fcsv_stereo.equations import ErrorThreshold, baseline_for, depth_error, farthest, segment_ends
 from fcsv_stereo.errors import PlanError
 from fcsv_stereo.model import AXES, Axis
@@ -111,7 +111,7 @@ def whole_trim_point(farthest_m: float) -> float:
 
 
 def _baselines(request: PlanRequest, notes: List[str]) -> List[float]:
-    """By hand, or one per segment of 3.3 by 3.2."""
+    """Gives the baselines by hand, or one per segment of 3.3 by 3.2."""
     if request.baselines_m is not None:
         return [float(b) for b in request.baselines_m]
     focal_px = min(along(request.camera, axis)[0] for axis in request.axes)  # the coarser axis must reach it too

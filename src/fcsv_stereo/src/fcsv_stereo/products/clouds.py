@@ -14,7 +14,7 @@ _PCD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"),
 
 
 def origin_line(origin_m: np.ndarray) -> str:
-    """For the header of a file in float32.
+    """Gives the line for the header of a file in float32.
 
     >>> origin_line(np.array([500000.0, 5824000.0, 0.0]))
     'origin_m 500000 5824000 0 (x y z plus this are in home)'

@@ -10,8 +10,8 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_stereo.local_origin import moved
 from fcsv_stereo.model import Cloud, MapInput, MapResult, Picture
+from fcsv_stereo.posed.local_origin import moved
 from fcsv_stereo.products.pictures import file_names, refined_pictures
 
 _MOST_POINTS = 200000  # as text; map.ply has them all

@@ -52,7 +52,7 @@ class HoleShares:
         return self.hidden + self.unanswered + self.below
 
     def to_dict(self) -> dict:
-        """For report.json."""
+        """Gives the shares for report.json."""
         return {
             "cells": self.cells, "filled": self.filled, "holes_without_evidence": self.without_evidence,
             "hidden": self.hidden, "unanswered": self.unanswered, "below_the_picture": self.below,
@@ -61,7 +61,8 @@ class HoleShares:
 
 
 def hole_shares(raster: Raster, cloud: Cloud, reference: Reference, sky: np.ndarray) -> HoleShares:
-    """Of a raster of the ``cloud``; of a large one every n-th cell of every n-th row. ``sky`` as in ``why_empty``."""
+    """Counts the holes of a raster of the ``cloud``; of a large one every n-th cell of every n-th row. ``sky`` as in
+    ``why_empty``."""
     n = max(1, int(np.sqrt(raster.height.size / _ENOUGH_CELLS)))
     off_m = 0.5 * raster.cell_m * (n - 1)  # the middle of the first cell stays where it is
     some = Raster(

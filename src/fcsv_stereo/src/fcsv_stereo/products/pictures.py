@@ -13,7 +13,7 @@ _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 
 
 def refined_pictures(result: MapResult, given: MapInput) -> Dict[str, Picture]:
-    """By name, the reference first. Raises OutputError where the input lacks a picture of the map."""
+    """Gives pictures by name, the reference first. Raises OutputError where the input lacks a picture of the map."""
     known = {p.name: p for c in given.configurations for p in (*c.references, *c.others)}
     entries = sorted(result.images, key=lambda e: e.name != result.reference.name)
     missing = [e.name for e in entries if e.name not in known]

@@ -35,7 +35,7 @@ class Surfaces:
 
     @classmethod
     def of(cls, cloud: Cloud, reference: Reference) -> "Surfaces":
-        """Of several points at a pixel the nearest."""
+        """Makes surfaces: of several points at a pixel the nearest."""
         rows, columns, z, inside = pixels_of(reference.camera, reference.T_home_cam, cloud.points_home_m)
         index = np.full((reference.camera.height, reference.camera.width), -1)
         of = np.flatnonzero(inside)
@@ -112,7 +112,8 @@ def span(
 
 
 def _rim_points(surfaces: Surfaces, reference: Reference) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the rims' corners: whose colour (4 N,), places in home (4 N, 3) m; triangles (2 N, 3) of them."""
+    """Gives the corners of the rims' corners: whose colour (4 N,), places in home (4 N, 3) m; triangles (2 N, 3) of
+    them."""
     rows, columns, w = surfaces.rims()
     c = reference.camera
     z = 1.0 / w

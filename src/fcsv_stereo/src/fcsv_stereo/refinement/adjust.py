@@ -48,8 +48,8 @@ class Adjusted:
     residual_px: np.ndarray
     focal_sigma: float = 0.0  # standard deviation of ``focal_scale``, 0 where it was held
     systematic: Optional[np.ndarray] = None  # as ``covariance``, beside it: of errors that all points share
-    doubted: Optional[np.ndarray] = None  # the same of a focal length that may be wrong
-    focal_doubt: float = 0.0  # how probable it is that it is wrong
+    focal: Optional[np.ndarray] = None  # the same of a focal length that may be wrong
+    focal_probability: float = 0.0  # that it is wrong
     by_focal: Optional[np.ndarray] = None  # (6n,) how the poses follow ``focal_scale``, None where it was held
 
 
@@ -164,8 +164,8 @@ def _scale(values, with_focal) -> float:
 
 
 def _covariance(graph, result, keys: List[int]) -> np.ndarray:
-    """Of all variables, these first and in this order, by inverting GTSAM's normal matrix: its Marginals call these
-    scales singular."""
+    """Gives the covariance of all variables, these first and in this order, by inverting GTSAM's normal matrix: its
+    Marginals call these scales singular."""
     linear = graph.linearize(result)
     ordering = gtsam.Ordering()
     for key in keys + [k for k in result.keys() if k not in keys]:

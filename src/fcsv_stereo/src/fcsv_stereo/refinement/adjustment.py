@@ -10,9 +10,9 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_stereo.model import Picture
 from fcsv_stereo.refinement.consensus import Consensus, adjust_robustly
 from fcsv_stereo.refinement.copies import without_copies
-from fcsv_stereo.refinement.features import View, prepare, rays_of
+from fcsv_stereo.refinement.features import FeatureView, prepare, rays_of
 from fcsv_stereo.refinement.graph import link_all, start_poses
-from fcsv_stereo.refinement.links import Link
+from fcsv_stereo.refinement.links import PairLink
 from fcsv_stereo.refinement.rolling_shutter import ReadoutTurns
 from fcsv_stereo.refinement.time_offset import motions
 from fcsv_stereo.refinement.tracks import observe
@@ -37,12 +37,13 @@ class Clock:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Of ``pictures``, the reference first; ``direct`` are their links with it by number. ``turns`` by which they were
-    straightened, None: they are as they came. ``focal_scale`` by which their cameras were multiplied already."""
+    """Holds an adjustment of ``pictures``, the reference first; ``direct`` are their links with it by number. ``turns``
+    by which they were straightened, None: they are as they came. ``focal_scale`` by which their cameras were multiplied
+    already."""
 
     pictures: List[Picture]
-    views: List[View]
-    direct: Dict[int, Link]
+    views: List[FeatureView]
+    direct: Dict[int, PairLink]
     consensus: Consensus
     unmoving: List[str] = field(default_factory=list)  # warnings
     turns: Optional[ReadoutTurns] = None
@@ -50,7 +51,7 @@ class Adjustment:
 
     @property
     def cameras(self) -> Dict[int, PinholeCamera]:
-        """Of the features, by picture."""
+        """Gives the cameras of the features, by picture."""
         return {k: v.camera for k, v in enumerate(self.views)}
 
 
@@ -69,7 +70,7 @@ def with_cameras(found: Adjustment, factors: Dict[int, float], options: RefineOp
     return replace(_adjusted_views(views, options, clock), turns=found.turns)
 
 
-def _with_focal(view: View, factor: float) -> View:
+def _with_focal(view: FeatureView, factor: float) -> FeatureView:
     def scaled(camera: PinholeCamera) -> PinholeCamera:
         return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
 
@@ -77,7 +78,7 @@ def _with_focal(view: View, factor: float) -> View:
     return replace(view, picture=picture, camera=camera, rays=rays_of(camera, view.uv))
 
 
-def _adjusted_views(views: List[View], options: RefineOptions, clock: Clock) -> Adjustment:
+def _adjusted_views(views: List[FeatureView], options: RefineOptions, clock: Clock) -> Adjustment:
     pictures = [v.picture for v in views]
     with ThreadPoolExecutor(options.threads) as pool:
         direct, between = link_all(views, options, pool)

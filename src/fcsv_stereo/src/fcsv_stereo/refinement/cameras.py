@@ -53,8 +53,8 @@ def mended(found: Adjustment, options: RefineOptions, clock: Clock) -> Mended:
 
 
 def _own_focals(found: Adjustment, options: RefineOptions, clock: Clock) -> Tuple[Adjustment, List[str]]:
-    """With the focal length of a picture that is not the others', where some picture did not come out clear. Raises
-    InputError where focal lengths contradict each other and no majority tells which are wrong."""
+    """Mends pictures with the focal length of a picture that is not the others', where some picture did not come out
+    clear. Raises InputError where focal lengths contradict each other and no majority tells which are wrong."""
     if not unclear(found.views, found.consensus, found.direct, options):
         return found, []
     odd = odd_focals(found.views, options)
@@ -92,8 +92,8 @@ def _length(factor: float) -> str:
 def _common_focal(
     found: Adjustment, options: RefineOptions, clock: Clock
 ) -> Tuple[Adjustment, Optional[FocalFit], str]:  # fmt: skip
-    """With the focal length that the pictures tell, and words about it; as it was, with the doubt, where they do not
-    contradict the given one or do not tell it well enough."""
+    """Mends all pictures with the focal length that the pictures tell, and words about it; as it was, with the doubt,
+    where they do not contradict the given one or do not tell it well enough."""
     doubted = contradicted(found.views, found.consensus, options)
     focal = focal_fit(found.consensus, found.cameras, doubted, options.other_lens)
     if focal is None or not focal.evident or not options.correct_camera:
@@ -124,7 +124,8 @@ def _with_free_focal(options: RefineOptions) -> RefineOptions:
 
 
 def _straightened(found: Adjustment, options: RefineOptions, clock: Clock) -> Tuple[Adjustment, List[str]]:
-    """With pictures whose rows were read at once, and words about it, where the given ones show that they were not."""
+    """Mends pictures with pictures whose rows were read at once, and words about it, where the given ones show that
+    they were not."""
     given, first = found.pictures, found
     if not could_turn(given, options.most_turn_rad):
         return found, []

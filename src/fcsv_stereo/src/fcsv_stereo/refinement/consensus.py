@@ -8,10 +8,10 @@ import numpy as np
 
 from fcsv_stereo.pose_covariance import relative_common, to_camera
 from fcsv_stereo.refinement.adjust import Adjusted, Problem, adjust
-from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import PairPrior
 from fcsv_stereo.refinement.graph import prior_to_reference
-from fcsv_stereo.refinement.links import Link
+from fcsv_stereo.refinement.links import PairLink
 from fcsv_stereo.refinement.structure import Observations
 from fcsv_stereo.refinement.time_offset import Motion
 from fcsv_stereo.refinement.types import RefineOptions
@@ -42,9 +42,9 @@ class Consensus:
 
 
 def adjust_robustly(
-    views: List[View],
+    views: List[FeatureView],
     found: Optional[Tuple[Observations, np.ndarray]],
-    links: List[Link],
+    links: List[PairLink],
     starts: Dict[int, np.ndarray],
     moving: List[Motion],
     options: RefineOptions,
@@ -85,7 +85,8 @@ def adjust_robustly(
 
 
 def _priors(views, links, starts, options) -> Dict[int, PairPrior]:
-    """Of each reached picture relative to the reference, in force: looser where a link showed it to be wrong."""
+    """Gives the prior of each reached picture relative to the reference, in force: looser where a link showed it to be
+    wrong."""
     priors = {}
     for k in sorted(starts):
         if k:
@@ -112,7 +113,7 @@ def _problem(views, observations, priors, noise_px, moving, options) -> Problem:
     return Problem(observations, priors, focals_px, noise, focal_sigma, still, options.time_offset_sigma_s, shared)
 
 
-def _shared(views: List[View], priors: Dict[int, PairPrior]) -> Dict[Tuple[int, int], np.ndarray]:
+def _shared(views: List[FeatureView], priors: Dict[int, PairPrior]) -> Dict[Tuple[int, int], np.ndarray]:
     """What the priors of two pictures have in common: the reference's error, and that of a vehicle's odometry."""
     known = [k for k, p in sorted(priors.items()) if p.covariance is not None]
     turn = {k: to_camera(views[k].picture, position_too=True) for k in known}

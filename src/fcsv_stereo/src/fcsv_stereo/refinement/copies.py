@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.graph import prior_to_reference
-from fcsv_stereo.refinement.links import Link
+from fcsv_stereo.refinement.links import PairLink
 from fcsv_stereo.refinement.types import RefineOptions
 
 _SMALL_PX = 96  # width at which all pairs are compared
@@ -19,8 +19,8 @@ _LARGE_PX = 640
 
 
 def without_copies(
-    views: List[View], direct: Dict[int, Link], between: List[Link], options: RefineOptions
-) -> Tuple[Dict[int, Link], List[Link]]:
+    views: List[FeatureView], direct: Dict[int, PairLink], between: List[PairLink], options: RefineOptions
+) -> Tuple[Dict[int, PairLink], List[PairLink]]:
     """Links without those of pictures that are copies; of a picture and its copies the one that is nearest to its
     prior pose stays, and the reference does always."""
     out = dict(direct)
@@ -38,7 +38,7 @@ def without_copies(
     return out, [l for l in between if not {l.a, l.b} & left_out]
 
 
-def _copies(views: List[View]) -> List[List[int]]:
+def _copies(views: List[FeatureView]) -> List[List[int]]:
     """Groups of numbers of pictures that are the same."""
     small = [_detail(v.gray, _SMALL_PX) for v in views]
     groups: List[List[int]] = []
@@ -53,7 +53,7 @@ def _copies(views: List[View]) -> List[List[int]]:
     return [g for g in groups if len(g) > 1]
 
 
-def _same(a: View, b: View) -> bool:
+def _same(a: FeatureView, b: FeatureView) -> bool:
     width = min(a.gray.shape[1], b.gray.shape[1], _LARGE_PX)
     return _alike(_detail(a.gray, width), _detail(b.gray, width)) > _ALIKE
 
@@ -73,7 +73,7 @@ def _alike(a: np.ndarray, b: np.ndarray) -> float:
     return float((a * b).mean() / np.sqrt(np.square(a).mean() * np.square(b).mean()))
 
 
-def _away(views: List[View], link: Link, options: RefineOptions) -> float:
+def _away(views: List[FeatureView], link: PairLink, options: RefineOptions) -> float:
     """How far the features put a picture from its prior, in standard deviations; infinite where they do not tell."""
     if link.reason:
         return float("inf")

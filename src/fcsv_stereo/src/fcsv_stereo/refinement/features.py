@@ -18,7 +18,7 @@ _MIN_SIDE_PX = 24
 
 
 @dataclass(frozen=True)
-class View:
+class FeatureView:
     """A picture prepared for matching.
 
     ``gray`` is HxW uint8, reduced where a picture has more pixels than lenses resolve, ``camera`` the camera of that;
@@ -47,14 +47,14 @@ class KnownFeatures:
     """
 
     def __init__(self):
-        self._views: Dict[Tuple, Tuple[weakref.ref, View]] = {}
+        self._views: Dict[Tuple, Tuple[weakref.ref, FeatureView]] = {}
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
         return len(self._views)
 
-    def prepare(self, picture: Picture, features: int) -> View:
-        """As ``prepare``, without doing again what was done."""
+    def prepare(self, picture: Picture, features: int) -> FeatureView:
+        """Prepares as ``prepare``, without doing again what was done."""
         key = (id(picture.image), picture.camera, features)
         with self._lock:
             image, view = self._views.get(key, (None, None))
@@ -69,7 +69,7 @@ class KnownFeatures:
         return view
 
 
-def prepare(picture: Picture, features: int) -> View:
+def prepare(picture: Picture, features: int) -> FeatureView:
     """SIFT features of a picture, at most so many, spread over it."""
     gray = _reduced(as_grey(picture.image), _TRACKING_PIXELS)
     camera = _resized(picture.camera, gray.shape)
@@ -85,7 +85,7 @@ def prepare(picture: Picture, features: int) -> View:
     ratio = np.array([gray.shape[1] / small.shape[1], gray.shape[0] / small.shape[0]])
     uv = (np.array([k.pt for k in keypoints]) + 0.5) * ratio - 0.5
     root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-6))
-    return View(picture, camera, gray, uv, rays_of(camera, uv), root.astype(np.float32), 0.5 * float(ratio[0]))
+    return FeatureView(picture, camera, gray, uv, rays_of(camera, uv), root.astype(np.float32), 0.5 * float(ratio[0]))
 
 
 def _reduced(gray: np.ndarray, pixels: float) -> np.ndarray:
@@ -101,8 +101,8 @@ def _resized(camera: PinholeCamera, shape) -> PinholeCamera:
     return PinholeCamera(width, height, camera.fx * u, camera.fy * v, cx, cy)
 
 
-def _empty(picture: Picture, camera: PinholeCamera, gray: np.ndarray) -> View:
-    return View(picture, camera, gray, np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 128), np.float32))
+def _empty(picture: Picture, camera: PinholeCamera, gray: np.ndarray) -> FeatureView:
+    return FeatureView(picture, camera, gray, np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 128), np.float32))
 
 
 def spread(keypoints, shape, count: int) -> np.ndarray:

@@ -16,7 +16,7 @@ _USUAL_PX, _SPREAD = 0.01, 1.2  # of the size before residuals tell, and by whic
 
 
 def log_prior() -> np.ndarray:
-    """Of each of SIZES_PX, but for a constant."""
+    """Gives the logarithm of the prior of each of SIZES_PX, but for a constant."""
     return -0.5 * np.square(np.log(SIZES_PX / _USUAL_PX) / _SPREAD)
 
 

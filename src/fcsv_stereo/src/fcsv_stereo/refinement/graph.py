@@ -9,9 +9,9 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_stereo.model import PosePrior
 from fcsv_stereo.pose_covariance import relative, to_camera
-from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import PairPrior
-from fcsv_stereo.refinement.links import Link, link
+from fcsv_stereo.refinement.links import PairLink, link
 from fcsv_stereo.refinement.types import RefineOptions
 
 _NEIGHBOURS = 3
@@ -19,8 +19,9 @@ _WELL_SEEN = 200  # features shared with the reference; pictures with fewer are 
 _WIDEST_RAD = float(np.radians(60.0))  # views turned further against each other are not tried
 
 
-def prior_of(a: View, b: View, distances_m: Tuple[float, float], prior: PosePrior) -> PairPrior:
-    """Of b relative to a, both with errors of their own; ``distances_m`` from the reference, 0 for itself.
+def prior_of(a: FeatureView, b: FeatureView, distances_m: Tuple[float, float], prior: PosePrior) -> PairPrior:
+    """Gives the prior of b relative to a, both with errors of their own; ``distances_m`` from the reference, 0 for
+    itself.
 
     From the pictures' covariances; ``prior`` serves where they have none.
     """
@@ -36,12 +37,14 @@ def prior_of(a: View, b: View, distances_m: Tuple[float, float], prior: PosePrio
     return PairPrior(T_a_b, prior.rotation_rad * float(np.sqrt(max(len(sides), 1))), position_m)
 
 
-def prior_to_reference(views: List[View], k: int, prior: PosePrior) -> PairPrior:
-    """Of picture k relative to the reference."""
+def prior_to_reference(views: List[FeatureView], k: int, prior: PosePrior) -> PairPrior:
+    """Gives the prior of picture k relative to the reference."""
     return prior_of(views[0], views[k], (0.0, distance_m(views, k)), prior)
 
 
-def link_all(views: List[View], options: RefineOptions, pool: Executor) -> Tuple[Dict[int, Link], List[Link]]:
+def link_all(
+    views: List[FeatureView], options: RefineOptions, pool: Executor
+) -> Tuple[Dict[int, PairLink], List[PairLink]]:
     """Links of each picture with the reference (number 0), trusted or not; and trusted ones between others."""
     numbers = range(1, len(views))
     direct = dict(zip(numbers, _links(views, [(0, k) for k in numbers], options, pool)))
@@ -53,7 +56,7 @@ def link_all(views: List[View], options: RefineOptions, pool: Executor) -> Tuple
     return direct, [l for l in _links(views, pairs, options, pool) if not l.reason]
 
 
-def start_poses(count: int, links: List[Link]) -> Dict[int, np.ndarray]:
+def start_poses(count: int, links: List[PairLink]) -> Dict[int, np.ndarray]:
     """T_ref_cam of every view that a chain of links reaches from the reference."""
     poses = {0: np.eye(4)}
     for _ in range(count):
@@ -65,12 +68,12 @@ def start_poses(count: int, links: List[Link]) -> Dict[int, np.ndarray]:
     return poses
 
 
-def distance_m(views: List[View], k: int) -> float:
-    """From the reference, by the priors."""
+def distance_m(views: List[FeatureView], k: int) -> float:
+    """Measures the distance from the reference, by the priors."""
     return float(np.linalg.norm(views[k].picture.T_home_cam[:3, 3] - views[0].picture.T_home_cam[:3, 3]))
 
 
-def _links(views, pairs, options: RefineOptions, pool: Executor) -> List[Link]:
+def _links(views, pairs, options: RefineOptions, pool: Executor) -> List[PairLink]:
     def one(pair):
         a, b = pair
         distances = (distance_m(views, a) if a else 0.0, max(distance_m(views, b), 1e-9))
@@ -80,12 +83,12 @@ def _links(views, pairs, options: RefineOptions, pool: Executor) -> List[Link]:
     return list(pool.map(one, pairs))
 
 
-def _at_reference(views: List[View], k: int, prior: PosePrior) -> bool:
+def _at_reference(views: List[FeatureView], k: int, prior: PosePrior) -> bool:
     """Taken from the reference's own place: no baseline, whoever else sees it."""
     return distance_m(views, k) < 3.0 * prior_to_reference(views, k, prior).position_m
 
 
-def _neighbours(views: List[View], k: int) -> List[int]:
+def _neighbours(views: List[FeatureView], k: int) -> List[int]:
     """The nearest other views that look the same way."""
     T_k = views[k].picture.T_home_cam
     others = []

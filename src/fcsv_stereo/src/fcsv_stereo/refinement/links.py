@@ -7,7 +7,7 @@ from typing import Tuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import PairPrior, fit_pair, inverse_depth
 from fcsv_stereo.refinement.matching import Matches, band_px, match_anywhere, match_in_band, rotation_anywhere
 
@@ -22,7 +22,7 @@ _FARTHEST_WRONG_RAD = float(np.radians(25.0))  # more than this and the prior's 
 
 
 @dataclass(frozen=True)
-class Link:
+class PairLink:
     """Views ``a`` and ``b`` by number, the pose that their features agree on, and the features that do.
 
     ``prior`` is the one in force: looser than the session's where the pictures show that it is wrong.
@@ -64,7 +64,9 @@ class _Fit:
         return max(self.turned, self.displaced)
 
 
-def link(numbers: Tuple[int, int], a: View, b: View, prior: PairPrior, least: int, unit_m: float = 1.0) -> Link:
+def link(
+    numbers: Tuple[int, int], a: FeatureView, b: FeatureView, prior: PairPrior, least: int, unit_m: float = 1.0
+) -> PairLink:
     """The pose within the prior's band; where that fails, one found without the prior, if it is beyond doubt.
 
     Positions are in units of ``unit_m``."""
@@ -74,35 +76,37 @@ def link(numbers: Tuple[int, int], a: View, b: View, prior: PairPrior, least: in
             f"its baseline of {_words_m(baseline_m * unit_m)} is not three times as long as its prior is unsure "
             f"({prior.position_m * unit_m:.2g} m): say so where it is better known (--prior-position-m, priors.csv)"
         )
-        return Link(*numbers, prior, prior.T_a_b, reason)
+        return PairLink(*numbers, prior, prior.T_a_b, reason)
     for view in (a, b):
         if len(view.uv) < least:
-            return Link(*numbers, prior, prior.T_a_b, f"{view.picture.name} has too little texture")
+            return PairLink(*numbers, prior, prior.T_a_b, f"{view.picture.name} has too little texture")
     fit = _fit(a, b, prior, least)
     if fit.reason:
         wide = _search(a, b, prior, least)
         if wide is None or wide.reason or wide.displaced > _SURPRISE:
-            return Link(*numbers, prior, prior.T_a_b, fit.reason)
+            return PairLink(*numbers, prior, prior.T_a_b, fit.reason)
         fit = wide
     elif fit.surprise > _SURPRISE:
         fit = _reconsidered(a, b, fit, prior, least)
     if fit.reason:
-        return Link(*numbers, prior, prior.T_a_b, fit.reason)
+        return PairLink(*numbers, prior, prior.T_a_b, fit.reason)
     i, j = fit.matches.a[fit.inlier], fit.matches.b[fit.inlier]
     rho, parallax = inverse_depth(fit.T_a_b, a.rays[i], b.rays[j])
     if np.percentile(np.abs(rho) * parallax * b.camera.fx, 90) < _LEAST_PARALLAX_PX:
         reason = f"it shows no parallax against {a.picture.name}: the same picture or place again, or only sky"
-        return Link(*numbers, prior, prior.T_a_b, reason, same_place=True)
-    return Link(*numbers, fit.prior, fit.T_a_b, "", fit.prior is not prior, seed_uv=a.uv[i], seed_rho=rho)
+        return PairLink(*numbers, prior, prior.T_a_b, reason, same_place=True)
+    return PairLink(*numbers, fit.prior, fit.T_a_b, "", fit.prior is not prior, seed_uv=a.uv[i], seed_rho=rho)
 
 
-def _fit(a: View, b: View, prior: PairPrior, least: int) -> _Fit:
+def _fit(a: FeatureView, b: FeatureView, prior: PairPrior, least: int) -> _Fit:
     near_m = 1.5 * float(np.linalg.norm(prior.T_a_b[:3, 3]))
     half_width_px = band_px(prior, b.camera.fx, near_m)
     return _fit_matches(a, b, match_in_band(a, b, prior, half_width_px), prior, half_width_px, least)
 
 
-def _fit_matches(a: View, b: View, matches: Matches, prior: PairPrior, half_width_px: float, least: int) -> _Fit:
+def _fit_matches(
+    a: FeatureView, b: FeatureView, matches: Matches, prior: PairPrior, half_width_px: float, least: int
+) -> _Fit:
     if len(matches) < least:
         return _Fit(prior, prior.T_a_b, matches, np.zeros(len(matches), bool), f"only {len(matches)} features match")
     rays_a, rays_b = a.rays[matches.a], b.rays[matches.b]
@@ -113,7 +117,7 @@ def _fit_matches(a: View, b: View, matches: Matches, prior: PairPrior, half_widt
     return _Fit(prior, T_a_b, matches, inlier, _doubt(a, matches, inlier, 3.0 * b.noise_px / half_width_px, least))
 
 
-def _doubt(a: View, matches: Matches, inlier: np.ndarray, chance: float, least: int) -> str:
+def _doubt(a: FeatureView, matches: Matches, inlier: np.ndarray, chance: float, least: int) -> str:
     count = int(inlier.sum())
     if count < least:
         return f"only {count} of {len(matches)} matched features agree with one pose"
@@ -126,7 +130,7 @@ def _doubt(a: View, matches: Matches, inlier: np.ndarray, chance: float, least: 
     return ""
 
 
-def _search(a: View, b: View, prior: PairPrior, least: int):
+def _search(a: FeatureView, b: FeatureView, prior: PairPrior, least: int):
     """A fit about a rotation from matches without the prior, or None."""
     R_a_b = rotation_anywhere(a, b, match_anywhere(a, b), b.camera.fx)
     if R_a_b is None:
@@ -139,7 +143,7 @@ def _search(a: View, b: View, prior: PairPrior, least: int):
     return _fit(a, b, wide, _MORE_WITHOUT_PRIOR * least)
 
 
-def _reconsidered(a: View, b: View, fit: _Fit, prior: PairPrior, least: int) -> _Fit:
+def _reconsidered(a: FeatureView, b: FeatureView, fit: _Fit, prior: PairPrior, least: int) -> _Fit:
     """A surprising pose, unless what disagrees with it agrees with the prior: then the greater part has moved."""
     rest = Matches(fit.matches.a[~fit.inlier], fit.matches.b[~fit.inlier])
     half_width_px = band_px(prior, b.camera.fx, 1.5 * float(np.linalg.norm(prior.T_a_b[:3, 3])))

@@ -7,7 +7,7 @@ from typing import Optional
 import cv2
 import numpy as np
 
-from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import PairPrior
 
 _RATIO = 0.85  # of distances to the best and the second best descriptor
@@ -31,7 +31,7 @@ def band_px(prior: PairPrior, focal_px: float, near_m: float) -> float:
     return float(3.0 * sigma_rad * focal_px + 2.0)
 
 
-def match_in_band(a: View, b: View, prior: PairPrior, half_width_px: float) -> Matches:
+def match_in_band(a: FeatureView, b: FeatureView, prior: PairPrior, half_width_px: float) -> Matches:
     """Mutual best descriptors among those within the band, in front of both cameras."""
     if len(a.uv) < 2 or len(b.uv) < 2:
         return Matches(np.empty(0, int), np.empty(0, int))
@@ -40,14 +40,14 @@ def match_in_band(a: View, b: View, prior: PairPrior, half_width_px: float) -> M
     return _mutual(likeness)
 
 
-def match_anywhere(a: View, b: View) -> Matches:
+def match_anywhere(a: FeatureView, b: FeatureView) -> Matches:
     """Mutual best descriptors without regard to the prior."""
     if len(a.uv) < 2 or len(b.uv) < 2:
         return Matches(np.empty(0, int), np.empty(0, int))
     return _mutual(a.descriptors @ b.descriptors.T)
 
 
-def rotation_anywhere(a: View, b: View, matches: Matches, focal_px: float) -> Optional[np.ndarray]:
+def rotation_anywhere(a: FeatureView, b: FeatureView, matches: Matches, focal_px: float) -> Optional[np.ndarray]:
     """R_a_b from the essential matrix of matches (MAGSAC++), None where there is none."""
     if len(matches) < 15:
         return None
@@ -61,7 +61,7 @@ def rotation_anywhere(a: View, b: View, matches: Matches, focal_px: float) -> Op
     return R_b_a.T
 
 
-def _allowed(a: View, b: View, prior: PairPrior, half_width_px: float) -> np.ndarray:
+def _allowed(a: FeatureView, b: FeatureView, prior: PairPrior, half_width_px: float) -> np.ndarray:
     """Which features (Na, Nb) can be the same point, as far as the prior knows."""
     R, t = prior.T_a_b[:3, :3], prior.T_a_b[:3, 3]
     lines = (np.cross(a.rays, t) @ R).astype(np.float32)

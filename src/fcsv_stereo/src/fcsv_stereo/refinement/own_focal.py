@@ -10,7 +10,7 @@ from typing import Dict, List, Optional
 
 import numpy as np
 
-from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import PairPrior, epipolar_error, fit_pair, moved, prior_offset
 from fcsv_stereo.refinement.graph import prior_to_reference
 from fcsv_stereo.refinement.matching import match_in_band
@@ -36,15 +36,16 @@ class Scale:
 
 @dataclass(frozen=True)
 class OddFocals:
-    """By number the ``factors`` of the focal lengths of pictures that differ from the others; ``outvoted`` where most
-    pictures agree, so that these are the wrong ones."""
+    """Holds, by number the ``factors`` of the focal lengths of pictures that differ from the others; ``outvoted`` where
+    most pictures agree, so that these are the wrong ones."""
 
     factors: Dict[int, float]
     outvoted: bool
 
 
-def relative_scale(a: View, b: View, prior: PairPrior, least: int) -> Optional[Scale]:
-    """Of b against a; None where their features do not tell it, 0 where they do not contradict the stated one."""
+def relative_scale(a: FeatureView, b: FeatureView, prior: PairPrior, least: int) -> Optional[Scale]:
+    """Gives the scale of b against a; None where their features do not tell it, 0 where they do not contradict the
+    stated one."""
     baseline_m = float(np.linalg.norm(prior.T_a_b[:3, 3]))
     if not baseline_m > 0.0:  # such a pair has no epipolar lines
         return None
@@ -67,7 +68,7 @@ def relative_scale(a: View, b: View, prior: PairPrior, least: int) -> Optional[S
     return Scale(log, sigma) if as_stated - cost > _MARGIN else Scale(0.0, sigma)
 
 
-def _moved_instead(prior: PairPrior, rays_a, rays_b, b: View, band_px: float) -> float:
+def _moved_instead(prior: PairPrior, rays_a, rays_b, b: FeatureView, band_px: float) -> float:
     """Cost of the stated focal length where the place may be anywhere near: before a flat scene, that of a camera which
     stood nearer looks like that of a longer lens."""
     anywhere = PairPrior(prior.T_a_b, prior.rotation_rad, _ANYWHERE_SHARE * float(np.linalg.norm(prior.T_a_b[:3, 3])))
@@ -75,8 +76,8 @@ def _moved_instead(prior: PairPrior, rays_a, rays_b, b: View, band_px: float) ->
     return _cost(error_px, b.noise_px) + _prior_cost(anywhere, T)
 
 
-def odd_focals(views: List[View], options: RefineOptions) -> OddFocals:
-    """Of pictures whose focal length differs from what most have in common."""
+def odd_focals(views: List[FeatureView], options: RefineOptions) -> OddFocals:
+    """Finds the focal lengths of pictures whose focal length differs from what most have in common."""
     found = {0: Scale(0.0, 0.0)}
     for k in range(1, len(views)):
         prior = prior_to_reference(views, k, options.prior)

@@ -11,7 +11,7 @@ from fcsv_stereo.model import Picture
 from fcsv_stereo.refinement.adjustment import Adjustment, Clock, adjusted
 from fcsv_stereo.refinement.cameras import Mended, mended, turns_of
 from fcsv_stereo.refinement.consensus import Consensus
-from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.judge import all_wrong, judge, scaled, surprise
 from fcsv_stereo.refinement.rolling_shutter import could_turn
 from fcsv_stereo.refinement.symptoms import symptom
@@ -41,7 +41,7 @@ def refine(reference: Picture, others: Sequence[Picture], options: RefineOptions
 
 def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinement:
     found, focal = best.found, best.focal
-    consensus, views, direct = _with_systematic(_doubted(best), options), found.views, found.direct
+    consensus, views, direct = _with_systematic(_with_focal(best), options), found.views, found.direct
     judged = [judge(views, k, direct[k], consensus, options) for k in range(1, len(views))]
     refined = [_explained(r, views, k) for k, r in enumerate(judged, 1)]
     clock.lap("adjust")
@@ -55,18 +55,18 @@ def _refinement(best: Mended, options: RefineOptions, clock: Clock) -> Refinemen
     return Refinement(reference, refined, warnings, clock.laps_s, found.focal_scale * rest, offsets_s, unseen)
 
 
-def _doubted(best: Mended) -> Adjustment:
-    """With what a focal length that may be wrong makes of the poses."""
+def _with_focal(best: Mended) -> Adjustment:
+    """Adds with what a focal length that may be wrong makes of the poses."""
     found, focal = best.found, best.focal
     if focal is None:
         return found
-    doubted = replace(found.consensus.adjusted, doubted=focal.if_left, focal_doubt=focal.probability)
-    return replace(found, consensus=replace(found.consensus, adjusted=doubted))
+    adjusted = replace(found.consensus.adjusted, focal=focal.if_left, focal_probability=focal.probability)
+    return replace(found, consensus=replace(found.consensus, adjusted=adjusted))
 
 
 def _with_systematic(found: Adjustment, options: RefineOptions) -> Consensus:
-    """With what errors that all points of a picture share may have made of the poses; rows of a calibrated rig are not
-    in doubt."""
+    """Adds with what errors that all points of a picture share may have made of the poses; rows of a calibrated rig are
+    not in doubt."""
     consensus, turns = found.consensus, turns_of(found)
     if consensus.adjusted is None or turns is None:
         return consensus
@@ -90,14 +90,14 @@ def _check(reference: Picture, others: Sequence[Picture]) -> None:
             raise InputError(f"{p.name}: its prior pose is no rigid transform")
 
 
-def _explained(refined: RefinedPicture, views: List[View], k: int) -> RefinedPicture:
-    """With what is wrong with the picture itself, where that can be seen."""
+def _explained(refined: RefinedPicture, views: List[FeatureView], k: int) -> RefinedPicture:
+    """Gives the picture with what is wrong with the picture itself, where that can be seen."""
     seen = "" if refined.refined else symptom(views[k].gray, views[0].gray)
     return replace(refined, reason=f"{refined.reason}; {seen}") if seen else refined
 
 
-def _warnings(refined: List[RefinedPicture], views: List[View], options: RefineOptions) -> List[str]:
-    """In plain words: pictures that keep their prior, and priors that were wrong."""
+def _warnings(refined: List[RefinedPicture], views: List[FeatureView], options: RefineOptions) -> List[str]:
+    """Says, in plain words: pictures that keep their prior, and priors that were wrong."""
     together = all_wrong(views, refined, options)
     out = [together] if together else []
     for k, r in enumerate(refined, 1):

@@ -181,12 +181,13 @@ def _placed(part: np.ndarray, at: np.ndarray, size: int) -> np.ndarray:
 
 
 def _time(camera: PinholeCamera, rays: np.ndarray) -> np.ndarray:
-    """Of the readout (N,), -1/2 to 1/2, at which rays (N, 3) with z = 1 were read."""
+    """Gives the time of the readout (N,), -1/2 to 1/2, at which rays (N, 3) with z = 1 were read."""
     return (rays[:, 1] * camera.fy + camera.cy + 0.5) / camera.height - 0.5
 
 
 def straightened(picture: Picture, turn_rad: np.ndarray) -> Picture:
-    """As if all rows had been read with the middle one. What it did not see at the edges is repeated from there."""
+    """Gives the picture as if all rows had been read with the middle one. What it did not see at the edges is repeated
+    from there."""
     bands = [slice(y, y + _BAND) for y in range(0, picture.camera.height, _BAND)]
     places = [np.concatenate(of) for of in zip(*(_places(picture.camera, turn_rad, band) for band in bands))]
     return replace(picture, image=cv2.remap(picture.image, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))

@@ -60,7 +60,7 @@ class Structure:
         self._sigma = np.array([noise_px[k] for k in observations.picture.tolist()])
 
     def linearise(self, poses: Dict[int, np.ndarray], scale: float = 1.0, poses_too: bool = True) -> Linearised:
-        """At the present inverse depths; ``scale`` multiplies every focal length."""
+        """Linearises at the present inverse depths; ``scale`` multiplies every focal length."""
         o = self.observations
         out = Linearised(np.empty((len(o.point), 2)), np.empty((len(o.point), 2)), [])
         undo = np.array([1.0 / scale, 1.0 / scale, 1.0])
@@ -137,7 +137,8 @@ class Structure:
 
 
 def _derivatives(R, ray, rho, p, xy, gain, f, scale):
-    """Of the residual to the anchor's pose, the measuring picture's pose (m, 2, 6) and the focal scale (m, 2, 1)."""
+    """Gives the derivatives of the residual to the anchor's pose, the measuring picture's pose (m, 2, 6) and the focal
+    scale (m, 2, 1)."""
 
     def projected(of_p):
         """(m, 2, k) from the derivatives of the point p in the camera (m, 3, k)."""

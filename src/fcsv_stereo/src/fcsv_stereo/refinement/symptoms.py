@@ -10,7 +10,7 @@ _LEAST_DETAIL = 0.1  # of the reference's
 
 
 def symptom(gray: np.ndarray, reference: np.ndarray) -> str:
-    """In words, against the reference picture (both HxW uint8); empty where the picture looks as good.
+    """Says, in words, against the reference picture (both HxW uint8); empty where the picture looks as good.
 
     >>> ramp = np.tile(np.arange(200, dtype=np.uint8), (100, 1))
     >>> symptom(np.full_like(ramp, 255), ramp), symptom(ramp // 16, ramp), symptom(ramp, ramp)

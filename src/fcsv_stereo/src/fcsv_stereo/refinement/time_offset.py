@@ -51,7 +51,7 @@ def _least_position_m(reference: Picture, mine: List[Tuple[int, Picture]], optio
 
 
 def _velocities(mine: List[Tuple[int, Picture]], reference: Picture) -> Dict[int, np.ndarray]:
-    """By differences of the priors between neighbours in time."""
+    """Gives velocities by differences of the priors between neighbours in time."""
     mine = sorted(mine, key=lambda kp: kp[1].stamp_s)
     velocities = {}
     for i, (k, _) in enumerate(mine):

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fcsv_stereo.refinement.features import View, corners, rays_of
+from fcsv_stereo.refinement.features import FeatureView, corners, rays_of
 from fcsv_stereo.refinement.geometry import epipolar_error, project
 
 _LEAST_NCC = 0.85
@@ -35,7 +35,7 @@ class Tracks:
     rays: np.ndarray
 
 
-def seeded_points(view: View, uv: np.ndarray, rho: np.ndarray, count: int) -> Points:
+def seeded_points(view: FeatureView, uv: np.ndarray, rho: np.ndarray, count: int) -> Points:
     """Corners of a view with the inverse depths of the nearest matched features (uv, rho)."""
     found = corners(view.gray, count)
 
@@ -43,7 +43,9 @@ def seeded_points(view: View, uv: np.ndarray, rho: np.ndarray, count: int) -> Po
     return Points(found, rays_of(view.camera, found), rho[near.reshape(len(found), -1)])
 
 
-def track(a: View, b: View, T_a_b: np.ndarray, points: Points, gate_px: float, window_px: int = 9) -> Tracks:
+def track(
+    a: FeatureView, b: FeatureView, T_a_b: np.ndarray, points: Points, gate_px: float, window_px: int = 9
+) -> Tracks:
     """Points of a found in b by Lucas-Kanade in b turned parallel to a, starting from their candidate depths, then
     whatever the exposures are. Kept where the patches correlate and the epipolar error is within the gate (px).
     """
@@ -117,7 +119,7 @@ def correlation(image_a: np.ndarray, image_b: np.ndarray, uv_a: np.ndarray, uv_b
     return score
 
 
-def _turned(a: View, b: View, T_a_b: np.ndarray):
+def _turned(a: FeatureView, b: FeatureView, T_a_b: np.ndarray):
     """b as a camera like a's and parallel to it would have seen it, and where it has a source."""
     H = a.camera.K @ T_a_b[:3, :3] @ np.linalg.inv(b.camera.K)
     size = (a.camera.width, a.camera.height)
@@ -170,7 +172,7 @@ def _lucas_kanade(image_a, image_b, uv, start, window_px, levels):
     return found
 
 
-def _pixels(view: View, rays: np.ndarray) -> np.ndarray:
+def _pixels(view: FeatureView, rays: np.ndarray) -> np.ndarray:
     return rays[:, :2] * [view.camera.fx, view.camera.fy] + [view.camera.cx, view.camera.cy]
 
 

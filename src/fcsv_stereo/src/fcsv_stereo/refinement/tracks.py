@@ -6,16 +6,18 @@ from typing import List, Tuple
 
 import numpy as np
 
-from fcsv_stereo.refinement.features import View
+from fcsv_stereo.refinement.features import FeatureView
 from fcsv_stereo.refinement.geometry import inverse_depth
-from fcsv_stereo.refinement.links import Link
+from fcsv_stereo.refinement.links import PairLink
 from fcsv_stereo.refinement.structure import Observations
 from fcsv_stereo.refinement.tracking import seeded_points, track
 
 _LEAST_PARALLAX_PX = 1.5  # less in every picture is sky, or so far that it may as well be: clouds move
 
 
-def observe(views: List[View], links: List[Link], features: int, pool: Executor) -> Tuple[Observations, np.ndarray]:
+def observe(
+    views: List[FeatureView], links: List[PairLink], features: int, pool: Executor
+) -> Tuple[Observations, np.ndarray]:
     """Observations of all links' points, and their inverse depths (N,) 1/m."""
     anchors = sorted({l.a for l in links})
     outcomes = [_anchored(views, [l for l in links if l.a == a], features, pool) for a in anchors]
@@ -33,7 +35,7 @@ def observe(views: List[View], links: List[Link], features: int, pool: Executor)
     return Observations(anchor, anchor_rays, point, picture, rays), rho
 
 
-def _anchored(views: List[View], links: List[Link], features: int, pool: Executor):
+def _anchored(views: List[FeatureView], links: List[PairLink], features: int, pool: Executor):
     a = views[links[0].a]
     uv, rho = np.vstack([l.seed_uv for l in links]), np.concatenate([l.seed_rho for l in links])
     points = seeded_points(a, uv, rho, features)
@@ -42,7 +44,7 @@ def _anchored(views: List[View], links: List[Link], features: int, pool: Executo
     return points, list(zip(links, found))
 
 
-def _depths(views: List[View], points, tracks):
+def _depths(views: List[FeatureView], points, tracks):
     """Which points have parallax anywhere, and their inverse depths, weighted by parallax."""
     count = len(points.uv)
     total, weight, parallax_px = np.zeros(count), np.zeros(count), np.zeros(count)

@@ -13,7 +13,8 @@ _LONGEST_GAP_S = 0.2  # between two pictures, for their turn to be that of a rea
 
 
 def most_turn_rad(given: MapInput) -> Optional[float]:
-    """Of any camera of a session between first and last row; None where poses in short succession are not known."""
+    """Gives the largest turn of any camera of a session between first and last row; None where poses in short
+    succession are not known."""
     if given.kind is not InputKind.SESSION:
         return None
     rates = [_rate_rad_s(side) for c in given.configurations for side in (c.references, c.others)]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.model import Picture, PosePrior
+from fcsv_stereo.model import Picture, PosePrior, PoseUncertainty
 from fcsv_stereo.refinement.features import KnownFeatures
 
 METRIC = PosePrior(position_m=0.02)  # of pictures in metres of which nothing is said
@@ -48,14 +48,8 @@ class RefineOptions:
 class RefinedPicture:
     """A picture after refinement; ``picture`` has the refined pose, or the prior where it was refused.
 
-    ``covariance`` is 6x6 of the pose relative to the reference: rotation (rad, camera axes), position (m, home axes).
     ``inliers`` of a refused one: those that agree with a prior which they do not better. The epipolar errors are rms
-    over the inliers (px), NaN where there are none; ``reason`` says why it was refused. The covariance is the sum of
-    ``told`` (6x6), which further pixels make smaller, and ``untold``, which stays however many are compared: the scale
-    that all poses share, and errors that all points of a picture share (``systematic``); and of ``doubted``, which
-    stays as well: what a focal length that is wrong with the probability ``focal_doubt`` makes of them (``focal``).
-    ``in_pixels`` (6x6) is of a picture whose prior is better than what pictures tell: the errors that a pose from its
-    pixels would have, however many are compared. None of all others.
+    over the inliers (px), NaN where there are none; ``reason`` says why it was refused.
     """
 
     picture: Picture
@@ -65,16 +59,7 @@ class RefinedPicture:
     inliers: int
     epipolar_before_px: float
     epipolar_after_px: float
-    told: np.ndarray
-    untold: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
-    doubted: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))
-    focal_doubt: float = 0.0
-    in_pixels: Optional[np.ndarray] = None
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """(6, 6), of all errors."""
-        return self.told + self.untold + self.doubted
+    uncertainty: PoseUncertainty
 
     @property
     def correction_rad(self) -> float:

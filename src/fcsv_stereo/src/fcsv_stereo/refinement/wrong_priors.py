@@ -41,7 +41,7 @@ def _away(prior: PairPrior, T_ref_cam: np.ndarray) -> float:
 
 
 def _loosened(prior: PairPrior, T_ref_cam: np.ndarray) -> PairPrior:
-    """With a position that is known to the whole baseline only."""
+    """Gives the prior with a position that is known to the whole baseline only."""
     wide_m = max(float(np.linalg.norm(T_ref_cam[:3, 3])), prior.position_m)
     covariance = prior.covariance
     if covariance is not None:
@@ -52,7 +52,7 @@ def _loosened(prior: PairPrior, T_ref_cam: np.ndarray) -> PairPrior:
 
 
 def _doubted(priors: Dict[int, PairPrior], adjusted: Adjusted) -> Adjusted:
-    """With what the priors' lengths say against one common scale, where that is more than their errors explain."""
+    """Adds with what the priors' lengths say against one common scale, where that is more than their errors explain."""
     scales, weights = [], []
     for k, prior in priors.items():
         p_m = adjusted.poses[k][:3, 3]

@@ -22,10 +22,11 @@ _SEAM_SHARE = 0.15  # half-width of the range about a trim point in which two pa
 
 @dataclass(frozen=True)
 class PairEvidence:
-    """Of one pair: ``overlap`` is the share of the reference's view that the other sees; the epipolar offset (px, rms
-    and median) is that of corners across the epipolar line, None where too few were found; ``carried_m`` holds 5th and
-    95th percentile of the depths that the map took from it, None where it took none. ``found`` is the share of the
-    corners looked for that are where their depth says, None where there was hardly a corner."""
+    """Holds the evidence of one pair: ``overlap`` is the share of the reference's view that the other sees; the
+    epipolar offset (px, rms and median) is that of corners across the epipolar line, None where too few were found;
+    ``carried_m`` holds 5th and 95th percentile of the depths that the map took from it, None where it took none.
+    ``found`` is the share of the corners looked for that are where their depth says, None where there was hardly a
+    corner."""
 
     overlap: float
     epipolar_rms_px: Optional[float]
@@ -167,7 +168,7 @@ def correction(e: ImageEntry) -> Tuple[float, float]:
 
 
 def sigma_bands(result: MapResult, edges_m=(0.0, 25.0, 50.0, 100.0, 200.0, 400.0, np.inf)) -> List[Dict[str, float]]:
-    """By mapped depth: pixels, median sigma (m), median of sigma over depth."""
+    """Gives, by mapped depth: pixels, median sigma (m), median of sigma over depth."""
     rows = []
     known = np.isfinite(result.depth) & np.isfinite(result.sigma)
     for a, b in zip(edges_m, edges_m[1:]):

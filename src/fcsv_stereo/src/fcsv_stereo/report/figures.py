@@ -14,7 +14,7 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from fcsv_geometry import transforms
-from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.evaluating.evaluation import Evaluation
 from fcsv_stereo.model import Axis, MapResult, Pair
 from fcsv_stereo.model.kinds import WORDS, masks
 from fcsv_stereo.near import NEAR_BASELINE
@@ -261,7 +261,8 @@ def _rings(axes, reach: float, to_deg: float) -> None:
 
 
 def T_view_home(result: MapResult) -> np.ndarray:
-    """From home to the frame that is drawn from above: home itself where it is level and the map lies ahead of it.
+    """Gives the transform from home to the frame that is drawn from above: home itself where it is level and the map
+    lies ahead of it.
 
     Photographs may stand elsewhere and look anywhere: then x is ahead of the reference camera, where that stands, or
     the upper edge of a picture that looks down.

@@ -11,7 +11,8 @@ _LEAST_DATE_S = 1e9  # stamps below it are no Unix time: of a simulation, or num
 
 
 def picture_names(result: MapResult) -> Dict[str, str]:
-    """By the names of a session's pictures (VEHICLE/STAMP), what the report calls them; other pictures keep theirs."""
+    """Gives, by the names of a session's pictures (VEHICLE/STAMP), what the report calls them; other pictures keep
+    theirs."""
     groups: Dict[str, List[ImageEntry]] = {}
     for image in sorted(result.images, key=lambda i: i.stamp_s):
         if image.name == f"{image.vehicle}/{image.stamp_s:.3f}":

@@ -25,7 +25,7 @@ class Origin:
 
     @classmethod
     def of(cls, path: Path, command: str, made_s: float) -> "Origin":
-        """Of an input; mission and seed from its session.yaml, as far as that says them."""
+        """Makes the origin of an input; mission and seed from its session.yaml, as far as that says them."""
         try:
             document = read_yaml(path / "session.yaml") if (path / "session.yaml").is_file() else {}
         except ConfigError:
@@ -35,7 +35,7 @@ class Origin:
         return cls(str(path), str(mission.get("name", "")), simulation.get("seed"), command, made_s)
 
     def rows(self, result: MapResult) -> List[Tuple[str, str]]:
-        """For the table at the top; what is not known is left out."""
+        """Gives the rows for the table at the top; what is not known is left out."""
         stamp = "" if are_photographs(result) else time_of(result.reference.stamp_s)
         found = [
             ("input", self.source),

@@ -9,9 +9,9 @@ import jinja2
 import numpy as np
 
 from fcsv_geometry.version import VERSION
-from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.evaluating.evaluation import Evaluation
+from fcsv_stereo.evaluating.poi import PoiResult
 from fcsv_stereo.model import MapResult
-from fcsv_stereo.poi import PoiResult
 from fcsv_stereo.report import evidence, figures, near, pictures, sections
 from fcsv_stereo.report.naming import named, picture_names
 from fcsv_stereo.report.origin import Origin

@@ -34,7 +34,7 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Heading:
-    """Of a part within a section."""
+    """Is the heading of a part within a section."""
 
     text: str
     kind: ClassVar[str] = "heading"

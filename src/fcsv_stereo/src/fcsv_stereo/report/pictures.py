@@ -3,8 +3,8 @@
 
 from typing import List
 
-from fcsv_stereo.ground_sample import GroundSample
-from fcsv_stereo.picture_list import PictureUse, picture_list
+from fcsv_stereo.evaluating.ground_sample import GroundSample
+from fcsv_stereo.map_files.picture_list import PictureUse, picture_list
 from fcsv_stereo.report.naming import are_photographs, time_of
 from fcsv_stereo.report.parts import Part, Table, note
 from fcsv_stereo.report.sections import ReportData

@@ -5,7 +5,7 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
-from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.evaluating.evaluation import Evaluation
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction
 from fcsv_stereo.report.naming import are_photographs

@@ -6,8 +6,8 @@ from typing import List, Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 
+from fcsv_stereo.evaluating.poi import PoiResult
 from fcsv_stereo.model import MapResult
-from fcsv_stereo.poi import PoiResult
 
 _COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#17becf")
 
@@ -57,7 +57,7 @@ def rows(points: Sequence[PoiResult]) -> List[Sequence[str]]:
 
 
 def color(index: int) -> str:
-    """Of a box, the same in every figure."""
+    """Gives the colour of a box, the same in every figure."""
     return _COLORS[index % len(_COLORS)]
 
 

@@ -6,12 +6,12 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
-from fcsv_stereo.cloud_bounds import in_words
-from fcsv_stereo.depth_metrics import TITLES
-from fcsv_stereo.evaluation import Evaluation
+from fcsv_stereo.evaluating.depth_metrics import TITLES
+from fcsv_stereo.evaluating.evaluation import Evaluation
+from fcsv_stereo.evaluating.poi import PoiResult
+from fcsv_stereo.map_files.cloud_bounds import in_words
 from fcsv_stereo.model import MapResult
 from fcsv_stereo.model.kinds import WORDS, masks
-from fcsv_stereo.poi import PoiResult
 from fcsv_stereo.report import charts, figures, poi
 from fcsv_stereo.report.cloud_view import cloud_view
 from fcsv_stereo.report.evidence import PairEvidence, Seam, correction, sigma_bands

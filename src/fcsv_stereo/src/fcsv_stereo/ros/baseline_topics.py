@@ -9,7 +9,7 @@ import rospy
 from sensor_msgs.msg import PointCloud2
 
 from fcsv_geometry import frames
-from fcsv_stereo.baseline_clouds import chosen, groups
+from fcsv_stereo.in_flight.baseline_clouds import chosen, groups
 from fcsv_stereo.model import Cloud
 from fcsv_stereo.model.words import Axis
 from fcsv_stereo.ros.map_messages import cloud_message
@@ -33,7 +33,8 @@ class BaselineTopics(rospy.SubscribeListener):
         self._advertise(axis.value for axis in Axis)
 
     def show(self, cloud: Cloud, baselines: Sequence[Tuple[str, float]], stamp_s: float) -> None:
-        """In place of the map before. ``baselines``: (axis, length in m) of each pair that points may come of."""
+        """Shows the cloud in place of the map before. ``baselines``: (axis, length in m) of each pair that points may
+        come of."""
         with self._lock:
             self._cloud, self._baselines, self._stamp_s = cloud, list(baselines), stamp_s
             gone = set(self._groups)

@@ -6,11 +6,11 @@ from typing import Callable, Dict, Sequence
 import numpy as np
 import rospy
 
-from fcsv_geometry import home_messages
 from fcsv_geometry.errors import FcsvError, GeometryError
 from fcsv_geometry.home import HomeFrames
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.vehicles import home_messages
 from fcsv_msgs.msg import Calibration, CapturedPicture, Home
 from fcsv_stereo.model import LivePicture
 

@@ -16,10 +16,11 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Capture, MapState
-from fcsv_stereo import monitoring
-from fcsv_stereo.cloud_bounds import CloudBounds, bound_cloud
+from fcsv_stereo.in_flight import monitoring
+from fcsv_stereo.in_flight.live import Corrections, LiveSession, MapStage
+from fcsv_stereo.in_flight.warm_up import warm_up
 from fcsv_stereo.instants import MOST_SKEW_S
-from fcsv_stereo.live import Corrections, LiveSession, MapStage
+from fcsv_stereo.map_files.cloud_bounds import CloudBounds, bound_cloud
 from fcsv_stereo.model import LivePicture, MapInput, MapResult, Method
 from fcsv_stereo.pipeline import METHODS
 from fcsv_stereo.refinement import KnownFeatures
@@ -27,7 +28,6 @@ from fcsv_stereo.ros.captured_pictures import CapturedPictures
 from fcsv_stereo.ros.map_messages import REFERENCE_FRAME
 from fcsv_stereo.ros.map_topics import MapTopics
 from fcsv_stereo.sessions.messages import camera_covariance, window_of
-from fcsv_stereo.warm_up import warm_up
 
 _STATE_PERIOD_S = 1.0
 _NOT_OF_ONE_INSTANT_S = 3.0  # of pictures; then it is said
@@ -83,7 +83,7 @@ class LiveNode:
         self._news = False
         self._corrections, self._watched, self._watched_s = Corrections(), 0, float("-inf")
         self._mapped: set = set()  # indices of windows
-        self._rate = monitoring.Rate()
+        self._rate = monitoring.ImageRate()
         self._last_s = 0.0  # stamp of the newest picture that is in what is mapped
         self._state = MapState(state=MapStage.WAITING.value, detail="waiting for the first configuration")
         self._health = Health("map", {"pictures": 0.0})

@@ -13,7 +13,7 @@ from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import PairLook
-from fcsv_stereo import pair_check
+from fcsv_stereo.in_flight import pair_check
 from fcsv_stereo.model import LivePicture, Picture
 from fcsv_stereo.refinement import KnownFeatures
 from fcsv_stereo.ros.captured_pictures import CapturedPictures

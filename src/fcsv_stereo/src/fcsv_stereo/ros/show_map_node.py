@@ -15,7 +15,7 @@ from fcsv_geometry import frames, transforms
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_stereo.output import read_ply, read_ply_origin
+from fcsv_stereo.map_files.output import read_ply, read_ply_origin
 from fcsv_stereo.ros.baseline_topics import BaselineTopics
 from fcsv_stereo.ros.map_messages import LOCAL_FRAME, cloud_message
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.intrinsics import doubts
-from fcsv_geometry.stamps import in_order, stuck
+from fcsv_geometry.streams.stamps import in_order, stuck
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.stamped import Stamped
 
@@ -116,7 +116,7 @@ def _odd(camera: PinholeCamera, other) -> str:
 
 
 def _changes(kept: List[Infos]) -> List[str]:
-    """In words, where a camera changed for good."""
+    """Says, in words, where a camera changed for good."""
     return [_changed(a[-1][1], *b[0]) for a, b in zip(kept, kept[1:]) if not _alike(a[-1][1], b[0][1])]
 
 

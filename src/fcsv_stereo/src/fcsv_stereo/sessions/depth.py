@@ -101,7 +101,7 @@ class RecordedDepth:
         return camera_in_home(self.T_home_odom[vehicle], self.tracks[vehicle].at(stamp_s), self.T_body_cam[vehicle])
 
     def _covariance(self, vehicle: str, stamp_s: float, T_home_cam: np.ndarray) -> np.ndarray:
-        """As it was recorded, or as it is assumed of a flight."""
+        """Gives the covariance as it was recorded, or as it is assumed of a flight."""
         known = self.covariances[vehicle].at(stamp_s) if vehicle in self.covariances else None
         if known is not None:
             return turned(known, T_home_cam[:3, :3])

@@ -51,7 +51,8 @@ def _machine_and_part(bag: Path) -> Tuple[str, int, str]:
 
 
 def _without_copies(bags: List[Path], said: List[str]) -> List[Path]:
-    """Of bags that are the same to the last byte, the one with the shortest name (uav1.bag, not "uav1 (1).bag")."""
+    """Keeps, of bags that are the same to the last byte, the one with the shortest name (uav1.bag, not "uav1
+    (1).bag")."""
     kept: List[Path] = []
     for bag in sorted(set(bags), key=lambda b: (len(b.name), b.name)):
         of = next((k for k in kept if _same_bag(k, bag)), None)

@@ -8,7 +8,7 @@ import numpy as np
 from fcsv_geometry import frames
 from fcsv_geometry.messages import seconds
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.live import Window
+from fcsv_stereo.in_flight.live import RecordingWindow
 from fcsv_stereo.model import Axis, Configuration
 from fcsv_stereo.pose_covariance import checked
 
@@ -20,10 +20,10 @@ def camera_covariance(message, vehicle: str) -> Tuple[float, np.ndarray]:
     return seconds(message.header.stamp), checked(message.pose.covariance, vehicle)
 
 
-def window_of(capture) -> Window:
+def window_of(capture) -> RecordingWindow:
     """A recording window from its message."""
     c = capture.configuration
     axis = Axis.VERTICAL if c.axis == c.VERTICAL else Axis.HORIZONTAL
     configuration = Configuration(axis, c.baseline_m, c.tilt_rad, c.name)
     start_s, stop_s = seconds(capture.start), seconds(capture.stop)
-    return Window(capture.index, configuration, capture.reference, capture.vehicle, start_s, stop_s)
+    return RecordingWindow(capture.index, configuration, capture.reference, capture.vehicle, start_s, stop_s)

@@ -13,7 +13,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import BagError
 from fcsv_geometry.messages import seconds
 from fcsv_stereo.errors import InputError
-from fcsv_stereo.exposure import Exposure
+from fcsv_stereo.posed.exposure import Exposure
 from fcsv_stereo.sessions import compressed
 from fcsv_stereo.sessions.cameras import CameraTimeline
 from fcsv_stereo.sessions.left_out import LeftOut
@@ -84,7 +84,7 @@ def read_pictures(
 
 @dataclass
 class _Reader:
-    """Of one topic of pictures, bag after bag; ``stamps_s`` are also of those that are none."""
+    """Reads the messages of one topic of pictures, bag after bag; ``stamps_s`` are also of those that are none."""
 
     source: PictureSource
     pictures: Stamped
@@ -135,12 +135,13 @@ class _Reader:
 
 
 def _same(a, b) -> bool:
-    """Of what two bags hold at one stamp; pictures outside the windows were not looked at."""
+    """Says whether they are the same: of what two bags hold at one stamp; pictures outside the windows were not looked
+    at."""
     return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a[0], b[0]))
 
 
 def compressed_rgb_of(where: str, message, camera: PinholeCamera) -> np.ndarray:
-    """As rgb_of, of a sensor_msgs/CompressedImage."""
+    """Decodes, as rgb_of, of a sensor_msgs/CompressedImage."""
     image = compressed.decoded(where, message)
     _require_size(where, image.shape[1], image.shape[0], camera)
     return image

@@ -6,19 +6,19 @@ from typing import Dict, List, Optional
 
 import numpy as np
 
-from fcsv_geometry import home_messages
 from fcsv_geometry.errors import GeometryError, PoseUnavailable
 from fcsv_geometry.home import HomeFrames, camera_in_home
+from fcsv_geometry.vehicles import home_messages
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.model import FLOWN, ConfigurationInput, InputKind, MapInput, Picture
 from fcsv_stereo.pose_covariance import turned, unknown_warning
+from fcsv_stereo.sessions.broadcasts import CALIBRATION, CAPTURE, HOME, TYPES
 from fcsv_stereo.sessions.depth import RecordedDepth
 from fcsv_stereo.sessions.files import bags_of
 from fcsv_stereo.sessions.messages import window_of
 from fcsv_stereo.sessions.pictures import PictureSource, PicturesSeen, read_pictures
 from fcsv_stereo.sessions.reasons import why_no_pictures
 from fcsv_stereo.sessions.recorded import ODOMETRY, Recorded, lacks, read_recorded
-from fcsv_stereo.sessions.told import CALIBRATION, CAPTURE, HOME, TYPES
 from fcsv_stereo.sweeps import on_time, spread
 
 
@@ -63,21 +63,21 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
     """Name what is missing, and where it should have come from; a recording without its vehicles is left out."""
     because = "".join(f"; {w}" for w in (*warnings, *recorded.left_out.warnings()))
     flown = {*recorded.tracks, *recorded.T_body_cam}
-    captures = recorded.told.captures(flown)
+    captures = recorded.broadcasts.captures(flown)
     needed = {
         CAPTURE: (captures, "no configuration was recorded"),
-        CALIBRATION: (recorded.told.newest(CALIBRATION), "the vehicles were never calibrated"),
-        HOME: (recorded.told.newest(HOME), "home was never set"),
+        CALIBRATION: (recorded.broadcasts.newest(CALIBRATION), "the vehicles were never calibrated"),
+        HOME: (recorded.broadcasts.newest(HOME), "home was never set"),
     }
     for topic, (value, meaning) in needed.items():
-        if topic != CAPTURE and recorded.told.newest_is_refused(topic):
+        if topic != CAPTURE and recorded.broadcasts.newest_is_refused(topic):
             raise InputError(
                 f"{path}: topic {topic}: the newest message is none; an earlier one is of other frames{because}"
             )
         if not value:
             meaning = f"{meaning}, or control.bag is not in the session and no vehicle heard it by radio"
             raise InputError(f"{path}: topic {topic} is missing: {meaning}{because}")
-    warnings += filter(None, [recorded.told.from_vehicles(flown)])
+    warnings += filter(None, [recorded.broadcasts.from_vehicles(flown)])
     vehicles = {v for c in captures for v in (c.reference, c.vehicle)}
     lacking = {v: text for v in sorted(vehicles) for text in [lacks(v, recorded)] if text}
     kept = [c for c in captures if not {c.reference, c.vehicle} & set(lacking)]
@@ -92,8 +92,8 @@ def _require(path: Path, recorded: Recorded, warnings: List[str]) -> None:
 def _odoms_in_home(path: Path, recorded: Recorded) -> Dict[str, np.ndarray]:
     in_home = HomeFrames()
     try:
-        home_messages.take_calibration(in_home, recorded.told.newest(CALIBRATION))
-        home_messages.take_home(in_home, recorded.told.newest(HOME))
+        home_messages.take_calibration(in_home, recorded.broadcasts.newest(CALIBRATION))
+        home_messages.take_home(in_home, recorded.broadcasts.newest(HOME))
         return in_home.T_home_odom
     except GeometryError as error:
         raise InputError(f"{path}: /calibration or /home: {error}") from error

@@ -3,8 +3,8 @@
 
 from typing import Collection, Sequence, Tuple
 
-from fcsv_geometry.stamps import stuck
-from fcsv_stereo.live import Window
+from fcsv_geometry.streams.stamps import stuck
+from fcsv_stereo.in_flight.live import RecordingWindow
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.pictures import PicturesSeen
 
@@ -12,7 +12,7 @@ _APART_S = 1.0
 
 
 def why_no_pictures(
-    vehicle: str, topic: str, seen: PicturesSeen, windows: Sequence[Window],
+    vehicle: str, topic: str, seen: PicturesSeen, windows: Sequence[RecordingWindow],
     span_s: Tuple[float, float], topics: Collection[str], left_out: LeftOut,
 ) -> str:  # fmt: skip
     """``topic``: where pictures are wanted; ``topics``: all of the bags; ``span_s``: of odometry."""
@@ -42,7 +42,7 @@ def _none(vehicle: str, topic: str, topics: Collection[str]) -> str:
     return f"{said}: record {topic} or {topic}/compressed"
 
 
-def _outside(where: str, first_s: float, last_s: float, windows: Sequence[Window]) -> str:
+def _outside(where: str, first_s: float, last_s: float, windows: Sequence[RecordingWindow]) -> str:
     start_s, stop_s = min(w.start_s for w in windows), max(w.stop_s for w in windows)
     said = (
         f"{where}: {first_s:.3f} to {last_s:.3f} do not overlap in time with the recording windows, "

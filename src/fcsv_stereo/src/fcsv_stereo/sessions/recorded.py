@@ -16,12 +16,12 @@ from fcsv_geometry.messages import camera_from_info, pose_to_transform, seconds,
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_stereo.errors import InputError
 from fcsv_stereo.pose_covariance import KnownCovariances, turned
+from fcsv_stereo.sessions.broadcasts import TYPES, BroadcastRecords
 from fcsv_stereo.sessions.cameras import CameraTimeline, timeline
 from fcsv_stereo.sessions.depth import DEPTH_INFO
 from fcsv_stereo.sessions.left_out import LeftOut
 from fcsv_stereo.sessions.messages import camera_covariance
 from fcsv_stereo.sessions.stamped import Stamped
-from fcsv_stereo.sessions.told import TYPES, Told
 from fcsv_stereo.sessions.tracks import track_of
 
 INFO, ODOMETRY, _CAMERA_POSE = "camera/color/camera_info", "odometry/body", "camera_pose"
@@ -37,10 +37,10 @@ _SAME_MOUNT = 1e-6
 
 @dataclass
 class Recorded:
-    """By vehicle its cameras, trajectory, T_body_cam and covariances; what the control PC told."""
+    """Holds, by vehicle its cameras, trajectory, T_body_cam and covariances; what the control PC broadcast."""
 
     bags: List[Path]
-    told: Told = field(default_factory=Told)
+    broadcasts: BroadcastRecords = field(default_factory=BroadcastRecords)
     captures: List = field(default_factory=list)
     T_body_cam: Dict[str, np.ndarray] = field(default_factory=dict)
     cameras: Dict[str, CameraTimeline] = field(default_factory=dict)
@@ -76,7 +76,7 @@ class _Pass:
     no_covariance: List[Tuple[str, float, str]] = field(default_factory=list)
 
     def read(self, path: Path) -> None:
-        """Of a bag that cannot be read on, what came before."""
+        """Reads, of a bag that cannot be read on, what came before."""
         try:
             for topic, message in reading.messages(
                 path, lambda t, kind: self._wanted(path, t, kind), self._broken
@@ -86,7 +86,7 @@ class _Pass:
             self.warnings.append(f"{error}; what follows there is left out")
 
     def finish(self) -> None:
-        """From single messages to trajectories, cameras and covariances."""
+        """Turns what was read from single messages to trajectories, cameras and covariances."""
         recorded, left_out = self.recorded, self.recorded.left_out
         serving = {samples.topic for samples in self.samples.values()}
         for said in self.no_covariance:
@@ -124,7 +124,7 @@ class _Pass:
         vehicle, _, name = topic.strip("/").partition("/")
         try:
             if topic in TYPES:
-                self.recorded.told.take(path, topic, message)
+                self.recorded.broadcasts.add(path, topic, message)
             elif topic == TF_STATIC:
                 self._take_extrinsics(message)
             else:
@@ -187,7 +187,7 @@ class _Pass:
 
 
 def _stamp_s(message) -> float:
-    """Of a message, or of the first transform in it."""
+    """Gives the stamp of a message, or of the first transform in it."""
     return seconds(
         message.header.stamp if hasattr(message, "header") else message.transforms[0].header.stamp
     )

@@ -4,7 +4,7 @@
 from dataclasses import dataclass, field
 from typing import Any, Callable, List, Optional, Tuple
 
-from fcsv_geometry.stamps import in_order, stuck
+from fcsv_geometry.streams.stamps import in_order, stuck
 from fcsv_stereo.sessions.left_out import LeftOut
 
 _ALONE_S = 10.0  # odometry comes all the time: a first or last stamp so far away is wrong

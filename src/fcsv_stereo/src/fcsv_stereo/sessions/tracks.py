@@ -65,7 +65,7 @@ def _aside(poses: Poses) -> set:
 
 
 def _span_m(T: np.ndarray) -> np.ndarray:
-    """From each pose's predecessor to its successor."""
+    """Gives the span from each pose's predecessor to its successor."""
     return np.linalg.norm(T[2:, :3, 3] - T[:-2, :3, 3], axis=1)
 
 

@@ -38,7 +38,7 @@ class Candidate:
 
     @property
     def length_m(self) -> float:
-        """Of the baseline."""
+        """Gives the length of the baseline."""
         return float(np.linalg.norm(self.baseline_m))
 
 
@@ -76,7 +76,7 @@ def candidates(configuration: ConfigurationInput) -> List[Candidate]:
 
 
 def choose(found: Sequence[Candidate], step: float) -> List[Candidate]:
-    """From the shortest to the longest baseline, each so much of its baseline away from the one before.
+    """Chooses pairs from the shortest to the longest baseline, each so much of its baseline away from the one before.
 
     Of those about a step away the sharpest. What is blurred or hardly overlaps serves only where nothing else is left.
 
@@ -129,7 +129,7 @@ def _with_longest(chosen: List[Candidate], longest: Candidate, step: float) -> L
 
 
 def _distinct(chosen: Dict[int, List[Candidate]], step: float) -> Dict[int, List[Candidate]]:
-    """Without those that stand where one of another sweep stands."""
+    """Gives the candidates without those that stand where one of another sweep stands."""
     kept: Dict[int, List[Candidate]] = {}
     for i, of in chosen.items():
         before = [k for others in kept.values() for k in others]

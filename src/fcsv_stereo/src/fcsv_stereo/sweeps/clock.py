@@ -45,13 +45,13 @@ class ClockOffset:
     known: bool
 
     def to_dict(self) -> dict:
-        """For report.json; ``offset_ms`` is null where it is not known."""
+        """Gives the offset for report.json; ``offset_ms`` is null where it is not known."""
         offset_ms, sigma_ms = (round(1e3 * s, 2) for s in (self.offset_s, self.sigma_s)) if self.known else (None, None)
         return {"offset_ms": offset_ms, "sigma_ms": sigma_ms, "turns": self.turns, "known": self.known}
 
     @property
     def words(self) -> str:
-        """For a person.
+        """Says the offset for a person.
 
         >>> ClockOffset(0.005, 0.0002, 40, True).words
         '+5.0 ms ±0.2'
@@ -63,8 +63,8 @@ class ClockOffset:
 
 @dataclass(frozen=True)
 class Turn:
-    """From picture ``first`` to ``second`` (stamps, s), as seen: R_second_first, and its information (3, 3) about the
-    second camera's axes."""
+    """Holds a turn from picture ``first`` to ``second`` (stamps, s), as seen: R_second_first, and its information (3,
+    3) about the second camera's axes."""
 
     first_s: float
     second_s: float
@@ -73,7 +73,8 @@ class Turn:
 
 
 def clock_offset(pictures: Sequence[Picture], track: Trajectory, R_body_cam: np.ndarray) -> Optional[ClockOffset]:
-    """Of one vehicle: ``pictures`` in order of time, ``track`` of T_odom_body. None where too few turns are seen."""
+    """Finds the offset of one vehicle: ``pictures`` in order of time, ``track`` of T_odom_body. None where too few
+    turns are seen."""
     turns = seen_turns(pictures)
     return fitted(turns, track, R_body_cam) if len(turns) >= _LEAST_TURNS else None
 

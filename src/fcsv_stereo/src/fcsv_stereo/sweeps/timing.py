@@ -42,7 +42,7 @@ def on_time(
 
 
 def _clocks(configurations, tracks, R_body_cam) -> Dict[str, ClockOffset]:
-    """By vehicle of a sweep; those of which nothing is seen are not told."""
+    """Finds the clocks by vehicle of a sweep; those of which nothing is seen are not told."""
     pictures: Dict[str, Dict[float, Picture]] = defaultdict(dict)
     for c in filter(moves, configurations):
         for p in (*c.references, *c.others):

@@ -23,7 +23,7 @@ class SelectionOptions:
 
 
 def buffered(pictures: Sequence[Picture], options: SelectionOptions) -> List[Picture]:
-    """Of a recording in order of time, what the buffer kept: at least one picture where there is one."""
+    """Keeps, of a recording in order of time, what the buffer kept: at least one picture where there is one."""
     end_s = pictures[0].stamp_s + options.buffer_s if pictures else 0.0
     return [p for p in pictures if p.stamp_s <= end_s][: options.buffer_pictures]
 

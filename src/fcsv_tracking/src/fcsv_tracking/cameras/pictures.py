@@ -25,7 +25,7 @@ NamedPicture = Tuple[str, Union[np.ndarray, PictureFileError, None]]  # grey HxW
 
 
 @dataclass
-class Views:
+class BoardViews:
     """What the pictures of one camera gave; ``size`` is width, height."""
 
     size: Tuple[int, int] = (0, 0)
@@ -69,12 +69,12 @@ def read_gray(path: Path) -> Union[np.ndarray, PictureFileError]:
 
 def collect_views(
     pictures: Iterable[NamedPicture], board: Chessboard, thin: bool = False, progress: Callable[[str], None] = str
-) -> Views:
+) -> BoardViews:
     """Views of one camera; ``thin`` passes over pictures of a video in which the board has hardly moved.
 
     Pictures of another size than most, unreadable ones and such without the whole board are named with the reason.
     """
-    found, sizes = Views(), {}
+    found, sizes = BoardViews(), {}
     for name, gray in pictures:
         progress(name)
         if not isinstance(gray, np.ndarray):
@@ -98,7 +98,7 @@ def collect_views(
     return found
 
 
-def _require_one_size(found: Views, sizes: Dict[str, Tuple[int, int]]) -> None:
+def _require_one_size(found: BoardViews, sizes: Dict[str, Tuple[int, int]]) -> None:
     found.size = Counter(sizes[v.name] for v in found.views).most_common(1)[0][0]
     for view in [v for v in found.views if sizes[v.name] != found.size]:
         width, height = sizes[view.name]

@@ -3,7 +3,7 @@
 
 from functools import partial
 
-from fcsv_geometry import commands
 from fcsv_geometry.errors import FcsvError
+from fcsv_geometry.programs import commands
 
 run = partial(commands.run, refused=(FcsvError, ValueError))

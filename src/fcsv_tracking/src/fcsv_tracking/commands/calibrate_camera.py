@@ -7,15 +7,15 @@ from typing import List, Optional, Tuple
 
 from tqdm import tqdm
 
-from fcsv_geometry.writing import require_folder
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_tracking import commands
 from fcsv_tracking.cameras.board import Chessboard
 from fcsv_tracking.cameras.camera_yaml import write_camera, write_pair
 from fcsv_tracking.cameras.coverage import write_coverage
 from fcsv_tracking.cameras.intrinsics import Intrinsics, IntrinsicsRules, calibrate_intrinsics
 from fcsv_tracking.cameras.pictures import (
+    BoardViews,
     NamedPicture,
-    Views,
     collect_views,
     folder_pictures,
     read_gray,
@@ -58,7 +58,7 @@ def _calibrate(args) -> None:
     print(f"wrote {out}: " + ", ".join(f"{s or args.name}.yaml, {s or args.name}_coverage.png" for s in found))
 
 
-def _intrinsics(views: Views, board: Chessboard, rules: IntrinsicsRules, side: str) -> Intrinsics:
+def _intrinsics(views: BoardViews, board: Chessboard, rules: IntrinsicsRules, side: str) -> Intrinsics:
     try:
         return calibrate_intrinsics(views.views, board, views.size, rules)
     except CameraCalibrationRefused as error:
@@ -77,7 +77,7 @@ def _stereo(found, board: Chessboard, out: Path) -> None:
     _print_left_out(stereo.left_out)
 
 
-def _print(name: str, views: Views, found: Intrinsics) -> None:
+def _print(name: str, views: BoardViews, found: Intrinsics) -> None:
     camera = found.camera
     print(f"{name}: {camera.width}x{camera.height}, rms {found.rms_px:.3f} px over {len(found.views)} views, "
           f"{found.coverage:.0%} of the picture covered")  # fmt: skip
@@ -93,7 +93,7 @@ def _print_left_out(left_out) -> None:
         print(f"  left out: {name}: {why}")
 
 
-def _views(source: Path, prefix: Optional[str], topic: Optional[str], board: Chessboard, side: str) -> Views:
+def _views(source: Path, prefix: Optional[str], topic: Optional[str], board: Chessboard, side: str) -> BoardViews:
     pictures, total, thin = _pictures(source, prefix or "", topic)
     with tqdm(total=total, unit="picture", desc=side or source.name, disable=None) as bar:
         return collect_views(pictures, board, thin, lambda _name: bar.update())

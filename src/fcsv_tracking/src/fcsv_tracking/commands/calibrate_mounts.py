@@ -10,9 +10,9 @@ from tqdm import tqdm
 
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.tracker import load_profile
-from fcsv_geometry.vehicle import load_vehicles
-from fcsv_geometry.writing import require_file
+from fcsv_geometry.programs.writing import require_file
+from fcsv_geometry.vehicles.tracker import load_profile
+from fcsv_geometry.vehicles.vehicle import load_vehicles
 from fcsv_tracking import commands
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.hand_eye import PARTS, TagView

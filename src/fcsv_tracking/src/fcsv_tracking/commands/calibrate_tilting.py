@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import List, Optional
 
-from fcsv_geometry.writing import require_folder
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_tracking import commands
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.tilting.board import VIEWS, TagBoard, read_views

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import List, Optional
 
-from fcsv_geometry.writing import require_file
+from fcsv_geometry.programs.writing import require_file
 from fcsv_tracking import commands
 from fcsv_tracking.evaluation.metrics import ALIGNMENTS, Evaluation, Statistics, evaluate
 from fcsv_tracking.evaluation.tracks import Track, read_truth, read_tum
@@ -33,7 +33,7 @@ def _evaluate(args) -> None:
 
 
 def table(found: Evaluation) -> str:
-    """For a person."""
+    """Writes a table for a person."""
 
     def row(name: str, s: Statistics, unit: str) -> str:
         return f"{name:<28}{s.rmse:10.4f}{s.mean:10.4f}{s.median:10.4f}{s.max:10.4f}  {unit}"

@@ -10,7 +10,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
 from fcsv_geometry.messages import pose_to_transform, seconds
-from fcsv_geometry.writing import require_folder
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_tracking import commands
 from fcsv_tracking.errors import EvaluationError
 from fcsv_tracking.evaluation.tracks import Track, read_truth, write_tum

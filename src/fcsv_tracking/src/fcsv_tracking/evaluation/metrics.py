@@ -17,7 +17,7 @@ _LEAST_POSES = 3
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of one kind of error."""
+    """Holds statistics of one kind of error."""
 
     rmse: float
     mean: float

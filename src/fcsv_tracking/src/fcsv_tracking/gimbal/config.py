@@ -7,7 +7,7 @@ from typing import Dict, List, Tuple
 import numpy as np
 
 from fcsv_geometry import config
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
 
 

@@ -184,7 +184,7 @@ class DynamixelAxes:
         return stamp_s, [float(a) for a in angles]
 
     def health(self) -> Dict[str, str]:
-        """For diagnostics: temperature, voltage, load and lost answers by name."""
+        """Gives figures for diagnostics: temperature, voltage, load and lost answers by name."""
         out = {}
         for axis, now in zip(self._axes, self._present):
             out[f"{axis.name} servo"] = f"{now.temperature_c} C, {now.voltage_v:.1f} V, load {100 * now.load:.0f} %"

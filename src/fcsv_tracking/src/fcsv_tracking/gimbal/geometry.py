@@ -11,7 +11,7 @@ from typing import NamedTuple, Tuple
 import numpy as np
 
 from fcsv_geometry import transforms
-from fcsv_geometry.vehicle import Mount, Vector3
+from fcsv_geometry.vehicles.vehicle import Mount, Vector3
 
 _STEPS = 8  # of Newton's method; each squares an error that lever arms of centimetres leave
 _NEAREST_M = 0.1

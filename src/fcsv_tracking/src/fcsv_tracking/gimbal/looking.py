@@ -15,7 +15,7 @@ _LEAST_PX = 160  # half a window: smaller ones save nothing
 
 
 @dataclasses.dataclass(frozen=True)
-class Window:
+class ImageWindow:
     """Columns u0 to u1 and rows v0 to v1 of a picture (ends excluded)."""
 
     u0: int
@@ -26,7 +26,7 @@ class Window:
 
 def window_about(
     T_cam_ground: np.ndarray, p_ground_m: np.ndarray, radius_m: float, camera: PinholeCamera
-) -> Optional[Window]:
+) -> Optional[ImageWindow]:
     """Where a body of ``radius_m`` shows; None where it is not in the picture."""
     p_cam = transforms.apply(T_cam_ground, p_ground_m)
     if p_cam[2] <= radius_m:
@@ -35,11 +35,11 @@ def window_about(
     half = max(half, _LEAST_PX)
     u0, v0 = max(0, int(u - half)), max(0, int(v - half))
     u1, v1 = min(camera.width, int(u + half) + 1), min(camera.height, int(v + half) + 1)
-    return Window(u0, v0, u1, v1) if u1 - u0 > _LEAST_PX / 2 and v1 - v0 > _LEAST_PX / 2 else None
+    return ImageWindow(u0, v0, u1, v1) if u1 - u0 > _LEAST_PX / 2 and v1 - v0 > _LEAST_PX / 2 else None
 
 
 def look(
-    detector: TagDetector, gray: np.ndarray, camera: PinholeCamera, window: Optional[Window]
+    detector: TagDetector, gray: np.ndarray, camera: PinholeCamera, window: Optional[ImageWindow]
 ) -> Tuple[List[TagObservation], bool]:
     """Observations, and whether the whole picture was looked at: without a window, or where it held no tag.
 

@@ -69,7 +69,7 @@ def present(raw: List[int]) -> Present:
 
 
 def speed_units(speed_degps: float) -> int:
-    """At least 1: 0 would be the greatest speed."""
+    """Gives at least 1: 0 would be the greatest speed."""
     return int(np.clip(round(speed_degps / SPEED_DEGPS), 1, MOST_SPEED))
 
 

@@ -77,7 +77,7 @@ class _Model:
         self._place = np.array([rules.tag_m**2] * 3 + [np.radians(rules.tag_deg) ** 2] * 3)
 
     def fit(self, T: np.ndarray) -> Optional[_Fit]:
-        """From a start, in rounds as the weights depend on the pose.
+        """Fits a pose from a start, in rounds as the weights depend on the pose.
 
         None where that runs away, as from a mirrored pose of a distant tag it may.
         """

@@ -34,7 +34,7 @@ class GimbalServos(abc.ABC):
 
     @abc.abstractmethod
     def health(self) -> Dict[str, str]:
-        """For diagnostics: values that a person reads (temperature, voltage, load), by name."""
+        """Gives figures, for diagnostics: values that a person reads (temperature, voltage, load), by name."""
 
     @abc.abstractmethod
     def close(self) -> None:

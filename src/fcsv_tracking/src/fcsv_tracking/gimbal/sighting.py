@@ -28,7 +28,7 @@ class TagPicture:
 
     @property
     def turning_radps(self) -> float:
-        """Of the faster joint."""
+        """Gives the rate of the faster joint."""
         return float(np.max(np.abs(self.rates_radps)))
 
 

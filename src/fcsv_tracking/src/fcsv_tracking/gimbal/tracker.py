@@ -14,13 +14,13 @@ from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.errors import PoseUnavailable
-from fcsv_geometry.flow import DropCounter
+from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.errors import SampleRejected
 from fcsv_tracking.gimbal.angles import AngleTrack
 from fcsv_tracking.gimbal.config import BodyTag
 from fcsv_tracking.gimbal.follow import Follower, FollowRules, Target
 from fcsv_tracking.gimbal.geometry import Angles, GimbalGeometry
-from fcsv_tracking.gimbal.looking import Window, window_about
+from fcsv_tracking.gimbal.looking import ImageWindow, window_about
 from fcsv_tracking.gimbal.pose import BodySight, PoseRules
 from fcsv_tracking.gimbal.sighting import Seen, TagPicture, see
 from fcsv_tracking.mocap.equations import moved_covariance
@@ -233,7 +233,7 @@ class GimbalTracker:
         self.counts.count("gimbal turning")
         return True
 
-    def window(self, stamp_s: float) -> Optional[Window]:
+    def window(self, stamp_s: float) -> Optional[ImageWindow]:
         """Where in the picture of ``stamp_s`` the vehicle should be; None where that is not known.
 
         Also for a while after it was lost: where the whole picture takes longer than that, it would stay lost else.

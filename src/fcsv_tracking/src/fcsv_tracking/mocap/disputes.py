@@ -6,7 +6,7 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_geometry.flow import DropCounter
+from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.mocap.filter import Correction
 from fcsv_tracking.mocap.rules import TrackerRules
 
@@ -20,7 +20,8 @@ class MocapVerdict(Enum):
 
 
 class Disputes:
-    """Of one vehicle's mocap, odometry and attitude with the filter; times are moments (s) of samples."""
+    """Weighs the disputes of one vehicle's mocap, odometry and attitude with the filter; times are moments (s) of
+    samples."""
 
     def __init__(self, rules: TrackerRules, counts: DropCounter):
         self._rules, self._counts = rules, counts
@@ -42,7 +43,8 @@ class Disputes:
         self._place_since_s: Optional[float] = None
 
     def mocap(self, moment_s: float, correction: Correction, coasting: bool, heading_confirmed: bool) -> MocapVerdict:
-        """Of a pose of the mocap against the filter; while ``coasting`` no body turns as swapped markers do."""
+        """Judges a pose of a pose of the mocap against the filter; while ``coasting`` no body turns as swapped markers
+        do."""
         turned = coasting and float(np.linalg.norm(correction.residual[3:])) > np.radians(self._rules.coast_deg)
         if not (turned or correction.distance2 > self._rules.gate_6):
             return MocapVerdict.TAKE
@@ -72,7 +74,7 @@ class Disputes:
         return off and moment_s - self._odometry_since_s > self._rules.dispute_s
 
     def attitude(self, moment_s: float, off: bool) -> bool:
-        """Likewise of attitude."""
+        """Judges the attitude likewise."""
         reason = "odometry: attitude off what was predicted"
         self._attitude_since_s = self._since(moment_s, off, self._attitude_since_s, reason)
         return off and moment_s - self._attitude_since_s > self._rules.dispute_s

@@ -9,7 +9,7 @@ import numpy as np
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
 from fcsv_geometry.errors import GeometryError
-from fcsv_geometry.flow import DropCounter
+from fcsv_geometry.streams.flow import DropCounter
 from fcsv_tracking.errors import SampleRejected
 
 

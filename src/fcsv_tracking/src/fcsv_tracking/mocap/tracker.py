@@ -13,7 +13,7 @@ from typing import Deque, List, Optional, Tuple
 import numpy as np
 
 from fcsv_geometry import rotations, transforms
-from fcsv_geometry.flow import DropCounter
+from fcsv_geometry.streams.flow import DropCounter
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.mocap.anchor import Anchor, lies_as_before
 from fcsv_tracking.mocap.blend import Blend

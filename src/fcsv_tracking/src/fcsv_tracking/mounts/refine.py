@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
-from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.hand_eye import PARTS, TagView, first_solution, predicted_T_cam_tag, require_motion
 from fcsv_tracking.tags import corner_points

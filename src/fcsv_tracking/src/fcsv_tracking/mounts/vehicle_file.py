@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from fcsv_geometry import config, transforms
-from fcsv_geometry.vehicle import Mount, VehicleGeometry
+from fcsv_geometry.vehicles.vehicle import Mount, VehicleGeometry
 from fcsv_tracking.errors import ExtrinsicsRefused
 from fcsv_tracking.mounts.refine import MountSolution
 
 
 def mount_of(vehicle: VehicleGeometry, solution: MountSolution) -> Mount:
-    """As a person would type it: forward-left-up, metres and degrees."""
+    """Describes the mount as a person would type it: forward-left-up, metres and degrees."""
     plain = replace(vehicle, **{solution.part: Mount((0.0, 0.0, 0.0))})
     T_flu_part = plain.T_body_cam if solution.part == "camera" else plain.T_body_tag
     T_body_flu = solution.T_body_part @ transforms.invert(T_flu_part)

@@ -11,7 +11,7 @@ from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import BagError, FcsvError, GeometryError
 from fcsv_geometry.messages import seconds
 from fcsv_geometry.ros import conversions
-from fcsv_geometry.stamps import in_order, stuck
+from fcsv_geometry.streams.stamps import in_order, stuck
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_tracking.errors import TrackingError
 

@@ -9,16 +9,16 @@ from typing import Any, List, Optional, Sequence, Tuple
 import rospy
 
 from fcsv_geometry import frames
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_geometry.ros.telemetry_messages import epochs_message, hear, home_message, phase_of
-from fcsv_geometry.tracker import load_profile
+from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.tracker import load_profile
 from fcsv_msgs.msg import Calibration, ClockOffset, Epochs, Home, MissionState
 from fcsv_msgs.srv import Calibrate, CalibrateResponse, SetHome, SetHomeResponse
-from fcsv_tracking.calibration import CalibrationRules
-from fcsv_tracking.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
-from fcsv_tracking.clocks import VehicleClock
+from fcsv_tracking.column.calibration import CalibrationRules
+from fcsv_tracking.column.calibration_port import CalibrateColumn, CalibrationPort, HomeWanted
+from fcsv_tracking.devices.clocks import VehicleClock
 from fcsv_tracking.ros import clock_node, link_messages
 
 _STEP_S = 0.1

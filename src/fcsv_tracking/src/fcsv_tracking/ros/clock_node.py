@@ -11,7 +11,7 @@ from fcsv_geometry.ros import node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import ClockEcho
 from fcsv_msgs.msg import ClockOffset as ClockOffsetMessage
-from fcsv_tracking.clocks import ClockExchange, ClockOffset, in_words
+from fcsv_tracking.devices.clocks import ClockExchange, ClockOffset, in_words
 
 _SILENT_S = 10.0
 

@@ -14,8 +14,8 @@ from std_srvs.srv import Empty
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.ros import node
 from fcsv_geometry.ros.processes import ask_to_end, processes_of
-from fcsv_tracking.driver_watch import DeviceRules, DriverWatch, Level, Remedy
-from fcsv_tracking.usb_bus import findings, read_devices
+from fcsv_tracking.devices.driver_watch import DeviceRules, DriverWatch, Level, Remedy
+from fcsv_tracking.devices.usb_bus import findings, read_devices
 
 _LEVELS = {Level.OK: DiagnosticStatus.OK, Level.WARN: DiagnosticStatus.WARN, Level.ERROR: DiagnosticStatus.ERROR}
 _STEP_S = 0.1
@@ -55,7 +55,7 @@ class DriverWatchNode:
             watch.heard(time.monotonic())
 
     def spin(self) -> None:
-        """By the monotonic clock, whatever is done to the time of day."""
+        """Runs by the monotonic clock, whatever is done to the time of day."""
         while not rospy.is_shutdown():
             now_s = time.monotonic()
             for watch in self._watches.values():

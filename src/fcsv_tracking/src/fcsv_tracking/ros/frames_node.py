@@ -11,16 +11,17 @@ import tf2_ros
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
-from fcsv_geometry import frames, home_messages
+from fcsv_geometry import frames
 from fcsv_geometry.errors import FcsvError
-from fcsv_geometry.flow import RateGate
 from fcsv_geometry.home import HomeFrames, Place, camera_in_home
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
-from fcsv_geometry.tracker import load_profile
+from fcsv_geometry.streams.flow import RateGate
+from fcsv_geometry.vehicles import home_messages
+from fcsv_geometry.vehicles.tracker import load_profile
 from fcsv_msgs.msg import Calibration, Home
-from fcsv_tracking.camera_covariance import AgeRules, camera_covariance, stale_reason
-from fcsv_tracking.drift import Drift
+from fcsv_tracking.column.camera_covariance import AgeRules, camera_covariance, stale_reason
+from fcsv_tracking.column.drift import Drift
 from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.ros.camera_message import camera_message
 from fcsv_tracking.ros.static_frames import fixed_parts

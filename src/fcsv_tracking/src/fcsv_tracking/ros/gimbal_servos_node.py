@@ -94,7 +94,7 @@ class GimbalServosNode:
         self._loops = [ServoLoop(n, servos, self._health) for n, servos in self._servos.items()]
 
     def spin(self) -> None:
-        """Until ROS shuts the node down; then without torque."""
+        """Runs until ROS shuts the node down; then without torque."""
         rate, reported_s = rospy.Rate(self._parameters.rate_hz), 0.0
         while not rospy.is_shutdown():
             for loop in self._loops:

@@ -14,10 +14,10 @@ from geometry_msgs.msg import PoseStamped, TransformStamped, Twist, Vector3
 from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
-from fcsv_geometry.phases import BY_HOME
+from fcsv_geometry.missions.phases import BY_HOME
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.telemetry_messages import epochs_message
-from fcsv_geometry.telemetry import CALIBRATION, HOME, EpochsFound
+from fcsv_geometry.vehicles.telemetry import CALIBRATION, HOME, EpochsFound
 from fcsv_msgs.msg import Calibration, CalibrationLink, Epoch, Epochs, MissionState
 from fcsv_msgs.srv import Calibrate, CalibrateResponse
 from fcsv_tracking.errors import TrackingError
@@ -99,7 +99,7 @@ class GroundOdometryPublisher:
         return self.T_tracker_level
 
     def home_set(self) -> None:
-        """For which epochs home holds."""
+        """Says for which epochs home holds."""
         epochs = dict.fromkeys(self._names, self.epoch)
         self._holds_for["home"].publish(epochs_message(EpochsFound(HOME, rospy.get_time(), epochs)))
 

@@ -22,7 +22,8 @@ def from_message(message: JointState, frame_id: str) -> Angles:
 
 
 def values_of(message: JointState, frame_id: str, joints: Sequence[str]) -> List[float]:
-    """Of the named joints, in order. Raises SampleRejected where the frame is another, or one is missing."""
+    """Takes the values of the named joints, in order. Raises SampleRejected where the frame is another, or one is
+    missing."""
     if message.header.frame_id != frame_id:
         raise SampleRejected("wrong frame", f"joints are of frame '{message.header.frame_id}', expected '{frame_id}'")
     values = dict(zip(message.name, message.position))

@@ -3,10 +3,10 @@
 
 import numpy as np
 
-from fcsv_geometry import home_messages
 from fcsv_geometry.ros import conversions
+from fcsv_geometry.vehicles import home_messages
 from fcsv_msgs.msg import CalibrationLink
-from fcsv_tracking.calibration import Link
+from fcsv_tracking.column.calibration import Link
 
 
 def to_message(link: Link) -> CalibrationLink:

@@ -16,7 +16,7 @@ from visualization_msgs.msg import MarkerArray
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import ConfigError, GeometryError
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
 from fcsv_msgs.msg import Calibration, MissionState

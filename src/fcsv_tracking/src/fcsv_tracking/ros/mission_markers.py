@@ -9,11 +9,11 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from fcsv_geometry import transforms
-from fcsv_geometry.mission import Mission
+from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.ros import conversions
 from fcsv_tracking.mission_view import PlannedPlace, fence_lines, planned_places
 from fcsv_tracking.ros.tracking_markers import marker_in_home
-from fcsv_tracking.shared_view import shared_view
+from fcsv_tracking.scene.shared_view import shared_view
 
 _REACH_M = 30.0  # where views are cut: baselines of 10 m begin to share theirs at 9.4 m
 _TOGETHER_S = 1.0  # poses further apart tell nothing of one moment
@@ -26,8 +26,8 @@ def mission_markers(
     mission: Optional[Mission], running: Optional[int], cameras: Dict[str, PoseWithCovarianceStamped],
     tangents: Tuple[float, float],
 ) -> MarkerArray:  # fmt: skip
-    """In place of all that was drawn before. ``running``: index of the configuration that is flown; ``cameras`` in
-    home, by vehicle; ``tangents`` of half their field of view, across and down."""
+    """Draws the mission in place of all that was drawn before. ``running``: index of the configuration that is flown;
+    ``cameras`` in home, by vehicle; ``tangents`` of half their field of view, across and down."""
     markers = [Marker(action=Marker.DELETEALL), *home_markers()]
     if mission is not None:
         markers.append(fence_marker(mission))
@@ -49,7 +49,7 @@ def home_markers() -> List[Marker]:
 
 
 def fence_marker(mission: Mission) -> Marker:
-    """As if home were as high above the take-off place as the mission asks for."""
+    """Draws the fence as if home were as high above the take-off place as the mission asks for."""
     marker = marker_in_home("fence", 0, Marker.LINE_LIST, _FENCE)
     marker.scale.x = 2.0 * _LINE_M
     marker.points = [Point(*p) for p in fence_lines(mission.fence, mission.home_height_m).reshape(-1, 3)]

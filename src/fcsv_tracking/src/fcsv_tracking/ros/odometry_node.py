@@ -13,11 +13,11 @@ from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vecto
 from nav_msgs.msg import Odometry
 
 from fcsv_geometry import frames
-from fcsv_geometry import telemetry as tm
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros import telemetry_messages as telemetry
-from fcsv_geometry.tracker import load_profile
+from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.tracker import load_profile
 from fcsv_msgs.msg import Calibration, Epoch
 from fcsv_tracking.odometry import EpochBegan, GateParameters, Rebase
 from fcsv_tracking.odometry_port import BodySample, OdometryPort, TrackerSample

@@ -10,11 +10,11 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Bool
 
 from fcsv_geometry import frames
-from fcsv_geometry.flow import PhaseGate
 from fcsv_geometry.ros import conversions
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.streams.flow import PhaseGate
 from fcsv_msgs.msg import CapturedPicture, ClockOffset
-from fcsv_tracking.clocks import in_words
+from fcsv_tracking.devices.clocks import in_words
 from fcsv_tracking.ros import clock_node
 
 
@@ -66,7 +66,7 @@ class PictureSender:
         self._health.problem("clock", in_words(self._vehicle, offset) if self._clock_off else "")
 
     def preview(self, message: Image, bgr: np.ndarray) -> None:
-        """For people."""
+        """Sends a preview for people."""
         if self._due(self._preview, message):
             jpeg = _jpeg(bgr, self._parameters.preview_quality)
             self._preview.publish(CompressedImage(header=message.header, format="jpeg", data=jpeg))
@@ -80,7 +80,7 @@ class PictureSender:
         return not self._clock_off
 
     def capture(self, message: Image, bgr: np.ndarray, info: CameraInfo, T_odom_cam: np.ndarray) -> None:
-        """For a map made in flight."""
+        """Sends a picture for a map made in flight."""
         out = CapturedPicture(vehicle=self._vehicle, camera=info, format="jpeg")
         out.header = conversions.header(message.header.stamp.to_sec(), frames.camera_optical(self._vehicle))
         out.header.stamp = message.header.stamp

@@ -9,8 +9,8 @@ from geometry_msgs.msg import TransformStamped
 
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions
-from fcsv_geometry.tracker import T265_PROFILE, TrackerProfile
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.vehicles.tracker import T265_PROFILE, TrackerProfile
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 
 
 def fixed_parts(vehicle: VehicleGeometry, tracker: TrackerProfile = T265_PROFILE) -> List[TransformStamped]:

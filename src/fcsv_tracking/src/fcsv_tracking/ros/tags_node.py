@@ -14,14 +14,14 @@ from sensor_msgs.msg import CameraInfo, Image
 from fcsv_geometry import frames
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.errors import FcsvError, PoseUnavailable
-from fcsv_geometry.flow import RateGate
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros.health import Health
+from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.trajectory import Trajectory
 from fcsv_msgs.msg import Epoch, SceneMotion, TagDetection, TagDetections
 from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.ros.picture_sender import PictureSender, SendingParameters
-from fcsv_tracking.scene_motion import SceneWatch
+from fcsv_tracking.scene.scene_motion import SceneWatch
 from fcsv_tracking.tags import ON_BOARD_DECIMATE, TagDetector, TagObservation
 
 _WAIT_FOR_ODOMETRY_S = 0.15

@@ -131,7 +131,7 @@ class TiltingNode:
             self._waiting[side] = message
 
     def spin(self) -> None:
-        """Until ROS shuts the node down; then without torque."""
+        """Runs until ROS shuts the node down; then without torque."""
         rate, reported_s = rospy.Rate(self._parameters.rate_hz), 0.0
         while not rospy.is_shutdown():
             if time.monotonic() >= self._silent_until_s:

@@ -13,7 +13,7 @@ from fcsv_geometry import frames, transforms
 from fcsv_geometry.camera import PinholeCamera
 from fcsv_geometry.ros import conversions
 from fcsv_msgs.msg import Calibration, CalibrationLink
-from fcsv_tracking.shared_view import corners
+from fcsv_tracking.scene.shared_view import corners
 
 _SIGMAS = 3.0
 _LEAST_M = 0.01  # a smaller ellipsoid cannot be seen
@@ -76,7 +76,7 @@ def mocap_view(frame: str, fov_deg: Tuple[float, float]) -> Marker:
 
 
 def _line(number: int, link: CalibrationLink, ends: List[Point]) -> Marker:
-    """From camera to camera, green where the yaw between them is sharp, red where it is not."""
+    """Draws a line from camera to camera, green where the yaw between them is sharp, red where it is not."""
     share = np.clip((_yaw_std_deg(link) - _GOOD_YAW_DEG) / (_POOR_YAW_DEG - _GOOD_YAW_DEG), 0.0, 1.0)
     color = ColorRGBA(float(share), float(1.0 - share), 0.2, 0.9)
     marker = marker_in_home("calibration", number, Marker.LINE_LIST, color)
@@ -101,7 +101,7 @@ def _yaw_std_deg(link: CalibrationLink) -> float:
 
 
 def marker_in_home(namespace: str, number: int, kind: int, color: ColorRGBA) -> Marker:
-    """At home's origin, without a size."""
+    """Makes a marker at home's origin, without a size."""
     marker = Marker(header=conversions.header(0.0, frames.HOME), ns=namespace, id=number, type=kind, color=color)
     marker.pose.orientation = Quaternion(0, 0, 0, 1)
     return marker

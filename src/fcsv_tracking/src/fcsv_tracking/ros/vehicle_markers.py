@@ -10,7 +10,7 @@ from visualization_msgs.msg import Marker
 
 from fcsv_geometry import frames, transforms
 from fcsv_geometry.ros import conversions
-from fcsv_geometry.vehicle import VehicleGeometry
+from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_tracking.ros.tracking_markers import view
 
 _COLORS = ((0.95, 0.35, 0.2), (0.2, 0.55, 0.95), (0.3, 0.8, 0.3), (0.9, 0.75, 0.2))

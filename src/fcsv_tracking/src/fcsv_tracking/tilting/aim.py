@@ -93,7 +93,8 @@ class Aim:
         self._parallel = False
 
     def turn_to(self, angles: TiltAngles) -> None:
-        """By hand, inside the limits, until the next distance. Raises ValueError where an angle is none."""
+        """Turns the rig by hand, inside the limits, until the next distance. Raises ValueError where an angle is
+        none."""
         if not np.isfinite(angles).all():
             raise ValueError(f"angles: {tuple(angles)} are not finite")
         self._goal, self._parallel = self._rig.clipped(angles), False

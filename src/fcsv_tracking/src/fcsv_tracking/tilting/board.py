@@ -50,7 +50,7 @@ class TagBoard:
         return corner_points(self.size_m) + [column * step, row * step, 0.0]
 
     def detector(self) -> TagDetector:
-        """Of its tags alone."""
+        """Makes a detector of its tags alone."""
         ids = range(self.first_id, self.first_id + self.columns * self.rows)
         return TagDetector(dict.fromkeys(ids, self.size_m))
 

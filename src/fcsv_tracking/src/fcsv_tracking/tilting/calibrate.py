@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from fcsv_geometry import transforms
 from fcsv_geometry.config import require_positive
-from fcsv_geometry.vehicle import Mount
+from fcsv_geometry.vehicles.vehicle import Mount
 from fcsv_tracking.errors import CalibrationRefused
 from fcsv_tracking.tilting.board import BoardView
 from fcsv_tracking.tilting.rig import SIDES, Known, TiltAngles, TiltAxis, TiltingRig
@@ -178,7 +178,8 @@ class _Model:
         return np.concatenate([self.corner_residuals(x) / self._rules.corner_noise_px, angles])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Of the residuals. A board moves its station's corners alone and an angle its view's: all at once each."""
+        """Gives the derivatives of the residuals. A board moves its station's corners alone and an angle its view's:
+        all at once each."""
         n, base = len(self._stations), self.corner_residuals(x) / self._rules.corner_noise_px
         J = np.zeros((len(base) + len(self._views), len(x)))
         view = np.repeat(self._view[self._kept], 2)

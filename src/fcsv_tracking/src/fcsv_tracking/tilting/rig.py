@@ -12,7 +12,7 @@ import numpy as np
 
 from fcsv_geometry import config, transforms
 from fcsv_geometry.camera import PinholeCamera
-from fcsv_geometry.vehicle import Mount, Vector3
+from fcsv_geometry.vehicles.vehicle import Mount, Vector3
 
 SIDES = ("left", "right")
 _LEAST_M, _MOST_M = 0.02, 2.0  # of a beam
@@ -169,7 +169,7 @@ class TiltingRig:
 
     @property
     def angle_std_rad(self) -> float:
-        """Of a reading: resolution (a tick, evenly distributed), encoder and play."""
+        """Gives the standard deviation of a reading: resolution (a tick, evenly distributed), encoder and play."""
         return float(np.hypot(_TICK_RAD / np.sqrt(12.0), np.radians(self.known.reading_deg)))
 
     def covariance(self, side: str, angles: TiltAngles) -> np.ndarray:

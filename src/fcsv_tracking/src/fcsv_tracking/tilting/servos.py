@@ -35,7 +35,7 @@ class TiltServos:
         return TiltReading(stamp_s, TiltAngles(angles[0], angles[-1]))
 
     def health(self) -> Dict[str, str]:
-        """For diagnostics, by name."""
+        """Gives figures, for diagnostics, by name."""
         return self._axes.health()
 
     def close(self) -> None:

@@ -31,7 +31,7 @@ class MatchedEdges:
 def match_edges(
     one: Edges, other: Edges, projection: np.ndarray, size: Tuple[int, int], rules: Bars
 ) -> MatchedEdges:  # fmt: skip
-    """Of all ways to say which edge is which, the one that explains most of their length.
+    """Chooses, of all ways to say which edge is which, the one that explains most of their length.
 
     ``projection`` (12,) is ``Views.projections``'s: a pixel p at inverse depth w is at A p + w b in the other picture,
     of ``size`` (height, width). Things as far apart as the cameras fit each other at infinity, too; but then one of
@@ -60,7 +60,8 @@ def _homogeneous(points: np.ndarray) -> np.ndarray:
 
 
 def _inverse_depths(one: Edges, other: Edges, A: np.ndarray, b: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """At both ends (N,M,2; 1/m; -1 where the edge lies along the match's way), and the speed (N,M)."""
+    """Gives inverse depths at both ends (N,M,2; 1/m; -1 where the edge lies along the match's way), and the speed
+    (N,M)."""
     moved = _homogeneous(one.ends) @ A.T
     off, rate = np.einsum("mh,nth->nmt", other.lines, moved), (other.lines @ b)[None, :, None]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -40,12 +40,12 @@ class Bar:
 
     @property
     def length_px(self) -> float:
-        """From end to end."""
+        """Measures the bar from end to end."""
         return float(np.linalg.norm(self.ends[1] - self.ends[0]))
 
     @property
     def width_px(self) -> float:
-        """In its middle."""
+        """Measures the bar in its middle."""
         middle = self.ends.mean(axis=0)
         return float(abs((self.lines[0] - self.lines[1]) @ [*middle, 1.0]))
 
@@ -122,7 +122,7 @@ def _at(found: MatchedEdges, m: int, pixel: np.ndarray) -> float:
 
 
 def _grown(found: MatchedEdges, i: int, k: int, bar: Bar, free: np.ndarray, rules: Bars) -> Bar:
-    """With the edges beside it that no bar has, where its colour goes on up to them."""
+    """Gives the bar with the edges beside it that no bar has, where its colour goes on up to them."""
     inside = 0.5 * (found.edges.colours[i, 1] + found.edges.colours[k, 0])
     while True:
         more = []

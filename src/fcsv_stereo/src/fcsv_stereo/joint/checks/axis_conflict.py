@@ -5,7 +5,6 @@ What moves along one axis in step with its baselines looks like another depth th
 (docs/design/decisions/0008).
 """
 
-from dataclasses import replace
 from typing import Dict, List
 
 import cv2
@@ -35,8 +34,7 @@ def doubt_contradicted(given: MapInput, result: MapResult) -> MapResult:
     denied = cv2.resize(denied.astype(np.uint8), result.depth.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     least = np.where(denied, np.float32(AXIS_CONFLICT.least_relative_sigma) * result.depth, np.float32(0.0))
     sigma = np.maximum(result.sigma, least).astype(np.float32)
-    cloud = replace(result.cloud, sigma_m=sigma[np.isfinite(result.depth)])
-    return replace(result, sigma=sigma, cloud=cloud)
+    return result.with_sigma(sigma)
 
 
 def _of_one_moment(given: MapInput) -> bool:
@@ -46,7 +44,7 @@ def _of_one_moment(given: MapInput) -> bool:
 
 
 def _denied(result: MapResult, step: int) -> np.ndarray:
-    """At every ``step``-th pixel, bool."""
+    """Gives what is denied at every ``step``-th pixel, bool."""
     reference, seen, surely, agreed = result.reference, {}, {}, {}
     by_axis: Dict[str, List] = {}
     for pair in result.pairs:

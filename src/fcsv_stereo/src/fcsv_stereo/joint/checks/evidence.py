@@ -121,11 +121,11 @@ def doubt(columns: Iterable[np.ndarray]) -> np.ndarray:
     return np.divide(1.0, logit, out=logit)
 
 
-def chance_of_wrong(off: np.ndarray) -> np.ndarray:
-    """HxW float32: the probability of an error above a tenth, where errors have the standard deviation ``off`` (a share
-    of the depth).
+def chance_of_wrong(pose_sigma_share: np.ndarray) -> np.ndarray:
+    """HxW float32: the probability of an error above a tenth, where errors have the standard deviation
+    ``pose_sigma_share`` (a share of the depth).
 
     >>> chance_of_wrong(np.array([0.0, 0.05, 0.1])).astype(float).round(3).tolist()
     [0.0, 0.046, 0.317]
     """
-    return erfc(EVIDENCE.wrong / (np.sqrt(2.0) * np.maximum(off, 1e-6))).astype(np.float32)
+    return erfc(EVIDENCE.wrong / (np.sqrt(2.0) * np.maximum(pose_sigma_share, 1e-6))).astype(np.float32)

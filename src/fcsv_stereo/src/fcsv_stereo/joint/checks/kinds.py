@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which kind each pixel is of (``model.kinds``), and the map of what some pair's texture supports."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -24,8 +24,8 @@ def kinds(
     pairs = np.where(doubt < sure_limit(doubt[pairs > 1]), pairs, 1)
     plain = contrast < EVIDENCE.plain_grey
     ambiguous = plain | (agrees.any(axis=0) & ~(np.where(agrees, out, 0.0).max(axis=0) > EVIDENCE.stands_out))
-    heaven = ~told & (infinite | joined_to_top(plain & bright & ~told))
-    conditions = [heaven, told, ~(r.seen > 0).any(axis=0), ambiguous]
+    is_sky = ~told & (infinite | joined_to_top(plain & bright & ~told))
+    conditions = [is_sky, told, ~(r.seen > 0).any(axis=0), ambiguous]
     return np.select(conditions, [Kind.SKY, pairs, Kind.OUTSIDE, Kind.BLANK], Kind.HIDDEN).astype(np.uint8)
 
 
@@ -53,9 +53,4 @@ def infinite(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray,
 def supported_only(result: MapResult) -> MapResult:
     """The result without the depths that no pair supports."""
     stays = supported(result.kind)
-    known = np.isfinite(result.depth)
-    depth, sigma = (np.where(stays, x, np.float32(np.nan)) for x in (result.depth, result.sigma))
-    kept = stays[known]
-    pairs = [p.only(stays) for p in result.pairs]
-    cloud = replace(result.cloud, **{f.name: getattr(result.cloud, f.name)[kept] for f in fields(result.cloud)})
-    return replace(result, depth=depth, sigma=sigma, cloud=cloud, pairs=pairs)
+    return replace(result.keep(stays), pairs=[p.only(stays) for p in result.pairs])

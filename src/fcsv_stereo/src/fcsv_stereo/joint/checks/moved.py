@@ -7,7 +7,7 @@ there it shows itself. Where the first and a later one differ, that configuratio
 (docs/design/decisions/0008).
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Dict, List, Optional
 
 import cv2
@@ -211,9 +211,6 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray], moves: np.ndarra
     gone = known & somewhere & ((unchanged <= affected) | moves)
     longest = np.float32(max(p.configuration.baseline_m for p in result.pairs))
     sigma = np.where(somewhere, result.sigma * longest / np.maximum(unchanged, 1e-3), result.sigma)
-    depth, sigma = (np.where(gone, np.float32(np.nan), x).astype(np.float32) for x in (result.depth, sigma))
-    cloud, stays = replace(result.cloud, sigma_m=sigma[known]), ~gone[known]
-    cloud = replace(cloud, **{f.name: getattr(cloud, f.name)[stays] for f in fields(cloud)})
     warnings = list(result.warnings)
     if gone.mean() >= MOVED.said_share:
         names = ", ".join(result.pairs[k].configuration.name for k in changed)
@@ -222,4 +219,4 @@ def _without(result: MapResult, changed: Dict[int, np.ndarray], moves: np.ndarra
             f"camera's picture differs in {names})"
         )
     kind = np.where(gone, np.uint8(Kind.MOVED), result.kind)
-    return replace(result, depth=depth, sigma=sigma, cloud=cloud, warnings=warnings, kind=kind)
+    return replace(result.with_sigma(sigma.astype(np.float32)).keep(~gone), warnings=warnings, kind=kind)

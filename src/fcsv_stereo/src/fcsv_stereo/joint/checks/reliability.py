@@ -16,14 +16,14 @@ from fcsv_stereo.joint.refine.residuals import Residuals
 from fcsv_stereo.joint.surfaces.thin_uprights import thin_uprights
 from fcsv_stereo.joint.tuning import DATA_COST, RELIABILITY
 from fcsv_stereo.joint.views import Views
-from fcsv_stereo.joint.volume.winner import Coarse, well_matched
+from fcsv_stereo.joint.volume.winner import VolumeMatch, well_matched
 
 _TOLERANCE, _CERTAIN, _BETTER = RELIABILITY.tolerance, RELIABILITY.certain, RELIABILITY.better
 _SEEN_THROUGH = DATA_COST.seen_through
 _PARTS = 16  # of a level, for OpenCV's whole numbers
 
 
-def trusted(match: Coarse, found: Views, r: Residuals) -> np.ndarray:
+def trusted(match: VolumeMatch, found: Views, r: Residuals) -> np.ndarray:
     """HxW bool: where a match is good, beats the next, is ``consistent`` and part of a surface."""
     good = well_matched(match) & consistent(found, match.w, r)
     level = (np.searchsorted(match.levels, match.w) * _PARTS).astype(np.int16)

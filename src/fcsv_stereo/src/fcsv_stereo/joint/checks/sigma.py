@@ -17,7 +17,7 @@ _BAND = 128  # rows at a time: large pictures
 _STEP_WINDOW = np.ones((SIGMA.step_px,) * 2, np.uint8)
 
 
-class Evidence(IntEnum):
+class PixelEvidence(IntEnum):
     """How a pixel is known: each kind has errors of its own."""
 
     AGREED = 0  # a pair agrees and the volume's match was trusted
@@ -27,10 +27,10 @@ class Evidence(IntEnum):
 
 
 _ERRORS = {
-    Evidence.AGREED: SIGMA.agreed,
-    Evidence.HALF_KNOWN: SIGMA.half_known,
-    Evidence.HIDDEN: SIGMA.hidden,
-    Evidence.UNSEEN: SIGMA.unseen,
+    PixelEvidence.AGREED: SIGMA.agreed,
+    PixelEvidence.HALF_KNOWN: SIGMA.half_known,
+    PixelEvidence.HIDDEN: SIGMA.hidden,
+    PixelEvidence.UNSEEN: SIGMA.unseen,
 }
 
 
@@ -45,7 +45,7 @@ def matching_sigma(fine: Fine, known: np.ndarray) -> np.ndarray:
 
 
 def _matching_sigma(fine: Fine, known: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """As ``matching_sigma``, where the surroundings differ by ``step`` (HxW, 1/m)."""
+    """Gives sigma as ``matching_sigma``, where the surroundings differ by ``step`` (HxW, 1/m)."""
     r = fine.residuals
     agrees = r.trust >= RESIDUALS.least_trust
     speed = np.where(agrees, r.speed, 0.0).max(axis=0)
@@ -59,14 +59,14 @@ def _matching_sigma(fine: Fine, known: np.ndarray, step: np.ndarray) -> np.ndarr
     for kind, errors in _ERRORS.items():
         here = kinds == kind
         relative[here] = np.exp(np.interp(log_step[here], np.log(SIGMA.steps), np.log(errors)))
-    relative = np.where(kinds == Evidence.AGREED, relative * noise**SIGMA.noise_power, relative)
+    relative = np.where(kinds == PixelEvidence.AGREED, relative * noise**SIGMA.noise_power, relative)
     return (np.where(noise > SIGMA.unknown_noise, np.maximum(relative, noise), relative) * w).astype(np.float32)
 
 
 def _kinds(agreed: np.ndarray, known: np.ndarray, in_view: np.ndarray) -> np.ndarray:
-    """HxW ``Evidence`` from where a pair agrees, the volume's match was trusted, and some pair's view is (HxW bool)."""
-    kinds = [Evidence.AGREED, Evidence.HALF_KNOWN, Evidence.HIDDEN]
-    return np.select([agreed & known, agreed | known, in_view], kinds, Evidence.UNSEEN)
+    """HxW ``PixelEvidence`` from where a pair agrees, the volume's match was trusted, and some pair sees (HxW bool)."""
+    kinds = [PixelEvidence.AGREED, PixelEvidence.HALF_KNOWN, PixelEvidence.HIDDEN]
+    return np.select([agreed & known, agreed | known, in_view], kinds, PixelEvidence.UNSEEN)
 
 
 def geometry_sigma(
@@ -83,7 +83,8 @@ def geometry_sigma(
 def geometry_sigmas(
     reference: Picture, others: Sequence[Picture], covariances: Iterable[Sequence[Optional[np.ndarray]]], fine: Fine
 ) -> Iterator[np.ndarray]:  # fmt: skip
-    """As ``geometry_sigma`` for each of several sets of ``covariances``, one by one; the pairs are weighed once."""
+    """Gives sigma as ``geometry_sigma`` for each of several sets of ``covariances``, one by one; the pairs are weighed
+    once."""
     shares = _shares(fine)
     for each in covariances:
         yield _geometry_sigma(reference, others, each, shares, fine.w)

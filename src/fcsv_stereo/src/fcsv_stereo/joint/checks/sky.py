@@ -36,14 +36,14 @@ def sky(w: np.ndarray, r: Residuals, colour: np.ndarray, blind: np.ndarray) -> n
     return out | _joined(out | blind & ~below & _coloured_like(out, ~blind, colour), out)
 
 
-def in_the_skyline(heaven: np.ndarray, told: np.ndarray, moves_px: np.ndarray, image: np.ndarray) -> np.ndarray:
+def in_the_skyline(is_sky: np.ndarray, told: np.ndarray, moves_px: np.ndarray, image: np.ndarray) -> np.ndarray:
     """HxW bool: what of the answered depths (``told``, HxW bool) is a gap of a far skyline, as between treetops.
 
-    It lies beside the sky (``heaven``, HxW bool), hardly moves (``moves_px``, HxW: px in the fastest pair), and its
+    It lies beside the sky (``is_sky``, HxW bool), hardly moves (``moves_px``, HxW: px in the fastest pair), and its
     colour in the ``image`` (HxW or HxWx3 uint8) is more like that of the sky about it than like that of what is
     answered about it. A gap of a pixel or two has no match of its own: it gets the depth of the trees.
     """
-    found = told & _dilated(heaven, SKY.beside_px) & (moves_px < SKY.far_px)
+    found = told & _dilated(is_sky, SKY.beside_px) & (moves_px < SKY.far_px)
     if not found.any():
         return found
     margin, window = SKY.beside_about_px // 2, (SKY.beside_about_px,) * 2
@@ -51,12 +51,12 @@ def in_the_skyline(heaven: np.ndarray, told: np.ndarray, moves_px: np.ndarray, i
     colour = np.atleast_3d(image)[here].astype(np.float32)
 
     def unlike(mask: np.ndarray) -> np.ndarray:
-        """By how much colours differ from the mean of a mask about them; infinite where there is none."""
+        """Says by how much colours differ from the mean of a mask about them; infinite where there is none."""
         share = cv2.blur(mask[here].astype(np.float32), window)
         mean = np.atleast_3d(cv2.blur(colour * mask[here][..., None], window)) / np.maximum(share, 1e-3)[..., None]
         return np.where(share > SKY.least_share, np.abs(colour - mean).sum(axis=2), np.inf)
 
-    found[here] &= unlike(heaven) < unlike(told & ~_dilated(heaven, SKY.beside_px + 1))
+    found[here] &= unlike(is_sky) < unlike(told & ~_dilated(is_sky, SKY.beside_px + 1))
     return found
 
 

@@ -67,17 +67,17 @@ def _mirrored(at: np.ndarray, count: int) -> np.ndarray:
 def adjust(
     reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray], found: Views, w: np.ndarray,
     known: np.ndarray, iterations: int, pool: ThreadPoolExecutor,
-    in_pixels: Optional[Sequence[Optional[np.ndarray]]] = None,
+    pixel_errors: Optional[Sequence[Optional[np.ndarray]]] = None,
 ) -> Tuple[List[Picture], List[np.ndarray], np.ndarray]:  # fmt: skip
     """The others with adjusted poses, their 6x6 covariances (rad in camera axes, m in home's), and ``w`` with them.
 
     ``found`` holds the pictures without their local mean (``residuals.detail``); ``w`` is HxW (1/m) and ``known``
     (HxW bool) where it may be relied on. The covariances given are the prior; too little texture leaves it as it is.
-    A picture that has ``in_pixels`` (6x6) has a prior that is no other pictures' word: it is taken as it is, and what
-    the pixels say of the pose errs by ``in_pixels`` besides their noise.
+    A picture that has ``pixel_errors`` (6x6) has a prior that is no other pictures' word: it is taken as it is, and
+    what the pixels say of the pose errs by ``pixel_errors`` besides their noise.
     """
-    in_pixels = in_pixels or [None] * len(others)
-    prior, scale, scale_variance = _prior(reference, others, covariances, in_pixels)
+    pixel_errors = pixel_errors or [None] * len(others)
+    prior, scale, scale_variance = _prior(reference, others, covariances, pixel_errors)
     start, total = list(others), np.zeros(6 * len(others))
     pictures, out, now = start, list(covariances), w.astype(np.float32)
     if known.sum() < POSE_ALIGNMENT.least_cells * _CELL**2:
@@ -94,7 +94,7 @@ def adjust(
         ]
         middles = now[tuple(corners.T + _CELL // 2)]
         H, g, energy, solve_w, weight = _reduced([job.result() for job in jobs], middles)
-        information, push = _weakened(H, g, energy * POSE_ALIGNMENT.correlated, in_pixels)
+        information, push = _weakened(H, g, energy * POSE_ALIGNMENT.correlated, pixel_errors)
         step = np.linalg.solve(information + prior, push - prior @ total)
         total = total + step
         _add(corners, solve_w(step), now)
@@ -141,14 +141,14 @@ def moved(picture: Picture, change: np.ndarray) -> Picture:
     return replace(picture, T_home_cam=transforms.transform(rotation, T[:3, 3] + change[3:]))
 
 
-def _weakened(H: np.ndarray, g: np.ndarray, variance: float, in_pixels: Sequence[Optional[np.ndarray]]):
-    """The pixels' information (6N, 6N) and gradient (6N,), less what errors of covariance ``in_pixels`` leave of them:
+def _weakened(H: np.ndarray, g: np.ndarray, variance: float, pixel_errors: Sequence[Optional[np.ndarray]]):
+    """The pixels' information (6N, 6N) and gradient (6N,), less what errors of covariance ``pixel_errors`` leave:
     (H^-1 + S)^-1, without inverting an H that does not tell the scale."""
     information, push = H / variance, g / variance
-    if all(s is None for s in in_pixels):
+    if all(s is None for s in pixel_errors):
         return information, push
     S = np.zeros_like(information)
-    for i, s in enumerate(in_pixels):
+    for i, s in enumerate(pixel_errors):
         if s is not None:
             S[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = s
     left = np.linalg.solve(np.eye(len(S)) + information @ S, np.c_[information, push])
@@ -157,7 +157,7 @@ def _weakened(H: np.ndarray, g: np.ndarray, variance: float, in_pixels: Sequence
 
 def _prior(
     reference: Picture, others: Sequence[Picture], covariances: Sequence[np.ndarray],
-    in_pixels: Sequence[Optional[np.ndarray]],
+    pixel_errors: Sequence[Optional[np.ndarray]],
 ):  # fmt: skip
     """Information matrix of all poses, the direction (6N) in which the scale grows, and the scale's variance.
 
@@ -166,7 +166,7 @@ def _prior(
     n = len(others)
     prior, scale = np.zeros((6 * n, 6 * n)), np.zeros((n, 6))
     for i, (o, c) in enumerate(zip(others, covariances)):
-        loosened = _LOOSENED if in_pixels[i] is None else np.ones(6)
+        loosened = _LOOSENED if pixel_errors[i] is None else np.ones(6)
         prior[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = np.linalg.inv(c * np.outer(loosened, loosened))
         scale[i, 3:] = o.T_home_cam[:3, 3] - reference.T_home_cam[:3, 3]
     along = scale[:, 3:] / np.square(np.linalg.norm(scale[:, 3:], axis=1, keepdims=True))

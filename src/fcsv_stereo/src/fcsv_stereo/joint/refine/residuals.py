@@ -52,7 +52,7 @@ def without_mean(image: np.ndarray) -> np.ndarray:
 
 
 def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residuals:
-    """At inverse depth ``w`` (HxW float32, 1/m).
+    """Compares the pictures at inverse depth ``w`` (HxW float32, 1/m).
 
     The local mean is taken of the differences, each pixel at its own depth, and not of the pictures: before what is far
     behind it a thin thing has other surroundings in every picture, and their means would count as its own brightness.
@@ -71,7 +71,7 @@ def residuals(found: Views, w: np.ndarray, pool: ThreadPoolExecutor) -> Residual
 
 
 def _trust(unlike_here: np.ndarray, contrast: np.ndarray, seen: np.ndarray, out: np.ndarray) -> None:
-    """In ``unlike_here``, which is written over: large pictures."""
+    """Works out trust in ``unlike_here``, which is written over: large pictures."""
     unlike_here /= contrast
     unlike_here /= np.float32(RESIDUALS.unlike)
     np.square(unlike_here, out=unlike_here)

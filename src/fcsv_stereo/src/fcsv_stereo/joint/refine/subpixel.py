@@ -24,7 +24,8 @@ class Fine:
     residuals: Residuals
 
     def without_slopes(self) -> "Fine":
-        """Without the variance and the residuals' slopes, which nothing asks for once sigma is known."""
+        """Gives the result without the variance and the residuals' slopes, which nothing asks for once sigma is
+        known."""
         return Fine(self.w, None, replace(self.residuals, slope=None))
 
     def rows(self, rows: slice) -> "Fine":

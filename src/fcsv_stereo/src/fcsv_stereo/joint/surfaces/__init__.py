@@ -1,1 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Choice among planes at each finer size."""

@@ -35,7 +35,7 @@ _VALUE, _SLOPE_X, _SLOPE_Y, _SOURCE = range(4)
 
 @dataclass(frozen=True)
 class Candidates:
-    """Of pixel (y, x): those from ``start[y, x]`` on, ``count[y, x]`` of them.
+    """Holds the candidates of pixel (y, x): those from ``start[y, x]`` on, ``count[y, x]`` of them.
 
     ``w`` (1/m) is the inverse depth at the pixel, ``slope`` (two of N, 1/m per px, along u and v; None: let go) its
     plane's;
@@ -54,7 +54,8 @@ class Candidates:
 def candidates(
     w: np.ndarray, known: np.ndarray, shape: Tuple[int, int], px_per_w: float, pool: ThreadPoolExecutor
 ) -> Candidates:
-    """For a picture of ``shape`` from a coarser map ``w`` (hxw, 1/m) that is ``known`` (hxw bool) at places.
+    """Finds candidates for a picture of ``shape`` from a coarser map ``w`` (hxw, 1/m) that is ``known`` (hxw bool) at
+    places.
 
     Where it is known and far from every step of depth its own plane is the only one.
     ``px_per_w`` is how fast a pixel of the finer picture moves at most with inverse depth (px times metres).

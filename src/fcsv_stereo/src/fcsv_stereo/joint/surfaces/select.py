@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""At a finer size: which of the surfaces about a pixel it belongs to, decided for all pixels together.
+"""Chooses surfaces at a finer size: which of the surfaces about a pixel it belongs to, decided for all pixels together.
 
 Each candidate (``candidates``) is judged by the pictures (``evidence``); where these say nothing, its surroundings and
 its colour decide. The candidates' costs are aggregated along eight paths as in semi-global matching (Hirschmüller

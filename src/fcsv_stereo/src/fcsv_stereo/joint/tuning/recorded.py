@@ -35,7 +35,7 @@ def tuned(value: Any, unit: str, trades: str, chosen: str = NOT_RECORDED, same: 
 
 
 def beyond_reference(focal_px: float) -> float:
-    """By what angles given in px grow where pictures are finer than those that they were chosen on: 1 up to there.
+    """Says by what angles given in px grow where pictures are finer than those that they were chosen on: 1 up to there.
 
     Not below 1: a smaller picture has no more to tell. In whole hundredths, so that a lens's spread changes nothing.
 

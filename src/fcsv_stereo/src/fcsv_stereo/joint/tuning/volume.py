@@ -147,7 +147,7 @@ class FarRematch(Tuned):
 
     @property
     def levels(self) -> int:
-        """Of inverse depth."""
+        """Counts the levels of inverse depth."""
         return int(self.far_px / self.step_px) + 1
 
 

@@ -60,7 +60,8 @@ def whole_code(lower, upper):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def census_row(padded, row, first, offsets, least, lower, upper):
-    """Of the row's pixels from ``first`` on, as many as there is room for: the codes' ``lower`` and ``upper`` 16 bits.
+    """Writes the codes of the row's pixels from ``first`` on, as many as there is room for: the codes' ``lower`` and
+    ``upper`` 16 bits.
 
     ``padded`` is int16, in STEPS of a grey level: an instruction compares sixteen. ``least`` (W) is written on the way.
     """

@@ -11,7 +11,7 @@ from fcsv_stereo.joint.bands import for_rows
 from fcsv_stereo.joint.projecting import place, ray
 from fcsv_stereo.joint.tuning import FAR_REMATCH
 from fcsv_stereo.joint.views import Views
-from fcsv_stereo.joint.volume.winner import coarse, well_matched
+from fcsv_stereo.joint.volume.winner import match_volume, well_matched
 
 _OVERLAP = FAR_REMATCH.overlap_rows
 
@@ -32,7 +32,9 @@ def sharpened(found: Views, w: np.ndarray, most_cells: int, pool: ThreadPoolExec
     out, good = w.copy(), np.zeros(w.shape, np.bool_)
     for rows in _strips(np.flatnonzero(nearest), most_cells // (w.shape[1] * FAR_REMATCH.levels)):
         around = slice(max(rows.start - _OVERLAP, 0), rows.stop + _OVERLAP)
-        match = coarse(found.rows(around), nearest[around], FAR_REMATCH.highest_1_m, FAR_REMATCH.levels, pool, step_px)
+        match = match_volume(
+            found.rows(around), nearest[around], FAR_REMATCH.highest_1_m, FAR_REMATCH.levels, pool, step_px
+        )
         inner = slice(rows.start - around.start, rows.stop - around.start)
         again, matched = match.w[inner], well_matched(match)[inner]
         alike = np.abs(again - w[rows]) < FAR_REMATCH.same * w[rows]
@@ -60,7 +62,8 @@ def _shown(w, far, projections, sizes, y0, y1, share):
 
 
 def _strips(rows: np.ndarray, tall: int) -> List[slice]:
-    """Of ``tall`` rows at most from the first to the last of ``rows``; never of fewer than they overlap by."""
+    """Cuts strips of ``tall`` rows at most from the first to the last of ``rows``; never of fewer than they overlap
+    by."""
     if not len(rows):
         return []
     tall, end = max(tall - 2 * _OVERLAP, _OVERLAP), int(rows[-1]) + 1

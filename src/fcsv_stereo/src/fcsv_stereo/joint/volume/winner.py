@@ -18,7 +18,7 @@ _BESIDE = WINNER.beside_levels
 
 
 @dataclass(frozen=True)
-class Coarse:
+class VolumeMatch:
     """``w`` HxW float32 (1/m); ``cost`` HxW uint8 there; ``margin`` HxW float32: next best over best, less one."""
 
     w: np.ndarray
@@ -27,12 +27,12 @@ class Coarse:
     levels: np.ndarray
 
 
-def coarse(
+def match_volume(
     found: Views, nearest: np.ndarray, highest: float, most_levels: int, pool: ThreadPoolExecutor, step_px: float = 1.0
-) -> Coarse:
-    """By semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H, 1/m), no
-    level windows above an inverse height of ``highest`` (1/m) under the camera. A level moves the fastest pair by
-    ``step_px``."""
+) -> VolumeMatch:
+    """Matches by semi-global matching in the volume of all pairs; none above a row's ``nearest`` inverse depth (H,
+    1/m), no level windows above an inverse height of ``highest`` (1/m) under the camera. A level moves the fastest pair
+    by ``step_px``."""
     levels = inverse_depths(found, step_px, most_levels, float(nearest.max()))
     volume, counts = cost_volume(found, levels, nearest, highest, pool)
     total = aggregate(volume, counts, found.reference, (SGM.p1, SGM.p2), level_drift(found, levels), pool)
@@ -40,10 +40,10 @@ def coarse(
     cost = np.empty(found.shape, np.uint8)
     margin = np.empty(found.shape, np.float32)
     _minima(total, volume, counts, levels, w, cost, margin)
-    return Coarse(w, cost, margin, levels)
+    return VolumeMatch(w, cost, margin, levels)
 
 
-def highest_level(found: Coarse, small: Views) -> float:
+def highest_level(found: VolumeMatch, small: Views) -> float:
     """Inverse height under the camera (1/m) above which no level surfaces are to be looked for: half as high again as
     what lies lowest in a smaller picture's rows, inf where no row is below the horizon."""
     falls = small.falls
@@ -71,7 +71,7 @@ def level_drift(found: Views, levels: np.ndarray) -> np.ndarray:
     return out
 
 
-def nearest_inverse_depth(found: Coarse, grey: np.ndarray, height: int) -> np.ndarray:
+def nearest_inverse_depth(found: VolumeMatch, grey: np.ndarray, height: int) -> np.ndarray:
     """(height,) upper bounds of the inverse depth in the rows of the picture, from what has texture and was matched
     well in a smaller one."""
     window = (WINNER.steady_px,) * 2
@@ -91,7 +91,7 @@ def nearest_inverse_depth(found: Coarse, grey: np.ndarray, height: int) -> np.nd
     return np.interp(np.linspace(0.0, len(rows) - 1.0, height), np.arange(len(rows)), rows)
 
 
-def well_matched(found: Coarse) -> np.ndarray:
+def well_matched(found: VolumeMatch) -> np.ndarray:
     """HxW bool: where the pictures agree and the next best depth is worse."""
     return (found.cost < WINNER.most_cost) & (found.margin > WINNER.least_margin)
 
