@@ -101,7 +101,7 @@ class Recorder:
             p = vehicle.T_odom_body[:3, 3] if vehicle.odometry is not before else (np.nan, np.nan, np.nan)
             body, yaw_rad = vehicle.body, vehicle.autopilot.estimator.yaw_ext_rad
             turn_rad = yaw_rad - transforms.yaw(body.T_world_body)
-            doubted = 1 if vehicle.guardian.air.link.doubt else 2 if vehicle.check.scene_says else 0
+            doubted = 1 if vehicle.guardian.air.link.doubt else 2 if vehicle.link.port.check.scene_says else 0
             rows.append((now_s, *body.velocity_mps, body.air_mps, body.position_m[2], yaw_rad, turn_rad, *p, doubted))
 
         return stepped

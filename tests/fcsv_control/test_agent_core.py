@@ -17,8 +17,8 @@ SENDER_S = -6e4  # the sender's monotonic clock has another zero
 class Board:
     """An agent on board, its time, and what it put out."""
 
-    def __init__(self, twins=None, **rules):
-        self.core = AgentCore("uav1", AgentRules(**rules), twins)
+    def __init__(self, twins=None, guardian=False, **rules):
+        self.core = AgentCore("uav1", AgentRules(guardian=guardian, **rules), twins or Twins("agent-1", -np.inf))
         self.now_s, self.number = 100.0, 0
         self.core.state("STABILIZE", False)
         self.core.pose(self.now_s, np.eye(4))
@@ -284,12 +284,12 @@ def test_the_lease_lasts_as_long_as_its_holder_is_heard():
 
 
 def test_what_comes_without_a_name_does_not_renew_the_lease_of_a_mission_that_is_dead():
-    """/mission/state names no sender: the next mission's state kept the lease of the one before."""
+    """A message without a sender kept the lease of the mission before."""
     board = Board()
     assert board.answer(Kind.GOTO, sender="mission-123", **AHEAD) == (DONE, "")
     for _ in range(12):
         board.run(0.2)
-        board.core.control_heard(board.now_s)
+        board.core.control_heard(board.now_s, "", SENDER_S + board.now_s)
     assert board.answer(Kind.GOTO, sender="mission-124", **AHEAD) == (DONE, "")
 
 

@@ -56,10 +56,10 @@ def test_a_newer_mode_ends_the_older_request(shown):
 
 
 def test_a_refusal_ends_it_with_its_reason_but_not_one_of_before(shown):
-    shown.refused(9.9, "of before")
+    shown.refused("of before")
     asking = Asking.mode(shown, 10.0, "GUIDED")
     sent(asking, 10.0, 0.2)
-    shown.refused(10.2, "Mode change to GUIDED failed: requires position")
+    shown.refused("Mode change to GUIDED failed: requires position")
     with pytest.raises(ControlError, match="requires position"):
         asking.step(10.3)
 

@@ -20,8 +20,8 @@ from pymavlink import mavutil
 
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed_check import FeedCheck
-from fcsv_control.flight.listener import BarometerHeard, PoseHeard
 from fcsv_control.flight.mavros import MavrosCore
+from fcsv_control.flight.messages import BarometerHeard, PoseHeard
 from fcsv_control.flight.parser import Parser
 from fcsv_control.flight.transport import Transport
 from fcsv_sim.autopilot import modes

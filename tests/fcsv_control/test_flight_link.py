@@ -17,9 +17,11 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 from support.autopilots import PROFILE
+from support.link_by_hand import LinkByHand
 
 from fcsv_control.errors import CommandRefused, LinkError
-from fcsv_control.flight.link import FlightLink, LinkParameters
+from fcsv_control.flight.link_parameters import LinkParameters
+from fcsv_control.flight.messages import AutopilotState, PoseEstimated, TextHeard
 from fcsv_geometry import transforms
 from fcsv_sim.machines.machines import free_port
 
@@ -165,16 +167,16 @@ class Both:
 
     def __init__(self, **parameters):
         self.port = free_port(socket.SOCK_DGRAM)
-        self.poses, self.texts, self.states = [], [], []
-        self.link = FlightLink(
-            f"udpin:127.0.0.1:{self.port}",
-            LinkParameters(**{**FAST, **parameters}),
-            PROFILE,
-            on_pose=lambda T, _v: self.poses.append(T),
-            on_text=lambda severity, text: self.texts.append((severity, text)),
-            on_state=lambda: self.states.append((self.link.connected, self.link.state)),
-        )
+        self.link = LinkByHand(f"udpin:127.0.0.1:{self.port}", LinkParameters(**{**FAST, **parameters}), PROFILE)
         self.peer = Peer(self.port)
+
+    @property
+    def poses(self):
+        return [m.T_odom_body for m in self.link.of(PoseEstimated)]
+
+    @property
+    def texts(self):
+        return [(m.severity, m.text) for m in self.link.of(TextHeard)]
 
     def close(self):
         self.link.close()
@@ -358,7 +360,7 @@ def test_it_connects_again_after_a_reboot(pair):
     pair.peer.boot()  # too quick for the heartbeat to be missed; origin and intervals are forgotten
     assert until(lambda: not pair.link.origin_set)
     assert until(lambda: pair.link.origin_set, 8.0)
-    pair.poses.clear()
+    pair.link.told.clear()
     assert until(lambda: len(pair.poses) > 10)
 
 
@@ -380,7 +382,7 @@ def test_another_autopilot_on_the_line_is_not_obeyed(both):
         for peer in (stranger, pair.peer):
             beats = peer.sent[M.MAVLINK_MSG_ID_HEARTBEAT]
             assert until(lambda p=peer, n=beats: p.sent[M.MAVLINK_MSG_ID_HEARTBEAT] >= n + 2)
-        assert all(s.mode in ("", "STABILIZE") and not s.armed for _, s in pair.states)
+        assert all(s.mode in ("", "STABILIZE") and not s.armed for s in pair.link.of(AutopilotState))
     finally:
         stranger.close()
 
@@ -388,11 +390,11 @@ def test_another_autopilot_on_the_line_is_not_obeyed(both):
 def test_an_odd_message_does_not_end_the_link(pair):
     failed = []
 
-    def fail(T, _v):
-        failed.append(T)
+    def fail(output):
+        failed.append(output)
         raise RuntimeError("a callback of a node that is going down")
 
-    pair.link._callbacks["on_pose"] = fail
+    pair.link.tell = fail
     assert until(lambda: failed)
     pair.peer.mode = GUIDED
     assert until(lambda: pair.link.state.mode == "GUIDED")
@@ -403,7 +405,7 @@ def test_over_a_serial_device():
     master, slave = os.openpty()
     tty.setraw(master)
     os.set_blocking(master, False)
-    link = FlightLink(f"{os.ttyname(slave)}:115200", LinkParameters(**FAST))
+    link = LinkByHand(f"{os.ttyname(slave)}:115200", LinkParameters(**FAST))
     os.close(slave)
     encoder = M.MAVLink(None, srcSystem=3, srcComponent=1)
     try:
@@ -430,7 +432,7 @@ def test_over_a_serial_device():
 @pytest.mark.parametrize("url", ["/dev/no_such_device:57600", "udpin:nowhere", "tcp:nowhere", "can:127.0.0.1:1"])
 def test_a_line_that_cannot_be_opened_is_named(url):
     with pytest.raises(LinkError, match="cannot be opened") as raised:
-        FlightLink(url, LinkParameters())
+        LinkByHand(url)
     assert url in str(raised.value) and "\n" not in str(raised.value)
 
 

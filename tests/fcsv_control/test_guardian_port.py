@@ -8,15 +8,9 @@ import pytest
 
 from fcsv_control.agent.messages import DONE, REFUSED, Ack, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
+from fcsv_control.flight.messages import AutopilotLimits, LinkLives, PoseEstimated
 from fcsv_control.guardian.messages import RestartLink, Verdict
-from fcsv_control.guardian.port import (
-    AutopilotLimits,
-    GuardianPort,
-    LinkLives,
-    MissionFence,
-    OtherGuarded,
-    PoseEstimated,
-)
+from fcsv_control.guardian.port import GuardianPort, MissionFence, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.home import OdomLink, Place
@@ -41,6 +35,8 @@ def link(**fields):
     told = {
         "doubt": "", "ekf_variance": 0.1, "throttle": 0.4, "throttle_age_s": 0.1, "system_status": 4,
         "origin_set": True, "parameters_ok": True, "parameter": "", "in_the_air": True, "connected": True, "pid": 17,
+        "ekf_flags": 0x33F, "ekf_age_s": 0.1, "feed_rate_hz": 30.0, "feed_age_s": 0.03, "estimate_apart_m": 0.1,
+        "prearm_ok": True,
     }  # fmt: skip
     return LinkLives(**{**told, **fields})
 

@@ -12,7 +12,8 @@ from support.autopilots import MUST, PROFILE
 
 from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.core import STOP_REPEAT_S, LinkCore, LinkParameters
-from fcsv_control.flight.listener import STREAMS_HZ, BarometerHeard, PoseHeard, StateHeard, TextHeard
+from fcsv_control.flight.listener import STREAMS_HZ
+from fcsv_control.flight.messages import BarometerHeard, PoseHeard, StateHeard, TextHeard
 from fcsv_control.flight.profile import NOTHING
 from fcsv_control.flight.requests import Outcome
 

@@ -12,8 +12,9 @@ import time
 import numpy as np
 import pytest
 from pymavlink import mavutil
+from support.link_by_hand import LinkByHand
 
-from fcsv_control.flight.link import FlightLink, LinkParameters
+from fcsv_control.flight.link_parameters import LinkParameters
 from fcsv_control.flight.transport import Transport
 from fcsv_sim.machines.machines import free_port
 
@@ -78,7 +79,7 @@ class TcpAutopilot(Speaker):
 
 def test_a_tcp_peer_may_come_late_go_and_come_back():
     autopilot = TcpAutopilot(free_port())
-    link = FlightLink(f"tcp:127.0.0.1:{autopilot.port}", LinkParameters())  # nobody is there yet
+    link = LinkByHand(f"tcp:127.0.0.1:{autopilot.port}")  # nobody is there yet
     try:
         for _ in range(2):
             autopilot.come()
@@ -133,7 +134,7 @@ class UdpAutopilot(Speaker):
 @pytest.fixture
 def udp():
     port = free_port(socket.SOCK_DGRAM)
-    link = FlightLink(f"udpin:127.0.0.1:{port}", LinkParameters(target_system=1))
+    link = LinkByHand(f"udpin:127.0.0.1:{port}", LinkParameters(target_system=1))
     made = []
 
     def autopilot(system):

@@ -14,11 +14,20 @@ CORES = {
     "PairsSeen": "",
     "TimeOfDay": "",
     "StopAll": "",
+    "AgentCore": "",
+    "LinkRequests": "",
+    "LinkCore": "",
+    "MavrosCore": "",
+    "VisionFeed": "",
+    "FeedCheck": "",
+    "FeedWatchdog": "",
+    "BodyOdometry": "",
+    "Twins": "",
     "CalibrationSession": "",
     "calibrate_link": "",
     "merge_loops": "",
 }
-_CALLED = ("machine", "guardian")  # attributes that hold a core: read, never called
+_CALLED = ("machine", "guardian", "check")  # attributes that hold a core: read, never called
 
 
 def adapters(root):
@@ -31,9 +40,12 @@ def adapters(root):
 def called_on_a_core(tree):
     """Names of methods called on an attribute that holds a core: x.machine.abort(...)."""
     calls = [n.func for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)]
-    return [
-        f"{c.value.attr}.{c.attr}" for c in calls if isinstance(c.value, ast.Attribute) and c.value.attr in _CALLED
-    ]
+    on = [(c.value, c.attr) for c in calls if isinstance(c.value, ast.Attribute)]
+    return [f"{v.attr}.{name}" for v, name in on if v.attr in _CALLED or (v.attr == "core" and _is_port(v.value))]
+
+
+def _is_port(value):
+    return getattr(value, "attr", getattr(value, "id", "")).endswith("port")
 
 
 def imported(tree):
@@ -54,4 +66,6 @@ def test_no_adapter_calls_a_core(root):
 
 def test_a_call_on_a_core_is_found():
     assert called_on_a_core(ast.parse("flight.control.machine.abort('now')")) == ["machine.abort"]
+    assert called_on_a_core(ast.parse("vehicle.link.port.core.take(now_s, m)")) == ["core.take"]
     assert called_on_a_core(ast.parse("flight.control.machine.problems.copy()")) == []
+    assert called_on_a_core(ast.parse("rospy.core.is_shutdown_requested()")) == []

@@ -13,10 +13,11 @@ from types import SimpleNamespace
 import pytest
 from pymavlink import mavutil
 from support.autopilots import Served
+from support.link_by_hand import LinkByHand
 
 from fcsv_control.commands import signing as command
 from fcsv_control.errors import LinkError
-from fcsv_control.flight.link import FlightLink, LinkParameters
+from fcsv_control.flight.link_parameters import LinkParameters
 from fcsv_control.flight.parser import Parser, Sender
 from fcsv_control.flight.signing import Signing, read_key
 from fcsv_control.flight.transport import Transport
@@ -137,7 +138,7 @@ def test_a_sender_keeps_to_the_clock_and_is_newer_than_what_was_heard(parser):
 def flown(link_key, autopilot_key):
     """A flight link and a simulated autopilot on one UDP port, and a step of the autopilot."""
     port = free_port(socket.SOCK_DGRAM)
-    link = FlightLink(Transport(f"udpin:127.0.0.1:{port}", link_key), LinkParameters(target_system=1))
+    link = LinkByHand(Transport(f"udpin:127.0.0.1:{port}", link_key), LinkParameters(target_system=1))
     pilot = Autopilot(hover_thrust=0.5, seed=1)
     line = UdpLine(MavlinkServer(pilot, 1), f"127.0.0.1:{port}", 1, autopilot_key)
 

@@ -8,7 +8,6 @@ import pytest
 from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.stopping.core import STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
-from fcsv_sim.rehearsal import processes
 from fcsv_sim.rehearsal.flight import Flight
 
 
@@ -58,13 +57,13 @@ def test_a_link_that_dies_in_flight_lands_nobody_and_changes_no_height():
     vehicle = flight.fleet["uav2"]
     height_m = flight.control.view(flight.now_s, "uav2").height_m
     took_off = vehicle.guardian.air.take_off
-    processes.kill_link(vehicle)
-    for seconds, what in ((0.4, lambda: processes.start_link(vehicle, flight.now_s)), (3.0, lambda: None)):
+    vehicle.kill_link()
+    for seconds, what in ((0.4, lambda: vehicle.link.start(flight.now_s)), (3.0, lambda: None)):
         until_s = flight.now_s + seconds
         while flight.now_s < until_s:
             flight.step()
             view = flight.control.view(flight.now_s, "uav2")
             assert view.armed and view.height_m == pytest.approx(height_m, abs=1.0)
         what()
-    assert vehicle.link.connected(flight.now_s) and vehicle.guardian.air.take_off is took_off
+    assert vehicle.state.connected and vehicle.guardian.air.take_off is took_off
     assert flight.phase == "CONFIGURATIONS" and not flight.control.machine.problems

@@ -45,7 +45,7 @@ class ByHand:
     def in_column(self):
         self.run(4.0, "WAIT_VEHICLES")
         self.run(25.0, "TAKE_OFF")
-        assert self.vehicle.autopilot.armed and self.vehicle.link.state.mode == "LOITER"
+        assert self.vehicle.autopilot.armed and self.vehicle.state.mode == "LOITER"
         self.run(10.0, "COLUMN")
         return self
 

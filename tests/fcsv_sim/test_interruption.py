@@ -55,7 +55,7 @@ def test_a_bench_that_is_ended_while_it_starts_a_process_ends(root):
 def test_a_command_that_is_interrupted_where_python_drops_errors_ends_with_one_line():
     program = """
 import argparse, os, signal, sys, time
-from fcsv_geometry import commands
+from fcsv_geometry.programs import commands
 signal.signal(signal.SIGINT, signal.default_int_handler)  # who started the tests may have it ignored
 class Falls:
     def __del__(self):

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fcsv_control.agent.messages import Ask, Kind, SetPoint
 from fcsv_control.mission.standing import CaptureWindow
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_sim.autopilot import modes
 from fcsv_sim.people.operator import Sticks
-from fcsv_sim.rehearsal import processes
 from fcsv_sim.rehearsal.faults import make_faults
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.hands import HandsOn
@@ -111,16 +111,16 @@ def test_a_dead_agent_sends_nothing_and_its_guardian_holds(mission):
     flight = hover(mission)
     vehicle, sent, tell = flight.fleet["uav2"], [], flight.fleet["uav2"].told
     begun(flight, "agent dies")
-    processes.kill_agent(vehicle)
+    vehicle.agent.kill()
 
     def told(now_s, what, which):
         sent.append(what if what != "sent" else which.get_type())
         tell(now_s, what, which)
 
     vehicle.told = told
-    fly(flight, 0.9)
-    assert not vehicle.agent_runs and "SET_POSITION_TARGET_LOCAL_NED" not in sent
-    fly(flight, 1.2)
+    fly(flight, 0.75)  # it lived 0.2 s ago at most
+    assert not vehicle.agent.runs and "SET_POSITION_TARGET_LOCAL_NED" not in sent
+    fly(flight, 1.35)
     assert "held" in sent and "SET_POSITION_TARGET_LOCAL_NED" in sent and vehicle.autopilot.mode == modes.GUIDED
 
 
@@ -143,25 +143,25 @@ def test_a_link_that_is_started_again_finds_its_autopilot(mission):
     flight = hover(mission)
     fault = begun(flight, "link dies")
     vehicle = fault.vehicle
-    assert not vehicle.link_runs and not vehicle.link.connected(flight.now_s)
+    assert not vehicle.link.lives
     fly(flight, 1.9, [fault])
     assert not fault.ended
     fly(flight, 2.0, [fault])
-    assert fault.ended and vehicle.link_runs and vehicle.link.connected(flight.now_s)
-    assert vehicle.link.state.mode == modes.NAMES[vehicle.autopilot.mode]
+    assert fault.ended and vehicle.link.runs and vehicle.state.connected
+    assert vehicle.state.mode == modes.NAMES[vehicle.autopilot.mode]
 
 
 def test_a_link_that_sleeps_reads_on_where_it_was_and_does_not_take_its_sleep_for_a_dead_feed(mission):
     flight = hover(replace(mission, configurations=[StereoConfiguration("vertical", 4.0, record_s=20.0)]))
     fault = begun(flight, "link sleeps")
-    vehicle, link = fault.vehicle, fault._asleep
-    assert vehicle.link is link and not vehicle.link_runs
+    vehicle = fault.vehicle
+    assert vehicle.link.lives and not vehicle.link.runs
     estimate_s = vehicle.autopilot.estimator._vision_s
     fly(flight, 1.5, [fault])
     assert vehicle.autopilot.estimator._vision_s == estimate_s  # nothing left it
     asked = len(vehicle.modes_asked)
     fly(flight, 5.0, [fault])
-    assert fault.ended and vehicle.link_runs and vehicle.link.connected(flight.now_s)
+    assert fault.ended and vehicle.link.runs and vehicle.state.connected
     assert vehicle.autopilot.estimator._vision_s > flight.now_s - 0.1
     assert len(vehicle.modes_asked) == asked  # no LAND
 
@@ -299,8 +299,8 @@ def taken(mission) -> Flight:
 @pytest.mark.parametrize("what", ["mode", "set-point"])
 def test_a_command_to_a_hand_flown_vehicle_is_seen(mission, what):
     flight = taken(mission)
-    link = flight.fleet["uav2"].link
-    link.set_mode(flight.now_s, "GUIDED") if what == "mode" else link.send_set_point(np.eye(4))
+    ask = Ask(Kind.SET_MODE, "GUIDED") if what == "mode" else SetPoint(np.eye(4))
+    flight.fleet["uav2"].link.receive(flight.now_s, ask)
     fly(flight, 0.1)
     (v,) = flight.invariants.violations
     assert v.kind == "overruled" and v.text.startswith("uav2 was sent ") and "in its pilot's ALT_HOLD" in v.text
@@ -309,7 +309,7 @@ def test_a_command_to_a_hand_flown_vehicle_is_seen(mission, what):
 def test_after_the_operator_confirmed_the_mission_may_command(mission):
     flight = taken(mission)
     flight.witness.confirmed(flight.now_s)
-    flight.fleet["uav2"].link.set_mode(flight.now_s, "GUIDED")
+    flight.fleet["uav2"].link.receive(flight.now_s, Ask(Kind.SET_MODE, "GUIDED"))
     fly(flight, 0.1)
     assert not flight.invariants.violations
 
@@ -319,7 +319,7 @@ def test_a_command_before_the_companion_heard_of_the_pilot_does_not_count(missio
     vehicle = flight.fleet["uav2"]
     vehicle.sticks(flight.now_s, Sticks(mode="ALT_HOLD"))
     assert vehicle.flown_by_hand
-    vehicle.link.send_set_point(np.eye(4))
+    vehicle.link.receive(flight.now_s, SetPoint(np.eye(4)))
     fly(flight, 0.02)
     assert not flight.invariants.violations
 

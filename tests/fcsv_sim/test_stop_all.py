@@ -60,7 +60,7 @@ def test_with_the_mission_dead_everybody_stops_and_stays(flying, loss, most_s):
     for name, vehicle in flight.fleet.items():
         [(at_s, mode), *more] = asked_since(flight, name, call.called_s)
         assert mode == "BRAKE" and at_s - call.called_s <= most_s
-        assert {m for _, m in more} <= {"BRAKE"} and vehicle.link.state.mode == "BRAKE"
+        assert {m for _, m in more} <= {"BRAKE"} and vehicle.state.mode == "BRAKE"
         assert np.linalg.norm(vehicle.body.velocity_mps) < 1.0  # wind of 2 m/s at most
     assert not flight.invariants.violations
 
@@ -82,7 +82,7 @@ def test_the_mission_takes_them_again_when_the_operator_resumes(flying):
     flight.operator_there = False
     call = Call(flight.now_s)
     wait(flight, 60.0, call)
-    assert {v.link.state.mode for v in flight.fleet.values()} == {"BRAKE"}
+    assert {v.state.mode for v in flight.fleet.values()} == {"BRAKE"}
     assert {m for n in flight.fleet for _, m in asked_since(flight, n, call.called_s)} == {"BRAKE"}
     assert flight.control.machine.waits_for == "resume"
     flight.operator_there = True
@@ -100,11 +100,11 @@ def test_who_was_stopped_above_another_lands_beside_it_when_the_control_pc_is_go
     flight.operator_there = False
     call = Call(flight.now_s)
     wait(flight, 2.0, call)
-    assert {v.link.state.mode for v in flight.fleet.values()} == {"BRAKE"}
+    assert {v.state.mode for v in flight.fleet.values()} == {"BRAKE"}
     assert np.linalg.norm((upper.p_world_m - lower.p_world_m)[:2]) < 1.5
     flight.control.die()  # the stop-all node, too
     wait(flight, 70.0)
-    assert not any(v.link.state.armed for v in flight.fleet.values())
+    assert not any(v.state.armed for v in flight.fleet.values())
     assert not flight.invariants.violations
     assert np.linalg.norm((upper.p_world_m - lower.p_world_m)[:2]) > 1.5
 
@@ -127,7 +127,7 @@ def test_a_gap_of_the_tracker_holds_everybody_within_half_a_second(flying):
     places = {n: v.p_world_m.copy() for n, v in flight.fleet.items()}
     wait(flight, 20.0)
     for name, vehicle in flight.fleet.items():
-        assert vehicle.link.state.mode == "GUIDED" and not asked_since(flight, name, back_s)
+        assert vehicle.state.mode == "GUIDED" and not asked_since(flight, name, back_s)
         assert np.linalg.norm(vehicle.p_world_m - places[name]) < 0.5  # wind of 2 m/s at most
     assert "its odometry began anew" in lost.agent.rights.frame.outdated
     assert not flight.fleet["uav1"].agent.rights.frame.outdated

@@ -19,7 +19,7 @@ from pymavlink import mavutil
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight.core import LinkCore, LinkParameters
 from fcsv_control.flight.feed_check import FeedCheck
-from fcsv_control.flight.listener import EstimateMoved, PoseHeard, TextHeard
+from fcsv_control.flight.messages import EstimateMoved, PoseHeard, TextHeard
 from fcsv_control.flight.signing import read_key
 from fcsv_control.flight.state import MODES
 from fcsv_control.flight.transport import Transport

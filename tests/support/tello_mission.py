@@ -8,6 +8,7 @@ import numpy as np
 
 from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.messages import Ack, Ask, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.agent.twins import Twins
 from fcsv_control.errors import ControlError
 from fcsv_control.guardian.air import LinkReport, Other
 from fcsv_control.guardian.core import Guardian
@@ -32,7 +33,7 @@ class _Board:
 
     def __init__(self, name: str, one):
         self.name, self._one = name, one
-        self.agent = AgentCore(name, AgentRules(guardian=True))
+        self.agent = AgentCore(name, AgentRules(), Twins(name, -np.inf))
         self.guardian = Guardian(name, config.load(CONFIG.parent / "guardian" / "tello.yaml", GuardianRules))
         self.acks: List[Ack] = []
         self.set_point, self.recording, self.pictures = None, False, 0
@@ -139,7 +140,7 @@ class TelloMission(ByHand):
             for ack in board.acks:
                 m.outbox.acknowledged(name, ack.number, "" if ack.result == 0 else ack.reason)
             board.acks = []
-            board.agent.control_heard(now_s, _SENDER)
+            board.agent.control_heard(now_s, _SENDER, now_s)
             board.guardian.control_heard(now_s)
         views = {n: h.view(now_s, self.T_home_odom.get(n)) for n, h in self._heard.items()}
         m.step(Snapshot(now_s, views, dict(self.T_home_odom), self._cameras))

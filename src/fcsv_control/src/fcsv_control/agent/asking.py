@@ -2,9 +2,9 @@
 """A request to a flight link that may answer before its effect shows, as MAVROS does; our own answers when it shows."""
 
 import math
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, List, Optional
 
-from fcsv_control.agent.messages import STOPPING_MODES
+from fcsv_control.agent.messages import STOPPING_MODES, Ask, Kind
 from fcsv_control.errors import ControlError
 
 SHOWS_S, STOP_PATIENCE_S, STOP_REPEAT_S = 2.5, 5.0, 0.2  # as the flight link has them
@@ -18,20 +18,25 @@ class Shown:
         self.mode, self.armed = "", False
         self.newest: Optional[Asking] = None
         self._heard_s: Dict[str, float] = {}  # when a mode was heard last
-        self._refusals: List[Tuple[float, str]] = []
+        self._refusals: List[str] = []
 
     def state(self, now_s: float, mode: str, armed: bool) -> None:
         """mavros/state came."""
         self.mode, self.armed = mode, armed
         self._heard_s[mode] = now_s
 
-    def refused(self, now_s: float, reason: str) -> None:
+    def refused(self, reason: str) -> None:
         """flight_link/refusal came."""
-        self._refusals = [*self._refusals[-10:], (now_s, reason)]
+        self._refusals.append(reason)
 
-    def refusal(self, since_s: float) -> str:
-        """The newest since then; empty where there is none."""
-        return next((reason for at_s, reason in reversed(self._refusals) if at_s >= since_s), "")
+    @property
+    def refusals(self) -> int:
+        """How many came so far."""
+        return len(self._refusals)
+
+    def refusal(self, after: int) -> str:
+        """The newest, where more than ``after`` came; else empty."""
+        return self._refusals[-1] if self.refusals > after else ""
 
     def showed(self, mode: str, since_s: float) -> bool:
         """Whether it is in the mode, or was since: a pilot who then takes over has the last word."""
@@ -53,6 +58,18 @@ class Asking:
         self._shown, self._asked_s, self._what, self._shows = shown, now_s, what, shows
         self._again_s, self._until_s, self._next_s = again_s, now_s + patience_s, now_s
         self._newest: Optional[Shown] = None
+        self._refusals = shown.refusals
+        self._taken = False
+
+    @staticmethod
+    def of(shown: Shown, now_s: float, ask: Ask) -> "Asking":
+        """What an agent asks for; a take-off is over once the link took it."""
+        if ask.kind is Kind.SET_MODE:
+            return Asking.mode(shown, now_s, ask.mode)
+        if ask.kind is Kind.ARM:
+            return Asking.arming(shown, now_s, ask.flag)
+        asking = Asking(shown, now_s, "take-off", lambda: asking._taken)
+        return asking
 
     @staticmethod
     def mode(shown: Shown, now_s: float, mode: str) -> "Asking":
@@ -72,7 +89,8 @@ class Asking:
 
     def answered(self, now_s: float) -> None:
         """The link took it. One that answers when it shows may have taken long; the state comes by another way."""
-        self._until_s = max(self._until_s, now_s + _STATE_S)
+        self._taken, self._until_s = True, max(self._until_s, now_s + _STATE_S)
+        self._next_s = max(self._next_s, now_s + self._again_s)
 
     def step(self, now_s: float) -> bool:
         """Whether to send it now. The first time always: what shows already may be about to change."""
@@ -82,7 +100,7 @@ class Asking:
             return False
         if self._newest is not None and self._newest.newest is not self:
             raise ControlError(f"{self._what} was overtaken by a newer command")
-        refusal = self._shown.refusal(self._asked_s)
+        refusal = self._shown.refusal(self._refusals)
         if refusal:
             raise ControlError(refusal)
         if not first and now_s >= self._until_s:

@@ -30,7 +30,7 @@ from fcsv_control.agent.messages import (
 )
 from fcsv_control.agent.rights import Rights
 from fcsv_control.agent.sender_clocks import SenderClocks
-from fcsv_control.agent.twins import NoTwins, Twins
+from fcsv_control.agent.twins import Twins
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import frames
 from fcsv_geometry.streams.flow import RateGate
@@ -44,16 +44,16 @@ class AgentRules:
 
     set_point_rate_hz: float = 10.0
     maintenance: bool = False
-    guardian: bool = False
+    guardian: bool = True
     limits: Limits = field(default_factory=Limits)
 
 
 class AgentCore:
     """One vehicle's agent. A job that needs the flight link waits for the one before it; stopping waits for nothing."""
 
-    def __init__(self, vehicle: str, rules: AgentRules, twins: Optional[Twins] = None):
+    def __init__(self, vehicle: str, rules: AgentRules, twins: Twins):
         self._vehicle, self._rules = vehicle, rules
-        self.twins = twins or NoTwins()
+        self.twins = twins
         self.rights = Rights(vehicle, rules.guardian)
         self._log = CommandLog(vehicle)
         self._clocks = SenderClocks()
@@ -102,11 +102,10 @@ class AgentCore:
             self._holder.stay()
         self.rights.guarded, self.rights.forbidden = (why or "it holds") if holds else "", forbids
 
-    def control_heard(self, now_s: float, sender: str = "", sent_s: Optional[float] = None) -> None:
-        """Something came from the control PC: of ``sender``, who sent it at ``sent_s`` by his monotonic clock."""
+    def control_heard(self, now_s: float, sender: str, sent_s: float) -> None:
+        """A sign of life of ``sender`` came, who sent it at ``sent_s`` by his monotonic clock."""
         self.rights.lease.heard(now_s, sender)
-        if sent_s is not None:
-            self._clocks.sent_here_s(now_s, sender, sent_s)
+        self._clocks.sent_here_s(now_s, sender, sent_s)
 
     def take(self, now_s: float, c: Instruction) -> None:
         """A command came, perhaps again."""

@@ -58,13 +58,22 @@ class Instruction:
 
 @dataclass(frozen=True)
 class Ask:
-    """A request to the flight link; ``AgentCore.finished`` is told of its end."""
+    """A request to the flight link, by a service. The core is told of its end, the port of each answer."""
 
     kind: Kind  # SET_MODE, ARM or TAKEOFF
     mode: str = ""
     flag: bool = False
     altitude_m: float = 0.0
     number: int = 0
+
+
+@dataclass(frozen=True)
+class AskAnswered:
+    """The flight link's service answered an Ask: whether it ``took`` it. ``error``: why it did not answer at all."""
+
+    number: int
+    took: bool
+    error: str = ""
 
 
 @dataclass(frozen=True)
@@ -96,6 +105,18 @@ class Said:
     """Something that the log and the operator should know."""
 
     text: str
+
+
+@dataclass(frozen=True)
+class AgentAlive:
+    """A sign of life of an agent of this vehicle, by its own monotonic clock. ``commander``: who may move the vehicle
+    now; ``problem``: why it does nothing, empty where it does."""
+
+    instance: str
+    started_s: float
+    sent_s: float
+    commander: str = ""
+    problem: str = ""
 
 
 Output = Union[Ask, Ack, SetPoint, Pictures, Said]

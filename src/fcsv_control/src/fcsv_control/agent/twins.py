@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A vehicle has one agent: of two that hear each other the younger one does nothing."""
 
-import math
 from typing import Dict, Tuple
 
 _LISTENS_S = 1.0  # heartbeats come at 5 Hz
@@ -30,13 +29,3 @@ class Twins:
     def listening(self, now_s: float) -> bool:
         """Whether it was started a moment ago and cannot know yet."""
         return now_s - self._started_s < _LISTENS_S
-
-
-class NoTwins(Twins):
-    """For an agent that is alone for sure, as in a rehearsal."""
-
-    def __init__(self):
-        super().__init__("", -math.inf)
-
-    def heard(self, now_s: float, instance: str, age_s: float) -> None:
-        """Nobody is there."""

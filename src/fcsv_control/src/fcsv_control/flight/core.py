@@ -20,7 +20,8 @@ from fcsv_control.flight import conversion, keeper
 from fcsv_control.flight.estimate import EstimateWatch
 from fcsv_control.flight.fed import Fed
 from fcsv_control.flight.link_parameters import LinkParameters
-from fcsv_control.flight.listener import STREAMS_HZ, EstimateMoved, Event, Listener, PoseHeard
+from fcsv_control.flight.listener import STREAMS_HZ, Listener
+from fcsv_control.flight.messages import EstimateMoved, Event, PoseHeard
 from fcsv_control.flight.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.requests import COMPANION, Request, Requests
 from fcsv_control.flight.state import MODES, FlightState
@@ -164,6 +165,9 @@ class LinkCore:
         """
         self._reset_counter = (self._reset_counter + 1) % 256
         self._begun_anew = True
+
+    def mode_asked(self, mode: str) -> None:
+        """A process on board asks for a mode. Here nothing follows: the request itself comes by this link."""
 
     def send_set_point(self, T_odom_body: np.ndarray) -> None:
         """Position and yaw target of the body in the odometry frame; heard only in GUIDED."""

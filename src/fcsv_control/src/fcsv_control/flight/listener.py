@@ -3,16 +3,24 @@
 
 import logging
 import math
-from dataclasses import dataclass, replace
-from typing import Callable, Dict, List, Optional, Tuple, Union
+from dataclasses import replace
+from typing import Callable, Dict, List, Optional, Tuple
 
-import numpy as np
 from pymavlink import mavutil
 
 from fcsv_control.flight import conversion, firmware
 from fcsv_control.flight.height_check import height_m
 from fcsv_control.flight.identity import Identities
 from fcsv_control.flight.keeper import ConnectionKeeper
+from fcsv_control.flight.messages import (
+    BarometerHeard,
+    BatteryHeard,
+    Event,
+    PoseHeard,
+    RcHeard,
+    StateHeard,
+    TextHeard,
+)
 from fcsv_control.flight.parameters import ParameterCheck
 from fcsv_control.flight.profile import Profile, Rule
 from fcsv_control.flight.requests import Requests
@@ -27,72 +35,6 @@ STREAMS_HZ = {
     "ATTITUDE": 0.0, "LOCAL_POSITION_NED": 0.0, "SYS_STATUS": 1.0, "EXTENDED_SYS_STATE": 2.0, "EKF_STATUS_REPORT": 5.0,
     "RC_CHANNELS": 5.0, "HEARTBEAT": 2.0, "SCALED_PRESSURE": 5.0,
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class StateHeard:
-    """A heartbeat came: the state may have changed."""
-
-
-@dataclass(frozen=True)
-class BatteryHeard:
-    """The state's battery fields were told."""
-
-
-@dataclass(frozen=True)
-class PoseHeard:
-    """The autopilot's estimate of the body (4x4) and its velocity (m/s) in its external navigation's frame (ENU)."""
-
-    T_odom_body: np.ndarray
-    v_odom_mps: Tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class BarometerHeard:
-    """The autopilot's first barometer, as a height in the standard atmosphere: only differences mean something."""
-
-    height_m: float
-
-
-@dataclass(frozen=True)
-class TextHeard:
-    """A whole status text and its MAV_SEVERITY."""
-
-    severity: int
-    text: str
-
-
-@dataclass(frozen=True)
-class RcHeard:
-    """The state's transmitter fields were told."""
-
-
-@dataclass(frozen=True)
-class EstimateMoved:
-    """The autopilot's estimate moved by ``step_m`` (3,) (odometry frame) against the world: it adopted a jump of the
-    external navigation, at once or over many messages. A target has to move along, or the difference is flown.
-    """
-
-    step_m: np.ndarray
-
-
-@dataclass(frozen=True)
-class Refused:
-    """The autopilot refused what another component of this computer (MAVROS) asked for."""
-
-    reason: str
-
-
-@dataclass(frozen=True)
-class HomeHeard:
-    """How far the autopilot's home is above its origin."""
-
-    above_origin_m: float
-
-
-Event = Union[
-    StateHeard, BatteryHeard, PoseHeard, BarometerHeard, TextHeard, RcHeard, EstimateMoved, Refused, HomeHeard,
-]  # fmt: skip
 
 
 class Listener:

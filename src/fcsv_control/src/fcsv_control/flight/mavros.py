@@ -14,7 +14,7 @@ from fcsv_control.errors import LinkError
 from fcsv_control.flight import commands
 from fcsv_control.flight.core import LinkCore
 from fcsv_control.flight.link_parameters import LinkParameters
-from fcsv_control.flight.listener import HomeHeard, Refused, TextHeard
+from fcsv_control.flight.messages import HomeHeard, Refused, TextHeard
 from fcsv_control.flight.profile import NOTHING, Profile
 from fcsv_control.flight.texts import WARNING, Reasons
 

@@ -6,7 +6,8 @@ from typing import Dict, List, Optional, Tuple
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 PIECE = 50  # characters in a STATUSTEXT; a shorter piece is the last of its text
-WARNING = 4  # MAV_SEVERITY: this and more serious ones may be the reason of a refusal
+ALERT, CRITICAL = 1, 2  # MAV_SEVERITY
+WARNING = 4  # this and more serious ones may be the reason of a refusal
 _PATIENCE_S = 1.0
 _GAP = "..."
 

@@ -6,10 +6,9 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
-import numpy as np
-
-from fcsv_control.agent.messages import DONE, Ack, Instruction, Kind
+from fcsv_control.agent.messages import DONE, Ack, AgentAlive, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
+from fcsv_control.flight.messages import AutopilotLimits, LinkLives, ModeAsked, PoseEstimated, PoseFed
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
 from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import Output, RestartLink, Verdict
@@ -27,60 +26,10 @@ _CM = 0.01
 
 
 @dataclass(frozen=True)
-class PoseFed:
-    """T_odom_body of the odometry, as it goes to the autopilot."""
-
-    T_odom_body: np.ndarray
-
-
-@dataclass(frozen=True)
-class PoseEstimated:
-    """T_odom_body by the autopilot's estimate."""
-
-    T_odom_body: np.ndarray
-
-
-@dataclass(frozen=True)
 class TrackerConfidence:
     """Of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
 
     level: float
-
-
-@dataclass(frozen=True)
-class LinkLives:
-    """What the flight link tells of itself; fields as in fcsv_msgs/LinkHealth, ``in_the_air`` None: it has not said."""
-
-    doubt: str
-    ekf_variance: float
-    throttle: float
-    throttle_age_s: float
-    system_status: int
-    origin_set: bool
-    parameters_ok: bool
-    parameter: str
-    in_the_air: Optional[bool]
-    connected: bool
-    pid: int
-
-
-@dataclass(frozen=True)
-class AutopilotLimits:
-    """The autopilot's parameters that limit how it flies, in its units."""
-
-    values: Dict[str, float]
-
-
-@dataclass(frozen=True)
-class ModeAsked:
-    """A process on board asks the autopilot for a mode."""
-
-    mode: str
-
-
-@dataclass(frozen=True)
-class AgentAlive:
-    """A sign of life of the agent."""
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
 """What processes on board hear of each other and of the mission, as the dataclasses of their ports."""
 
+from typing import Any, Callable
+
+import numpy as np
 import rospy
+from geometry_msgs.msg import PointStamped, PoseStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 
-from fcsv_control.agent.messages import Ack, Instruction, Kind
+from fcsv_control.agent.messages import Ack, AgentAlive, Instruction, Kind
+from fcsv_control.control_messages import MissionAlive
 from fcsv_control.errors import ControlError
+from fcsv_control.flight.messages import AutopilotLimits, EstimateMoved, HomeHeard, LinkLives, PoseEstimated, PoseFed
 from fcsv_control.guardian.messages import Verdict
-from fcsv_control.guardian.port import AutopilotLimits, LinkLives, MissionFence
+from fcsv_control.guardian.port import MissionFence
 from fcsv_control.tracker_confidence import confidence
+from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, fences
-from fcsv_msgs.msg import Command, CommandAck, GuardianState, LinkHealth, ParameterReport
+from fcsv_geometry.ros.health import Health
+from fcsv_msgs.msg import Command, CommandAck, GuardianState, Heartbeat, LinkHealth, ParameterReport
 from fcsv_msgs.msg import Fence as FenceMessage
+
+_PREARM = {LinkHealth.PREARM_READY: True, LinkHealth.PREARM_NOT_READY: False}
+
+
+def taking(
+    topic: str, take: Callable[[Any], object], receive: Callable[[object], None], health: Health
+) -> Callable[[Any], None]:
+    """A callback that receives each message as the port's: what holds no pose is dropped and counted, what ``take``
+    gives as None is passed over."""
+
+    def came(message) -> None:
+        try:
+            data = take(message)
+        except FcsvError as error:
+            health.drop(topic, str(error))
+            return
+        if data is not None:
+            receive(data)
+
+    return came
 
 
 def instruction_of(m: Command) -> Instruction:
@@ -32,11 +60,42 @@ def ack_of(m: CommandAck) -> Ack:
     return Ack(m.sender, m.number, m.result, m.reason)
 
 
+def agent_alive_of(m: Heartbeat) -> AgentAlive:
+    """A sign of life of an agent."""
+    return AgentAlive(m.instance, m.started_s, m.sent_s, m.sender, m.problem)
+
+
+def mission_alive_of(m: Heartbeat) -> MissionAlive:
+    """A sign of life of the mission."""
+    return MissionAlive(m.instance, m.sent_s)
+
+
+def fed_of(m: PoseStamped) -> PoseFed:
+    """Raises FcsvError where it is no pose."""
+    return PoseFed(conversions.pose_to_transform(m.pose), m.header.stamp.to_sec())
+
+
+def estimated_of(m: PoseStamped) -> PoseEstimated:
+    """Raises FcsvError where it is no pose."""
+    return PoseEstimated(conversions.pose_to_transform(m.pose))
+
+
+def moved_of(m: Vector3Stamped) -> EstimateMoved:
+    """By what the autopilot's estimate moved."""
+    return EstimateMoved(np.array([m.vector.x, m.vector.y, m.vector.z]))
+
+
+def home_above_of(m: PointStamped) -> HomeHeard:
+    """Where the autopilot's home is."""
+    return HomeHeard(m.point.z)
+
+
 def link_lives_of(m: LinkHealth) -> LinkLives:
     """What the flight link tells of itself."""
     return LinkLives(
         m.doubt, m.ekf_variance, m.throttle, m.throttle_age_s, m.system_status, m.origin_set, m.parameters_ok,
-        m.parameter, None if m.in_the_air < 0 else bool(m.in_the_air), m.connected, m.pid,
+        m.parameter, None if m.in_the_air < 0 else bool(m.in_the_air), m.connected, m.pid, m.ekf_flags, m.ekf_age_s,
+        m.feed_rate_hz, m.feed_age_s, m.estimate_apart_m, _PREARM.get(m.prearm),
     )  # fmt: skip
 
 

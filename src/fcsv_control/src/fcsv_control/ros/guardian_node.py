@@ -17,23 +17,14 @@ from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 
-from fcsv_control.control_messages import MissionAlive
-from fcsv_control.guardian import port
+from fcsv_control.flight import messages as flight
 from fcsv_control.guardian.findings import STICK
 from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Verdict, Warned
-from fcsv_control.guardian.port import (
-    AgentAlive,
-    GuardianPort,
-    OtherGuarded,
-    PoseEstimated,
-    PoseFed,
-    TrackerConfidence,
-)
+from fcsv_control.guardian.port import GuardianPort, OtherGuarded, TrackerConfidence
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros import board_messages as convert
 from fcsv_control.ros.vehicle_messages import TOPICS
 from fcsv_geometry import frames
-from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros import telemetry_messages as telemetry
 from fcsv_geometry.ros.health import Health
@@ -93,21 +84,22 @@ class GuardianNode:
         own = self._name
 
         def hear(topic, kind, take):
-            rospy.Subscriber(topic, kind, self._taking(topic, take), queue_size=5, tcp_nodelay=True)
+            taking = convert.taking(topic, take, self._receive, self._health)
+            rospy.Subscriber(topic, kind, taking, queue_size=20, tcp_nodelay=True)
 
-        hear("mavros/vision_pose/pose", PoseStamped, lambda m: PoseFed(conversions.pose_to_transform(m.pose)))
-        hear("mavros/local_position/pose", PoseStamped, lambda m: PoseEstimated(conversions.pose_to_transform(m.pose)))
+        hear("mavros/vision_pose/pose", PoseStamped, convert.fed_of)
+        hear("mavros/local_position/pose", PoseStamped, convert.estimated_of)
         hear("odometry/state", Odometry, lambda m: TrackerConfidence(convert.confidence_of(m)))
         hear("mavros/state", State, lambda m: tm.VehicleState(own, "", m.mode, m.armed, m.connected))
         hear("mavros/battery", BatteryState, lambda m: tm.BatteryCharge(own, "", conversions.battery_share(m)))
         hear("flight_link/health", LinkHealth, convert.link_lives_of)
         hear("flight_link/parameters", ParameterReport, convert.limits_of)
         hear("flight_link/mode_asked", ModeAsked, self._asked_by_others)
-        hear("agent/alive", Heartbeat, lambda _m: AgentAlive())
+        hear("agent/alive", Heartbeat, convert.agent_alive_of)
         hear("command", Command, convert.instruction_of)
         hear("command_ack", CommandAck, convert.ack_of)
         hear("/mission/fence", FenceMessage, convert.fence_of)
-        hear("/mission/alive", Heartbeat, lambda m: MissionAlive(m.instance, m.sent_s))
+        hear("/mission/alive", Heartbeat, convert.mission_alive_of)
         hear("/calibration", Calibration, telemetry.calibration_of)
         hear("/home", Home, telemetry.home_of)
         telemetry.hear(own, [tm.OdometryEpoch], self._receive, self._health)
@@ -118,20 +110,6 @@ class GuardianNode:
             guarded = lambda m, name=name: OtherGuarded(name, convert.verdict_of(m))  # noqa: E731
             hear(f"/{name}/guardian/state", GuardianState, guarded)
 
-    def _taking(self, topic: str, take: Callable[[Any], object]) -> Callable[[Any], None]:
-        """``take`` a message as the port's; what is of no use is dropped and counted."""
-
-        def came(message) -> None:
-            try:
-                data = take(message)
-            except FcsvError as error:
-                self._health.drop(topic, str(error))
-                return
-            if data is not None:
-                self._receive(data)
-
-        return came
-
     def _receive(self, data: object) -> None:
         with self._lock:
             self._port.receive(time.monotonic(), data)
@@ -139,7 +117,7 @@ class GuardianNode:
     def _asked_by_others(self, message: ModeAsked):
         """What this node asks for itself its core knows."""
         own = publisher_of(message) == rospy.get_name()
-        return None if own else port.ModeAsked(message.mode)
+        return None if own else flight.ModeAsked(message.mode)
 
     # ---- what is done --------------------------------------------------------------------------------------
 

@@ -122,6 +122,17 @@ class SeenTags:
 
 
 @dataclass(frozen=True)
+class SceneLook:
+    """What two pictures of a vehicle say of its tracker's motion between them: see SceneMotion.msg."""
+
+    span_s: float
+    off_rad: float
+    turn_rad: float
+    points: int
+    one_way: float
+
+
+@dataclass(frozen=True)
 class RelayAges:
     """A relay measured when the newest messages of topics were sent, by this machine's monotonic clock (s)."""
 

@@ -1,50 +1,67 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What runs on a rehearsed vehicle's computer: odometry, flight link, agent and guardian, the cores that fly."""
+"""What runs on a rehearsed vehicle's computer: the ports of odometry, flight link, agent and guardian."""
 
+import itertools
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_control.agent.core import AgentCore, AgentRules
-from fcsv_control.agent.messages import Ack, Ask, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.agent.core import AgentRules
+from fcsv_control.agent.messages import Ack, AgentAlive, Ask, AskAnswered, Instruction, Kind, Pictures, SetPoint
+from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
-from fcsv_control.errors import ControlError
-from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
-from fcsv_control.flight.feed_check import FeedCheck
-from fcsv_control.flight.listener import BarometerHeard, BatteryHeard, EstimateMoved, PoseHeard, StateHeard
-from fcsv_control.flight.profile import Profile, load_profile
-from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
-from fcsv_control.guardian.core import Guardian
-from fcsv_control.guardian.messages import AskMode, HoldAt, Verdict
-from fcsv_control.guardian.port import (
-    AgentAlive,
-    AutopilotLimits,
-    GuardianPort,
+from fcsv_control.flight.link_parameters import LinkParameters
+from fcsv_control.flight.messages import (
+    AutopilotState,
+    BatteryTold,
+    EstimateMoved,
+    FromAutopilot,
     LinkLives,
     ModeAsked,
-    OtherGuarded,
+    ParametersChecked,
     PoseEstimated,
     PoseFed,
+    Refused,
+    RequestOver,
+    TextHeard,
+    ToAutopilot,
 )
+from fcsv_control.flight.port import FeedRules, FlightLinkPort
+from fcsv_control.flight.profile import Profile, load_profile
+from fcsv_control.guardian.core import Guardian
+from fcsv_control.guardian.messages import AskMode, HoldAt, Verdict
+from fcsv_control.guardian.port import GuardianPort, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
-from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.arrivals import RELAY
-from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles import telemetry as tm
+from fcsv_geometry.vehicles.tracker import TrackerProfile
 from fcsv_geometry.vehicles.vehicle import VehicleGeometry
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.bringup import bringup
-from fcsv_tracking.errors import OdometryRejected
-from fcsv_tracking.odometry import BodyOdometry, BodyPose
-from fcsv_tracking.scene.scene_motion import SceneLook
+from fcsv_sim.rehearsal.processes import Process
+from fcsv_tracking.odometry import BodyPose, EpochBegan
+from fcsv_tracking.odometry_port import BodySample, OdometryPort, TrackerSample
 
 WALL_S = 1.7e9  # the wall clock at the rehearsal's zero
 _TEXTS = {"STATUSTEXT": "text", "PARAM_VALUE": "param_id", "PARAM_SET": "param_id", "PARAM_REQUEST_READ": "param_id"}
 _PORT = 2  # of the autopilot, at which the companion is
+_SAMPLES_HZ = 200.0  # those of the tracker that would not go on are not simulated
 _GUARDIAN_EVERY = 4  # passes between two steps of the guardian: 25 Hz
+_SERVICE_S = 3.0  # so long a caller waits for a service that is not there: the agent's service_timeout_s
+_AGENT, _GUARDIAN = "agent", "guardian"
+
+
+@dataclass
+class _Call:
+    """Of a service of the flight link; ``number`` 0: it waits for the service, until a time."""
+
+    by: str
+    ask: Ask
+    until_s: float
+    number: int = 0
 
 
 class OnBoard:
@@ -54,21 +71,23 @@ class OnBoard:
     _passes = 0
     now_s = 0.0  # its monotonic clock
 
-    def __init__(self, geometry: VehicleGeometry, rules: AgentRules, guardian: GuardianRules):
+    def __init__(
+        self, geometry: VehicleGeometry, tracker: TrackerProfile, rules: AgentRules, guardian: GuardianRules
+    ):  # fmt: skip
         self.geometry, self.name = geometry, geometry.name
         self.clock_offset_s = 0.0
-        self._odometry = BodyOdometry(geometry.T_body_t265)
-        self.epoch = self._odometry.epoch
-        self._feed = VisionFeed(FeedParameters())
-        self.watchdog = FeedWatchdog(WatchdogParameters(), 0.0)
-        self.link = new_link(geometry)
-        self.agent = AgentCore(self.name, rules)
+        self._odometry = OdometryPort(self.name, geometry.T_body_t265, tracker, _SAMPLES_HZ)
+        self._frames = (tracker.odom_frame(self.name), tracker.pose_frame(self.name))
+        self.epoch = EpochBegan()  # as its odometry told it last
+        self.link = Process(self._new_link)
+        self.agent = Process(lambda now_s: AgentPort(self.name, rules, f"agent-{self.name}-{now_s}", now_s))
         self.guardian_port = GuardianPort(self.name, guardian, 0.0)
+        self.state = AutopilotState(False, False, False, False, "", 0)  # as its link told it last
+        self.state_s = -np.inf  # when that was
+        self.battery_share = np.nan
         self.verdict = Verdict()  # as its guardian told it last
-        self.check = FeedCheck()
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self._latched: Dict[object, object] = {}  # what the control PC told for good, as it came last
-        self._tell_epoch()
         self.recording = False
         self.pictures = 0
         self.acks: List[Ack] = []
@@ -77,47 +96,51 @@ class OnBoard:
         self.height_m = self._ground_m = 0.0
         self.modes_asked: List[Tuple[float, str]] = []  # every mode command that left the companion
         self.told: Callable[[float, str, object], None] = _nobody  # "sent" a message, "ordered" an instruction, "held"
-        self.agent_runs = self.link_runs = True
-        self._requests: List[Tuple[Ask, object]] = []
-        self._gate, self._urgent = RateGate(5.0), ()
-        self._do: Dict[type, Callable[[float, object], None]] = {
-            Ack: self._acknowledge, Ask: self._ask, Pictures: self._switch, SetPoint: self._hold,
+        self._calls: List[_Call] = []
+        self._numbers = itertools.count(1)
+        self._do: Dict[type, Callable[[float, Any], None]] = {
+            Ack: self._acknowledge, AgentAlive: self.guardian_port.receive, Ask: self._agent_asks,
+            AskMode: self._guardian_asks, AutopilotState: self._shown, BatteryTold: self._battery,
+            BodySample: self._feed, EstimateMoved: self.agent.receive, HoldAt: self._hold,
+            LinkLives: self.guardian_port.receive, ModeAsked: self._mode_asked,
+            ParametersChecked: lambda now_s, m: self.guardian_port.receive(now_s, m.limits),
+            Pictures: self._switch, PoseEstimated: self._estimated, RequestOver: self._request_over,
+            SetPoint: self._tell_link, TextHeard: self.agent.receive, ToAutopilot: self._to_autopilot,
+            Verdict: self._judged, tm.OdometryEpoch: self._began,
         }  # fmt: skip
+        self._give(0.0, self._odometry)
+
+    def _new_link(self, now_s: float) -> FlightLinkPort:
+        """A flight link's process as it begins, with the parameters that an autopilot must have."""
+        link = LinkParameters(target_system=self.geometry.system_id)
+        return FlightLinkPort(self.name, link, _profile(), FeedRules(), 0, now_s)
 
     # ---- the radio ---------------------------------------------------------------------------------------------
 
     def obey(self, instruction: Instruction) -> None:
         """A command came over the radio."""
-        now_s = self.now_s
-        self.told(now_s, "ordered", instruction)
-        self.guardian_port.receive(now_s, instruction)
-        self.agent.take(now_s, instruction)
+        self.told(self.now_s, "ordered", instruction)
+        self._hear(self.now_s, instruction)
 
     def hear_control(self, alive: MissionAlive, latched: Mapping[object, object]) -> None:
         """A sign of life of the mission came, and what the control PC told for good: once each."""
         now_s = self.now_s
-        self.agent.control_heard(now_s, alive.sender, alive.sent_s)
-        self.guardian_port.receive(now_s, alive)
+        self._hear(now_s, alive)
         for key, message in latched.items():
             if self._latched.get(key) is not message:
                 self._latched[key] = message
                 self.guardian_port.receive(now_s, message)
                 if isinstance(message, tm.EpochsFound):
-                    self._calibrated(message)
-
-    def _calibrated(self, found: tm.EpochsFound) -> None:
-        epoch = found.epochs.get(self.name)
-        if found.of == tm.CALIBRATION and epoch is not None and self.agent_runs:
-            self.agent.rights.frame.calibrated(epoch)
+                    self.agent.receive(now_s, message)
 
     def tell(self) -> Sequence[object]:
         """What the other vehicles are told."""
         if self.odometry is None:
             return ()
-        p, state = self.odometry, self.link.state
+        p, s = self.odometry, self.state
         return (
             tm.VehicleOdometry(self.name, RELAY, p.stamp_s, self.T_odom_body, p.linear_mps),
-            tm.VehicleState(self.name, RELAY, state.mode, state.armed, self.link.connected(self.now_s)),
+            tm.VehicleState(self.name, RELAY, s.mode, s.armed, s.connected),
             OtherGuarded(self.name, self.verdict),
         )
 
@@ -132,153 +155,125 @@ class OnBoard:
         """To look at."""
         return self.guardian_port.core
 
-    # ---- odometry, link, agent, guardian -----------------------------------------------------------------------
+    def _hear(self, now_s: float, message: object) -> None:
+        """Agent and guardian hear it."""
+        self.guardian_port.receive(now_s, message)
+        self.agent.receive(now_s, message)
+
+    # ---- odometry ----------------------------------------------------------------------------------------------
 
     def _sampled(self, now_s: float, stamp_s: float, T: np.ndarray, linear: np.ndarray, angular: np.ndarray) -> None:
-        """A sample of the tracker, through the odometry's gate, to the autopilot."""
+        """A sample of the tracker came."""
         p, q = tuple(T[:3, 3].tolist()), transforms.fast_quaternion_xyzw(T)
-        try:
-            twist = tuple(linear.tolist()), tuple(angular.tolist())
-            self.odometry = self._odometry.feed(stamp_s, p, q, *twist, came_s=now_s)
-        except OdometryRejected:
+        twist = tuple(linear.tolist()), tuple(angular.tolist())
+        self._odometry.receive(now_s, TrackerSample(self._frames, stamp_s, p, q, *twist, ()))
+        self._give(now_s, self._odometry)
+
+    def _feed(self, now_s: float, m: BodySample) -> None:
+        if not m.goes_on:
             return
-        self.T_odom_body = transforms.from_xyz_quaternion(self.odometry.p_odom_body, self.odometry.q_odom_body_xyzw)
-        if self._odometry.epoch != self.epoch:
-            self.epoch = self._odometry.epoch
-            self._tell_epoch()
-        if self._feed.judge(now_s, stamp_s)[0] is FeedVerdict.SEND:
-            T_odom_body, stamp_s = self.T_odom_body, self._feed.stamp_s
-            self.guardian_port.receive(now_s, PoseFed(T_odom_body))
-            if not self.link_runs:
-                return  # who judges poses is the link's process, too
-            in_the_air = self.link.state.in_the_air
-            if self.check.waits(now_s, in_the_air):
-                self.watchdog.feed(now_s)
-                return
-            if not self.check.passes(now_s, stamp_s, T_odom_body, self.link.state.armed, in_the_air):
-                return
-            if self.check.came_back:
-                self.link.note_reset()
-            self.link.send_pose(stamp_s, T_odom_body)
-            self.watchdog.feed(now_s)
+        self.odometry = m.pose
+        self.T_odom_body = transforms.from_xyz_quaternion(m.pose.p_odom_body, m.pose.q_odom_body_xyzw)
+        fed = PoseFed(self.T_odom_body, m.pose.stamp_s)
+        self.guardian_port.receive(now_s, fed)
+        self.link.receive(now_s, fed)
 
-    def _tell_epoch(self) -> None:
-        self.agent.epoch(self.epoch.number, self.epoch.reason)
-        told = tm.OdometryEpoch(self.name, "", self.epoch.number, self.epoch.reason)
-        self.guardian_port.receive(self.now_s, told)
+    def _began(self, now_s: float, m: tm.OdometryEpoch) -> None:
+        self.epoch = EpochBegan(m.number, m.reason)
+        self._hear(now_s, m)
 
-    def _scene_looked(self, now_s: float, seen: SceneLook) -> None:
-        """Its pictures were held against its tracker."""
-        if self.link_runs:
-            self.check.scene(now_s, seen.span_s, seen.off_rad, seen.turn_rad, seen.points, seen.one_way)
+    # ---- time --------------------------------------------------------------------------------------------------
 
-    def _on_board(self, now_s: float) -> None:  # noqa: C901
-        """The line between autopilot and link, the link's events, the watchdog, the agent."""
+    def _on_board(self, now_s: float) -> None:
+        """One step of each process. What a link is asked goes out at once."""
         for message in self._server.outgoing():
-            self.link.take(now_s, _as_received(message))
-        self._end_requests()
-        for event in self.link.events():
-            if isinstance(event, PoseHeard):
-                self._estimate(now_s, event)
-            elif isinstance(event, BarometerHeard):
-                self.check.barometer(now_s, event.height_m)
-            elif isinstance(event, EstimateMoved):
-                self.agent.estimate_moved(now_s, event.step_m)
-            elif self.link.state.mode and isinstance(event, (StateHeard, BatteryHeard)):
-                self.agent.state(self.link.state.mode, self.link.state.armed)
-                self._tell_guardian(now_s)
-        state = self.link.state
-        if self.watchdog.check(now_s, state.armed, state.mode, self.link.mode_is_ours) is Alarm.LAND:
-            self._set_mode(now_s, "LAND")
+            self.link.receive(now_s, FromAutopilot(_as_received(message)))
+        self._give(now_s, self.link)
+        self._place_calls(now_s)
         if self._passes % _GUARDIAN_EVERY == 0:
-            self._guard(now_s)
-        if self.agent_runs:
-            self.guardian_port.receive(now_s, AgentAlive())
-        self.agent.step(now_s)
-        for output in self.agent.outgoing():
-            handler = self._do.get(type(output))
-            if handler is not None:
-                handler(now_s, output)
-        self.link.step(now_s)
-        for message in self.link.outgoing():
-            self._to_autopilot(now_s, message)
+            self._give(now_s, self.guardian_port)
+        self._give(now_s, self.agent)
         if self.recording and self._passes % 10 == 0:
             self.pictures += 1
 
-    def _guard(self, now_s: float) -> None:
-        """One step of the guardian, and what it wants done."""
-        s = self.link.state
-        if self.link_runs and self._link_tells(now_s):
-            parameters = self.link.heard.parameters
-            wrong = parameters.wrong()
-            health = LinkLives(
-                self.check.doubt, s.ekf_variance, s.throttle, now_s - s.throttle_heard_s, s.system_status,
-                self.link.origin_set(now_s), parameters.known and not wrong, wrong[0] if wrong else "", s.in_the_air,
-                self.link.connected(now_s), pid=0,
-            )  # fmt: skip
-            limits = AutopilotLimits({n: parameters.value(n) for n in FlightBounds().autopilot_parameters})
-            for message in (limits, health):
-                self.guardian_port.receive(now_s, message)
-        for output in self.guardian_port.step(now_s):
-            if isinstance(output, AskMode) and self.link_runs:
-                self._set_mode(now_s, output.mode)
-            elif isinstance(output, HoldAt):
-                self.link.send_set_point(output.T_odom_body)
-                self.told(now_s, "held", output)
-            elif isinstance(output, Verdict):
-                self.verdict = v = output
-                self.agent.guarded(now_s, v.action, v.holds, "; ".join(v.reasons), v.forbids)
+    def _give(self, now_s: float, port) -> None:
+        """Whoever is concerned is given what a port has to send."""
+        for output in port.step(now_s):
+            do = self._do.get(type(output))
+            if do is not None:
+                do(now_s, output)
 
-    def _tell_guardian(self, now_s: float) -> None:
-        """Mode and battery."""
-        s = self.link.state
-        self.guardian_port.receive(now_s, tm.VehicleState(self.name, "", s.mode, s.armed, self.link.connected(now_s)))
-        share = s.battery_share if self.battery_said is None else self.battery_said
-        self.guardian_port.receive(now_s, tm.BatteryCharge(self.name, "", share))
+    # ---- what the flight link tells ----------------------------------------------------------------------------
 
-    def _link_tells(self, now_s: float) -> bool:
-        """Whether it tells of itself now, as LinkHealthReport does."""
-        s, before = self.link.state, self._urgent
-        self._urgent = (self.check.doubt, self.link.connected(now_s), self.link.origin_set(now_s), s.booting)
-        return self._urgent != before or self._gate.passes(now_s)
+    def _to_autopilot(self, now_s: float, output: ToAutopilot) -> None:
+        self.told(now_s, "sent", output.message)
+        self._server.take(now_s, _as_received(output.message))
 
-    def _estimate(self, now_s: float, heard: PoseHeard) -> None:
-        T_odom_body = heard.T_odom_body
-        self.agent.pose(now_s, T_odom_body)
-        self.guardian_port.receive(now_s, PoseEstimated(T_odom_body))
-        self.check.estimate(now_s, T_odom_body, heard.v_odom_mps)
-        if self.link.state.mode and not self.link.state.armed:
-            self._ground_m = float(T_odom_body[2, 3])
-        self.height_m = float(T_odom_body[2, 3]) - self._ground_m
+    def _shown(self, now_s: float, s: AutopilotState) -> None:
+        self.state, self.state_s = s, now_s
+        self._hear(now_s, tm.VehicleState(self.name, "", s.mode, s.armed, s.connected))
 
-    # ---- what the agent wants ----------------------------------------------------------------------------------
+    def _battery(self, now_s: float, m: BatteryTold) -> None:
+        self.battery_share = m.share if self.battery_said is None else self.battery_said
+        self.guardian_port.receive(now_s, tm.BatteryCharge(self.name, "", self.battery_share))
 
-    def _ask(self, now_s: float, ask: Ask) -> None:
-        try:
-            if ask.kind is Kind.SET_MODE:
-                request = self._set_mode(now_s, ask.mode)
-            elif ask.kind is Kind.ARM:
-                request = self.link.arm(now_s, ask.flag)
-            else:
-                request = self.link.take_off(now_s, ask.altitude_m)
-        except ControlError as error:
-            self.agent.finished(ask, str(error))
-            return
-        self._requests.append((ask, request))
+    def _mode_asked(self, now_s: float, m: ModeAsked) -> None:
+        """By the agent, or by the link itself where the feed died."""
+        self.modes_asked.append((now_s, m.mode))
+        self.guardian_port.receive(now_s, m)
 
-    def _set_mode(self, now_s: float, mode: str):
-        self.modes_asked.append((now_s, mode))
-        self.guardian_port.receive(now_s, ModeAsked(mode))
-        return self.link.set_mode(now_s, mode)
+    def _estimated(self, now_s: float, m: PoseEstimated) -> None:
+        self._hear(now_s, m)
+        if self.state.mode and not self.state.armed:
+            self._ground_m = float(m.T_odom_body[2, 3])
+        self.height_m = float(m.T_odom_body[2, 3]) - self._ground_m
 
-    def _end_requests(self) -> None:
-        for ask, request in [r for r in self._requests if r[1].over]:
-            self._requests.remove((ask, request))
-            try:
-                request.require_done()
-                self.agent.finished(ask, "")
-            except ControlError as error:
-                self.agent.finished(ask, str(error))
+    # ---- what the flight link is told and asked ----------------------------------------------------------------
+
+    def _tell_link(self, now_s: float, message: object) -> None:
+        self.link.receive(now_s, message)
+        self._give(now_s, self.link)
+
+    def _agent_asks(self, now_s: float, ask: Ask) -> None:
+        self._call(now_s, _AGENT, ask)
+
+    def _guardian_asks(self, now_s: float, output: AskMode) -> None:
+        """A mode that is still asked for is not asked for again."""
+        if not any(c.by == _GUARDIAN and c.ask.mode == output.mode for c in self._calls):
+            self.modes_asked.append((now_s, output.mode))
+            self._call(now_s, _GUARDIAN, Ask(Kind.SET_MODE, output.mode))
+
+    def _call(self, now_s: float, by: str, ask: Ask) -> None:
+        self._calls.append(_Call(by, ask, now_s + _SERVICE_S))
+        self._place_calls(now_s)
+
+    def _place_calls(self, now_s: float) -> None:
+        """Calls wait for a while for a link that does not run; they end with one that dies."""
+        for call in [c for c in self._calls if not c.number]:
+            if self.link.lives:
+                call.number = next(self._numbers)
+                self._tell_link(now_s, replace(call.ask, number=call.number))
+            elif now_s > call.until_s:
+                self._end_call(now_s, call, AskAnswered(call.ask.number, False, "the flight link does not run"))
+
+    def _request_over(self, now_s: float, over: RequestOver) -> None:
+        for call in [c for c in self._calls if c.number == over.number]:
+            if over.refusal and call.by == _AGENT:
+                self.agent.receive(now_s, Refused(over.refusal))
+            self._end_call(now_s, call, AskAnswered(call.ask.number, not over.refusal))
+
+    def _end_call(self, now_s: float, call: _Call, answer: AskAnswered) -> None:
+        self._calls.remove(call)
+        if call.by == _AGENT:
+            self.agent.receive(now_s, answer)
+
+    def kill_link(self) -> None:
+        """Its process dies, and with it what was asked of it."""
+        self.link.kill()
+        for call in [c for c in self._calls if c.number]:
+            self._end_call(self.now_s, call, AskAnswered(call.ask.number, False, "the flight link died"))
+
+    # ---- what agent and guardian tell --------------------------------------------------------------------------
 
     def _acknowledge(self, now_s: float, ack: Ack) -> None:
         self.acks.append(ack)
@@ -287,31 +282,16 @@ class OnBoard:
     def _switch(self, _now_s: float, output: Pictures) -> None:
         self.recording = output.on
 
-    def _hold(self, _now_s: float, output: SetPoint) -> None:
-        self.link.send_set_point(output.T_odom_body)
+    def _hold(self, now_s: float, output: HoldAt) -> None:
+        self._tell_link(now_s, SetPoint(output.T_odom_body))
+        self.told(now_s, "held", output)
 
-    def _to_autopilot(self, now_s: float, message) -> None:
-        self.told(now_s, "sent", message)
-        self._server.take(now_s, _as_received(message))
-
-    # ---- processes that die ------------------------------------------------------------------------------------
-
-    def swap_link(self, link, watchdog, died: bool = False, knows: bool = True) -> None:
-        """Another link process in place of the one that runs. What was asked of one that ``died`` fails; a new one
-        ``knows`` nothing of what it was fed before."""
-        self.link, self.watchdog, self._feed = link, watchdog, VisionFeed(FeedParameters())
-        self.check = self.check if knows else FeedCheck()
-        for ask, _ in self._requests if died else []:
-            self.agent.finished(ask, "the flight link died")
-        self._requests = [] if died else self._requests
+    def _judged(self, now_s: float, verdict: Verdict) -> None:
+        self.verdict = verdict
+        self.agent.receive(now_s, verdict)
 
     def _wall_s(self, now_s: float) -> float:
         return WALL_S + now_s + self.clock_offset_s
-
-
-def new_link(geometry: VehicleGeometry) -> LinkCore:
-    """A flight link's process as it begins, with the parameters that an autopilot must have."""
-    return LinkCore(LinkParameters(target_system=geometry.system_id), _profile())
 
 
 @lru_cache(maxsize=None)

@@ -11,7 +11,6 @@ from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.ground import READY_S
-from fcsv_sim.rehearsal import processes
 from fcsv_sim.rehearsal.fault import Fault
 from fcsv_sim.rehearsal.flight import Flight
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
@@ -128,7 +127,7 @@ class AgentDies(Fault):
     name = "agent dies"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        processes.kill_agent(vehicle)
+        vehicle.agent.kill()
 
 
 class LinkDies(Fault):
@@ -137,12 +136,12 @@ class LinkDies(Fault):
     name = "link dies"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        processes.kill_link(vehicle)
+        vehicle.kill_link()
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
         if since_s > 2.0 and not self.ended:
             self.ended = True
-            processes.start_link(self.vehicle, flight.now_s)
+            self.vehicle.link.start(flight.now_s)
 
 
 class LinkSleeps(Fault):
@@ -151,13 +150,13 @@ class LinkSleeps(Fault):
     name = "link sleeps"
 
     def begin(self, flight: Flight, vehicle: RehearsedVehicle) -> None:
-        self._asleep = processes.stop_link(vehicle, flight.now_s)
+        vehicle.link.stop()
         self._until_s = self._uniform(2.0, 5.0)
 
     def goes_on(self, flight: Flight, since_s: float) -> None:
         if since_s > self._until_s and not self.ended:
             self.ended = True
-            processes.continue_link(self.vehicle, self._asleep, flight.now_s)
+            self.vehicle.link.go_on(flight.now_s)
 
 
 class MissionDies(Fault):

@@ -47,6 +47,7 @@ from fcsv_tracking.devices.clocks import ClockOffset, VehicleClock
 _STATE_EVERY_S, _POSE_EVERY_S, _SLOW_EVERY_S = 0.5, 0.1, 1.0
 _POSE_CALIBRATES_S = 0.02  # the radio carries 30 poses a second; where nobody needs them all, every third is sent
 _CLOCK_UNCERTAIN_S = 0.005
+_NOTHING = ("", False, False, "", False)  # that a vehicle showed
 _ZERO_S = 70_000.0  # its monotonic clock at the rehearsal's zero: each machine's begins elsewhere
 
 
@@ -117,7 +118,7 @@ class ControlPc:
     def listen(self, now_s: float) -> None:
         """Every vehicle sends what is due over its radio."""
         for name, vehicle in self._fleet.items():
-            due, radio, state = self._due_s[name], self._radios[name], vehicle.link.state
+            due, radio, state = self._due_s[name], self._radios[name], vehicle.state
             for ack in vehicle.acks:
                 radio.send(now_s, lambda m, v=vehicle: self._answered(v, m), ack, CRITICAL_S)
             vehicle.acks = []
@@ -130,14 +131,16 @@ class ControlPc:
                     tm.OdometryEpoch(name, RELAY, vehicle.epoch.number, vehicle.epoch.reason),
                 ])  # fmt: skip
             v = vehicle.guardian.verdict
-            shown = (state.mode, state.armed, vehicle.link.connected(now_s), v.in_words, v.lost)
+            shown = (state.mode, state.armed, state.connected, v.in_words, v.lost)
             if now_s >= due[1] or self._shown.get(name) != shown:
                 due[1] = now_s + _STATE_EVERY_S
-                told = [tm.VehicleState(name, RELAY, *shown[:3]), tm.GuardianStatus(name, RELAY, *shown[3:], v.lost_s)]
+                told = [tm.GuardianStatus(name, RELAY, *shown[3:], v.lost_s)]
+                if now_s < vehicle.state_s + _STATE_EVERY_S:  # a link that does not run tells nothing
+                    told.insert(0, tm.VehicleState(name, RELAY, *shown[:3]))
                 self._send(now_s, name, told)
             if now_s >= due[2]:
                 due[2] = now_s + _SLOW_EVERY_S
-                share = self.battery_share.get(name, state.battery_share)
+                share = self.battery_share.get(name, vehicle.battery_share)
                 told = [tm.BatteryCharge(name, RELAY, share), tm.RecorderState(name, RELAY, "", vehicle.pictures)]
                 self._send(now_s, name, told)
                 ahead_s = vehicle.clock_offset_s - self.clock_offset_s
@@ -172,9 +175,9 @@ class ControlPc:
                     self.calibration_port.receive(came_s, m)
                 elif isinstance(m, tm.VehicleState):
                     self.stop_all_port.receive(came_s, m)
+                    self._shown[name] = (m.mode, m.armed, m.connected, *self._shown.get(name, _NOTHING)[3:])
                 elif isinstance(m, tm.GuardianStatus):
-                    state = messages[0]
-                    self._shown[name] = (state.mode, state.armed, state.connected, m.words, m.lost)
+                    self._shown[name] = (*self._shown.get(name, _NOTHING)[:3], m.words, m.lost)
 
         self._radios[name].send(now_s, arrived, None)
 

@@ -93,7 +93,7 @@ class StopsAll(Fault):
         for name in list(self._must):
             vehicle, radio = flight.fleet[name], flight.radios[name]
             stopped = [mode for _, mode in vehicle.modes_asked[self._must[name] :] if mode in STOPPING_MODES]
-            deaf = radio.cut or radio.held_until_s > flight.now_s or not (vehicle.agent_runs and vehicle.link_runs)
+            deaf = radio.cut or radio.held_until_s > flight.now_s or not (vehicle.agent.runs and vehicle.link.runs)
             aside = vehicle.guardian.verdict.action == "aside"  # nobody but the pilot stops that
             if stopped or deaf or aside or vehicle.autopilot.mode != modes.GUIDED:
                 del self._must[name]

@@ -1,135 +1,60 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes on board that die, or are stopped for a while: what stands in their place until they run again."""
+"""A port in its process: it runs, is stopped for a while, is killed, and is started again."""
 
-from typing import List
+from typing import Callable, List, Sequence
 
-from fcsv_control.errors import LinkError
-from fcsv_control.flight.core import LinkCore
-from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
-from fcsv_sim.rehearsal.board import new_link
-from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
+from fcsv_control.agent.messages import SetPoint
+from fcsv_control.flight.messages import PoseFed
+from fcsv_control.ports import Port
+from fcsv_geometry.vehicles.telemetry import SceneLook
 
+_TOPICS = (PoseFed, SetPoint, SceneLook)  # of which a process that was stopped reads the newest message
 _MOST_UNREAD = 2000  # what a socket keeps of a line that nobody reads
 
 
-class DeadAgent:
-    """Hears nothing and says nothing, whatever it is told."""
+class Process:
+    """``make`` makes the port of a new process at a time. What is killed hears nothing and says nothing."""
 
-    def __getattr__(self, _name: str):
-        return lambda *_arguments, **_named: []
-
-
-class _NoWatchdog:
-    """Of a process that does not run."""
-
-    def feed(self, _now_s: float) -> None:
-        """Not heard."""
-
-    def check(self, _now_s: float, _armed: bool, _mode: str, _ours: bool) -> Alarm:
-        """Nobody looks."""
-        return Alarm.NONE
-
-
-class DeadLink:
-    """A flight link that was killed. What others know of the autopilot is what it said last."""
-
-    mode_is_ours = False
-
-    def __init__(self, link: LinkCore):
-        self.state, self.heard = link.state, link.heard
-
-    def connected(self, _now_s: float) -> bool:
-        """Nobody says so any more."""
-        return False
-
-    def take(self, _now_s: float, _message) -> None:
-        """Nobody reads the line."""
-
-    def step(self, _now_s: float) -> None:
-        """Nothing is done."""
-
-    def outgoing(self) -> List[object]:
-        """Nothing is sent."""
-        return []
-
-    events = outgoing
-
-    def send_pose(self, _stamp_s: float, _T_odom_body) -> None:
-        """Lost."""
-
-    def send_set_point(self, _T_odom_body) -> None:
-        """Lost."""
-
-    def note_reset(self) -> None:
-        """Lost."""
-
-    def set_mode(self, _now_s: float, _name: str):
-        """Raises LinkError: a call of a service that is gone."""
-        raise LinkError("the flight link does not run")
-
-    arm = take_off = set_mode
-
-
-class SleepingLink(DeadLink):
-    """A flight link that was stopped (SIGSTOP): what comes waits, and so does who calls it; ``wake`` goes on."""
-
-    def __init__(self, link: LinkCore, vehicle: RehearsedVehicle, now_s: float):
-        super().__init__(link)
-        self._link, self._vehicle, self._asleep_s = link, vehicle, now_s
-        self._kept = vehicle.watchdog
+    def __init__(self, make: Callable[[float], Port]):
+        self._make = make
+        self.port = make(0.0)
+        self.lives, self._sleeps = True, False
         self._unread: List[object] = []
 
-    def take(self, _now_s: float, message) -> None:
-        """The line's buffer keeps it."""
-        if len(self._unread) < _MOST_UNREAD:
-            self._unread.append(message)
+    @property
+    def runs(self) -> bool:
+        """Neither killed nor stopped."""
+        return self.lives and not self._sleeps
 
-    def set_mode(self, now_s: float, name: str):
-        """The call is answered when it wakes."""
-        return self._link.set_mode(now_s, name)
+    def receive(self, now_s: float, message: object) -> None:
+        """A message comes; where the process is stopped it waits."""
+        if self.runs:
+            self.port.receive(now_s, message)
+        elif self.lives:
+            if isinstance(message, _TOPICS):
+                self._unread = [m for m in self._unread if type(m) is not type(message)]
+            if len(self._unread) < _MOST_UNREAD:
+                self._unread.append(message)
 
-    def arm(self, now_s: float, value: bool):
-        """Likewise."""
-        return self._link.arm(now_s, value)
+    def step(self, now_s: float) -> Sequence[object]:
+        """What it sends, while it runs."""
+        return self.port.step(now_s) if self.runs else ()
 
-    def take_off(self, now_s: float, altitude_m: float):
-        """Likewise."""
-        return self._link.take_off(now_s, altitude_m)
+    def stop(self) -> None:
+        """SIGSTOP."""
+        self._sleeps = True
 
-    def wake(self, now_s: float) -> None:
-        """It reads what came meanwhile, and its watchdog knows that it slept."""
-        for message in self._unread:
-            self._link.take(now_s, message)
-        self._kept.slept(now_s, now_s - self._asleep_s)
-        self._vehicle.swap_link(self._link, self._kept)
+    def go_on(self, now_s: float) -> None:
+        """SIGCONT: it reads what came meanwhile."""
+        self._sleeps, unread = False, self._unread
+        self._unread = []
+        for message in unread:
+            self.receive(now_s, message)
 
+    def kill(self) -> None:
+        """Until ``start``."""
+        self.lives, self._sleeps, self._unread = False, False, []
 
-def kill_agent(vehicle: RehearsedVehicle) -> None:
-    """For good."""
-    vehicle.agent, vehicle.agent_runs = DeadAgent(), False
-
-
-def kill_link(vehicle: RehearsedVehicle) -> None:
-    """Until ``start_link``."""
-    vehicle.link_runs = False
-    vehicle.swap_link(DeadLink(vehicle.link), _NoWatchdog(), died=True)
-
-
-def start_link(vehicle: RehearsedVehicle, now_s: float) -> None:
-    """A new process, which knows nothing of what was before."""
-    vehicle.link_runs = True
-    vehicle.swap_link(new_link(vehicle.geometry), FeedWatchdog(WatchdogParameters(), now_s), knows=False)
-
-
-def stop_link(vehicle: RehearsedVehicle, now_s: float) -> SleepingLink:
-    """SIGSTOP; SIGCONT is ``continue_link``."""
-    asleep = SleepingLink(vehicle.link, vehicle, now_s)
-    vehicle.link_runs = False
-    vehicle.swap_link(asleep, _NoWatchdog())
-    return asleep
-
-
-def continue_link(vehicle: RehearsedVehicle, asleep: SleepingLink, now_s: float) -> None:
-    """SIGCONT."""
-    vehicle.link_runs = True
-    asleep.wake(now_s)
+    def start(self, now_s: float) -> None:
+        """A new process, which knows nothing of what was before."""
+        self.port, self.lives = self._make(now_s), True

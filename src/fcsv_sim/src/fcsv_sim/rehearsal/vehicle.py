@@ -54,7 +54,7 @@ class RehearsedVehicle(OnBoard):
         self.tracker_on = True
         self.scene = SimulatedScene(geometry.T_body_cam, seed)
         self._scene_epoch = 0
-        super().__init__(geometry, start.rules, start.guardian)
+        super().__init__(geometry, start.tracker, start.rules, start.guardian)
         self.by_hand: Optional[Tuple[float, int]] = None  # when its transmitter chose which mode
         self._switch_at = ""
         self._command = (0.0, 0.0, 0.0, 0.0)
@@ -69,9 +69,9 @@ class RehearsedVehicle(OnBoard):
 
     def sight(self, others_m: Sequence[np.ndarray] = ()) -> Sight:
         """What its pilot sees of it, and of the others."""
-        state, armed = self.link.state, self.autopilot.armed
-        share = state.battery_share if self.battery_said is None else self.battery_said
-        return Sight(self.body.T_world_body, self.body.velocity_mps, armed, state.mode, share, tuple(others_m))
+        share = self.battery_share if self.battery_said is None else self.battery_said
+        body, armed = self.body, self.autopilot.armed
+        return Sight(body.T_world_body, body.velocity_mps, armed, self.state.mode, share, tuple(others_m))
 
     def sticks(self, now_s: float, s: Sticks) -> None:
         """A frame of its transmitter."""
@@ -122,4 +122,4 @@ class RehearsedVehicle(OnBoard):
         angular_radps = np.array(self.odometry.angular_radps)
         seen = self.scene.see(now_s, T_world_body, self.T_odom_body, angular_radps)
         if seen is not None:
-            self._scene_looked(now_s, seen)
+            self.link.receive(now_s, seen)

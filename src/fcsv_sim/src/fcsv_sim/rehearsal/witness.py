@@ -106,7 +106,7 @@ class Witness:
         taken_s, mode = vehicle.by_hand
         known_s = self._heard_s.get(vehicle.name, (None, 0.0))
         if known_s[0] != taken_s:
-            if vehicle.link.state.mode != modes.NAMES[mode]:
+            if vehicle.state.mode != modes.NAMES[mode]:
                 return False
             known_s = self._heard_s[vehicle.name] = (taken_s, now_s)
         return now_s > known_s[1] + _UNDER_WAY_S and self._consent_s < taken_s

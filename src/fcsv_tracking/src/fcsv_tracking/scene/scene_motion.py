@@ -7,7 +7,6 @@ the vehicle holds its place by it moves the camera, and so all points off their 
 """
 
 import math
-from dataclasses import dataclass
 from typing import Optional, Tuple
 
 import cv2
@@ -15,6 +14,7 @@ import numpy as np
 
 from fcsv_geometry import transforms
 from fcsv_geometry.camera import PinholeCamera
+from fcsv_geometry.vehicles.telemetry import SceneLook
 from fcsv_tracking.errors import TrackingError
 from fcsv_tracking.scene.epipolar import from_lines
 from fcsv_tracking.scene.one_way import one_way_ratio
@@ -25,17 +25,6 @@ _MOST_POINTS, _LEAST_POINTS = 60, 15
 _MOST_TURN_RAD, _MOST_WAY_M, _LONGEST_S = np.radians(10.0), 1.5, 3.0  # after which other points are taken
 _KEPT = 0.5  # share of the points; with fewer, others are taken
 _THERE_AND_BACK_PX = 0.5
-
-
-@dataclass(frozen=True)
-class SceneLook:
-    """Two pictures against two poses: see SceneMotion.msg."""
-
-    span_s: float
-    off_rad: float
-    turn_rad: float
-    points: int
-    one_way: float
 
 
 def off_lines(xy_then: np.ndarray, xy_now: np.ndarray, T_now_then: np.ndarray) -> np.ndarray:
