@@ -71,21 +71,21 @@ def names_of(paths: Sequence[Path]) -> List[str]:
 
     >>> names_of([Path("a/session"), Path("b/session"), Path("north")])
     ['a-session', 'b-session', 'north']
+    >>> names_of([Path("north"), Path("north")])
+    ['north', 'north-2']
     """
-    parts = [[w for w in p.absolute().resolve().parts if w not in ("/", "")] or ["view"] for p in paths]
-    names, depth = [""] * len(paths), [1] * len(paths)
+    parts = [tuple(w for w in p.absolute().resolve().parts if w != "/") or ("view",) for p in paths]
+    depth = dict.fromkeys(parts, 1)
     while True:
-        names = ["-".join(words[-n:]) for words, n in zip(parts, depth)]
-        longer = [i for i, n in enumerate(names) if names.count(n) > 1 and depth[i] < len(parts[i])]
-        if not longer:
+        names = {words: "-".join(words[-n:]) for words, n in depth.items()}
+        alike = [words for words in depth if list(names.values()).count(names[words]) > 1 and depth[words] < len(words)]
+        if not alike:
             break
-        for i in longer:
-            depth[i] += 1
-    seen: Dict[str, int] = {}
-    for i, name in enumerate(names):  # the same folder twice
-        seen[name] = seen.get(name, 0) + 1
-        names[i] = name if seen[name] == 1 else f"{name}-{seen[name]}"
-    return names
+        for words in alike:
+            depth[words] += 1
+    given = [names[words] for words in parts]
+    before = [given[:i].count(name) for i, name in enumerate(given)]  # the same folder again
+    return [name if n == 0 else f"{name}-{n + 1}" for name, n in zip(given, before)]
 
 
 def content_key(path: Path) -> str:
