@@ -13,8 +13,8 @@ from typing import Iterator, List, Optional, Tuple
 
 from tqdm import tqdm
 
-from fcsv_geometry import commands
-from fcsv_geometry.writing import require_folder
+from fcsv_geometry.programs import commands
+from fcsv_geometry.programs.writing import require_folder
 from fcsv_guidance.robot import Robot, load_robot
 from fcsv_sim.bringup import robot_file
 from fcsv_sim.errors import SimulationError
