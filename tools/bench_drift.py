@@ -18,8 +18,8 @@ from typing import Callable, List, Tuple
 
 import numpy as np
 
-from fcsv_control.flight.height_check import HeightCheckRules, height_m
-from fcsv_control.flight.scene_check import SceneCheckRules
+from fcsv_control.flight.feeding.height_check import HeightCheckRules, height_m
+from fcsv_control.flight.feeding.scene_check import SceneCheckRules
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.mission import load_mission
 from fcsv_sim.autopilot.barometer import Barometer

@@ -22,7 +22,7 @@ from typing import Callable, Dict, List, Optional
 import numpy as np
 import psutil
 
-from fcsv_control.flight.transport import Transport
+from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_geometry.errors import FcsvError
 from fcsv_sim.demo.autopilots import addresses, rc_port, require_there
 from fcsv_sim.demo.fleet import CONTROL, FleetPlan, SimulatedFleet

@@ -49,7 +49,7 @@ class Truth:
     """The simulation's true pose, ENU from where it was first; and a transmitter whose sticks are in the middle."""
 
     def __init__(self, address: str):
-        from fcsv_control.flight.transport import Transport
+        from fcsv_control.flight.mavlink.transport import Transport
 
         self.T, self.on_pose, self._first, self._line = None, lambda T, stamp_s: None, None, Transport(address)
         threading.Thread(target=self._hear, daemon=True).start()

@@ -32,7 +32,7 @@ from fcsv_console.model.steady import SteadyVerdict
 from fcsv_console.model.stereo import StereoHealth
 from fcsv_console.model.vehicles import FAILSAFE, GUARDIAN, MISSION, NOBODY, PILOT, UNKNOWN
 from fcsv_control.flight_check.lines import Line, State
-from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS, TURNS
+from fcsv_control.mission.activities.stages import GOES_BACK, HOLDS, MOVES, RECORDS, TURNS
 from fcsv_geometry.missions.separation import SeparationRules
 from fcsv_stereo.equations import ErrorThreshold, depth_error, farthest
 
@@ -181,7 +181,7 @@ def test_what_comes_often_is_stale_within_a_second_and_one_lost_message_is_no_al
 
 
 def test_rates_are_of_the_last_seconds():
-    h = hearing.Heard()
+    h = hearing.AgingFact()
     for k in range(90):
         h.tell(k / 30.0, k)
     assert h.at(2.99).rate_hz == pytest.approx(30.0, rel=0.02)
@@ -189,7 +189,7 @@ def test_rates_are_of_the_last_seconds():
 
 
 def test_messages_that_were_held_up_and_come_at_once_are_no_high_rate():
-    h = hearing.Heard()
+    h = hearing.AgingFact()
     for k in range(3):
         h.tell(10.0 + 0.007 * k, k)
     assert h.at(10.02).rate_hz == pytest.approx(4.0)
@@ -695,7 +695,7 @@ def test_events_are_told_once_and_exported():
     c.wall_offset_s = 1.7e9
     c.tell(11.1, facts.Guardian("uav2", "LAND", reasons=("battery empty",)))
     c.tell(11.2, facts.Guardian("uav2", "LAND", reasons=("battery empty",)))
-    c.tell(11.3, facts.Said("uav1", "autopilot", "EKF variance, failsafe", 2))
+    c.tell(11.3, facts.VehicleText("uav1", "autopilot", "EKF variance, failsafe", 2))
     c.tell(11.4, facts.Answered("uav1", "mission-1", 7, "refused: it is flown by hand"))
     told = [(e.who, e.what, e.level) for e in c.log.events]
     assert told.count(("uav2 guardian", "LAND: battery empty", "warning")) == 1

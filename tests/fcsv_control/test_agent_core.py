@@ -7,7 +7,7 @@ import pytest
 from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.messages import DONE, REFUSED, TOO_LATE, Ack, Ask, Instruction, Kind, SetPoint
 from fcsv_control.agent.sender_clocks import SenderClocks
-from fcsv_control.agent.twins import Twins
+from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_geometry import transforms
 
 STEP_S = 0.02
@@ -18,7 +18,9 @@ class Board:
     """An agent on board, its time, and what it put out."""
 
     def __init__(self, twins=None, guardian=False, **rules):
-        self.core = AgentCore("uav1", AgentRules(guardian=guardian, **rules), twins or Twins("agent-1", -np.inf))
+        self.core = AgentCore(
+            "uav1", AgentRules(guardian=guardian, **rules), twins or DuplicateAgentGuard("agent-1", -np.inf)
+        )
         self.now_s, self.number = 100.0, 0
         self.core.state("STABILIZE", False)
         self.core.pose(self.now_s, np.eye(4))
@@ -294,7 +296,7 @@ def test_what_comes_without_a_name_does_not_renew_the_lease_of_a_mission_that_is
 
 
 def test_of_two_agents_the_younger_does_nothing_until_the_older_is_gone():
-    board = Board(twins=Twins("agent-2", 100.0))
+    board = Board(twins=DuplicateAgentGuard("agent-2", 100.0))
     board.core.twins.heard(100.2, "agent-1", 60.0)
     assert board.answer(Kind.GOTO, **AHEAD) is None, "the older one answers"
     board.core.twins.heard(board.now_s, "agent-1", 60.0)
@@ -306,7 +308,7 @@ def test_of_two_agents_the_younger_does_nothing_until_the_older_is_gone():
 
 
 def test_an_agent_that_was_just_started_listens_first_but_stops_at_once():
-    board = Board(twins=Twins("agent-2", 100.0))
+    board = Board(twins=DuplicateAgentGuard("agent-2", 100.0))
     assert board.answer(Kind.GOTO, **AHEAD) is None
     board.tell(Kind.LAND)
     out = board.run()
@@ -317,7 +319,7 @@ def test_an_agent_that_was_just_started_listens_first_but_stops_at_once():
 def test_of_two_agents_that_were_started_together_one_acts():
     acting = []
     for mine, other in (("agent-1", "agent-2"), ("agent-2", "agent-1")):
-        twins = Twins(mine, 50.0)
+        twins = DuplicateAgentGuard(mine, 50.0)
         twins.heard(60.0, other, 10.1)
         twins.heard(60.0, mine, 10.0)  # itself
         acting.append(not twins.older(60.1))

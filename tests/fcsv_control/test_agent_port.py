@@ -9,7 +9,7 @@ from fcsv_control.agent.messages import DONE, REFUSED, Ack, AgentAlive, Ask, Ask
 from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import EstimateMoved, HomeHeard, ModeAsked, PoseEstimated, Refused, TextHeard
-from fcsv_control.guardian.messages import Verdict
+from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles import telemetry as tm
 
@@ -170,7 +170,7 @@ def test_a_target_moves_along_with_the_estimate_and_the_guardian_silences_it(boa
     board.run(1.0)
     board.hear(EstimateMoved(np.array([2.0, 0.0, 0.0])))
     assert np.allclose(of(board.run(0.2), SetPoint)[-1].T_odom_body[:3, 3], [2.0, 0.0, 3.0])
-    board.hear(Verdict("hold", True, reasons=("uav2 comes down",)))
+    board.hear(GuardianVerdict("hold", True, reasons=("uav2 comes down",)))
     assert not of(board.run(1.0), SetPoint)
 
 

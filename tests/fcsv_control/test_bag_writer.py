@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from support.waiting import within
 
 from fcsv_control.recording import begin
-from fcsv_control.ros.bag_writer import BagWriter
+from fcsv_control.ros.recording.bag_writer import BagWriter
 from fcsv_geometry.bags.parts import parts_in
 from fcsv_geometry.bags.repair import check, repaired
 from fcsv_geometry.errors import BagError
@@ -28,7 +28,7 @@ import io, resource, sys, time
 from pathlib import Path
 import genpy, rospy
 from std_msgs.msg import String
-from fcsv_control.ros.bag_writer import BagWriter
+from fcsv_control.ros.recording.bag_writer import BagWriter
 
 folder, part_bytes, count, limit = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
 writer = BagWriter(folder, "uav1", 96 << 20, part_bytes)

@@ -4,7 +4,7 @@
 import pytest
 
 from fcsv_control.flight_check.lines import Line, State
-from fcsv_control.mission.check_gate import CheckGate
+from fcsv_control.mission.watches.check_gate import CheckGate
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
 G, A, R, U = State.GREEN, State.AMBER, State.RED, State.UNKNOWN

@@ -9,7 +9,7 @@ import pytest
 
 from fcsv_control.flight_check import digest
 from fcsv_control.flight_check.digest import ERROR, OK, STALE, WARN, Digest, Status
-from fcsv_control.ros.diagnostics_digest import ON_THE_WAY_BYTES, array, on_the_way_bytes, statuses_of
+from fcsv_control.ros.checks.diagnostics_digest import ON_THE_WAY_BYTES, array, on_the_way_bytes, statuses_of
 
 
 def told(d, now_s, *statuses):
@@ -109,7 +109,7 @@ def test_what_nodes_publish_comes_out_as_a_message(monkeypatch):
     import rospy
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-    from fcsv_control.ros import diagnostics_digest
+    from fcsv_control.ros.checks import diagnostics_digest
 
     published, heard = [], {}
 

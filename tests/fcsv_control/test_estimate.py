@@ -12,10 +12,10 @@ import pytest
 from support.flown import SimulatedLoop
 
 from fcsv_control.errors import CommandRefused
-from fcsv_control.flight import estimate
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.estimate import MOVED_M, EstimateWatch
-from fcsv_control.flight.keeper import ConnectionKeeper
+from fcsv_control.flight.feeding import estimate
+from fcsv_control.flight.feeding.estimate import MOVED_M, EstimateWatch
+from fcsv_control.flight.mavlink.keeper import ConnectionKeeper
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer

@@ -36,7 +36,7 @@ class StandIns:
         from nav_msgs.msg import Odometry
 
         from fcsv_control.flight_check.lines import Line, State
-        from fcsv_control.ros.flight_check_messages import small
+        from fcsv_control.ros.checks.flight_check_messages import small
         from fcsv_geometry.missions.flight_limits import FlightBounds
         from fcsv_msgs.msg import ClockOffset, ParameterReport, TagDetection, TagDetections
 
@@ -55,7 +55,7 @@ class StandIns:
         self.topics[NAMES[1], "tags/detections"].publish(TagDetections(vehicle=NAMES[1], detections=tags))
 
     def lines(self):
-        from fcsv_control.ros.flight_check_messages import lines_of
+        from fcsv_control.ros.checks.flight_check_messages import lines_of
 
         return {(li.vehicle, li.name): li for li in lines_of(self.table)}
 

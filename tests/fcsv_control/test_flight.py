@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from support.autopilots import MUST, PROFILE
 
-from fcsv_control.flight import conversion, keeper
-from fcsv_control.flight.commands import ACCEPTED, FAILED, IN_PROGRESS, PendingCommand
-from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
-from fcsv_control.flight.keeper import ConnectionKeeper
-from fcsv_control.flight.parameters import ParameterCheck
-from fcsv_control.flight.texts import Reasons, TextJoiner
-from fcsv_control.flight.timesync import TimeSync
-from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.flight.feeding.feed import FeedParameters, FeedVerdict, VisionFeed
+from fcsv_control.flight.feeding.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.flight.mavlink import conversion, keeper
+from fcsv_control.flight.mavlink.commands import ACCEPTED, FAILED, IN_PROGRESS, PendingCommand
+from fcsv_control.flight.mavlink.keeper import ConnectionKeeper
+from fcsv_control.flight.mavlink.texts import Reasons, TextJoiner
+from fcsv_control.flight.mavlink.timesync import TimeSync
+from fcsv_control.flight.settings.parameters import ParameterCheck
 from fcsv_geometry import transforms
 
 # ---- frames ----------------------------------------------------------------------------------------------------

@@ -284,7 +284,7 @@ def test_colours_change_no_word():
 
 def test_a_report_of_a_vehicle_that_is_well_comes_every_second():
     """161 bytes of content and 80 around it (measured 2026-11-25), in 2 kbit/s."""
-    from fcsv_control.ros.flight_check_messages import size_bytes
+    from fcsv_control.ros.checks.flight_check_messages import size_bytes
     from fcsv_msgs.msg import FlightCheck
 
     green = " ".join(check.name for check in VEHICLE_CHECKS)

@@ -19,11 +19,11 @@ import pytest
 from pymavlink import mavutil
 
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.feed_check import FeedCheck
+from fcsv_control.flight.feeding.feed_check import FeedCheck
+from fcsv_control.flight.mavlink.parser import Parser
+from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.mavros import MavrosCore
 from fcsv_control.flight.messages import BarometerHeard, PoseHeard
-from fcsv_control.flight.parser import Parser
-from fcsv_control.flight.transport import Transport
 from fcsv_sim.autopilot import modes
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer

@@ -20,8 +20,8 @@ from support.autopilots import PROFILE
 from support.link_by_hand import LinkByHand
 
 from fcsv_control.errors import CommandRefused, LinkError
-from fcsv_control.flight.link_parameters import LinkParameters
 from fcsv_control.flight.messages import AutopilotState, PoseEstimated, TextHeard
+from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_geometry import transforms
 from fcsv_sim.machines.machines import free_port
 

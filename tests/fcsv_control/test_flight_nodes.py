@@ -14,7 +14,7 @@ from support.mavros_package import path_to_mavros
 from support.waiting import within
 
 from fcsv_control.flight_check.vehicle import VEHICLE_CHECKS
-from fcsv_control.ros.mavros_process import MavrosProcess
+from fcsv_control.ros.flight_link.mavros_process import MavrosProcess
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_sim.machines.machines import free_port
@@ -100,7 +100,7 @@ class ControlPc:
 
     def found(self, name):
         """(state, what) of a line of the flight check, as it crosses the radio."""
-        from fcsv_control.ros.flight_check_messages import lines_of
+        from fcsv_control.ros.checks.flight_check_messages import lines_of
 
         return {line.name: (line.state.word, line.what) for line in lines_of(self.check)}.get(name)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.flown import flown_link
 
-from fcsv_control.flight.feed_check import FeedCheck
+from fcsv_control.flight.feeding.feed_check import FeedCheck
 from fcsv_geometry import transforms
 
 

@@ -9,7 +9,7 @@ import pytest
 from fcsv_control.agent.messages import DONE, REFUSED, Ack, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import AutopilotLimits, LinkLives, PoseEstimated
-from fcsv_control.guardian.messages import RestartLink, Verdict
+from fcsv_control.guardian.messages import GuardianVerdict, RestartLink
 from fcsv_control.guardian.port import GuardianPort, MissionFence, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
@@ -100,7 +100,9 @@ def test_another_counts_from_when_it_sent_and_as_flying_until_it_tells_its_mode(
     assert other.speed_mps == pytest.approx(1.0)
     port.receive(NOW_S, tm.VehicleState("uav2", RELAY, "LAND", False, True))
     port.receive(NOW_S, tm.VehicleState("uav2", RELAY, "", True, False))  # its link hears no autopilot
-    port.receive(NOW_S, OtherGuarded("uav2", Verdict(lost=True, lost_s=3.0, taken=True, going_to_m=(1.0, 2.0, 3.0))))
+    port.receive(
+        NOW_S, OtherGuarded("uav2", GuardianVerdict(lost=True, lost_s=3.0, taken=True, going_to_m=(1.0, 2.0, 3.0)))
+    )
     port.step(NOW_S)
     other = port.core.air.others["uav2"]
     assert (other.armed, other.mode, other.lost, other.lost_s, other.taken) == (False, "LAND", True, 3.0, True)
@@ -130,10 +132,10 @@ def test_a_link_that_hangs_is_named_by_its_process(port):
 
 
 def test_a_verdict_is_told_at_once_and_again(port):
-    told = [[o for o in port.step(NOW_S + 0.04 * k) if isinstance(o, Verdict)] for k in range(11)]
+    told = [[o for o in port.step(NOW_S + 0.04 * k) if isinstance(o, GuardianVerdict)] for k in range(11)]
     assert [len(t) for t in told] == [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
     port.receive(NOW_S + 0.41, tm.VehicleState("uav1", "", "LOITER", True, True))
-    assert any(isinstance(o, Verdict) and o.taken for o in port.step(NOW_S + 0.44))
+    assert any(isinstance(o, GuardianVerdict) and o.taken for o in port.step(NOW_S + 0.44))
 
 
 def test_the_missions_fence_and_life_and_calibration_of_its_own_epoch(port):

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from fcsv_control.flight.feed_check import FeedCheck
-from fcsv_control.flight.height_check import HeightCheck, height_m
+from fcsv_control.flight.feeding.feed_check import FeedCheck
+from fcsv_control.flight.feeding.height_check import HeightCheck, height_m
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot.barometer import Barometer
 

@@ -12,10 +12,10 @@ from support.autopilots import MUST, PROFILE
 
 from fcsv_control.errors import CommandRefused, LinkError
 from fcsv_control.flight.core import STOP_REPEAT_S, LinkCore, LinkParameters
-from fcsv_control.flight.listener import STREAMS_HZ
+from fcsv_control.flight.mavlink.listener import STREAMS_HZ
+from fcsv_control.flight.mavlink.requests import Outcome
 from fcsv_control.flight.messages import BarometerHeard, PoseHeard, StateHeard, TextHeard
-from fcsv_control.flight.profile import NOTHING
-from fcsv_control.flight.requests import Outcome
+from fcsv_control.flight.settings.profile import NOTHING
 
 M = mavutil.mavlink
 STABILIZE, GUIDED, LAND, BRAKE = 0, 4, 9, 17

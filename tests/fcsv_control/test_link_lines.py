@@ -14,8 +14,8 @@ import pytest
 from pymavlink import mavutil
 from support.link_by_hand import LinkByHand
 
-from fcsv_control.flight.link_parameters import LinkParameters
-from fcsv_control.flight.transport import Transport
+from fcsv_control.flight.mavlink.transport import Transport
+from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_sim.machines.machines import free_port
 
 M = mavutil.mavlink
@@ -101,8 +101,8 @@ def test_a_tcp_peer_may_come_late_go_and_come_back():
 
 
 def test_a_tcp_peer_that_falls_silent_is_connected_to_again(monkeypatch):
-    monkeypatch.setattr("fcsv_control.flight.lines._SILENT_S", 0.3)
-    monkeypatch.setattr("fcsv_control.flight.transport._REOPEN_S", 0.05)
+    monkeypatch.setattr("fcsv_control.flight.mavlink.lines._SILENT_S", 0.3)
+    monkeypatch.setattr("fcsv_control.flight.mavlink.transport._REOPEN_S", 0.05)
     autopilot = TcpAutopilot(free_port())
     autopilot.come()
     transport = Transport(f"tcp:127.0.0.1:{autopilot.port}")
@@ -202,14 +202,14 @@ def test_while_a_peer_is_away_who_reads_goes_on(monkeypatch):
     """Before, each try to open the line again kept the link's time standing for a second: it refused GUIDED for having
     stood still, not for want of an autopilot."""
     opened = []
-    monkeypatch.setattr("fcsv_control.flight.transport._REOPEN_S", 30.0)
-    monkeypatch.setattr("fcsv_control.flight.transport._opened", lambda *a: opened.append(a) or absent())
+    monkeypatch.setattr("fcsv_control.flight.mavlink.transport._REOPEN_S", 30.0)
+    monkeypatch.setattr("fcsv_control.flight.mavlink.transport._opened", lambda *a: opened.append(a) or absent())
     transport = Transport("tcp:127.0.0.1:5760")
     begun_s = time.monotonic()
     for _ in range(20):
         assert transport.receive(0.01) is None
     assert 0.2 <= time.monotonic() - begun_s < 15.0 and len(opened) == 1
-    monkeypatch.setattr("fcsv_control.flight.transport._REOPEN_S", 0.1)
+    monkeypatch.setattr("fcsv_control.flight.mavlink.transport._REOPEN_S", 0.1)
     transport._reopen_s = time.monotonic()
     assert until(lambda: transport.receive(0.01) or len(opened) == 3)  # and it is tried again and again
     transport.close()

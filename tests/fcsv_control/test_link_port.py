@@ -13,7 +13,6 @@ from pymavlink import mavutil
 
 from fcsv_control.agent.messages import Ack, Ask, Kind, SetPoint
 from fcsv_control.errors import CommandRefused, LinkError
-from fcsv_control.flight.link_parameters import LinkParameters
 from fcsv_control.flight.messages import (
     AutopilotState,
     BatteryTold,
@@ -33,7 +32,8 @@ from fcsv_control.flight.messages import (
     ToAutopilot,
 )
 from fcsv_control.flight.port import FeedRules, FlightLinkPort
-from fcsv_control.flight.profile import NOTHING
+from fcsv_control.flight.settings.link_parameters import LinkParameters
+from fcsv_control.flight.settings.profile import NOTHING
 from fcsv_geometry import transforms
 from fcsv_geometry.vehicles import telemetry as tm
 

@@ -9,10 +9,11 @@ import math
 import numpy as np
 import pytest
 
-from fcsv_control.mission import looking_round, plan_check
+from fcsv_control.mission.activities import looking_round
+from fcsv_control.mission.activities.stages import TURNS
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory, RememberedList
-from fcsv_control.mission.stages import TURNS
+from fcsv_control.mission.plans import plan_check
 from fcsv_geometry import config, rotations, transforms
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.missions import look_round

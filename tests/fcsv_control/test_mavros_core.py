@@ -10,10 +10,10 @@ import pytest
 from pymavlink import mavutil
 
 from fcsv_control.errors import LinkError
-from fcsv_control.flight import frame_bytes
-from fcsv_control.flight.link_parameters import LinkParameters
+from fcsv_control.flight.mavlink import frame_bytes
 from fcsv_control.flight.mavros import COMPONENT, MavrosCore, mavros_url
 from fcsv_control.flight.messages import HomeHeard, Refused
+from fcsv_control.flight.settings.link_parameters import LinkParameters
 
 M = mavutil.mavlink
 LOITER, GUIDED, LAND, BRAKE = 5, 4, 9, 17

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from fcsv_control.flight.mavros_watch import MavrosWatch, MavrosWatchRules
-from fcsv_control.ros.mavros_process import MavrosProcess, is_here, mind
+from fcsv_control.ros.flight_link.mavros_process import MavrosProcess, is_here, mind
 
 PASS_S = 0.5
 NAME = "/uav1/mavros"

@@ -6,8 +6,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.snapshot import RecorderView
+from fcsv_control.mission.watches.heard import VehicleHeard
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration
 

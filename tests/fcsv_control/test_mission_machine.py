@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_control.mission import watch
-from fcsv_control.mission.flight_list import tasks
+from fcsv_control.mission.activities.flight_list import tasks
+from fcsv_control.mission.activities.stages import GOES_BACK, HOLDS, MOVES, RECORDS
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
-from fcsv_control.mission.stages import GOES_BACK, HOLDS, MOVES, RECORDS
+from fcsv_control.mission.watches import watch
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, SettleBounds, StereoConfiguration

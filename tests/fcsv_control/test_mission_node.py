@@ -274,7 +274,7 @@ class Check:
         import rospy
 
         from fcsv_control.flight_check.lines import Line, State
-        from fcsv_control.ros.flight_check_messages import whole
+        from fcsv_control.ros.checks.flight_check_messages import whole
         from fcsv_geometry.ros import node
         from fcsv_msgs.msg import FlightCheck
 

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from fcsv_control.mission.task_list import TaskList, tasks
+from fcsv_control.mission.plans.task_list import TaskList, tasks
 from fcsv_geometry.missions.flight_limits import PauseLimits
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 

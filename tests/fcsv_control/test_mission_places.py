@@ -8,12 +8,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from fcsv_control.mission import clearing, places, routes
-from fcsv_control.mission.hands import Hands
-from fcsv_control.mission.heard import VehicleHeard
-from fcsv_control.mission.landing import Landing
+from fcsv_control.mission.activities.landing import Landing
 from fcsv_control.mission.outbox import Outbox
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
+from fcsv_control.mission.watches.hands import MissionModeOwner
+from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.ways import clearing, places, routes
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.home import home_of, odoms_in_home
@@ -198,7 +198,7 @@ def test_a_mission_that_slows_down_gently_counts_with_a_longer_stop():
 def test_who_lands_by_hand_is_told_that_one_lies_somewhere():
     air = {"uav1": seen_at(10.0, 0.0, 0.0, armed=True, mode="LOITER")}
     air["uav2"] = seen_at(0.0, 0.0, -8.0, lost=True, astray_m=18.2, state_age_s=0.1)
-    landing = Landing(Mission("m", [StereoConfiguration("horizontal", 4.0)]), list(air), Outbox(), Hands())
+    landing = Landing(Mission("m", [StereoConfiguration("horizontal", 4.0)]), list(air), Outbox(), MissionModeOwner())
     assert not landing.step(Snapshot(0.0, air))
     assert "uav2: lies within 18 m of where it was known last; who lands by hand looks for it" in landing.problems
     assert "uav1 is above uav2: fly it aside, then land it (LOITER)" in landing.problems

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from fcsv_control.mission import plan_check
 from fcsv_control.mission.machine import MissionMachine
+from fcsv_control.mission.plans import plan_check
 from fcsv_geometry.errors import ConfigError, MissionError
 from fcsv_geometry.missions import flight_limits
 from fcsv_geometry.missions.fence import Fence

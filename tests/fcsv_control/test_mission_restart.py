@@ -9,7 +9,7 @@ import pytest
 
 from fcsv_control.errors import SessionError
 from fcsv_control.mission.machine import MissionMachine
-from fcsv_control.ros import memory_file
+from fcsv_control.ros.mission import memory_file
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 
 LIST = (("horizontal", 4.0), ("horizontal", 8.0), ("vertical", 5.0))

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fcsv_control.mission.pairs_seen import PairsSeen, PairsSeenRules
 from fcsv_control.mission.snapshot import VehicleView
+from fcsv_control.mission.watches.pairs_seen import PairsSeen, PairsSeenRules
 
 SAID = "pictures of it and uav1 show another place than their trackers: one drifts"
 

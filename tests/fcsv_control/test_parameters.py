@@ -12,7 +12,8 @@ import pytest
 from pymavlink import mavutil
 from support.autopilots import PROFILE, PROFILE_FILE, Served
 
-from fcsv_control.flight import firmware, parameter_files
+from fcsv_control.flight.mavlink import firmware
+from fcsv_control.flight.settings import parameter_files
 from fcsv_control.parameters import cli, vehicle
 from fcsv_control.parameters.transfer import NamedRead, WholeRead, Write
 from fcsv_sim.machines.machines import free_port

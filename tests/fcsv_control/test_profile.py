@@ -7,8 +7,8 @@ import pytest
 from support.autopilots import MUST, PROFILE, PROFILE_FILE
 
 from fcsv_control.errors import ProfileError
-from fcsv_control.flight import parameter_files, profile
-from fcsv_control.flight.profile import Choice, load_profile, parse_profile
+from fcsv_control.flight.settings import parameter_files, profile
+from fcsv_control.flight.settings.profile import Choice, load_profile, parse_profile
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_sim.autopilot.parameters import DEFAULTS
 

@@ -17,10 +17,10 @@ from support.link_by_hand import LinkByHand
 
 from fcsv_control.commands import signing as command
 from fcsv_control.errors import LinkError
-from fcsv_control.flight.link_parameters import LinkParameters
-from fcsv_control.flight.parser import Parser, Sender
-from fcsv_control.flight.signing import Signing, read_key
-from fcsv_control.flight.transport import Transport
+from fcsv_control.flight.mavlink.parser import Parser, Sender
+from fcsv_control.flight.mavlink.signing import Signing, read_key
+from fcsv_control.flight.mavlink.transport import Transport
+from fcsv_control.flight.settings.link_parameters import LinkParameters
 from fcsv_control.flight_check.autopilot_line import AutopilotLine
 from fcsv_control.flight_check.lines import Judged, State
 from fcsv_control.flight_check.rules import VehicleCheckRules

@@ -5,7 +5,7 @@ nothing of the motors."""
 import numpy as np
 import pytest
 
-from fcsv_control.mission.heard import VehicleHeard
+from fcsv_control.mission.watches.heard import VehicleHeard
 from fcsv_control.stopping.core import STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 from fcsv_sim.rehearsal.flight import Flight

@@ -3,7 +3,7 @@
 
 import pytest
 
-from fcsv_control.mission.heard import FrameEpochs, VehicleHeard
+from fcsv_control.mission.watches.heard import FrameEpochs, VehicleHeard
 from fcsv_control.stopping.core import LAND, STOP, StopAll
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration
 

@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
-from fcsv_control.mission import watch
-from fcsv_control.mission.heard import VehicleHeard
-from fcsv_control.mission.patience import Pause
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
-from fcsv_control.mission.tag_in_front import TagInFront, TagInFrontRules
+from fcsv_control.mission.watches import watch
+from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.watches.patience import Pause
+from fcsv_control.mission.watches.tag_in_front import TagInFront, TagInFrontRules
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration

@@ -8,16 +8,17 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from fcsv_control.mission import plan_check, traffic
-from fcsv_control.mission.convoy import Convoy
-from fcsv_control.mission.dropouts import Dropouts
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import FILE, Memory
 from fcsv_control.mission.outbox import Outbox
-from fcsv_control.mission.routes import Keep
+from fcsv_control.mission.plans import plan_check
+from fcsv_control.mission.plans.task_list import TaskList, tasks
 from fcsv_control.mission.snapshot import Snapshot, VehicleView
-from fcsv_control.mission.task_list import TaskList, tasks
-from fcsv_control.mission.timed_way import EARLY_S, LATE_S, STEP_S, timed_way
+from fcsv_control.mission.watches.dropouts import Dropouts
+from fcsv_control.mission.ways import traffic
+from fcsv_control.mission.ways.convoy import Convoy
+from fcsv_control.mission.ways.routes import Keep
+from fcsv_control.mission.ways.timed_way import EARLY_S, LATE_S, STEP_S, timed_way
 from fcsv_geometry import config, transforms
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.flight_limits import FlightBounds

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fcsv_control.mission import heard
+from fcsv_control.mission.watches import heard
 from fcsv_geometry.streams import arrivals
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_multimaster import fkie

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fcsv_control.guardian.messages import Verdict
+from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry.missions.mission import Mission, StereoConfiguration, load_mission
 from fcsv_sim.bringup import mission_file
 from fcsv_sim.rehearsal.calm import CONTROL, DEADLINES_S, OTHERS, POSES, SEEN, STATES, Calm
@@ -134,7 +134,7 @@ def watched(phase="CONFIGURATIONS"):
     told = []
     air = SimpleNamespace(control_s=10.0, others={"uav2": SimpleNamespace(heard_s=10.0)})
     vehicle = SimpleNamespace(
-        guardian=SimpleNamespace(air=air, verdict=Verdict()), modes_asked=[(1.0, "GUIDED")],
+        guardian=SimpleNamespace(air=air, verdict=GuardianVerdict()), modes_asked=[(1.0, "GUIDED")],
         autopilot=SimpleNamespace(armed=True),
     )  # fmt: skip
     seen = SimpleNamespace(pose_age_s=0.1, state_age_s=0.5)
@@ -151,10 +151,10 @@ def test_who_is_stopped_without_a_reason_is_told():
     calm, vehicle, _, machine, told = watched()
     calm.look(10.0)
     assert told == []
-    vehicle.guardian.verdict = Verdict("hold", True, reasons=("it dreams",))
+    vehicle.guardian.verdict = GuardianVerdict("hold", True, reasons=("it dreams",))
     calm.look(10.05)
     assert told == ["uav1's guardian did: hold: it dreams"]
-    vehicle.guardian.verdict = Verdict()
+    vehicle.guardian.verdict = GuardianVerdict()
     vehicle.modes_asked.append((10.1, "LAND"))
     machine.problems = ["uav1: no pose for 2 s"]
     calm.look(10.1)

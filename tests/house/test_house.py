@@ -82,9 +82,8 @@ def reached(name, seen):
 
 
 def flies_tellos():
-    controllers = [f"fcsv_control/tello/{p.name}" for p in modules("fcsv_control") if p.parent.name == "tello"]
-    nodes = [f"fcsv_control/ros/{p.name}" for p in modules("fcsv_control") if p.name.startswith("tello_")]
-    return [*controllers, *nodes, *_FLIES_TELLOS]
+    own = [p for p in modules("fcsv_control") if p.parent.name == "tello"]
+    return [*(str(p.relative_to(ROOT / "src/fcsv_control/src")) for p in own), *_FLIES_TELLOS]
 
 
 @pytest.mark.parametrize("path", flies_tellos())
@@ -222,3 +221,30 @@ def test_numbers_of_joint_stand_in_tuning():
                 numbers = [n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) is float]
                 bare += [f"{path.name}: {n}" for n in numbers if 1e-8 < n < 1e5 and n not in (0.5, 1.0, 2.0, 3.0, 32.0)]
     assert not bare
+
+
+def definitions(kinds):
+    """(path, node) of what the packages define."""
+    for package in BELOW:
+        for path in modules(package):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, kinds):
+                    yield path, node
+
+
+def test_no_class_name_stands_three_times():
+    places = {}
+    for path, node in definitions(ast.ClassDef):
+        places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    public = {name: found for name, found in places.items() if not name.startswith("_")}
+    assert len(public) > 500 and {name: found for name, found in public.items() if len(found) > 2} == {}
+
+
+#: First words of a docstring that says of nothing what it is.
+_NO_SENTENCE = set("after as at before besides by for from in likewise of on over to under until with without".split())
+
+
+def test_docstrings_begin_with_what_it_is_or_does():
+    found = [(path, node, ast.get_docstring(node)) for path, node in definitions((ast.FunctionDef, ast.ClassDef))]
+    words = [(f"{p.relative_to(ROOT)}:{n.lineno}", re.match(r"\w*", d)[0].lower()) for p, n, d in found if d]
+    assert len(words) > 4000 and [place for place, word in words if word in _NO_SENTENCE] == []

@@ -6,7 +6,7 @@ import threading
 import time
 from pathlib import Path
 
-from fcsv_control.flight.profile import load_profile
+from fcsv_control.flight.settings.profile import load_profile
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.mavlink_server import MavlinkServer
 from fcsv_sim.autopilot.udp import UdpLine

@@ -18,11 +18,11 @@ from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused
 from fcsv_control.flight.core import LinkCore, LinkParameters
-from fcsv_control.flight.feed_check import FeedCheck
+from fcsv_control.flight.feeding.feed_check import FeedCheck
+from fcsv_control.flight.mavlink.signing import read_key
+from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.messages import EstimateMoved, PoseHeard, TextHeard
-from fcsv_control.flight.signing import read_key
 from fcsv_control.flight.state import MODES
-from fcsv_control.flight.transport import Transport
 from fcsv_geometry import transforms
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.elsewhere import rounded_pose

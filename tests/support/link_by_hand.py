@@ -5,9 +5,9 @@ import time
 
 from fcsv_control.agent.messages import Kind
 from fcsv_control.flight.link import FlightLink
-from fcsv_control.flight.link_parameters import LinkParameters
 from fcsv_control.flight.port import FeedRules, FlightLinkPort
-from fcsv_control.flight.profile import NOTHING
+from fcsv_control.flight.settings.link_parameters import LinkParameters
+from fcsv_control.flight.settings.profile import NOTHING
 
 
 class LinkByHand(FlightLink):

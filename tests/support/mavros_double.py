@@ -21,8 +21,8 @@ from geometry_msgs.msg import PoseStamped
 from pymavlink import mavutil
 from sensor_msgs.msg import BatteryState
 
-from fcsv_control.flight import conversion, frame_bytes
-from fcsv_control.flight.lines import UdpLine
+from fcsv_control.flight.mavlink import conversion, frame_bytes
+from fcsv_control.flight.mavlink.lines import UdpLine
 from fcsv_control.flight.state import MODES
 from fcsv_geometry.ros import conversions, node
 from mavros_msgs.msg import Mavlink, RCIn, State, StatusText

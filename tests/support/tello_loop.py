@@ -8,7 +8,7 @@ from typing import List, Tuple
 import numpy as np
 
 from fcsv_control.tello.core import TelloCore
-from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, LogReport, Said, StayUp, TakeOffNow
+from fcsv_control.tello.messages import FlightReport, GiveSticks, LandNow, LogReport, StayUp, TakeOffNow, TelloText
 from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import PidConfig, PositionPid, TelloSticks
 from fcsv_control.tello.rules import TelloRules
@@ -127,7 +127,7 @@ class LinkedTello:
             self.core.flight(self.now_s, FlightReport(self.tello.flight.flying, float(T[2, 3]), self.battery_share))
 
     def _do(self, output) -> None:
-        if isinstance(output, Said):
+        if isinstance(output, TelloText):
             self.said.append(output.text)
         self.land_orders += isinstance(output, LandNow)
         if not self.wifi:

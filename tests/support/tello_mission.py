@@ -8,15 +8,15 @@ import numpy as np
 
 from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.messages import Ack, Ask, Instruction, Kind, Pictures, SetPoint
-from fcsv_control.agent.twins import Twins
+from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.errors import ControlError
 from fcsv_control.guardian.air import LinkReport, Other
 from fcsv_control.guardian.core import Guardian
 from fcsv_control.guardian.messages import AskMode, HoldAt
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_control.mission.heard import VehicleHeard
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.watches.heard import VehicleHeard
 from fcsv_geometry import config, transforms
 from fcsv_geometry.rotations import wrap
 from fcsv_sim.people.tello_hands import Finger
@@ -33,7 +33,7 @@ class _Board:
 
     def __init__(self, name: str, one):
         self.name, self._one = name, one
-        self.agent = AgentCore(name, AgentRules(), Twins(name, -np.inf))
+        self.agent = AgentCore(name, AgentRules(), DuplicateAgentGuard(name, -np.inf))
         self.guardian = Guardian(name, config.load(CONFIG.parent / "guardian" / "tello.yaml", GuardianRules))
         self.acks: List[Ack] = []
         self.set_point, self.recording, self.pictures = None, False, 0

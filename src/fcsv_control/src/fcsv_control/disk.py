@@ -18,7 +18,7 @@ class DiskWatch:
         self._room_bytes = 0
 
     def see(self, now_s: float, written_bytes: int, free_bytes: int) -> None:
-        """At least every few seconds: bytes written since the start, bytes that are free."""
+        """Takes the counts at least every few seconds: bytes written since the start, bytes that are free."""
         self._room_bytes = max(free_bytes - self._least_free_bytes, 0)
         self._seen.append((now_s, written_bytes))
         while len(self._seen) > 2 and now_s - self._seen[1][0] >= _WINDOW_S:
@@ -35,7 +35,7 @@ class DiskWatch:
 
     @property
     def minutes_left(self) -> float:
-        """Until the disk is full; infinite where no rate is known yet.
+        """Says how long it is until the disk is full; infinite where no rate is known yet.
 
         >>> watch = DiskWatch(least_free_bytes=100)
         >>> watch.see(0.0, 0, 10_000); watch.see(10.0, 1000, 9100); watch.see(20.0, 1000, 9100)

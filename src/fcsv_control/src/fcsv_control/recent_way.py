@@ -13,7 +13,7 @@ _STOPS_MPS2, _LONGEST_STOP_S = 2.5, 1.0  # how an ArduCopter in GUIDED comes to 
 
 
 class RecentWay:
-    """Of the autopilot's estimate, in the odometry frame."""
+    """Keeps the recent way of the autopilot's estimate, in the odometry frame."""
 
     def __init__(self):
         self._way: Deque[Tuple[float, np.ndarray]] = deque()  # time, position

@@ -89,7 +89,8 @@ class RecordingPlan:
 
 
 def plan(p: RecorderParameters) -> RecordingPlan:
-    """Of a machine: role "vehicle" (its own topics, what a map needs of the control PC) or "control" (all heard)."""
+    """Plans the recording of a machine: role "vehicle" (its own topics, what a map needs of the control PC) or
+    "control" (all heard)."""
     if p.role == "vehicle":
         always = [f"/{p.name}/{t}" for t in _VEHICLE] + [*_OF_CONTROL, "/tf_static"]
         return RecordingPlan([*always, DIAGNOSTICS, *p.topics], [f"/{p.name}/{t}" for t in PICTURES])

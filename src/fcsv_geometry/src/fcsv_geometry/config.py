@@ -97,7 +97,8 @@ def nearest(key: Any, known: Iterable[str], alike: float = _ALIKE) -> str:
 
 
 def line_of(text: str, field: str) -> int:
-    """In which line, from 1 on, a field ("configurations[1].baseline_m") stands; of one that is missing its parent's.
+    """Says in which line, from 1 on, a field ("configurations[1].baseline_m") stands; of one that is missing its
+    parent's.
 
     >>> line_of("name: a\\nconfigurations:\\n  - {axis: up}\\n  - axis: a\\n    tilt: 1\\n", "configurations[1].tilt")
     5

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From maps to the ground that a robot can drive on, and the route across it."""
+"""Leads from maps to the ground that a robot can drive on, and the route across it."""

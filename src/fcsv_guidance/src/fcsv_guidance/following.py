@@ -121,7 +121,7 @@ class RouteFollower:
         self._speed_mps = 0.0
 
     def least_clear_m(self) -> float:
-        """Of what is left of the route; 0 where there is none, or no map."""
+        """Measures the least clearance of what is left of the route; 0 where there is none, or no map."""
         if self._route is None or self._map is None:
             return 0.0
         along = np.append(np.arange(self._reached_m + 0.3, self._route.length_m, 0.05), self._route.length_m)
@@ -184,7 +184,8 @@ class RouteFollower:
             ahead_m = max(rules.least_ahead_m, 0.7 * ahead_m)
 
     def _wanted_mps(self, curvature: float) -> float:
-        """By the robot's own bound, the curvature, and the way to where it could stop before what is not clear."""
+        """Gives the speed by the robot's own bound, the curvature, and the way to where it could stop before what is
+        not clear."""
         robot, rules, place = self._robot, self._rules, self._place
         bounds = [robot.speed_mps]
         if abs(curvature) > 1e-6:

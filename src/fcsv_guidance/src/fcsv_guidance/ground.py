@@ -101,7 +101,8 @@ class Ground:
 
     @property
     def free_height_m(self) -> np.ndarray:
-        """From the ground's upper edge to what hangs above; inf where nothing does, NaN where unknown.
+        """Measures the height from the ground's upper edge to what hangs above; inf where nothing does, NaN where
+        unknown.
 
         A view from above shows the upper side of a beam, and its lower edge only at its near side: so the lowest that
         hangs within ``OVERHEAD_REACH_M`` counts.

@@ -86,7 +86,7 @@ class KnownGround:
         return self._weighed()
 
     def clearance(self, stamp_s: float) -> ClearanceMap:
-        """As a follower takes it."""
+        """Gives the map as a follower takes it."""
         return ClearanceMap(stamp_s, self.grid, self.clear_m)
 
     def _watched(self, seen: GroundSeen, place: Optional[RobotPlace]) -> bool:

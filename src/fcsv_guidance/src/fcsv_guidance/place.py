@@ -169,7 +169,7 @@ class RobotTracker:
             self._weigh(fix)
 
     def _alone(self, fix: PlaceFix) -> None:
-        """Without wheels each fix is a place of its own."""
+        """Takes the fix alone: without wheels each fix is a place of its own."""
         if not np.isfinite(fix.covariance[2, 2]):
             self._refuse("a fix without yaw needs wheels")
             return
@@ -325,7 +325,7 @@ def _innovation(x: np.ndarray, fix: PlaceFix) -> Tuple[np.ndarray, np.ndarray, n
 
 
 def _updated(x: np.ndarray, P: np.ndarray, fix: PlaceFix) -> Tuple[np.ndarray, np.ndarray]:
-    """By Joseph's form, which keeps the covariance positive."""
+    """Updates the state by Joseph's form, which keeps the covariance positive."""
     H, off, R = _innovation(x, fix)
     K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
     keep = np.eye(_STATES) - K @ H

@@ -94,7 +94,7 @@ def _end(grid: Grid, p: np.ndarray, xy, name: str, through_unknown) -> Tuple[int
 
 
 def _cost(p: np.ndarray, through_unknown: Optional[float]) -> np.ndarray:
-    """Of a metre in every cell; inf where the robot may not drive."""
+    """Gives the cost of a metre in every cell; inf where the robot may not drive."""
     with np.errstate(invalid="ignore", divide="ignore"):
         cost = np.where(p >= tuning.FREE_P, 1.0 - tuning.RISK_M * np.log(p), np.inf)
     return cost if through_unknown is None else np.where(np.isfinite(p), cost, through_unknown)

@@ -69,8 +69,8 @@ def seen_below(ground, robot, margin_m: float = 0.0) -> np.ndarray:
 
 
 def together(each) -> np.ndarray:
-    """Of several maps, (N, rows, columns) each with NaN where unknown: the most that one says, but no more than
-    OBSTACLE_P < p < FREE_P where another contradicts it; NaN where none knows."""
+    """Weighs the probabilities of several maps, (N, rows, columns) each with NaN where unknown: the most that one says,
+    but no more than OBSTACLE_P < p < FREE_P where another contradicts it; NaN where none knows."""
     each = np.asarray(each)
     known = np.isfinite(each)
     best = np.where(known, each, -1.0).max(0)
@@ -81,9 +81,9 @@ def together(each) -> np.ndarray:
 
 
 def weighed(each, whole, around: np.ndarray) -> np.ndarray:
-    """Of many maps as ``together``, for a footprint ``around`` a cell, but by number: those that know the ``whole``
-    (N, rows, columns) bool footprint and call it free must be twice as many as those that do not. A map that knows part
-    of a footprint is no witness against one that knows it whole.
+    """Weighs the probabilities of many maps as ``together``, for a footprint ``around`` a cell, but by number: those
+    that know the ``whole`` (N, rows, columns) bool footprint and call it free must be twice as many as those that do
+    not. A map that knows part of a footprint is no witness against one that knows it whole.
 
     A footprint of whose every part a free footprint was found is free, too: between two maps' edges no gap stays.
     """

@@ -107,7 +107,8 @@ class OdometryPort:
             self._out.append(self._core.rebase)
 
     def health(self, now_s: float, stale_s: float) -> OdometryHealth:
-        """Of now; a tracker that was silent for ``stale_s`` is an error. Samples count since the last call."""
+        """Gives the health of now; a tracker that was silent for ``stale_s`` is an error. Samples count since the last
+        call."""
         status, jumped_s = self._core.status, self._core.status.last_jump_stamp_s
         error = ""
         if now_s - self._received_s > stale_s:

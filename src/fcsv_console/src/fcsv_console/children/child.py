@@ -57,7 +57,7 @@ class Child:
         self._signal(signal.SIGTERM)
 
     def wait(self) -> None:
-        """Until it has ended; killed where it does not end by itself after ``cancel``."""
+        """Waits until it has ended; killed where it does not end by itself after ``cancel``."""
         self._thread.join(_PATIENCE_S)
         if self.runs and self.cancelled:
             self._signal(signal.SIGKILL)
@@ -98,7 +98,7 @@ class Child:
 
 
 def share_of(line: str) -> float:
-    """Of a progress bar's line, 0..1; NaN: it tells none.
+    """Reads the share of a progress bar's line, 0..1; NaN: it tells none.
 
     >>> share_of(" 37%|###7      | 3/8"), share_of("wrote out/map")
     (0.37, nan)

@@ -19,7 +19,7 @@ _BAR_MARGIN_PX = 16.0
 
 @dataclass(frozen=True)
 class Scale:
-    """From home (m) to a picture (px) of ``width`` x ``height``; ``middle_m`` (x, y) is in its middle."""
+    """Maps places from home (m) to a picture (px) of ``width`` x ``height``; ``middle_m`` (x, y) is in its middle."""
 
     width: float
     height: float
@@ -110,7 +110,7 @@ def _shared(a: Box, b: Box) -> float:
 
 @dataclass(frozen=True)
 class HeightBar:
-    """From heights in home (m) to a picture of ``height`` px."""
+    """Maps heights from heights in home (m) to a picture of ``height`` px."""
 
     low_m: float
     high_m: float
@@ -178,7 +178,7 @@ def turned(row: ConfigurationRow, scale: Scale, u_px: float, v_px: float) -> flo
 
 
 def within_tilt(tilt_deg: float) -> float:
-    """In whole degrees, as far as a mission may turn a camera.
+    """Clamps an angle in whole degrees, as far as a mission may turn a camera.
 
     >>> within_tilt(-4.4), within_tilt(95.0)
     (-4.0, 30.0)

@@ -57,7 +57,7 @@ TABLE = (
 
 @dataclass(frozen=True)
 class Situation:
-    """By what the actions are judged."""
+    """Is that by which the actions are judged, not by what the actions are judged."""
 
     master_problem: str
     mission: Optional[f.MissionTold]  # None: not heard
@@ -73,7 +73,8 @@ class Situation:
 
 
 def actions(s: Situation) -> Dict[str, Action]:
-    """By name, in the order of the table. Stop-all is always enabled, but for where a recording is played."""
+    """Gives the actions by name, in the order of the table. Stop-all is always enabled, but for where a recording is
+    played."""
     found = {
         name: Action(name, title, key, does, _why_not(name, s), hold_s) for name, title, key, does, hold_s in TABLE
     }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""After the flight: gather the bags, make the map, open the report. What can be done now, and why not."""
+"""Leads on after the flight: gather the bags, make the map, open the report. What can be done now, and why not."""
 
 import math
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ class Step:
 
     @property
     def told(self) -> str:
-        """In one line."""
+        """Says it in one line."""
         return ": ".join(w for w in (_WORDS.get(self.state, ""), self.words) if w)
 
     @property
@@ -109,7 +109,7 @@ class AfterFlight:
 
 
 def judged(job: str, status: int, last: str) -> f.JobTold:
-    """From a command's exit status and its last line.
+    """Judges a command from a command's exit status and its last line.
 
     >>> judged("map", 2, "map: out/flight: no session.yaml").words
     'out/flight: no session.yaml'

@@ -121,7 +121,7 @@ def _pose(p_m: Sequence[float], yaw_rad: float) -> str:
 
 
 def against(r: Relative) -> Cell:
-    """From one other vehicle: distance, vector in home, turn."""
+    """Measures from one other vehicle: distance, vector in home, turn."""
     if not r.known:
         return Cell(f"{r.other}: not known", GONE)
     return Cell(f"{r.other}: {r.distance_m:.2f} m ({_vector(r.p_home_m)}), {_degrees(r.yaw_rad)}")
@@ -216,7 +216,7 @@ CHECK_HEADS = ("who", "line", "state", "found", "what to do")
 
 
 def check_lines(view: View) -> List[Line]:
-    """Of the flight check what is not green, the worst first; that is what an operator must act on."""
+    """Gives, of the flight check what is not green, the worst first; that is what an operator must act on."""
     wrong = [li for li in view.check or () if li.state is not State.GREEN]
     return sorted(wrong, key=lambda li: (view.waits(li), _FROM_THE_WORST.index(li.state)))
 
@@ -284,5 +284,5 @@ def height(v: VehicleRow) -> str:
 
 
 def problems_tone(view: View) -> str:
-    """Of what is listed as problems: at a start that is normal there are many."""
+    """Gives the tone of what is listed as problems: at a start that is normal there are many."""
     return QUIET if view.starts else CARE

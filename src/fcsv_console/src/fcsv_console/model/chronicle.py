@@ -86,7 +86,7 @@ class Chronicle:
             subject = f"epoch {fact.vehicle}"
             words = f"its odometry began{' anew' if subject in self._last_words else ''}"
             self._changed(now_s, subject, fact.vehicle, words, state=str(fact.epoch))
-        elif isinstance(fact, f.Said):
+        elif isinstance(fact, f.VehicleText):
             level = "warning" if fact.severity <= _LOUD else "info"
             self._changed(now_s, f"said {fact.vehicle} {fact.who}", f"{fact.vehicle} {fact.who}", fact.text, level)
         elif isinstance(fact, f.Diagnosed):

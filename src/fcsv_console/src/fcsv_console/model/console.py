@@ -15,7 +15,7 @@ from fcsv_console.model.chronicle import Chronicle
 from fcsv_console.model.events import EventLog
 from fcsv_console.model.goals import GoalEnabled, GoalMoved, Goals, GoalsElsewhere
 from fcsv_console.model.ground_views import GroundViews
-from fcsv_console.model.hearing import Heard, slow
+from fcsv_console.model.hearing import AgingFact, slow
 from fcsv_console.model.own_optics import OwnOptics
 from fcsv_console.model.pair import PairWatch
 from fcsv_console.model.phases_told import PhasesTold
@@ -30,7 +30,7 @@ from fcsv_console.model.view import View
 from fcsv_console.model.what_next import guide
 from fcsv_control.flight_check.lines import Line
 from fcsv_control.flight_check.sightings import Sightings
-from fcsv_control.mission.stages import GOES_BACK, TURNS
+from fcsv_control.mission.activities.stages import GOES_BACK, TURNS
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
 from fcsv_geometry.missions.separation import SeparationRules
@@ -60,17 +60,17 @@ class Console:
         self._target_m = target_m
         self._vehicles = {name: Vehicle(name, since_s) for name in vehicles}
         self._sightings = Sightings(dict(tags or {}))
-        self._mission: Heard[f.MissionTold] = Heard(math.inf)
-        self._alive: Heard[f.MissionAlive] = Heard(_ALIVE_S)
-        self._check: Heard[f.Check] = Heard(math.inf)
-        self._map: Heard[f.MapTold] = Heard(math.inf)
-        self._stop: Heard[f.StopTold] = slow()
+        self._mission: AgingFact[f.MissionTold] = AgingFact(math.inf)
+        self._alive: AgingFact[f.MissionAlive] = AgingFact(_ALIVE_S)
+        self._check: AgingFact[f.Check] = AgingFact(math.inf)
+        self._map: AgingFact[f.MapTold] = AgingFact(math.inf)
+        self._stop: AgingFact[f.StopTold] = slow()
         self._pair, self._stage, self._steady = PairWatch(vehicles), StageWatch(), SteadyVerdict(verdict_s)
         self._start, self._phases = StartWatch(normal_s), PhasesTold()
         self._calibration: Optional[f.CalibrationFound] = None
-        self._recorder: Heard[f.Recorder] = slow()
-        self._calibrated: Heard[f.Calibrated] = Heard(math.inf)
-        self._home: Heard[f.HomeSet] = Heard(math.inf)
+        self._recorder: AgingFact[f.Recorder] = slow()
+        self._calibrated: AgingFact[f.Calibrated] = AgingFact(math.inf)
+        self._home: AgingFact[f.HomeSet] = AgingFact(math.inf)
         self._flown: Optional[Mission] = None
         self._goals, self._ground_views = Goals(), GroundViews()
         self._rehearsals, self._pictures, self.after = Rehearsals(), Pictures(), AfterFlight()
@@ -119,7 +119,7 @@ class Console:
         self._show_file(files.parse(text, self.file.source, self.optics))
 
     def _show_file(self, file: files.MissionFile) -> None:
-        """With ranges and errors of the camera of the file's reference, where that was heard."""
+        """Shows the file with ranges and errors of the camera of the file's reference, where that was heard."""
         self.file = file
         mission = file.mission or self._flown
         optics = self._own_optics.of(mission.reference if mission is not None else self.names[0])
@@ -273,7 +273,7 @@ class Console:
         )
 
     def _progress(self, told: Optional[f.MissionTold]) -> float:
-        """Of the list."""
+        """Gives the progress of the list."""
         if told is None or not told.configurations:
             return 0.0
         last = told.configuration + 1 >= told.configurations
@@ -289,7 +289,8 @@ class Console:
     def _stereo(
         self, now_s: float, rows: Sequence[VehicleRow], running: Optional[int], told: Optional[f.MissionTold],
     ) -> stereo.StereoHealth:  # fmt: skip
-        """Of the configuration that is flown, or before the first one of the pair that will fly it."""
+        """Judges the pictures of the configuration that is flown, or before the first one of the pair that will fly
+        it."""
         before = running is None and told is not None and told.phase not in (*BY_HOME, *OVER)
         index = 0 if before else running
         mission = self.file.mission

@@ -133,7 +133,7 @@ class EpipolarWatch:
             self._pictures[name].append((stamp_s, data, camera))
 
     def tell_camera(self, name: str, camera: PinholeCamera) -> None:
-        """By which its live pictures are read."""
+        """Takes the camera by which its live pictures are read."""
         with self._lock:
             self._cameras[name] = camera
 
@@ -143,7 +143,7 @@ class EpipolarWatch:
             self._pictures[name].append((stamp_s, data, None))
 
     def measure(self, pair: Tuple[str, str]) -> Optional[EpipolarTold]:
-        """Of the newest pictures of both whose places are known; None where there is nothing new."""
+        """Measures the error of the newest pictures of both whose places are known; None where there is nothing new."""
         if len(set(pair)) < 2 or not set(pair) <= set(self._poses):
             return None
         with self._lock:

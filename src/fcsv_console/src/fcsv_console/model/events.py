@@ -62,7 +62,7 @@ class EventLog:
                 self._events[i] = replace(event, answer=answer, level=event.level if done else "error")
 
     def as_csv(self) -> str:
-        """With times in UTC, ISO 8601."""
+        """Gives the events with times in UTC, ISO 8601."""
         out = io.StringIO()
         writer = csv.writer(out)
         writer.writerow(["time_utc", "who", "what", "answer", "level"])

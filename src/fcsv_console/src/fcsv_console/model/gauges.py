@@ -11,7 +11,8 @@ REACH_M = 0.5  # the end of a gauge
 
 @dataclass(frozen=True)
 class Gauge:
-    """Of the vehicle with that ``number`` in the column: too far forward along home's x and left along its y (m)."""
+    """Shows how far off the place is of the vehicle with that ``number`` in the column: too far forward along home's x
+    and left along its y (m)."""
 
     name: str
     number: int
@@ -39,7 +40,8 @@ class Gauge:
 
 
 def gauges(view: View) -> Tuple[Gauge, ...]:
-    """Of the reference and who moves, while a configuration to stand at is flown and their places are known."""
+    """Gives the gauges of the reference and who moves, while a configuration to stand at is flown and their places are
+    known."""
     mission, running = view.file.mission, view.running
     if mission is None or running is None:
         return ()

@@ -33,7 +33,7 @@ class GoalsElsewhere:
 
     @property
     def words(self) -> str:
-        """As an event."""
+        """Says it as an event."""
         whose = f"of {self.window}, opened before this window" if self.window else "this window's again"
         return f"goals in rviz are {whose}"
 
@@ -59,7 +59,7 @@ class Goal:
 
 
 class Goals:
-    """Of the list that is shown. Another number of configurations disables all.
+    """Keeps the goals of the list that is shown. Another number of configurations disables all.
 
     >>> from fcsv_console.model import mission_file
     >>> text = "name: a\\nconfigurations:\\n  - {axis: horizontal, baseline_m: 4.0}\\n"
@@ -73,7 +73,7 @@ class Goals:
         self._number, self._asked = 0, 0
 
     def shown(self, rows: Sequence[ConfigurationRow]) -> Tuple[Goal, ...]:
-        """As they are to be drawn."""
+        """Gives the goals as they are to be drawn."""
         self._follow(rows)
         return tuple(
             Goal(r.index, r.baseline_m, r.goal_m, (0.0, -1.0, 0.0) if r.axis == "horizontal" else (0.0, 0.0, 1.0),

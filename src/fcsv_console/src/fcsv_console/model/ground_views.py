@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from fcsv_console.model import facts as f
-from fcsv_console.model.hearing import Heard, slow
+from fcsv_console.model.hearing import AgingFact, slow
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,13 @@ class GroundViews:
     """The newest of each camera. What is not heard any more is not shown: nobody knows where a gimbal looks then."""
 
     def __init__(self):
-        self._heard: Dict[str, Heard[f.SeenFrom]] = {}
+        self._heard: Dict[str, AgingFact[f.SeenFrom]] = {}
 
     def tell(self, now_s: float, fact: f.SeenFrom) -> None:
         self._heard.setdefault(fact.gimbal_of, slow()).tell(now_s, fact, fact.age_s)
 
     def shown(self, now_s: float) -> Tuple[GroundView, ...]:
-        """Of this moment, by name."""
+        """Gives the views of this moment, by name."""
         now = [(name, heard.at(now_s)) for name, heard in sorted(self._heard.items())]
         return tuple(
             GroundView(name, aged.value.eye_m[:2], outline(aged.value)) for name, aged in now if not aged.stale

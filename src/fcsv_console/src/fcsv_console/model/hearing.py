@@ -35,11 +35,11 @@ class Aged(Generic[T]):
         return age_words(self.age_s)
 
 
-class Heard(Generic[T]):
+class AgingFact(Generic[T]):
     """The newest value of a stream. It is stale ``stale_s`` after it was heard; infinite: it holds until replaced. With
     ``least_s`` it is sooner where the stream comes often: after 2.4 times its usual interval, but not under that.
 
-    >>> h = Heard(1.0)
+    >>> h = AgingFact(1.0)
     >>> h.tell(10.0, "GUIDED"); h.at(10.9).stale, h.at(11.1).stale, h.at(11.1).value
     (False, True, 'GUIDED')
     >>> h = slow()
@@ -61,7 +61,7 @@ class Heard(Generic[T]):
         self._last.append(now_s)
 
     def forget(self) -> None:
-        """As if it had never been heard."""
+        """Forgets it as if it had never been heard."""
         self.value, self._at_s = None, -math.inf
         self._times.clear()
         self._last.clear()
@@ -75,7 +75,7 @@ class Heard(Generic[T]):
         return min(self._stale_s, max(self._least_s, _MISSED * usual_s))
 
     def at(self, now_s: float, since_s: Callable[[float], float] = lambda came_s: came_s) -> Aged[T]:
-        """As it is to be shown now. ``since_s``: from when what came at some time counts."""
+        """Gives the value as it is to be shown now. ``since_s``: from when what came at some time counts."""
         while self._times and self._times[0] < now_s - _WINDOW_S:
             self._times.popleft()
         times = self._times
@@ -86,13 +86,14 @@ class Heard(Generic[T]):
         return Aged(self.value, age_s, rate_hz, age_s > self._patience_s)
 
 
-def slow() -> Heard:
-    """For what may come once a second only: an operator waits for it so long only while it comes so seldom."""
-    return Heard(_SLOW_STALE_S, STALE_S)
+def slow() -> AgingFact:
+    """Makes an entry for what may come once a second only: an operator waits for it so long only while it comes so
+    seldom."""
+    return AgingFact(_SLOW_STALE_S, STALE_S)
 
 
 def age_words(age_s: float) -> str:
-    """As Aged.words."""
+    """Says the age as Aged.words."""
     if not math.isfinite(age_s):
         return "never"
     if age_s < 1.0:

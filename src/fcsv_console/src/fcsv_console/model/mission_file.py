@@ -9,8 +9,8 @@ from typing import Optional, Tuple
 import numpy as np
 import yaml
 
-from fcsv_control.mission.looking_round import turns_s
-from fcsv_control.mission.places import heading_rad
+from fcsv_control.mission.activities.looking_round import turns_s
+from fcsv_control.mission.ways.places import heading_rad
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError
 from fcsv_geometry.missions.camera_places import camera_place
@@ -24,8 +24,9 @@ STEP_M = 0.1  # goals are dragged in whole steps
 
 @dataclass(frozen=True)
 class Optics:
-    """Of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it. ``focal_v_px``: across the rows, None: as
-    along them; ``heard_of``: the vehicle whose own camera this is, "" where none was heard."""
+    """Describes the optics of the cameras, undistorted; ``disparity_error_px`` as ``plan`` has it. ``focal_v_px``:
+    across the rows, None: as along them; ``heard_of``: the vehicle whose own camera this is, "" where none was
+    heard."""
 
     focal_px: float = 602.0
     width: int = 640
@@ -46,7 +47,7 @@ class Optics:
 
     @property
     def words(self) -> str:
-        """Of whose camera ranges and errors are.
+        """Says of whose camera ranges and errors are.
 
         >>> Optics().words
         'the usual camera (640x480, f 602 px): no camera_info is heard'
@@ -106,7 +107,7 @@ class MissionFile:
 
 
 def load(path, optics: Optics = USUAL) -> MissionFile:
-    """From a file; one that cannot be read is an error like any other."""
+    """Loads a mission from a file; one that cannot be read is an error like any other."""
     try:
         return parse(Path(path).read_text(), str(path), optics)
     except (OSError, UnicodeDecodeError) as error:
@@ -114,7 +115,7 @@ def load(path, optics: Optics = USUAL) -> MissionFile:
 
 
 def parse(text: str, source: str = "", optics: Optics = USUAL) -> MissionFile:
-    """From what an editor holds.
+    """Parses a mission from what an editor holds.
 
     >>> parse("name: a\\nconfigurations:\\n  - {axis: horizontal, baseline_m: -2.0}\\n").error.words
     'line 3: configurations[0].baseline_m: -2.0 must be positive; the axis says the direction'
@@ -170,7 +171,7 @@ def differs(flown: Optional[Mission], shown: Optional[Mission]) -> str:
 
 
 def _apart(flown, shown) -> str:
-    """Of two configurations."""
+    """Says the difference of two configurations."""
     names = [n.name for n in dataclasses.fields(flown) if getattr(flown, n.name) != getattr(shown, n.name)]
     return ", ".join(f"{n} is {getattr(flown, n)} there, {getattr(shown, n)} here" for n in names)
 
@@ -197,7 +198,7 @@ def seconds_left(mission_file: MissionFile, first: int, vehicles: int = 2) -> fl
 
 
 def stepped(baseline_m: float) -> float:
-    """In whole steps, never under one of them.
+    """Rounds the length in whole steps, never under one of them.
 
     >>> stepped(3.04), stepped(-2.0)
     (3.0, 0.1)
@@ -206,7 +207,8 @@ def stepped(baseline_m: float) -> float:
 
 
 def changed(file: MissionFile, index: int, field: str, value: float, optics: Optics) -> Tuple[MissionFile, str]:
-    """With another value of one configuration's field, and ""; or as it was, and why: it could not be flown."""
+    """Gives the file with another value of one configuration's field, and ""; or as it was, and why: it could not be
+    flown."""
     if file.mission is None or not 0 <= index < len(file.rows):
         return file, "there is no such configuration"
     found = parse(with_value(file.text, index, field, value), file.source, optics)

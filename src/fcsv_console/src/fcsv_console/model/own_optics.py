@@ -20,7 +20,7 @@ class OwnOptics:
         self._cameras[fact.vehicle] = fact
 
     def of(self, vehicle: str) -> Optics:
-        """Of one vehicle's camera."""
+        """Gives the optics of one vehicle's camera."""
         c = self._cameras.get(vehicle)
         if c is None:
             return self._usual

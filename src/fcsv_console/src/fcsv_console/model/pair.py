@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Deque, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_console.model import facts as f
-from fcsv_console.model.hearing import Heard
+from fcsv_console.model.hearing import AgingFact
 from fcsv_stereo import instants
 
 _KEPT = 400  # moments per vehicle, each told up to three times
@@ -23,7 +23,7 @@ class _Taken:
 
 @dataclass(frozen=True)
 class _Recording:
-    """As far as the map's choice of pictures looks at a ConfigurationInput."""
+    """Stands for a recording, as far as the map's choice of pictures looks at a ConfigurationInput."""
 
     references: List[_Taken]
     others: List[_Taken]
@@ -34,10 +34,10 @@ class PairWatch:
 
     def __init__(self, names: Sequence[str]):
         self._moments: Dict[str, Deque[Tuple[float, float]]] = {n: deque(maxlen=_KEPT) for n in names}
-        self._epipolar: Heard[f.EpipolarTold] = Heard(_EPIPOLAR_S)
+        self._epipolar: AgingFact[f.EpipolarTold] = AgingFact(_EPIPOLAR_S)
 
     def tell(self, now_s: float, fact: Any) -> None:
-        """Of pictures and epipolar errors; all else is left alone."""
+        """Takes the facts of pictures and epipolar errors; all else is left alone."""
         if isinstance(fact, f.EpipolarTold):
             self._epipolar.tell(now_s, fact)
         elif isinstance(fact, (f.PictureHeard, f.Captured, f.Tags)) and fact.stamp_s > 0.0:

@@ -105,7 +105,7 @@ class Pictures:
             self._match = match_rate(self._map.get(DEPTH))
 
     def cameras(self, heard: Sequence[Tuple[str, Aged[f.PictureHeard]]]) -> Tuple[CameraPicture, ...]:
-        """Of every vehicle."""
+        """Gives the pictures of every vehicle."""
         return tuple(self._camera(name, picture) for name, picture in heard)
 
     def _camera(self, name: str, picture: Aged[f.PictureHeard]) -> CameraPicture:
@@ -115,7 +115,7 @@ class Pictures:
         return CameraPicture(name, picture, tags.corners_px, tags.ids, problem)
 
     def map(self) -> MapPictures:
-        """As the live map told it last."""
+        """Gives the pictures as the live map told it last."""
         problem = "; ".join(why for (_, topic), why in self._problems.items() if topic.startswith("/map/"))
         reference, depth = self._map.get(REFERENCE), self._map.get(DEPTH)
         if reference and depth and (reference.width, reference.height) != (depth.width, depth.height):

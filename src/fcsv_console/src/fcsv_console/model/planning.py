@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a range and an accepted error to a list of configurations in the mission file, by the core of ``plan``."""
+"""Leads from a range and an accepted error to a list of configurations in the mission file, by the core of ``plan``."""
 
 from dataclasses import dataclass
 from typing import Optional, Tuple
@@ -17,7 +17,8 @@ from fcsv_stereo.planning.plan import Plan, PlanRequest, make_plan
 
 @dataclass(frozen=True)
 class Wanted:
-    """As the operator types it: range (m), error ("10%" or "0.5" m), how many baselines, axis ("both" too)."""
+    """Holds what is wanted as the operator types it: range (m), error ("10%" or "0.5" m), how many baselines, axis
+    ("both" too)."""
 
     range_m: float = 400.0
     error: str = "10%"
@@ -90,7 +91,7 @@ def _span(text: str) -> Optional[Tuple[int, int]]:
 
 
 def _end(node: yaml.Node) -> int:
-    """Of what is written of it: a block's own end lies behind the comments that follow it."""
+    """Gives the end of what is written of it: a block's own end lies behind the comments that follow it."""
     if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
         last = node.value[-1]
         return _end(last[1] if isinstance(last, tuple) else last)

@@ -12,7 +12,7 @@ NONE, RUNS, PASSED, BROKEN, IMPOSSIBLE, STOPPED = "none", "runs", "passed", "bro
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """Of the list as it is shown. ``waived``: the operator flies it though it did not pass."""
+    """Shows the rehearsal of the list as it is shown. ``waived``: the operator flies it though it did not pass."""
 
     state: str = NONE
     share: float = math.nan
@@ -21,7 +21,7 @@ class Rehearsal:
 
     @property
     def told(self) -> str:
-        """In one line."""
+        """Says it in one line."""
         share = "" if math.isnan(self.share) else f": {100.0 * self.share:.0f} %"
         line = {
             NONE: "not rehearsed", RUNS: f"is being rehearsed{share}", PASSED: f"rehearsed: {self.words}",
@@ -72,13 +72,13 @@ class Rehearsals:
         self._waived.add(text)
 
     def of(self, text: str) -> Rehearsal:
-        """Of the text that is shown."""
+        """Gives the rehearsal of the text that is shown."""
         told = self._told.get(text, f.RehearsalTold(text, NONE))
         return Rehearsal(told.state, told.share, told.words, text in self._waived)
 
 
 def judged(text: str, status: int, last: str, flown: Optional[Sequence[dict]]) -> f.RehearsalTold:
-    """From the exit status of ``rehearse``, its last line, and what it wrote.
+    """Judges from the exit status of ``rehearse``, its last line, and what it wrote.
 
     >>> judged("", 2, "rehearse: mission 'a' cannot be flown: 3 m is outside", None).words
     "mission 'a' cannot be flown: 3 m is outside"

@@ -13,7 +13,7 @@ from fcsv_console.model import facts as f
 from fcsv_console.model.after import Places
 from fcsv_console.model.console import Console
 from fcsv_control.flight_check.lines import Line, State
-from fcsv_control.mission.stages import RECORDS
+from fcsv_control.mission.activities.stages import RECORDS
 
 NOW_S = 100.0
 _NAMES = ("uav1", "uav2")
@@ -30,7 +30,7 @@ class _Script:
         self._told: List[Tuple[float, Callable[[], None]]] = []
 
     def tell(self, at_s: float, fact: f.Fact) -> None:
-        """As Console.tell."""
+        """Does as Console.tell."""
         self._told.append((at_s, lambda: self._console.tell(at_s, fact)))
 
     def asked(self, at_s: float, name: str, answer: str) -> None:
@@ -139,7 +139,7 @@ def _rehearsed(c: _Script) -> None:
 
 @_in_order
 def on_the_ground(c: _Script) -> None:
-    """Before take-off: one line red, one amber."""
+    """Sets the scene before take-off: one line red, one amber."""
     places = ((0.0, 0.0, -8.0), (-3.5, 0.0, -8.0))
     _streams(c, NOW_S, "STABILIZE", False, places)
     red = (State.RED, "PreArm: Compass not calibrated", "do what the autopilot says")
@@ -148,7 +148,7 @@ def on_the_ground(c: _Script) -> None:
     c.tell(NOW_S - 0.1, f.MissionTold("WAIT_VEHICLES", "waiting for all vehicles", "", 0, len(c.file.rows),
                                       ("flight check: uav1 pre-arm is RED",)))  # fmt: skip
     c.tell(NOW_S - 0.2, f.Diagnosed("uav2", (("uav2/tags: health", 1, "slow or silent: pictures"),)))
-    c.tell(NOW_S - 1.0, f.Said("uav1", "autopilot", "PreArm: Compass not calibrated", 2))
+    c.tell(NOW_S - 1.0, f.VehicleText("uav1", "autopilot", "PreArm: Compass not calibrated", 2))
     c.tell(NOW_S - 5.0, f.RehearsalTold(c.file.text, "runs", 0.38))
 
 
@@ -245,7 +245,7 @@ def landed(c: _Script) -> None:
 
 @_in_order
 def ground_cameras(c: _Script) -> None:
-    """Besides ``flying``: what a mocap sees, and a gimbal for each vehicle."""
+    """Adds cameras, besides ``flying``: what a mocap sees, and a gimbal for each vehicle."""
     c.tell(NOW_S - 0.4, _seen("", (-4.0, 1.0, -0.5), 0.0, 7.0, (47.0, 43.0)))  # thesis table 5.1
     for name, y, place in zip(_NAMES, (0.4, -0.4), ((0.0, 0.0, 0.0), c.file.rows[2].goal_m)):
         c.tell(NOW_S - 0.2, _seen(name, (-2.5, y, -1.2), math.atan2(place[1] - y, place[0] + 2.5), 4.0, (55.0, 43.0)))

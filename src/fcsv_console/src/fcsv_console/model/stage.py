@@ -6,7 +6,7 @@ from typing import Dict, Optional, Tuple
 
 from fcsv_console.model.facts import MissionTold
 from fcsv_console.model.mission_file import ConfigurationRow
-from fcsv_control.mission import stages
+from fcsv_control.mission.activities import stages
 
 _WAITS = "waits"
 _NEARLY = 0.9  # a recording ends a moment before its last picture would be due
@@ -53,7 +53,7 @@ class StageWatch:
         return self._reached.get(index, 1.0) > _NEARLY
 
     def at(self, now_s: float, row: Optional[ConfigurationRow]) -> Stage:
-        """Of the running configuration; it never promises more than the file says."""
+        """Gives the stage of the running configuration; it never promises more than the file says."""
         stage = self._stage_at(now_s, row)
         if row is not None:
             self._reached[row.index] = max(self.reached(row.index), stage.share)

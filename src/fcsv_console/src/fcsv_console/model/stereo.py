@@ -26,11 +26,11 @@ MOST_TRACKED_RAD = FLOWN.rotation_rad  # of pictures that cannot be fitted: as f
 
 @dataclass(frozen=True)
 class StereoHealth:
-    """Of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place; ``turn_deg``:
-    of the headings against the plan; ``pitch_deg``, ``roll_deg``: of one camera against the other, as wind leans the
-    vehicles: rectification takes them out, so that they count by the overlap only; ``judged``: there is enough to say
-    go or no-go; ``before``: nothing is flown yet, pictures and places alone are judged. ``epipolar_px``, ``refined_px``
-    and ``surprise``: as EpipolarTold."""
+    """Holds the state of the reference and the vehicle that moves; NaN: not known. ``apart_m``: from the planned place;
+    ``turn_deg``: of the headings against the plan; ``pitch_deg``, ``roll_deg``: of one camera against the other, as
+    wind leans the vehicles: rectification takes them out, so that they count by the overlap only; ``judged``: there is
+    enough to say go or no-go; ``before``: nothing is flown yet, pictures and places alone are judged. ``epipolar_px``,
+    ``refined_px`` and ``surprise``: as EpipolarTold."""
 
     pair: Tuple[str, str] = ("", "")
     overlap: float = math.nan
@@ -113,7 +113,7 @@ def _degrees(angle_rad: float) -> float:
 
 
 def judge_before(pair: Tuple[str, str], skew_s: float, told: Optional[EpipolarTold], optics: Optics) -> StereoHealth:
-    """Before the first configuration, by the pictures that cross the radio all the time.
+    """Judges the pair before the first configuration, by the pictures that cross the radio all the time.
 
     Vehicles stand in a column: one looks along the baseline, nothing can be fitted, the error as tracked is judged.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, Optional, Tuple, Type
 
 from fcsv_console.model import facts as f
-from fcsv_console.model.hearing import Aged, Heard, slow
+from fcsv_console.model.hearing import Aged, AgingFact, slow
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE
 from fcsv_control.guardian.messages import in_words
 from fcsv_geometry.streams.silence import Silence
@@ -44,7 +44,7 @@ class VehicleRow:
     recorder: Aged[f.Recorder]
     clock: Aged[f.Clock]
     radio: Aged[f.Radio]
-    said: Aged[f.Said]
+    said: Aged[f.VehicleText]
     diagnosed: Aged[f.Diagnosed]
     epoch: Optional[int]
     calibrated_epoch: Optional[int]
@@ -57,7 +57,7 @@ class VehicleRow:
 
     @property
     def connection(self) -> str:
-        """In words."""
+        """Says it in words."""
         if not math.isfinite(self.heard.age_s):
             return "never heard"
         if self.heard.stale:
@@ -70,7 +70,7 @@ class VehicleRow:
 
     @property
     def armed(self) -> bool:
-        """As heard last; a vehicle that fell silent counts as it was."""
+        """Says whether it is armed, as heard last; a vehicle that fell silent counts as it was."""
         return self.state.value is not None and self.state.value.armed
 
     @property
@@ -149,14 +149,14 @@ class Vehicle:
         self.epoch: Optional[int] = None
         self._ground_m: Optional[float] = None  # height in its odometry where it stood with its motors off
         self._not_in_bags: Tuple[str, ...] = ()
-        self._any: Heard[str] = Heard()
+        self._any: AgingFact[str] = AgingFact()
         self._no_picture, self._pictures = Silence(_NO_PICTURE_S), 0
-        self.heard: Dict[Type, Heard] = {
-            f.AutopilotState: slow(), f.OdometryHeard: Heard(), f.CameraInHome: Heard(),
-            f.Guardian: Heard(), f.Agent: Heard(), f.Battery: slow(), f.PictureHeard: slow(),
-            f.Recorder: slow(), f.Clock: Heard(10.0), f.Radio: slow(),
-            f.Said: Heard(math.inf), f.Captured: slow(), f.Tags: slow(),
-            f.Diagnosed: Heard(_DIAGNOSED_S),
+        self.heard: Dict[Type, AgingFact] = {
+            f.AutopilotState: slow(), f.OdometryHeard: AgingFact(), f.CameraInHome: AgingFact(),
+            f.Guardian: AgingFact(), f.Agent: AgingFact(), f.Battery: slow(), f.PictureHeard: slow(),
+            f.Recorder: slow(), f.Clock: AgingFact(10.0), f.Radio: slow(),
+            f.VehicleText: AgingFact(math.inf), f.Captured: slow(), f.Tags: slow(),
+            f.Diagnosed: AgingFact(_DIAGNOSED_S),
         }  # fmt: skip
 
     def tell(self, now_s: float, fact: Any) -> None:
@@ -186,7 +186,7 @@ class Vehicle:
         return VehicleRow(
             self.name, who_flies(anything, at[f.AutopilotState], at[f.Guardian], at[f.Agent], stop_asked),
             anything, at[f.AutopilotState], at[f.OdometryHeard], at[f.CameraInHome], at[f.PictureHeard], battery,
-            at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.Said],
+            at[f.Guardian], at[f.Agent], at[f.Recorder], at[f.Clock], at[f.Radio], at[f.VehicleText],
             at[f.Diagnosed],
             self.epoch, calibrated[0], calibrated[1], lasts(share), needed_s, self._no_picture.lasts_s(now_s),
             self._not_in_bags,

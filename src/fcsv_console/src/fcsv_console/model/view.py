@@ -91,7 +91,7 @@ class View:
         return worst([li for li in self.check if not li.passes] or [Line("", "", State.GREEN, "")])
 
     def against_others(self, name: str) -> Tuple[Relative, ...]:
-        """Of one vehicle, as both places are now; of those that are not known only the name."""
+        """Gives the places of one vehicle, as both places are now; of those that are not known only the name."""
         places = {v.name: v.place for v in self.vehicles}
         own = places[name]
         return tuple(

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a view its guide: each phase has a line in words, a verdict on its figures, and at most one next button."""
+"""Makes, from a view its guide: each phase has a line in words, a verdict on its figures, and at most one next
+button."""
 
 import math
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
@@ -124,7 +125,7 @@ def _calibrate(_view: View, _m: f.MissionTold, _before: str) -> Guide:
 
 
 def _move_home(view: View, m: f.MissionTold, before: str) -> Guide:
-    """After the calibration its figures; after a home that was refused, why."""
+    """Says, after the calibration its figures; after a home that was refused, why."""
     reference = view.file.mission.reference if view.file.mission is not None else "the reference"
     then = f"Fly {reference} to its view, then Set home [H]"
     sort, calibrated = calibration_words(view.calibration)
@@ -198,7 +199,7 @@ def _land(view: View, m: f.MissionTold, _before: str) -> Guide:
 
 
 def _heights(view: View) -> str:
-    """Of who is up, above where it stood."""
+    """Says the heights of who is up, above where it stood."""
     known = [f"{v.name} {v.height_m:.1f} m" for v in view.vehicles if v.armed and v.height_m is not None]
     return f"Above ground: {', '.join(known)}" if known else ""
 

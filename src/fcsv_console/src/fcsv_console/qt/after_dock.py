@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""After the flight, in a dock: three steps with their progress; a step that runs is stopped by its own button."""
+"""Leads on after the flight, in a dock: three steps with their progress; a step that runs is stopped by its own
+button."""
 
 from typing import Dict
 
@@ -63,7 +64,7 @@ class AfterDock(QDockWidget):
 
     @property
     def places(self) -> after.Places:
-        """As they are typed."""
+        """Gives the places as they are typed."""
         return after.Places(**{name: edit.text().strip() for name, edit in self.fields.items()})
 
     def show_view(self, view: View) -> None:

@@ -13,12 +13,12 @@ STOP = "#C62828"
 
 
 def is_dark(palette: QPalette) -> bool:
-    """By the window's own colour."""
+    """Judges the palette by the window's own colour."""
     return palette.color(QPalette.Window).lightness() < 128
 
 
 def tone(name: str, palette: QPalette) -> QColor:
-    """Of a cell's text."""
+    """Gives the tone of a cell's text."""
     if name == cells.QUIET:
         colour = QColor(palette.color(QPalette.WindowText))
         colour.setAlpha(150)

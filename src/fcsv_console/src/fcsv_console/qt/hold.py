@@ -105,7 +105,8 @@ class ActionButton(QPushButton):
 
 
 def stand_out(button: QPushButton, is_next: bool) -> None:
-    """In the colour of what is well, with a frame: it is what comes next. A screen reader is told, too."""
+    """Paints the button in the colour of what is well, with a frame: it is what comes next. A screen reader is told,
+    too."""
     if bool(button.property("next")) == is_next:
         return
     button.setProperty("next", is_next)

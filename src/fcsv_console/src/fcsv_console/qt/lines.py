@@ -23,7 +23,7 @@ class LinesLabel(QLabel):
 
     @lines.setter
     def lines(self, lines: int) -> None:
-        """As high as so many, whatever it says."""
+        """Makes it as high as so many, whatever it says."""
         self._lines = lines
         self.setFixedHeight(lines * self.fontMetrics().lineSpacing() + 2)
 

@@ -44,7 +44,7 @@ class MapPanel(QWidget):
         layout.addLayout(below)
 
     def turn(self, master_problem: str) -> None:
-        """To the next of the three."""
+        """Turns to the next of the three."""
         self.shows = (self.shows + 1) % 3
         if self.shows != PLAN:
             self.rviz.open(master_problem)

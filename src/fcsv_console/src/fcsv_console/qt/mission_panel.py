@@ -182,7 +182,7 @@ class MissionPanel(QWidget):
         self._saved, self._shown = self.text.toPlainText(), None
 
     def _revert(self) -> None:
-        """As an edit, so that the editor can undo it."""
+        """Puts the text back, as an edit, so that the editor can undo it."""
         cursor = QTextCursor(self.text.document())
         cursor.select(QTextCursor.Document)
         cursor.insertText(self._saved)

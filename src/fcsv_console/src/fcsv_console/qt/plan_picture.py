@@ -33,7 +33,7 @@ class Hand:
 
 
 class PlanPicture:
-    """Of one moment: made for one painting, ``paint`` once."""
+    """Paints the plan of one moment: made for one painting, ``paint`` once."""
 
     def __init__(
         self, painter: QPainter, view: View, scale: geometry.Scale, bar: geometry.HeightBar, hand: Hand,
@@ -66,7 +66,7 @@ class PlanPicture:
         return colours.tone(name, self._palette)
 
     def _gone(self) -> QColor:
-        """Of what is not heard any more; after the flight that is nothing to worry about."""
+        """Gives the colour of what is not heard any more; after the flight that is nothing to worry about."""
         return self._tone(cells.QUIET if self._view.ended else cells.GONE)
 
     def _at(self, x_m: float, y_m: float) -> QPointF:
@@ -98,7 +98,7 @@ class PlanPicture:
             self._painter.drawPolygon(QPolygonF([self._at(x, y) for x, y in mission.fence.polygon]))
 
     def _ground_views(self) -> None:
-        """Of the mocap in the colour of words, of a gimbal in that of the vehicle that it follows."""
+        """Paints the views of the mocap in the colour of words, of a gimbal in that of the vehicle that it follows."""
         names = [v.name for v in self._view.vehicles]
         for seen in self._view.ground_views:
             colour = self._ink(255)
@@ -168,7 +168,8 @@ class PlanPicture:
         self.taken.append((at.x() - radius, at.y() - radius, 2.0 * radius, 2.0 * radius))
 
     def _names(self) -> None:
-        """Of vehicles, with their heights, of home and of cameras on the ground; each where it hides least."""
+        """Writes the names of vehicles, with their heights, of home and of cameras on the ground; each where it hides
+        least."""
         for v in self._view.vehicles:
             if v.place.value is not None:
                 x, y, _ = v.place.value.p_home_m

@@ -52,12 +52,12 @@ class PlanView(QWidget):
 
     @property
     def scale(self) -> geometry.Scale:
-        """As it is drawn now."""
+        """Gives the scale as it is drawn now."""
         return geometry.fitted(self._view, self.width() - BAR_PX, self.height(), self._zoom, self._fov_rad)
 
     @property
     def bar(self) -> geometry.HeightBar:
-        """As it is drawn now."""
+        """Gives the bar as it is drawn now."""
         return geometry.HeightBar(*geometry.heights(self._view), self.height())
 
     # ---- mouse ---------------------------------------------------------------------------------------------------
@@ -126,6 +126,6 @@ class PlanView(QWidget):
             self.picture(painter).paint()
 
     def picture(self, painter: QPainter) -> PlanPicture:
-        """Of now, and not painted yet."""
+        """Makes the picture of now, and not painted yet."""
         hand = Hand(self.editable, self._held, self._turned, self._chosen, (self._mouse.x(), self._mouse.y()))
         return PlanPicture(painter, self._view, self.scale, self.bar, hand, self.palette(), self._fov_rad)

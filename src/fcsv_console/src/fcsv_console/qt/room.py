@@ -26,7 +26,7 @@ class Room(QObject):
         return False
 
     def share(self) -> None:
-        """Of the window's height as it is now."""
+        """Sets the share of the window's height as it is now."""
         docks = [d for d in self._docks if not d.isHidden() and not d.isFloating()]
         fits = not docks or self._needed_px(docks) <= self._window.height()
         if fits != self._panels.isHidden():

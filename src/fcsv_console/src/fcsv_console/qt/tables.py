@@ -50,7 +50,7 @@ class CellTable(QTableWidget):
             header.sectionResized.connect(lambda *_: self._fitting.start(0))
 
     def show_cells(self, rows: Sequence[Sequence[Cell]]) -> None:
-        """In place of those before."""
+        """Shows cells in place of those before."""
         rows = [list(row) for row in rows]
         if rows == self._shown:
             return
@@ -96,7 +96,7 @@ class CellTable(QTableWidget):
         return sorted({index.row() for index in self.selectionModel().selectedRows()})
 
     def choose(self, rows: Sequence[int]) -> None:
-        """In place of what is selected; nobody is told of it as of what the operator selects."""
+        """Selects rows in place of what is selected; nobody is told of it as of what the operator selects."""
         if list(rows) != self.chosen():
             self._quietly(self.clearSelection)
             for i in rows:

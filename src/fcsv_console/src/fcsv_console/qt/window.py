@@ -251,7 +251,7 @@ class ConsoleWindow(QMainWindow):
         self._show_accept()
 
     def _share_head(self, stop_lines: int) -> None:
-        """Of the fixed height of both: the headline has what the words below leave it."""
+        """Shares out the head, of the fixed height of both: the headline has what the words below leave it."""
         headline = 1 if stop_lines else _HEAD_LINES
         if (self.headline.lines, self.stop_words.lines) != (headline, max(1, stop_lines)):
             self.headline.lines, self.stop_words.lines = headline, max(1, stop_lines)

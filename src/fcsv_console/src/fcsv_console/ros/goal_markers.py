@@ -27,7 +27,7 @@ class GoalMarkers:
         self._menus: Dict[int, MenuHandler] = {}
 
     def show(self, goals: Tuple[Goal, ...]) -> None:
-        """In place of those before, where they differ."""
+        """Shows goals in place of those before, where they differ."""
         if goals == self._shown:
             return
         self._shown = goals
@@ -49,7 +49,7 @@ class GoalMarkers:
 
 
 def marker_name(index: int) -> str:
-    """Of the configuration ``index``, counted from 1 for people."""
+    """Names the marker of the configuration ``index``, counted from 1 for people."""
     return f"goal_{index + 1}"
 
 

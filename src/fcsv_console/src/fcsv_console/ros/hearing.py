@@ -41,7 +41,7 @@ class Hearing:
         self._watch = threading.Thread(target=self._watch_master, name="master watch", daemon=True)
 
     def subscribe(self) -> None:
-        """To every topic, of every vehicle."""
+        """Subscribes to every topic, of every vehicle."""
         for name in self._vehicles:
             for topic, (kind, convert) in self._of_vehicle.items():
                 self._hear(f"/{name}/{topic}", kind, name, topic, convert)

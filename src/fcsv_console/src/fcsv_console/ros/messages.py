@@ -15,7 +15,7 @@ from std_msgs.msg import String
 
 from fcsv_console.model import facts as f
 from fcsv_console.model.looking import looks
-from fcsv_control.ros import flight_check_messages as check_messages
+from fcsv_control.ros.checks import flight_check_messages as check_messages
 from fcsv_control.stopping.core import Report
 from fcsv_geometry import transforms
 from fcsv_geometry.errors import GeometryError
@@ -103,11 +103,11 @@ def _recorder(name: str, m: RecorderStatus) -> f.Fact:
 
 
 def _said(name: str, m: StatusText) -> f.Fact:
-    return f.Said(name, "autopilot", m.text, m.severity)
+    return f.VehicleText(name, "autopilot", m.text, m.severity)
 
 
 def _guardian_said(name: str, m: StatusText) -> f.Fact:
-    return f.Said(name, "guardian", m.text, m.severity)
+    return f.VehicleText(name, "guardian", m.text, m.severity)
 
 
 def _answered(name: str, m: CommandAck) -> f.Fact:
@@ -192,7 +192,7 @@ OF_CONTROL: Dict[str, Tuple[Any, Convert]] = {
 
 
 def radios(m: DiagnosticArray) -> List[f.Radio]:
-    """Of what the relay tells of its links."""
+    """Gives the radios of what the relay tells of its links."""
     found = []
     for status in m.status:
         values = {v.key: v.value for v in status.values}
@@ -208,5 +208,5 @@ def _number(text: str) -> float:
 
 
 def _age_s(message: Any) -> float:
-    """Of what this machine stamped by its own clock: a latched one may be old."""
+    """Gives the age of what this machine stamped by its own clock: a latched one may be old."""
     return max(0.0, rospy.get_time() - message.header.stamp.to_sec())

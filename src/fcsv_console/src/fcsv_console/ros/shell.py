@@ -59,7 +59,7 @@ def fleet(vehicles: Sequence[str] = (), mission: str = "", vehicles_dir: str = "
 
 
 def _parameters() -> dict:
-    """Of the node mission; empty where there is none, or no master."""
+    """Gives the parameters of the node mission; empty where there is none, or no master."""
     try:
         found = rosgraph.Master("/fcsv_console").getParam("/mission")
     except (rosgraph.MasterException, OSError):
@@ -109,7 +109,7 @@ class Shell:
         self._hearing.put(f.MasterTold())
 
     def view(self) -> View:
-        """Of this moment."""
+        """Gives the view of this moment."""
         self.console.wall_offset_s = time.time() - time.monotonic()
         for at_s, fact in self._hearing.take():
             self.console.tell(at_s, fact)
@@ -146,7 +146,7 @@ class Shell:
         self._send(self._commands, name, answer, given)
 
     def keep_events(self, folder: str) -> None:
-        """In a file of that folder."""
+        """Keeps the events in a file of that folder."""
         self.events = EventFile(Path(folder), self._hearing.put, time.time())
 
     def name_places(self, places: Places) -> None:
@@ -156,7 +156,7 @@ class Shell:
         self._after.look(places)
 
     def look_again(self) -> None:
-        """At what is on the disk by now: others record and map, too."""
+        """Looks at what is on the disk by now: others record and map, too."""
         if time.monotonic() - self._looked_s > _LOOK_AT_DISK_S:
             self.name_places(self.console.after.places)
 
@@ -192,7 +192,7 @@ class Shell:
             commands.proceed(self._step(name), answer)
 
     def _step(self, name: str) -> str:
-        """Of the mission: handing over confirms whichever it waits for."""
+        """Names the step of the mission: handing over confirms whichever it waits for."""
         told = self.console.view(time.monotonic()).mission.value
         return (told.waits_for if told is not None else "") if name == "hand_over" else name
 
@@ -220,7 +220,8 @@ def open_shell(
     name: str, vehicles: Sequence[str], mission: str, target_m: float, windowed: bool = False, vehicles_dir: str = "",
     recorded: bool = False, session: str = "",
 ) -> Shell:  # fmt: skip
-    """With the fleet that is found; ``windowed``: it keeps its events with the session, and its goals stand in rviz.
+    """Opens a shell with the fleet that is found; ``windowed``: it keeps its events with the session, and its goals
+    stand in rviz.
 
     ``recorded``: a bag is played, and pictures come as vehicles record them. ``session``: a folder into which all
     machines record; empty: each records into its own.
@@ -240,7 +241,7 @@ def open_shell(
 
 
 def shared_places(session: str) -> Places:
-    """Of a folder into which all machines record, as in a simulation: nothing is to be gathered."""
+    """Gives the places of a folder into which all machines record, as in a simulation: nothing is to be gathered."""
     folder = Path(session).expanduser()
     return Places("", str(folder), str(folder.parent / "map"))
 

@@ -58,7 +58,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Of the command line."""
+    """Makes the parser of the command line."""
     found = argparse.ArgumentParser(prog="console", description=__doc__)
     found.add_argument("--vehicles", default="", help="the column, front first; default: the mission node's")
     found.add_argument("--mission", default="", help="mission file; default: the mission node's")
@@ -72,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def application(theme: str = "system") -> QApplication:
-    """With the palette that is wanted."""
+    """Makes the application with the palette that is wanted."""
     app = QApplication.instance() or QApplication(["fcsv_console"])
     if theme in THEMES:
         app.setStyle("Fusion")

@@ -9,7 +9,7 @@ from typing import Dict, Optional, Tuple
 _REMEMBERED = 200
 
 
-class Verdict(Enum):
+class CommandVerdict(Enum):
     """What becomes of a command."""
 
     EXECUTE = auto()
@@ -37,7 +37,7 @@ class CommandLog:
 
     def judge(
         self, now_s: float, vehicle: str, sender: str, number: int, moves: bool, expires_s: float, stops: bool = False
-    ) -> Tuple[Verdict, Optional[Answer]]:
+    ) -> Tuple[CommandVerdict, Optional[Answer]]:
         """(what to do, the answer to repeat). A command under way waits; one never executed may be too late.
 
         Of commands that move the vehicle (``moves``), one that a newer one of its sender overtook is too late,
@@ -45,20 +45,20 @@ class CommandLog:
         (HOLD, BRAKE, LAND) is never too late by the clock, which may be wrong on either machine.
         """
         if vehicle != self._vehicle:
-            return Verdict.IGNORE, None
+            return CommandVerdict.IGNORE, None
         key = (sender, number)
         if key in self._answers:
             answer = self._answers[key]
-            return (Verdict.WAIT, None) if answer is None else (Verdict.REPEAT, answer)
+            return (CommandVerdict.WAIT, None) if answer is None else (CommandVerdict.REPEAT, answer)
         self._answers[key] = None
         while len(self._answers) > _REMEMBERED:
             self._answers.popitem(last=False)
         overtaken = moves and number < self._newest.get(sender, 0)
         if overtaken or (now_s > expires_s and not stops):
-            return Verdict.EXPIRED, None
+            return CommandVerdict.EXPIRED, None
         if moves:
             self._newest[sender] = number
-        return Verdict.EXECUTE, None
+        return CommandVerdict.EXECUTE, None
 
     def answered(self, sender: str, number: int, answer: Answer) -> None:
         """Remember what was answered."""

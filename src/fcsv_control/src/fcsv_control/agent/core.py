@@ -11,7 +11,7 @@ from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_control.agent.commands import Answer, CommandLog, Verdict
+from fcsv_control.agent.commands import Answer, CommandLog, CommandVerdict
 from fcsv_control.agent.holder import Holder, Limits
 from fcsv_control.agent.messages import (
     DONE,
@@ -20,17 +20,17 @@ from fcsv_control.agent.messages import (
     STOPPING_MODES,
     TOO_LATE,
     Ack,
+    AgentText,
     Ask,
     Instruction,
     Kind,
     Output,
     Pictures,
-    Said,
     SetPoint,
 )
 from fcsv_control.agent.rights import Rights
 from fcsv_control.agent.sender_clocks import SenderClocks
-from fcsv_control.agent.twins import Twins
+from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.errors import CommandRefused
 from fcsv_geometry import frames
 from fcsv_geometry.streams.flow import RateGate
@@ -51,7 +51,7 @@ class AgentRules:
 class AgentCore:
     """One vehicle's agent. A job that needs the flight link waits for the one before it; stopping waits for nothing."""
 
-    def __init__(self, vehicle: str, rules: AgentRules, twins: Twins):
+    def __init__(self, vehicle: str, rules: AgentRules, twins: DuplicateAgentGuard):
         self._vehicle, self._rules = vehicle, rules
         self.twins = twins
         self.rights = Rights(vehicle, rules.guardian)
@@ -116,18 +116,18 @@ class AgentCore:
         moves = c.kind is not Kind.RECORD
         expires_s = c.ordered_s + c.lifetime_s
         verdict, answer = self._log.judge(now_s, c.vehicle, c.sender, c.number, moves, expires_s, c.stops)
-        if verdict is Verdict.IGNORE:
+        if verdict is CommandVerdict.IGNORE:
             return
         refusal = self.rights.refusal(now_s, c)  # a repetition keeps the lease, too
-        if verdict is Verdict.EXPIRED:
+        if verdict is CommandVerdict.EXPIRED:
             self._answer(c, TOO_LATE, "came too late, or after a newer one")
-        elif verdict is Verdict.REPEAT:
+        elif verdict is CommandVerdict.REPEAT:
             self._out.append(Ack(c.sender, c.number, answer.result, answer.reason))
-        elif verdict is Verdict.EXECUTE and refusal:
+        elif verdict is CommandVerdict.EXECUTE and refusal:
             self._answer(c, REFUSED, refusal)
-        elif verdict is Verdict.EXECUTE and c.stops:
+        elif verdict is CommandVerdict.EXECUTE and c.stops:
             self._stop(now_s, c)
-        elif verdict is Verdict.EXECUTE:
+        elif verdict is CommandVerdict.EXECUTE:
             self._waiting.append(c)
 
     def _mute(self, now_s: float, c: Instruction) -> bool:
@@ -238,4 +238,4 @@ class AgentCore:
         self._out.append(Ack(c.sender, c.number, result, reason))
 
     def _say(self, text: str) -> None:
-        self._out.append(Said(f"{self._vehicle}: {text}"))
+        self._out.append(AgentText(f"{self._vehicle}: {text}"))

@@ -4,7 +4,7 @@
 from typing import Optional
 
 
-class ModeHands:
+class AgentModeOwner:
     """GUIDED is flown by the agent. Another mode is somebody else's unless it was asked for here and shows since."""
 
     def __init__(self):

@@ -147,7 +147,7 @@ class Holder:
             self.hold()
 
     def take_off(self, now_s: float, altitude_m: float) -> None:
-        """Before the autopilot is told to take off. Raises CommandRefused."""
+        """Prepares the hold, before the autopilot is told to take off. Raises CommandRefused."""
         self._require_guided()
         if not 0.0 < altitude_m <= self._limits.highest_takeoff_m:  # NaN is refused, too
             most_m = self._limits.highest_takeoff_m

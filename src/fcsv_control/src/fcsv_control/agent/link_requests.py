@@ -8,8 +8,8 @@ from typing import Dict, List, Tuple
 from fcsv_control.agent.asking import Asking, Shown
 from fcsv_control.agent.messages import Ask, AskAnswered, Kind
 from fcsv_control.errors import ControlError
+from fcsv_control.flight.mavlink.texts import WARNING
 from fcsv_control.flight.messages import TextHeard
-from fcsv_control.flight.texts import WARNING
 
 _REASON_WAIT_S = 0.5  # the reason and the service's answer come by different ways
 _NO_REASON = "the flight link refused without a reason"

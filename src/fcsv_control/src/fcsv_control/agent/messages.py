@@ -101,7 +101,7 @@ class Pictures:
 
 
 @dataclass(frozen=True)
-class Said:
+class AgentText:
     """Something that the log and the operator should know."""
 
     text: str
@@ -119,4 +119,4 @@ class AgentAlive:
     problem: str = ""
 
 
-Output = Union[Ask, Ack, SetPoint, Pictures, Said]
+Output = Union[Ask, Ack, SetPoint, Pictures, AgentText]

@@ -7,10 +7,10 @@ from typing import Any, Callable, Dict, List, Sequence
 from fcsv_control.agent.core import AgentCore, AgentRules
 from fcsv_control.agent.link_requests import LinkRequests
 from fcsv_control.agent.messages import AgentAlive, Ask, AskAnswered, Instruction, Kind
-from fcsv_control.agent.twins import Twins
+from fcsv_control.agent.twins import DuplicateAgentGuard
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import EstimateMoved, HomeHeard, ModeAsked, PoseEstimated, Refused, TextHeard
-from fcsv_control.guardian.messages import Verdict
+from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_geometry.vehicles import telemetry as tm
 
 _ALIVE_S = 0.2
@@ -22,7 +22,7 @@ class AgentPort:
 
     def __init__(self, vehicle: str, rules: AgentRules, instance: str, now_s: float):
         self._vehicle, self._instance, self._started_s = vehicle, instance, now_s
-        self._core = core = AgentCore(vehicle, rules, Twins(instance, now_s))
+        self._core = core = AgentCore(vehicle, rules, DuplicateAgentGuard(instance, now_s))
         self._requests = requests = LinkRequests()
         self._alive_s = -math.inf
         self._take: Dict[type, Callable[[float, Any], None]] = {
@@ -35,7 +35,7 @@ class AgentPort:
             PoseEstimated: lambda now_s, m: core.pose(now_s, m.T_odom_body),
             Refused: lambda _now_s, m: requests.shown.refused(m.reason),
             TextHeard: requests.said,
-            Verdict: lambda now_s, m: core.guarded(now_s, m.action, m.holds, "; ".join(m.reasons), m.forbids),
+            GuardianVerdict: lambda now_s, m: core.guarded(now_s, m.action, m.holds, "; ".join(m.reasons), m.forbids),
             tm.EpochsFound: self._calibrated,
             tm.OdometryEpoch: lambda _now_s, m: core.epoch(m.number, m.reason),
             tm.VehicleState: self._state,

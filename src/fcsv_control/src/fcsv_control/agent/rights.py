@@ -6,7 +6,7 @@ import math
 from typing import Sequence
 
 from fcsv_control.agent.epochs import CalibratedFrame
-from fcsv_control.agent.hands import ModeHands
+from fcsv_control.agent.hands import AgentModeOwner
 from fcsv_control.agent.lease import LEASE_S, Lease
 from fcsv_control.agent.messages import Instruction, Kind
 
@@ -20,7 +20,7 @@ class Rights:
     def __init__(self, vehicle: str, needs_guardian: bool = False):
         self._vehicle, self._needs_guardian = vehicle, needs_guardian
         self.guardian_s = -math.inf  # when it was heard last
-        self.hands, self.lease, self.frame = ModeHands(), Lease(), CalibratedFrame()
+        self.hands, self.lease, self.frame = AgentModeOwner(), Lease(), CalibratedFrame()
         self._stopped_s, self._stopped_by = -math.inf, ""
         self.guarded = ""  # why the guardian flies, "" where it does not
         self.aside = False  # out of the way of one that comes down: then nobody stops it there

@@ -7,7 +7,7 @@ _LISTENS_S = 1.0  # heartbeats come at 5 Hz
 _SAME_AGE_S = 0.3
 
 
-class Twins:
+class DuplicateAgentGuard:
     """``instance`` is this agent's own name, which no other start of an agent has."""
 
     def __init__(self, instance: str, now_s: float):

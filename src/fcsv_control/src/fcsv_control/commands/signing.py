@@ -5,7 +5,7 @@ import argparse
 from typing import List, Optional
 
 from fcsv_control.errors import ControlError, LinkError
-from fcsv_control.flight.signing import read_key
+from fcsv_control.flight.mavlink.signing import read_key
 from fcsv_control.flight_check.autopilot_line import reached_by_nobody_else
 from fcsv_control.parameters.vehicle import Vehicle
 from fcsv_geometry.programs import commands

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Callable, Iterator, List, Sequence
 
 from fcsv_control.file_check.kinds import KINDS, MISSION, PARAMETER_SUFFIXES, FileKind, recognised
-from fcsv_control.mission.plan_check import require_flyable
+from fcsv_control.mission.plans.plan_check import require_flyable
 from fcsv_geometry import config
 from fcsv_geometry.errors import ConfigError, FcsvError
 from fcsv_geometry.missions.mission import Mission

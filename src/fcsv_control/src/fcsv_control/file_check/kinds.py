@@ -39,7 +39,7 @@ class FileKind:
         return imported(self.reader)(path) if self.reader else config.load(path, imported(self.schema))
 
     def known_keys(self) -> Tuple[str, ...]:
-        """At the top of a file."""
+        """Gives the keys at the top of a file."""
         return self.keys or tuple(f.name for f in fields(imported(self.schema)) if f.init)
 
     def required_keys(self) -> Tuple[str, ...]:
@@ -74,8 +74,8 @@ YAML_KINDS: Tuple[FileKind, ...] = (
     FileKind("mocap_optitrack", "config", keys=("rigid_bodies",), foreign="mocap_optitrack"),
 )
 PARAMETER_KINDS: Tuple[FileKind, ...] = (
-    FileKind(PROFILE, "autopilot", reader="fcsv_control.flight.profile:load_profile"),
-    FileKind(PARAMETERS, "autopilot", reader="fcsv_control.flight.parameter_files:read"),
+    FileKind(PROFILE, "autopilot", reader="fcsv_control.flight.settings.profile:load_profile"),
+    FileKind(PARAMETERS, "autopilot", reader="fcsv_control.flight.settings.parameter_files:read"),
 )
 KINDS: Dict[str, FileKind] = {kind.name: kind for kind in (*YAML_KINDS, *PARAMETER_KINDS)}
 

@@ -16,17 +16,17 @@ import numpy as np
 from pymavlink import mavutil
 
 from fcsv_control.errors import CommandRefused
-from fcsv_control.flight import conversion, keeper
-from fcsv_control.flight.estimate import EstimateWatch
-from fcsv_control.flight.fed import Fed
-from fcsv_control.flight.link_parameters import LinkParameters
-from fcsv_control.flight.listener import STREAMS_HZ, Listener
+from fcsv_control.flight.feeding.estimate import EstimateWatch
+from fcsv_control.flight.feeding.fed import Fed
+from fcsv_control.flight.mavlink import conversion, keeper
+from fcsv_control.flight.mavlink.listener import STREAMS_HZ, Listener
+from fcsv_control.flight.mavlink.requests import COMPANION, Request, Requests
 from fcsv_control.flight.messages import EstimateMoved, Event, PoseHeard
-from fcsv_control.flight.profile import NOTHING, Profile, Rule
-from fcsv_control.flight.requests import COMPANION, Request, Requests
+from fcsv_control.flight.settings.link_parameters import LinkParameters
+from fcsv_control.flight.settings.profile import NOTHING, Profile, Rule
 from fcsv_control.flight.state import MODES, FlightState
 from fcsv_control.flight.take_off import TakeOff
-from fcsv_control.flight.whose_mode import WhoseMode
+from fcsv_control.flight.whose_mode import LinkModeOwner
 
 _M = mavutil.mavlink
 __all__ = ["LinkCore", "LinkParameters"]
@@ -58,7 +58,7 @@ class LinkCore:
         self._fed = Fed()
         self._begun_anew = False
         self._stepped_s, self._woke_s = float("inf"), float("-inf")  # until the first step nothing stood still
-        self._whose = WhoseMode()
+        self._whose = LinkModeOwner()
         self._events: List[Event] = []
         self._requests = Requests(parameters.command_timeout_s, parameters.command_tries)
         self._heard = Listener(parameters.target_system, self._requests, profile)

@@ -12,9 +12,9 @@ from typing import Callable, Dict, Optional, Union
 
 from fcsv_control.agent.messages import Ask, Kind
 from fcsv_control.errors import LinkError
+from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.flight.messages import FromAutopilot, RequestOver, ToAutopilot
 from fcsv_control.flight.port import FlightLinkPort
-from fcsv_control.flight.transport import Transport
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.05

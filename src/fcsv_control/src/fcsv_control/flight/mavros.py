@@ -11,12 +11,12 @@ from typing import List, Optional, Tuple
 from pymavlink import mavutil
 
 from fcsv_control.errors import LinkError
-from fcsv_control.flight import commands
 from fcsv_control.flight.core import LinkCore
-from fcsv_control.flight.link_parameters import LinkParameters
+from fcsv_control.flight.mavlink import commands
+from fcsv_control.flight.mavlink.texts import WARNING, Reasons
 from fcsv_control.flight.messages import HomeHeard, Refused, TextHeard
-from fcsv_control.flight.profile import NOTHING, Profile
-from fcsv_control.flight.texts import WARNING, Reasons
+from fcsv_control.flight.settings.link_parameters import LinkParameters
+from fcsv_control.flight.settings.profile import NOTHING, Profile
 
 _M = mavutil.mavlink
 COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE, with which MAVROS speaks by default

@@ -211,7 +211,7 @@ class LinkSaid:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """For diagnostics: problems by their key (empty: none), and values."""
+    """Is for diagnostics: problems by their key (empty: none), and values."""
 
     problems: Dict[str, str]
     values: Dict[str, object]

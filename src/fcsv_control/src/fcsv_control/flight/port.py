@@ -13,10 +13,12 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Union
 from fcsv_control.agent.messages import Ask, Kind, SetPoint
 from fcsv_control.errors import CommandRefused, ControlError
 from fcsv_control.flight.core import LinkCore
-from fcsv_control.flight.feed import FeedParameters, FeedVerdict, VisionFeed
-from fcsv_control.flight.feed_check import FeedCheck, FeedCheckRules
-from fcsv_control.flight.firmware import COPTER
-from fcsv_control.flight.link_parameters import LinkParameters
+from fcsv_control.flight.feeding.feed import FeedParameters, FeedVerdict, VisionFeed
+from fcsv_control.flight.feeding.feed_check import FeedCheck, FeedCheckRules
+from fcsv_control.flight.feeding.watchdog import Alarm, FeedWatchdog, WatchdogParameters
+from fcsv_control.flight.mavlink.firmware import COPTER
+from fcsv_control.flight.mavlink.requests import Request
+from fcsv_control.flight.mavlink.texts import ALERT, CRITICAL
 from fcsv_control.flight.mavros import MavrosCore
 from fcsv_control.flight.messages import (
     AutopilotLimits,
@@ -43,11 +45,9 @@ from fcsv_control.flight.messages import (
     ToAutopilot,
     TransmitterTold,
 )
-from fcsv_control.flight.profile import Profile
-from fcsv_control.flight.requests import Request
+from fcsv_control.flight.settings.link_parameters import LinkParameters
+from fcsv_control.flight.settings.profile import Profile
 from fcsv_control.flight.take_off import TakeOff
-from fcsv_control.flight.texts import ALERT, CRITICAL
-from fcsv_control.flight.watchdog import Alarm, FeedWatchdog, WatchdogParameters
 from fcsv_geometry.missions.flight_limits import FlightBounds
 from fcsv_geometry.streams.flow import RateGate
 from fcsv_geometry.vehicles import telemetry as tm
@@ -242,8 +242,8 @@ class FlightLinkPort:
     # ---- what it tells of itself ---------------------------------------------------------------------------------
 
     def _live(self, now_s: float) -> None:
-        """At 5 Hz, and at once where there is another doubt of the poses, or where it is no longer known whether the
-        autopilot may be flown."""
+        """Tells that it lives, at 5 Hz, and at once where there is another doubt of the poses, or where it is no longer
+        known whether the autopilot may be flown."""
         core, s, parameters = self.core, self.core.state, self.core.heard.parameters
         connected, origin_set, doubt = core.connected(now_s), core.origin_set(now_s), self.check.doubt
         urgent = (doubt, connected, origin_set, parameters.known, s.booting)
@@ -274,11 +274,11 @@ class FlightLinkPort:
 
     @property
     def _firmware(self) -> str:
-        """As "ArduCopter 4.6.2"; empty before it was told."""
+        """Names the firmware, as "ArduCopter 4.6.2"; empty before it was told."""
         return f"{COPTER} {self.core.heard.version}" if self.core.heard.version else ""
 
     def _problem(self, key: str, text: str) -> None:
-        """Of the feed: told at once."""
+        """Keeps a problem of the feed: told at once."""
         problem = f"{self._vehicle}: {text}" if text else ""
         if problem != self._feed_problems.get(key, ""):
             self._feed_problems[key] = problem

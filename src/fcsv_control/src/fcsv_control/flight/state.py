@@ -61,14 +61,14 @@ class FlightState:
         return begun and not self.booting
 
     def with_ekf(self, now_s: float, m) -> "FlightState":
-        """After an EKF_STATUS_REPORT."""
+        """Gives the state after an EKF_STATUS_REPORT."""
         return replace(
             self, ekf_flags=m.flags, velocity_variance=m.velocity_variance, pos_horiz_variance=m.pos_horiz_variance,
             pos_vert_variance=m.pos_vert_variance, compass_variance=m.compass_variance, ekf_heard_s=now_s,
         )  # fmt: skip
 
     def with_rc(self, now_s: float, m) -> "FlightState":
-        """After an RC_CHANNELS; a channel that is not heard has a pulse of 0 or 65535."""
+        """Gives the state after an RC_CHANNELS; a channel that is not heard has a pulse of 0 or 65535."""
         channels = tuple(getattr(m, f"chan{k + 1}_raw") for k in range(min(m.chancount, 18)))
         pulse = channels[_THROTTLE] if len(channels) > _THROTTLE else 0
         heard = 800 <= pulse <= 2200
@@ -80,11 +80,11 @@ class FlightState:
 
     @property
     def in_the_air(self) -> Optional[bool]:
-        """As the autopilot says; None: it has not said."""
+        """Says, as the autopilot says; None: it has not said."""
         return None if self.landed is None else not self.landed
 
     def with_heartbeat(self, m) -> "FlightState":
-        """After a HEARTBEAT of the autopilot."""
+        """Gives the state after a HEARTBEAT of the autopilot."""
         return replace(
             self,
             armed=bool(m.base_mode & _M.MAV_MODE_FLAG_SAFETY_ARMED),
@@ -95,7 +95,7 @@ class FlightState:
         )
 
     def with_sys_status(self, m) -> "FlightState":
-        """After a SYS_STATUS; what it does not know is NaN."""
+        """Gives the state after a SYS_STATUS; what it does not know is NaN."""
         return replace(
             self,
             prearm_ok=None if self.booting else bool(m.onboard_control_sensors_health & _PREARM_BIT),
@@ -105,5 +105,5 @@ class FlightState:
         )
 
     def with_extended(self, m) -> "FlightState":
-        """After an EXTENDED_SYS_STATE."""
+        """Gives the state after an EXTENDED_SYS_STATE."""
         return replace(self, landed=_LANDED.get(m.landed_state))

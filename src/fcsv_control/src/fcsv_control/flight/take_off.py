@@ -6,9 +6,9 @@ from typing import Optional
 
 from pymavlink import mavutil
 
-from fcsv_control.flight import commands
-from fcsv_control.flight.listener import Listener
-from fcsv_control.flight.requests import Outcome, Request, Requests
+from fcsv_control.flight.mavlink import commands
+from fcsv_control.flight.mavlink.listener import Listener
+from fcsv_control.flight.mavlink.requests import Outcome, Request, Requests
 
 _LOG = logging.getLogger(__name__)
 _CLIMBS_S = 1.0

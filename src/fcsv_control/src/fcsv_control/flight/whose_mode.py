@@ -3,10 +3,10 @@
 
 from typing import Optional
 
-from fcsv_control.flight.requests import Outcome, Request
+from fcsv_control.flight.mavlink.requests import Outcome, Request
 
 
-class WhoseMode:
+class LinkModeOwner:
     """``is_ours``: the mode that shows is the last one that was asked for here, and no other has shown since. A stop
     that somebody else had chosen before stays his.
     """

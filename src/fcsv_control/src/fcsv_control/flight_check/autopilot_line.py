@@ -33,7 +33,7 @@ def reached_by_nobody_else(url: str) -> bool:
 
 
 def _on_loopback(end: str) -> bool:
-    """Of HOST:PORT. A name that only begins so is another machine's."""
+    """Judges the address of HOST:PORT. A name that only begins so is another machine's."""
     host = end.rpartition(":")[0] or end
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback

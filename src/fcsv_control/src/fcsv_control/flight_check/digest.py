@@ -38,7 +38,7 @@ class Digest:
         self._sent_s = float("-inf")
 
     def tell(self, now_s: float, statuses: Iterable[Status]) -> None:
-        """Of one message, of any level."""
+        """Takes the lines of one message, of any level."""
         for status in statuses:
             if not status.name.startswith(self._own):
                 continue
@@ -75,7 +75,7 @@ class Digest:
 
 
 def _packed(lines: Sequence[Status], size_bytes: Callable[[Sequence[Status]], int]) -> Tuple[Status, ...]:
-    """As many as a second carries, three at most; a last one without a name counts the others."""
+    """Packs as many as a second carries, three at most; a last one without a name counts the others."""
     for k in range(min(len(lines), _MOST_LINES), 0, -1):
         more = [Status("", lines[k].level, f"and {len(lines) - k} more")] if len(lines) > k else []
         packed = (*lines[:k], *more)
@@ -89,7 +89,7 @@ def _short(status: Status, level: int) -> Status:
 
 
 def cut(text: str, most: int) -> str:
-    """At most so many octets of UTF-8, whole characters, on one line.
+    """Cuts the text to at most so many octets of UTF-8, whole characters, on one line.
 
     >>> cut("a\\nb", 9), cut("10°±", 4), len(cut("x" * 99, 40))
     ('a b', '10°', 40)

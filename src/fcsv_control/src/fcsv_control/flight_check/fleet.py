@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from fcsv_control.flight_check import keys as relay_keys
 from fcsv_control.flight_check import speeds
-from fcsv_control.flight_check.heard import Heard, Rate
+from fcsv_control.flight_check.heard import LineStream, MessageRate
 from fcsv_control.flight_check.lines import Check, Found, Judged, Line, State
 from fcsv_control.flight_check.sightings import Sightings
 from fcsv_control.flight_check.vehicle import Disk
@@ -46,11 +46,11 @@ class FromAfar:
 
     name: str
     front: Optional[str] = None
-    report: Heard[Sequence[Line]] = field(default_factory=Heard)
+    report: LineStream[Sequence[Line]] = field(default_factory=LineStream)
     patience_s: float = 0.0  # of its report
     parameters: Optional[Any] = None  # the newest fcsv_msgs/ParameterReport: it comes where it changes
-    poses: Rate = field(default_factory=lambda: Rate(_WINDOW_S))
-    clock: Heard[Any] = field(default_factory=Heard)  # fcsv_tracking's ClockOffset
+    poses: MessageRate = field(default_factory=lambda: MessageRate(_WINDOW_S))
+    clock: LineStream[Any] = field(default_factory=LineStream)  # fcsv_tracking's ClockOffset
     epoch: Optional[int] = None
     calibrated: Optional[int] = None  # the epoch for which the calibration holds
     sightings: Sightings = field(default_factory=lambda: Sightings({}))
@@ -67,11 +67,11 @@ class ControlFacts:
     """The control PC's own programs. ``recorder`` holds a message of fcsv_msgs, ``mission`` the mission's phase."""
 
     link: str = relay_keys.RELAY
-    mission: Heard[str] = field(default_factory=Heard)
-    stop_all: Heard[bool] = field(default_factory=Heard)
-    recorder: Heard[Any] = field(default_factory=Heard)
-    disk: Heard[Disk] = field(default_factory=Heard)
-    keys: Heard[relay_keys.Keys] = field(default_factory=Heard)
+    mission: LineStream[str] = field(default_factory=LineStream)
+    stop_all: LineStream[bool] = field(default_factory=LineStream)
+    recorder: LineStream[Any] = field(default_factory=LineStream)
+    disk: LineStream[Disk] = field(default_factory=LineStream)
+    keys: LineStream[relay_keys.Keys] = field(default_factory=LineStream)
 
 
 # ---- of every vehicle -----------------------------------------------------------------------------------------
@@ -198,7 +198,7 @@ class FleetTable:
         self._judged_control = Judged(CONTROL, control)
 
     def lines(self, now_s: float) -> List[Line]:
-        """At monotonic time ``now_s``."""
+        """Gives the lines at monotonic time ``now_s``."""
         lines = self._judged_control.lines(now_s, self.control, self._rules)
         for name, vehicle in self.vehicles.items():
             lines += self._judged[name].lines(now_s, vehicle, self._rules)

@@ -10,7 +10,7 @@ _SAID_TOGETHER_S = 5.0  # all reasons that stand are said in one go, every 30 s
 _OLD_S = 70.0  # one repetition may get lost
 
 
-class Heard(Generic[T]):
+class LineStream(Generic[T]):
     """The newest value of something, and when it came."""
 
     def __init__(self) -> None:
@@ -26,10 +26,10 @@ class Heard(Generic[T]):
         return now_s - self.at_s <= most_s
 
 
-class Rate:
+class MessageRate:
     """Messages per second over the last ``window_s``.
 
-    >>> rate = Rate(2.0)
+    >>> rate = MessageRate(2.0)
     >>> for k in range(60):
     ...     rate.tick(k / 30.0)
     >>> rate.hz(1.99), rate.hz(9.0)

@@ -3,7 +3,7 @@
 
 from dataclasses import dataclass
 
-from fcsv_control.flight_check.heard import Heard
+from fcsv_control.flight_check.heard import LineStream
 from fcsv_control.flight_check.lines import Check, Found, State
 
 RELAY = "relay"
@@ -18,7 +18,7 @@ class Keys:
     exposed: str = ""
 
 
-def judge(now_s: float, keys: Heard[Keys], link: str, most_s: float) -> Found:
+def judge(now_s: float, keys: LineStream[Keys], link: str, most_s: float) -> Found:
     """``link``: which program stands between the machines; another one than the relay encrypts nothing."""
     if link != RELAY:
         return State.AMBER, f"{link} encrypts nothing: fly inside a VPN only"

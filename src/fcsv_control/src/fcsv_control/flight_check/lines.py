@@ -7,7 +7,7 @@ from typing import Callable, Dict, Iterable, List, Sequence, Tuple
 
 
 class State(IntEnum):
-    """As in fcsv_msgs/FlightCheckLine. What is not known is never green."""
+    """Names the state as in fcsv_msgs/FlightCheckLine. What is not known is never green."""
 
     UNKNOWN = 0
     GREEN = 1
@@ -16,7 +16,7 @@ class State(IntEnum):
 
     @property
     def word(self) -> str:
-        """For people, who may not tell colours apart."""
+        """Says it for people, who may not tell colours apart."""
         return {self.UNKNOWN: "unknown", self.GREEN: "green", self.AMBER: "amber", self.RED: "RED"}[self]
 
 
@@ -54,7 +54,7 @@ class Line:
 
 
 def worst(lines: Iterable[Line]) -> State:
-    """Of a table; without a line it is not known.
+    """Gives the worst of a table; without a line it is not known.
 
     >>> worst([Line("uav1", "link", State.GREEN, ""), Line("uav1", "feed", State.UNKNOWN, "")]).word, worst([]).word
     ('unknown', 'unknown')

@@ -20,7 +20,7 @@ class Pace:
         self._sent_s = float("-inf")
 
     def period_s(self, size_bytes: int) -> float:
-        """From one report to the next where nothing changes."""
+        """Gives the time from one report to the next where nothing changes."""
         return max(1.0, size_bytes / self._bytes_per_s)
 
     def due(self, now_s: float, size_bytes: int, changed: bool) -> bool:

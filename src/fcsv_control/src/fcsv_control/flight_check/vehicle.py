@@ -12,7 +12,7 @@ from fcsv_control import tracker_confidence
 from fcsv_control.disk import disk_words
 from fcsv_control.flight_check import autopilot_line
 from fcsv_control.flight_check import keys as relay_keys
-from fcsv_control.flight_check.heard import Heard, PreArmTexts, Rate
+from fcsv_control.flight_check.heard import LineStream, MessageRate, PreArmTexts
 from fcsv_control.flight_check.lines import Check, Found, State
 from fcsv_control.flight_check.rules import VehicleCheckRules
 from fcsv_control.guardian.findings import STICK
@@ -39,19 +39,19 @@ class Disk:
 class VehicleFacts:
     """What was heard on board. Messages of fcsv_msgs are held as they came."""
 
-    link: Heard[Any] = field(default_factory=Heard)
-    parameters: Heard[Any] = field(default_factory=Heard)  # told once, and where they change
-    armed: Heard[bool] = field(default_factory=Heard)
-    battery_share: Heard[float] = field(default_factory=Heard)  # with the autopilot's system status
-    tracker_variance_m2: Heard[float] = field(default_factory=Heard)
-    recorder: Heard[Any] = field(default_factory=Heard)
-    disk: Heard[Disk] = field(default_factory=Heard)
-    guardian: Heard[Any] = field(default_factory=Heard)
-    agent: Heard[Any] = field(default_factory=Heard)
-    positions: Rate = field(default_factory=lambda: Rate(_WINDOW_S))
-    pictures: Rate = field(default_factory=lambda: Rate(_PICTURES_S))
+    link: LineStream[Any] = field(default_factory=LineStream)
+    parameters: LineStream[Any] = field(default_factory=LineStream)  # told once, and where they change
+    armed: LineStream[bool] = field(default_factory=LineStream)
+    battery_share: LineStream[float] = field(default_factory=LineStream)  # with the autopilot's system status
+    tracker_variance_m2: LineStream[float] = field(default_factory=LineStream)
+    recorder: LineStream[Any] = field(default_factory=LineStream)
+    disk: LineStream[Disk] = field(default_factory=LineStream)
+    guardian: LineStream[Any] = field(default_factory=LineStream)
+    agent: LineStream[Any] = field(default_factory=LineStream)
+    positions: MessageRate = field(default_factory=lambda: MessageRate(_WINDOW_S))
+    pictures: MessageRate = field(default_factory=lambda: MessageRate(_PICTURES_S))
     relay: str = relay_keys.RELAY  # which program stands between the machines
-    keys: Heard[relay_keys.Keys] = field(default_factory=Heard)
+    keys: LineStream[relay_keys.Keys] = field(default_factory=LineStream)
     texts: PreArmTexts = field(default_factory=PreArmTexts)
     line: autopilot_line.AutopilotLine = field(default_factory=autopilot_line.AutopilotLine)
 
@@ -239,12 +239,12 @@ def _signing(now_s: float, f: VehicleFacts, r: VehicleCheckRules) -> Found:
 
 
 def _least(value: float, red: float, amber: float) -> State:
-    """Of a value that should be large."""
+    """Judges the state of a value that should be large."""
     return _R if not value >= red else _A if value < amber else _G
 
 
 def _most(value: float, amber: float, red: float) -> State:
-    """Of a value that should be small."""
+    """Judges the state of a value that should be small."""
     return _R if not value <= red else _A if value > amber else _G
 
 

@@ -8,7 +8,7 @@ from typing import Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from fcsv_control.flight.estimate import apart_m
+from fcsv_control.flight.feeding.estimate import apart_m
 from fcsv_control.recent_way import RecentWay
 from fcsv_geometry import transforms
 from fcsv_geometry.missions import separation
@@ -56,7 +56,8 @@ class Other:
     v_home_mps: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) as it was heard to move
 
     def after(self, before: Optional["Other"]) -> "Other":
-        """With how it moved since it was heard before. What it says of a place that it has lost counts for nothing."""
+        """Gives the vehicle with how it moved since it was heard before. What it says of a place that it has lost
+        counts for nothing."""
         if before is None:
             return self
         since_s, v_mps = self.heard_s - before.heard_s, before.v_home_mps
@@ -74,7 +75,8 @@ class Other:
         return self.uncontrolled or self.lost
 
     def guarded(self, told) -> "Other":
-        """With what its guardian tells of it: ``told`` has ``uncontrolled``, ``lost``, ``lost_s`` and ``taken``."""
+        """Gives the vehicle with what its guardian tells of it: ``told`` has ``uncontrolled``, ``lost``, ``lost_s`` and
+        ``taken``."""
         return replace(self, uncontrolled=told.uncontrolled, lost=told.lost, lost_s=told.lost_s, taken=told.taken)
 
     def reach_m(self, now_s: float) -> float:
@@ -87,7 +89,7 @@ class Other:
         return self.lost and not self.armed
 
     def sent(self, T_home_odom: np.ndarray, to_odom_m: Optional[Sequence[float]]) -> "Other":
-        """With where it flies, (3,) in its odometry frame; None: not known."""
+        """Gives the vehicle with where it flies, (3,) in its odometry frame; None: not known."""
         there = None if to_odom_m is None else transforms.apply(T_home_odom, np.array(to_odom_m))
         return replace(self, going_to_m=there)
 
@@ -103,7 +105,7 @@ class Other:
 
 
 @dataclass
-class Air:
+class VehicleSituation:
     """Own times are when something was heard last; poses T_odom_body."""
 
     mode: str = ""
@@ -138,7 +140,7 @@ class Air:
     _in_home: Tuple = (None, None, None)  # T_home_odom and estimate, and the place in home by them
 
     def began_anew(self, epoch: int) -> None:
-        """Of the odometry, where it is another one: where it was sent is elsewhere now."""
+        """Forgets the places of the odometry, where it is another one: where it was sent is elsewhere now."""
         self.sent_to = self.sent_to if epoch == self.epoch else None
         self.epoch = epoch
 
@@ -233,5 +235,5 @@ class Air:
         return separation.stop_m(here, self.T_home_odom[:3, :3] @ self.way.velocity_mps(), self.slows_mps2)
 
     def tilt_rad(self) -> float:
-        """Of the body's up axis against the vertical."""
+        """Gives the angle of the body's up axis against the vertical."""
         return 0.0 if self.estimate is None else math.acos(max(-1.0, min(1.0, float(self.estimate[2, 2]))))

@@ -11,10 +11,10 @@ from typing import Dict, List, Optional, Set, Tuple
 import numpy as np
 
 from fcsv_control.guardian import room
-from fcsv_control.guardian.air import Air, LinkReport, Other
-from fcsv_control.guardian.findings import ABOVE, Finding, Watches, Wish
-from fcsv_control.guardian.hands import COMPANIONS_MODES, Hands
-from fcsv_control.guardian.messages import AskMode, HoldAt, Output, RestartLink, Verdict, Warned
+from fcsv_control.guardian.air import LinkReport, Other, VehicleSituation
+from fcsv_control.guardian.findings import ABOVE, Finding, Monitors, Reaction
+from fcsv_control.guardian.hands import COMPANIONS_MODES, GuardianModeOwner
+from fcsv_control.guardian.messages import AskMode, GuardianVerdict, HoldAt, Output, RestartLink, Warned
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.missions.fence import Fence
@@ -33,7 +33,7 @@ class Guardian:
 
     def __init__(self, vehicle: str, rules: Optional[GuardianRules] = None, now_s: float = 0.0):
         self._vehicle, self._rules = vehicle, rules or GuardianRules()
-        self._watches, self._hands, self.air = Watches(self._rules), Hands(), Air()
+        self._watches, self._hands, self.air = Monitors(self._rules), GuardianModeOwner(), VehicleSituation()
         self.air.control_s = self.air.agent_s = self.air.link_s = self.air.feed_s = now_s  # silence counts from now on
         self._gate = RateGate(_SET_POINT_HZ)
         self._place: Optional[np.ndarray] = None  # T_odom_body that is held
@@ -45,7 +45,7 @@ class Guardian:
         self._answered: Set[str] = set()  # findings for which it braked: a fence counts once per crossing
         self._asked: Tuple[str, float, float] = ("", now_s, now_s)  # mode, first and last asked
         self._said: Dict[str, Tuple[str, float]] = {}  # text and time, by what it is about
-        self._verdict = Verdict()
+        self._verdict = GuardianVerdict()
         self._out: List[Output] = []
 
     # ---- what is heard ---------------------------------------------------------------------------------------
@@ -77,7 +77,8 @@ class Guardian:
             self.air.take_off, self.air.take_off_epoch = T_odom_body, self.air.epoch
 
     def epoch(self, number: int) -> None:
-        """Of the odometry's frame: in flight, a new one says that the take-off place is not where it was."""
+        """Takes the epoch of the odometry's frame: in flight, a new one says that the take-off place is not where it
+        was."""
         self.air.began_anew(number)
 
     def calibrated(self, epoch: int) -> None:
@@ -85,7 +86,8 @@ class Guardian:
         self.air.calibrated = epoch
 
     def slows(self, mps2: float) -> None:
-        """By how much its autopilot slows down as it stops; what is no such number is not known and changes nothing."""
+        """Takes by how much its autopilot slows down as it stops; what is no such number is not known and changes
+        nothing."""
         self.air.slows_mps2 = mps2 if 0.0 < mps2 < math.inf else self.air.slows_mps2
 
     def link(self, now_s: float, report: LinkReport) -> None:
@@ -98,7 +100,7 @@ class Guardian:
         self.air.battery_share, self.air.battery_s = share, now_s
 
     def confidence(self, level: float) -> None:
-        """Of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
+        """Takes the confidence of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
         self.air.confidence = level
 
     def agent_lives(self, now_s: float) -> None:
@@ -150,17 +152,17 @@ class Guardian:
         else:
             self._let_go()
         for f in found:
-            self._say(now_s, f.what, f.text, acting and f.wish > Wish.SAY)
-        blind = air.flying and any(f.wish is Wish.LAND for f in found)
+            self._say(now_s, f.what, f.text, acting and f.wish > Reaction.SAY)
+        blind = air.flying and any(f.wish is Reaction.LAND for f in found)
         air.lose(now_s, blind, self._watches.found_again(now_s, air))
-        reasons = tuple(f.text for f in found if f.wish > Wish.SAY)
+        reasons = tuple(f.text for f in found if f.wish > Reaction.SAY)
         action, taken = self._action(now_s) if acting else "", air.armed and not self._hands.ours
         held, to_m = self._place is not None, air.going_to_m(self._place)
-        self._verdict = Verdict(action, held, blind, reasons, forbids, air.lost, taken, to_m, air.lost_s)
+        self._verdict = GuardianVerdict(action, held, blind, reasons, forbids, air.lost, taken, to_m, air.lost_s)
 
     @property
-    def verdict(self) -> Verdict:
-        """As of the last step: what the agent, the mission, the others and the operator are told."""
+    def verdict(self) -> GuardianVerdict:
+        """Gives the verdict as of the last step: what the agent, the mission, the others and the operator are told."""
         return self._verdict
 
     def outgoing(self) -> List[Output]:
@@ -172,26 +174,26 @@ class Guardian:
 
     def _act(self, now_s: float, found: List[Finding]) -> None:
         self._answered &= {f.what for f in found}
-        wishes = [f for f in found if f.wish > Wish.SAY and f.what not in self._answered]
+        wishes = [f for f in found if f.wish > Reaction.SAY and f.what not in self._answered]
         worst = max(wishes, key=lambda f: f.wish, default=None)
-        if self._homeward and (worst is None or worst.wish is not Wish.HOME):  # it stops where it is
+        if self._homeward and (worst is None or worst.wish is not Reaction.HOME):  # it stops where it is
             self._homeward, self._place = False, None
             self._hold(now_s)
-        escape = next((f for f in wishes if f.wish is Wish.ESCAPE or (self._landing and f.what == ABOVE)), None)
-        if self._landing or escape or (worst is not None and worst.wish in (Wish.LAND, Wish.LAND_ASIDE)):
+        escape = next((f for f in wishes if f.wish is Reaction.ESCAPE or (self._landing and f.what == ABOVE)), None)
+        if self._landing or escape or (worst is not None and worst.wish in (Reaction.LAND, Reaction.LAND_ASIDE)):
             self._land(now_s, worst, escape)
-        elif self.air.mode == "BRAKE" and worst is not None and worst.wish is Wish.ASIDE:
+        elif self.air.mode == "BRAKE" and worst is not None and worst.wish is Reaction.ASIDE:
             self._move_aside(now_s, worst.away_from)
         elif self.air.mode != "GUIDED":
             self._place = None  # BRAKE stops it by itself
             self._answered.add(self._braking_for)
         elif worst is None or not self.air.flying:  # a set-point would replace the take-off
             self._release(now_s)
-        elif worst.wish is Wish.BRAKE:
+        elif worst.wish is Reaction.BRAKE:
             self._brake(now_s, worst)
-        elif worst.wish is Wish.ASIDE:
+        elif worst.wish is Reaction.ASIDE:
             self._move_aside(now_s, worst.away_from)
-        elif worst.wish is Wish.HOME:
+        elif worst.wish is Reaction.HOME:
             self._fly_home(now_s)
         else:
             self._hold(now_s)
@@ -209,7 +211,7 @@ class Guardian:
 
     def _land(self, now_s: float, worst: Optional[Finding], escape: Optional[Finding]) -> None:
         """LAND, first out of the way of who is beneath, or comes down without control: then out of LAND, too."""
-        blind = worst is not None and worst.wish is Wish.LAND
+        blind = worst is not None and worst.wish is Reaction.LAND
         away_from = escape.away_from if escape is not None and not blind else None
         if self.air.mode == "LAND" and away_from is None:
             self._landing, self._place = False, None
@@ -249,7 +251,7 @@ class Guardian:
             self._place = self.air.way.rest(self.air.estimate)
 
     def _fly_home(self, now_s: float) -> None:
-        """To above the take-off place, at the height that it has."""
+        """Flies to above the take-off place, at the height that it has."""
         if not self._homeward:
             self._place, self._aside_s = transforms.level(self.air.estimate), None
             self._place[:2, 3] = self.air.take_off[:2, 3]

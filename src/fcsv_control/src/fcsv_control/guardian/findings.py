@@ -9,7 +9,7 @@ from typing import Dict, Iterator, List, Optional, Tuple
 import numpy as np
 
 from fcsv_control.guardian import room, way_home
-from fcsv_control.guardian.air import Air, Other
+from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.rules import NEVER, GuardianRules
 from fcsv_geometry.missions import separation
 
@@ -23,7 +23,7 @@ _FOUND_S = 1.0
 _ESCAPES_M = 2.0  # above the take-off place
 
 
-class Wish(IntEnum):
+class Reaction(IntEnum):
     """What a finding asks for; the strongest wins."""
 
     SAY = 1
@@ -41,12 +41,12 @@ class Finding:
     """``what`` names it and stays the same while it lasts; ``away_from`` is a vehicle."""
 
     what: str
-    wish: Wish
+    wish: Reaction
     text: str
     away_from: str = ""
 
 
-class Watches:
+class Monitors:
     """All of them; each finding lasts as long as its cause. Times since which something lasts are kept here."""
 
     def __init__(self, rules: GuardianRules):
@@ -58,7 +58,7 @@ class Watches:
         self._watches = (self._feed, self._doubt, self._ekf, self._confidence, self._tilt, self._battery, self._control,
                          self._agent, self._link, self._stick, self._fence, self._others)  # fmt: skip
 
-    def findings(self, now_s: float, air: Air) -> List[Finding]:
+    def findings(self, now_s: float, air: VehicleSituation) -> List[Finding]:
         """What is wrong with an armed vehicle."""
         return [finding for watch in self._watches for finding in watch(now_s, air)]
 
@@ -66,7 +66,7 @@ class Watches:
         """What counts from a take-off begins anew, also where the autopilot still says that it flies."""
         self._took_off = False
 
-    def forbids(self, now_s: float, air: Air) -> List[str]:
+    def forbids(self, now_s: float, air: VehicleSituation) -> List[str]:
         """Why the vehicle must not be handed over to the mission now."""
         r, reasons = self._rules, []
         if air.link.doubt:
@@ -95,15 +95,15 @@ class Watches:
             reasons.append("the tracking camera has low confidence")
         return reasons
 
-    def found_again(self, now_s: float, air: Air) -> bool:
+    def found_again(self, now_s: float, air: VehicleSituation) -> bool:
         """Whether poses of a tracker that knows places, not only ways, have come for a second."""
         r = self._rules
         if not r.finds_again or now_s - air.feed_s > r.feed_warn_s or air.link.doubt:
             self._unseen_s = now_s
         return now_s - self._unseen_s > _FOUND_S
 
-    def separations(self, now_s: float, air: Air) -> Iterator[Tuple[str, float]]:
-        """Of the distance to each other vehicle whose place is known, how much is kept (separation.share)."""
+    def separations(self, now_s: float, air: VehicleSituation) -> Iterator[Tuple[str, float]]:
+        """Says, of the distance to each other vehicle whose place is known, how much is kept (separation.share)."""
         here = air.p_home_m
         if here is None:
             return
@@ -113,7 +113,7 @@ class Watches:
                 doubt_m = separation.doubt_m((air.sigma_m, other.sigma_m), age_s, other.speed_mps)
                 yield name, float(separation.share(here - other.p_home_m, self._rules.separation, doubt_m))
 
-    def beneath(self, now_s: float, air: Air) -> Optional[str]:
+    def beneath(self, now_s: float, air: VehicleSituation) -> Optional[str]:
         """A vehicle upon which this one would come down, flying or not, from where it is or on its way to a stand, or
         close beside which it would, from the same height."""
         here, stop = air.p_home_m, air.p_home_stop_m
@@ -132,46 +132,50 @@ class Watches:
 
     # ---- the position ----------------------------------------------------------------------------------------
 
-    def _feed(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _feed(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, age_s, hz = self._rules, now_s - air.feed_s, air.feed_hz(now_s)
         if not air.flying or air.feed is None:
             return
         if age_s > r.feed_land_s:
-            yield Finding("feed", Wish.LAND, "the tracking camera is silent")
+            yield Finding("feed", Reaction.LAND, "the tracking camera is silent")
         elif age_s > r.feed_warn_s:
-            yield Finding("feed", Wish.SAY, "the tracking camera is late")
+            yield Finding("feed", Reaction.SAY, "the tracking camera is late")
         elif self._lasts(now_s, "slow", hz < r.feed_land_hz, 1.0):
-            yield Finding("rate", Wish.LAND, f"the tracking camera gives fewer than {r.feed_land_hz:g} poses a second")
+            yield Finding(
+                "rate", Reaction.LAND, f"the tracking camera gives fewer than {r.feed_land_hz:g} poses a second"
+            )
         elif self._lasts(now_s, "slowish", hz < r.feed_warn_hz, 1.0):
-            yield Finding("rate", Wish.SAY, f"the tracking camera gives fewer than {r.feed_warn_hz:g} poses a second")
+            yield Finding(
+                "rate", Reaction.SAY, f"the tracking camera gives fewer than {r.feed_warn_hz:g} poses a second"
+            )
 
-    def _doubt(self, _now_s: float, air: Air) -> Iterator[Finding]:
+    def _doubt(self, _now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         if air.link.doubt:
-            yield Finding("tracker", Wish.LAND, air.link.doubt)
+            yield Finding("tracker", Reaction.LAND, air.link.doubt)
 
-    def _ekf(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _ekf(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         if self._lasts(now_s, "ekf", air.link.ekf_variance > self._rules.ekf_variance, self._rules.ekf_s):
-            yield Finding("ekf", Wish.LAND, "the autopilot's filter does not agree with its sensors")
+            yield Finding("ekf", Reaction.LAND, "the autopilot's filter does not agree with its sensors")
         if air.link.failsafe:
-            yield Finding("failsafe", Wish.SAY, "the autopilot has a failsafe of its own")
+            yield Finding("failsafe", Reaction.SAY, "the autopilot has a failsafe of its own")
 
-    def _confidence(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _confidence(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, low = self._rules, air.confidence <= self._rules.confidence
         if self._lasts(now_s, "confidence", low, r.confidence_land_s):
-            yield Finding("confidence", Wish.LAND_ASIDE, "the tracking camera has had low confidence for too long")
+            yield Finding("confidence", Reaction.LAND_ASIDE, "the tracking camera has had low confidence for too long")
         elif self._lasts(now_s, "confidence", low, r.confidence_hold_s):
-            yield Finding("confidence", Wish.HOLD, "the tracking camera has low confidence")
+            yield Finding("confidence", Reaction.HOLD, "the tracking camera has low confidence")
 
-    def _tilt(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _tilt(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, tilt_deg = self._rules, math.degrees(air.tilt_rad())
         if self._lasts(now_s, "tilt", tilt_deg > r.tilt_land_deg, r.tilt_s):
-            yield Finding("tilt", Wish.LAND, f"it leans by more than {r.tilt_land_deg:g} deg")
+            yield Finding("tilt", Reaction.LAND, f"it leans by more than {r.tilt_land_deg:g} deg")
         elif self._lasts(now_s, "tilts", tilt_deg > r.tilt_warn_deg, r.tilt_s):
-            yield Finding("tilt", Wish.SAY, f"it leans by more than {r.tilt_warn_deg:g} deg")
+            yield Finding("tilt", Reaction.SAY, f"it leans by more than {r.tilt_warn_deg:g} deg")
 
     # ---- what it lives on, and who flies it ------------------------------------------------------------------
 
-    def _battery(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _battery(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, share = self._rules, air.battery_now(now_s, self._rules.battery_old_s)
         unknown = math.isnan(share)
         text = "battery not known" if unknown else f"battery below {r.low_battery:.0%}"
@@ -179,56 +183,56 @@ class Watches:
         alone = low and not unknown and air.mode == "GUIDED" and air.flying and now_s - air.control_s > r.home_s
         self._homeward, self._stopped = self._homeward and alone, self._stopped if alone else ""
         if self._lasts(now_s, "empty", share < r.empty_battery, r.battery_s):
-            yield Finding("battery", Wish.LAND_ASIDE, f"battery below {r.empty_battery:.0%}")
+            yield Finding("battery", Reaction.LAND_ASIDE, f"battery below {r.empty_battery:.0%}")
         elif self._lasts(now_s, "low", low, r.low_battery_s):
-            yield Finding("battery", Wish.LAND_ASIDE, f"{text} for too long")
+            yield Finding("battery", Reaction.LAND_ASIDE, f"{text} for too long")
         elif self._lasts(now_s, "low", low, r.battery_s):
-            yield Finding("battery", Wish.SAY, text)
+            yield Finding("battery", Reaction.SAY, text)
             if alone:
                 yield self._home(now_s, air, text)
 
-    def _home(self, now_s: float, air: Air, text: str) -> Finding:
+    def _home(self, now_s: float, air: VehicleSituation, text: str) -> Finding:
         """Its battery is low, and nobody is there who would bring it down."""
         below = self.beneath(now_s, air)
         against = self._stopped or (f"{below} is beneath" if below else "")
         against = against or way_home.against(now_s, air, self._rules, self._homeward)
         if against:
             self._stopped = against if self._homeward else ""  # for good: two would go on by turns
-            wish = Wish.HOLD if self._homeward else Wish.SAY
+            wish = Reaction.HOLD if self._homeward else Reaction.SAY
             return Finding("home", wish, f"it does not fly home: {against}")
         self._homeward = True
         if way_home.left_m(air) < way_home.THERE_M:
-            return Finding("home", Wish.LAND_ASIDE, f"{text}, and it is above its take-off place")
-        return Finding("home", Wish.HOME, f"{text}, and nothing from the control PC")
+            return Finding("home", Reaction.LAND_ASIDE, f"{text}, and it is above its take-off place")
+        return Finding("home", Reaction.HOME, f"{text}, and nothing from the control PC")
 
-    def _control(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _control(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, silent_s = self._rules, now_s - air.control_s
         if silent_s > r.link_hold_s and r.link_loss != NEVER:
-            yield Finding("control", Wish.LAND_ASIDE, f"nothing from the control PC for {r.link_hold_s:g} s")
+            yield Finding("control", Reaction.LAND_ASIDE, f"nothing from the control PC for {r.link_hold_s:g} s")
         elif silent_s > r.link_warn_s:
-            yield Finding("control", Wish.SAY, "nothing from the control PC")
+            yield Finding("control", Reaction.SAY, "nothing from the control PC")
 
-    def _agent(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _agent(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         r, silent_s = self._rules, now_s - air.agent_s
         if silent_s > r.agent_land_s:
-            yield Finding("agent", Wish.LAND_ASIDE, f"the agent has been silent for {r.agent_land_s:g} s")
+            yield Finding("agent", Reaction.LAND_ASIDE, f"the agent has been silent for {r.agent_land_s:g} s")
         elif silent_s > r.agent_silent_s:
-            yield Finding("agent", Wish.HOLD, "the agent is silent")
+            yield Finding("agent", Reaction.HOLD, "the agent is silent")
 
-    def _link(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _link(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         if now_s - air.link_s > self._rules.link_silent_s:
-            yield Finding("link", Wish.SAY, "the flight link is silent")
+            yield Finding("link", Reaction.SAY, "the flight link is silent")
         elif not air.link.connected:
-            yield Finding("link", Wish.SAY, "the flight link hears no autopilot")
+            yield Finding("link", Reaction.SAY, "the flight link hears no autopilot")
 
-    def _stick(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _stick(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         off = air.mode == "GUIDED" and abs(air.link.throttle) > self._rules.throttle_middle
         if self._lasts(now_s, "stick", off, 1.0):
-            yield Finding("stick", Wish.SAY, "put the throttle stick in the middle before you take over")
+            yield Finding("stick", Reaction.SAY, "put the throttle stick in the middle before you take over")
 
     # ---- where it is -----------------------------------------------------------------------------------------
 
-    def _fence(self, _now_s: float, air: Air) -> Iterator[Finding]:
+    def _fence(self, _now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         place, home = air.from_take_off_m, air.p_home_m
         if place is None or not air.flying:
             self._took_off = False
@@ -242,30 +246,30 @@ class Watches:
             slack_m = self._rules.mission_fence_slack_m
             out_m = max(out_m, air.mission_fence.outside_m(home, height_m) - slack_m)
         if out_m > self._rules.fence_land_m:
-            yield Finding("far outside", Wish.LAND_ASIDE, "it is far outside the fence")
+            yield Finding("far outside", Reaction.LAND_ASIDE, "it is far outside the fence")
         elif out_m > 0.0:
-            yield Finding("fence", Wish.BRAKE, "it is outside the fence")
+            yield Finding("fence", Reaction.BRAKE, "it is outside the fence")
 
-    def _others(self, now_s: float, air: Air) -> Iterator[Finding]:
+    def _others(self, now_s: float, air: VehicleSituation) -> Iterator[Finding]:
         for name, share in self.separations(now_s, air):
             if share < 1.0 and air.flying:
-                yield Finding("separation", Wish.ASIDE, f"too near to {name}", name)
+                yield Finding("separation", Reaction.ASIDE, f"too near to {name}", name)
         here, places = air.p_home_m, room.places_m(now_s, air, self._rules)
         for name, other in air.others.items() if here is not None and air.flying else ():
             offset_m = other.p_home_m - here
             if any(self._comes_down(now_s, other, p - here) for p in places[name]):
                 lands = other.uncontrolled and air.mode == "LAND" and self._high(air)
-                yield Finding(ABOVE, Wish.ESCAPE if lands else Wish.ASIDE, f"{name} comes down", name)
+                yield Finding(ABOVE, Reaction.ESCAPE if lands else Reaction.ASIDE, f"{name} comes down", name)
             elif self._lasts(now_s, f"near {name}", self._unruly(now_s, other, offset_m), self._rules.unruly_s):
                 why = "is in other hands" if other.taken and not other.lost else "lost its position"
-                yield Finding("unruly", Wish.ASIDE, f"{name}, which {why}, is {self._where(offset_m)}", name)
+                yield Finding("unruly", Reaction.ASIDE, f"{name}, which {why}, is {self._where(offset_m)}", name)
 
     @staticmethod
     def _where(offset_m: np.ndarray) -> str:
         return "above" if offset_m[2] > 0.0 else "below"
 
     @staticmethod
-    def _high(air: Air) -> bool:
+    def _high(air: VehicleSituation) -> bool:
         """Whether there is time to go aside: nearer to the ground it is sooner down than away."""
         place = air.from_take_off_m
         return place is not None and bool(place[2] > _ESCAPES_M)

@@ -12,7 +12,7 @@ COMPANIONS_MODES = ("GUIDED", "LAND", "BRAKE")
 _ASKED_S = 6.0  # so long after it was asked for a mode may still show
 
 
-class Hands:
+class GuardianModeOwner:
     """``ours``: whether the guardian may command the vehicle now."""
 
     def __init__(self):

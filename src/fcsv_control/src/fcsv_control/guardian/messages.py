@@ -31,7 +31,7 @@ class HoldAt:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class GuardianVerdict:
     """``holds``: the agent must be quiet, why in ``reasons``; ``forbids``: why GUIDED is refused; ``uncontrolled``: the
     vehicle comes down without a position; ``lost``: so it did, and nobody knows where it is since; ``lost_s``: so long
     it flew on; ``taken``: it is not in the companion's hands; ``going_to_m``: where it flies, in its odometry frame."""

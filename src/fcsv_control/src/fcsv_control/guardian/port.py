@@ -11,7 +11,7 @@ from fcsv_control.control_messages import MissionAlive
 from fcsv_control.flight.messages import AutopilotLimits, LinkLives, ModeAsked, PoseEstimated, PoseFed
 from fcsv_control.guardian.air import AUTOPILOT_FAILSAFE, LinkReport, Other
 from fcsv_control.guardian.core import Guardian
-from fcsv_control.guardian.messages import Output, RestartLink, Verdict
+from fcsv_control.guardian.messages import GuardianVerdict, Output, RestartLink
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.home import HomeFrames
@@ -27,7 +27,7 @@ _CM = 0.01
 
 @dataclass(frozen=True)
 class TrackerConfidence:
-    """Of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
+    """Holds the confidence of the tracking camera, 0 (failed) to 3 (high); NaN where not known."""
 
     level: float
 
@@ -44,7 +44,7 @@ class OtherGuarded:
     """What the guardian of another vehicle tells."""
 
     vehicle: str
-    verdict: Verdict
+    verdict: GuardianVerdict
 
 
 @dataclass
@@ -55,7 +55,7 @@ class _Heard:
     came_s: float = -math.inf
     armed: bool = True
     mode: str = ""
-    verdict: Verdict = Verdict()
+    verdict: GuardianVerdict = GuardianVerdict()
 
 
 class GuardianPort:
@@ -68,7 +68,7 @@ class GuardianPort:
         self._others: Dict[str, _Heard] = {}
         self._commands: OrderedDict[Tuple[str, int], Instruction] = OrderedDict()
         self._link_pid = 0
-        self._told, self._told_s = Verdict(), -math.inf
+        self._told, self._told_s = GuardianVerdict(), -math.inf
         core = self.core
         self._take: Dict[type, Callable[[float, Any], None]] = {
             PoseFed: lambda now_s, m: core.feed(now_s, m.T_odom_body),

@@ -6,7 +6,7 @@ from typing import Dict, List
 
 import numpy as np
 
-from fcsv_control.guardian.air import Air, Other
+from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry.missions import separation
 
@@ -19,16 +19,16 @@ def clear_m(rules: GuardianRules, other: Other) -> float:
 
 
 def landing_clear_m(now_s: float, rules: GuardianRules, other: Other) -> float:
-    """Likewise for one that comes down: where a lost one lies nobody knows."""
+    """Measures the room, likewise for one that comes down: where a lost one lies nobody knows."""
     return max(clear_m(rules, other), other.reach_m(now_s) if other.lost else 0.0)
 
 
-def places_m(now_s: float, air: Air, rules: GuardianRules) -> Dict[str, List[np.ndarray]]:
+def places_m(now_s: float, air: VehicleSituation, rules: GuardianRules) -> Dict[str, List[np.ndarray]]:
     """Where to look for each other vehicle."""
     return {name: o.places_m(now_s, rules.silent_above_s) for name, o in air.others.items()}
 
 
-def aside(now_s: float, air: Air, rules: GuardianRules, away_from: str, lands: bool) -> np.ndarray:
+def aside(now_s: float, air: VehicleSituation, rules: GuardianRules, away_from: str, lands: bool) -> np.ndarray:
     """(3,) in home, clear of everybody, away from a vehicle; to land there, outside of where a lost one may lie.
 
     Where another vehicle is not heard it may dodge, too, and has not heard this one: everybody goes to a side that the
@@ -46,7 +46,7 @@ def aside(now_s: float, air: Air, rules: GuardianRules, away_from: str, lands: b
     return separation.aside(here, sum(places.values(), []), clears_m, None if unheard else there, side, within)
 
 
-def within_fences(air: Air, rules: GuardianRules, p_home_m: np.ndarray) -> bool:
+def within_fences(air: VehicleSituation, rules: GuardianRules, p_home_m: np.ndarray) -> bool:
     """Whether a place (3,) in home, at the vehicle's height, is in the guardian's fence and the mission's."""
     place = air.from_take_off_m
     height_m = 0.0 if place is None else float(place[2])

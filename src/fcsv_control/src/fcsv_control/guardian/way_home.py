@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from fcsv_control.guardian import room
-from fcsv_control.guardian.air import Air, Other
+from fcsv_control.guardian.air import Other, VehicleSituation
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
 from fcsv_geometry.missions import separation
@@ -19,12 +19,12 @@ _MOVES_MPS = 0.5
 _APART_M = 1.0  # of estimate and feed, in flight
 
 
-def left_m(air: Air) -> float:
+def left_m(air: VehicleSituation) -> float:
     """Horizontally, to above the take-off place; both places must be known."""
     return math.hypot(*(air.estimate[:2, 3] - air.take_off[:2, 3]))
 
 
-def against(now_s: float, air: Air, rules: GuardianRules, under_way: bool) -> str:
+def against(now_s: float, air: VehicleSituation, rules: GuardianRules, under_way: bool) -> str:
     """What speaks against it, "" where nothing does."""
     if air.take_off is None or air.estimate is None or air.take_off_epoch != air.epoch:
         return "its take-off place is not known"
@@ -47,20 +47,20 @@ def against(now_s: float, air: Air, rules: GuardianRules, under_way: bool) -> st
     return ""
 
 
-def _believed(now_s: float, air: Air, rules: GuardianRules) -> bool:
+def _believed(now_s: float, air: VehicleSituation, rules: GuardianRules) -> bool:
     """Whether it knows well where it is."""
     feed_is_good = now_s - air.feed_s < rules.feed_warn_s and not air.confidence <= rules.confidence
     filter_is_good = air.link.ekf_variance <= rules.ekf_variance and air.apart_m < _APART_M
     return feed_is_good and filter_is_good and not air.link.doubt and not air.lost
 
 
-def _within_fences(air: Air, rules: GuardianRules, p_home_there: np.ndarray) -> bool:
+def _within_fences(air: VehicleSituation, rules: GuardianRules, p_home_there: np.ndarray) -> bool:
     parts = 1 + math.ceil(left_m(air))
     way = p_home_there - air.p_home_m
     return all(room.within_fences(air, rules, air.p_home_m + k / parts * way) for k in range(parts + 1))
 
 
-def _clear(air: Air, rules: GuardianRules, other: Other, clear_m: float, p_home_there: np.ndarray) -> bool:
+def _clear(air: VehicleSituation, rules: GuardianRules, other: Other, clear_m: float, p_home_there: np.ndarray) -> bool:
     """Whether another vehicle keeps away from the way and its end; at any height, so that neither flies over the other.
     One that moves, or that a pilot has, may be anywhere that it reaches meanwhile."""
     here, there = air.p_home_m, p_home_there

@@ -3,21 +3,22 @@
 
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Set
 
-from fcsv_control.mission import restart, watch
-from fcsv_control.mission.check_gate import OpenGate
-from fcsv_control.mission.dropouts import Dropouts
-from fcsv_control.mission.flight_list import FlightList
-from fcsv_control.mission.handover import Handover
-from fcsv_control.mission.hands import Hands
-from fcsv_control.mission.holding import Holding
-from fcsv_control.mission.landing import Landing
+from fcsv_control.mission import restart
+from fcsv_control.mission.activities.flight_list import FlightList
+from fcsv_control.mission.activities.handover import Handover
+from fcsv_control.mission.activities.holding import Holding
+from fcsv_control.mission.activities.landing import Landing
+from fcsv_control.mission.activities.standing import CaptureWindow
 from fcsv_control.mission.memory import Memory, digest
-from fcsv_control.mission.operated import Operated
+from fcsv_control.mission.operated import OperatorCommands
 from fcsv_control.mission.outbox import Outbox
-from fcsv_control.mission.patience import BACK, LAND, Patience, Pause, what_follows
-from fcsv_control.mission.plan_gate import PlanGate
+from fcsv_control.mission.plans.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_control.mission.standing import CaptureWindow
+from fcsv_control.mission.watches import watch
+from fcsv_control.mission.watches.check_gate import OpenGate
+from fcsv_control.mission.watches.dropouts import Dropouts
+from fcsv_control.mission.watches.hands import MissionModeOwner
+from fcsv_control.mission.watches.patience import BACK, LAND, Pause, PauseTimers, what_follows
 from fcsv_geometry.errors import MissionError
 from fcsv_geometry.missions.mission import GROUND, ON_BOARD, Mission
 from fcsv_geometry.missions.phases import BY_HOME, FLOWN, OVER
@@ -28,7 +29,7 @@ _LINE_UP = {ON_BOARD: "operators: line up, every tag in view", GROUND: "operator
 _AIRBORNE_M = 1.5
 
 
-class MissionMachine(Operated):
+class MissionMachine(OperatorCommands):
     """``step`` advances; ``calibrate`` and ``set_home`` are asked for through ``wants`` and answered by ``answer``.
 
     ``radius_m`` by vehicle; ``gate``: what the flight check says. Raises MissionError where the mission names vehicles
@@ -52,10 +53,10 @@ class MissionMachine(Operated):
         self.gate = gate or OpenGate()
         self._plan = PlanGate(mission, vehicles, radius_m)
         self._flight_list: Optional[FlightList] = None
-        self._hands = Hands()
+        self._hands = MissionModeOwner()
         self._landing = Landing(mission, vehicles, self.outbox, self._hands)
         self._dropouts = Dropouts(mission.reference, vehicles)
-        self._patience = Patience(mission.limits)
+        self._patience = PauseTimers(mission.limits)
         self._pauses: Set[Pause] = set()
         self._handover = Handover(self.outbox, self._hands)
         self._aborted = False
@@ -87,7 +88,8 @@ class MissionMachine(Operated):
     # ---- over a restart ------------------------------------------------------------------------------------
 
     def restore(self, memory: Memory) -> None:
-        """Before the first step: what the last run of this mission left. It counts where vehicles still fly."""
+        """Takes over, before the first step: what the last run of this mission left. It counts where vehicles still
+        fly."""
         self._memory = memory
 
     def memory(self) -> Optional[Memory]:
@@ -103,19 +105,19 @@ class MissionMachine(Operated):
     def _recall(self, snapshot: Snapshot) -> None:
         memory, (what, why) = self._memory, restart.judge(self._memory, snapshot)
         self.detail = why
-        if what is restart.Verdict.WAIT:
+        if what is restart.RestartVerdict.WAIT:
             return
         self._memory = None
         self.said.append(why)
-        if what is restart.Verdict.ANEW:
+        if what is restart.RestartVerdict.ANEW:
             return
         self.captures, self._aborted = list(memory.captures), memory.aborted
-        if what is restart.Verdict.LAND:
+        if what is restart.RestartVerdict.LAND:
             self._aborted |= memory.phase != "LAND"
             self._enter("LAND", why)
             return
         self._hands.take_over(self.vehicles, memory.taken)
-        if what is restart.Verdict.STOPPED:  # LAND now would fight with who stops everybody
+        if what is restart.RestartVerdict.STOPPED:  # LAND now would fight with who stops everybody
             self._stopped = why
             self._hands.all_asked("BRAKE")
         self._hands.see(snapshot)

@@ -3,14 +3,14 @@
 
 from typing import List, Optional, Sequence
 
-from fcsv_control.mission import watch
-from fcsv_control.mission.check_gate import OpenGate
-from fcsv_control.mission.flight_list import FlightList
-from fcsv_control.mission.hands import Hands
-from fcsv_control.mission.patience import Patience
-from fcsv_control.mission.plan_gate import PlanGate
+from fcsv_control.mission.activities.flight_list import FlightList
+from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_control.mission.plans.plan_gate import PlanGate
 from fcsv_control.mission.snapshot import Snapshot
-from fcsv_control.mission.standing import CaptureWindow
+from fcsv_control.mission.watches import watch
+from fcsv_control.mission.watches.check_gate import OpenGate
+from fcsv_control.mission.watches.hands import MissionModeOwner
+from fcsv_control.mission.watches.patience import PauseTimers
 from fcsv_geometry.missions.mission import Mission
 from fcsv_geometry.missions.phases import FLOWN
 
@@ -18,7 +18,7 @@ OPERATIONS = ("pause", "resume", "skip", "repeat", "next", "previous", "abort")
 _CONFIRMED_ONCE_S = 1.0  # a second confirmation within this time is a slip of the finger
 
 
-class Operated:
+class OperatorCommands:
     """What MissionMachine answers to people; each returns "" when it is done, else why not."""
 
     mission: Mission
@@ -29,9 +29,9 @@ class Operated:
     over: bool
     _aborted: bool
     gate: OpenGate
-    _hands: Hands
+    _hands: MissionModeOwner
     _plan: PlanGate
-    _patience: Patience
+    _patience: PauseTimers
     _snapshot: Optional[Snapshot]
     _flight_list: Optional[FlightList]
     _confirmed_s: float
@@ -99,7 +99,7 @@ class Operated:
         return self.gate.before_resuming(now_s) if step == "resume" and self.phase != "LAND" else ""
 
     def execute(self, indices: Sequence[int]) -> str:
-        """As ``proceed("execute")``, for these configurations in this order (none: all)."""
+        """Begins the list as ``proceed("execute")``, for these configurations in this order (none: all)."""
         most = len(self.mission.configurations) - 1
         wrong = [i for i in indices if not 0 <= i <= most]
         if wrong or len(set(indices)) != len(indices):

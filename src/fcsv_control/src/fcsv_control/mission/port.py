@@ -8,16 +8,16 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 
 from fcsv_control import control_messages as told
 from fcsv_control.agent.messages import Instruction, Kind
-from fcsv_control.mission.check_gate import OpenGate
-from fcsv_control.mission.heard import VehicleHeard
+from fcsv_control.mission.activities.standing import CaptureWindow
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.outbox import Order
-from fcsv_control.mission.pairs_seen import PairsSeen
 from fcsv_control.mission.snapshot import RecorderView, Snapshot, VehicleView
-from fcsv_control.mission.standing import CaptureWindow
-from fcsv_control.mission.tag_in_front import TagInFront
 from fcsv_control.mission.time_of_day import TimeOfDay
+from fcsv_control.mission.watches.check_gate import OpenGate
+from fcsv_control.mission.watches.heard import VehicleHeard
+from fcsv_control.mission.watches.pairs_seen import PairsSeen
+from fcsv_control.mission.watches.tag_in_front import TagInFront
 from fcsv_control.stopping.core import STOP
 from fcsv_geometry import transforms
 from fcsv_geometry.home import HomeFrames
@@ -255,7 +255,7 @@ class MissionPort:
         return [told.FramesJudged(True)] if self._judged else []
 
     def _recordings(self) -> List[object]:
-        """After a restart they are told again, once who records them is connected."""
+        """Gives the recordings: after a restart they are told again, once who records them is connected."""
         if self._restored and not self._judged:
             return []
         m, offset_s = self.machine, self._time_of_day.offset_s

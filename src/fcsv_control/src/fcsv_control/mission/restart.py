@@ -11,7 +11,7 @@ from fcsv_geometry.missions.phases import BY_HOME, FLOWN
 _FRESH_S = 3.5  # a state that is older is none
 
 
-class Verdict(Enum):
+class RestartVerdict(Enum):
     """What becomes of the memory."""
 
     WAIT = auto()  # not everybody was heard yet
@@ -21,25 +21,25 @@ class Verdict(Enum):
     LAND = auto()
 
 
-def judge(memory: Memory, snapshot: Snapshot) -> Tuple[Verdict, str]:
+def judge(memory: Memory, snapshot: Snapshot) -> Tuple[RestartVerdict, str]:
     """What to do, and why in words. One vehicle in GUIDED is enough: nobody but this mission flies it."""
     heard = [n for n, v in snapshot.vehicles.items() if v.state_age_s <= _FRESH_S]
     flying = [n for n in heard if snapshot.vehicles[n].armed]
     if memory.phase in FLOWN and in_guided(snapshot):
-        return Verdict.TAKE_OVER, f"restarted in flight: takes over {', '.join(in_guided(snapshot))}"
+        return RestartVerdict.TAKE_OVER, f"restarted in flight: takes over {', '.join(in_guided(snapshot))}"
     braking = [n for n in flying if snapshot.vehicles[n].mode == "BRAKE"]
     if braking and memory.phase in BY_HOME:
-        return Verdict.STOPPED, f"restarted: {', '.join(braking)} found in BRAKE"
+        return RestartVerdict.STOPPED, f"restarted: {', '.join(braking)} found in BRAKE"
     if memory.phase == "LAND" and flying:
-        return Verdict.LAND, f"restarted while landing: {memory.detail}"
+        return RestartVerdict.LAND, f"restarted while landing: {memory.detail}"
     unheard = [n for n in snapshot.vehicles if n not in heard]
     if unheard:
-        return Verdict.WAIT, f"restarted: goes on or begins anew once {', '.join(unheard)} is heard"
+        return RestartVerdict.WAIT, f"restarted: goes on or begins anew once {', '.join(unheard)} is heard"
     if not flying:
-        return Verdict.ANEW, "restarted while nobody flies: a new mission begins"
+        return RestartVerdict.ANEW, "restarted while nobody flies: a new mission begins"
     if memory.phase in FLOWN and any(snapshot.vehicles[n].mode == "LAND" for n in flying):
-        return Verdict.LAND, f"restarted: {', '.join(flying)} found coming down"
-    return Verdict.ANEW, f"restarted: {', '.join(flying)} flown by hand: begins anew, calibrate again"
+        return RestartVerdict.LAND, f"restarted: {', '.join(flying)} found coming down"
+    return RestartVerdict.ANEW, f"restarted: {', '.join(flying)} flown by hand: begins anew, calibrate again"
 
 
 def in_guided(snapshot: Snapshot) -> List[str]:

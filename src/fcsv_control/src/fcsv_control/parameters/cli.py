@@ -9,9 +9,9 @@ from typing import Dict, List, Optional, Tuple
 from tqdm import tqdm
 
 from fcsv_control.errors import ProfileError
-from fcsv_control.flight import parameter_files
-from fcsv_control.flight.profile import Profile, load_profile, port_of
-from fcsv_control.flight.signing import read_key
+from fcsv_control.flight.mavlink.signing import read_key
+from fcsv_control.flight.settings import parameter_files
+from fcsv_control.flight.settings.profile import Profile, load_profile, port_of
 from fcsv_control.parameters.vehicle import Vehicle
 from fcsv_geometry.programs import commands
 from fcsv_geometry.programs.writing import require_file
@@ -39,7 +39,8 @@ def main(argv: Optional[List[str]] = None) -> int:
 
 
 def _profile(args) -> Profile:
-    """With the stream rates of the autopilot's port that the option, or else the line, names; a file is no line."""
+    """Reads the profile with the stream rates of the autopilot's port that the option, or else the line, names; a file
+    is no line."""
     port = args.port
     if port is None:
         port = 0 if Path(args.source).is_file() else port_of(args.source)

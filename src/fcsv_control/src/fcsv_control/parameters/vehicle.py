@@ -11,10 +11,10 @@ from typing import Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 from pymavlink import mavutil
 
 from fcsv_control.errors import LinkError
-from fcsv_control.flight import firmware
-from fcsv_control.flight.identity import Identities
-from fcsv_control.flight.signing import ticks
-from fcsv_control.flight.transport import Transport
+from fcsv_control.flight.mavlink import firmware
+from fcsv_control.flight.mavlink.identity import Identities
+from fcsv_control.flight.mavlink.signing import ticks
+from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_control.parameters.transfer import TRIES, NamedRead, Value, WholeRead, Write
 
 _M = mavutil.mavlink

@@ -17,12 +17,12 @@ from fcsv_control.agent.messages import (
     DONE,
     Ack,
     AgentAlive,
+    AgentText,
     Ask,
     AskAnswered,
     Instruction,
     Kind,
     Pictures,
-    Said,
     SetPoint,
 )
 from fcsv_control.agent.port import AgentPort
@@ -89,7 +89,7 @@ class AgentNode:
             Ask: self._send_ask,
             messages.ModeAsked: lambda o: self._asks.publish(ModeAsked(self._header(), o.mode)),
             Pictures: lambda o: self._pictures.publish(Bool(o.on)),
-            Said: self._say,
+            AgentText: self._say,
             SetPoint: self._send_set_point,
         }
         self._timer = node.every(1.0 / _STEP_HZ, lambda _event: self._step())
@@ -167,7 +167,7 @@ class AgentNode:
         frame = frames.odom(self._name)
         self._set_points.publish(conversions.pose_stamped(output.T_odom_body, rospy.get_time(), frame))
 
-    def _say(self, output: Said) -> None:
+    def _say(self, output: AgentText) -> None:
         rospy.logerr("%s", output.text)
         self._health.drop("said", output.text)
 

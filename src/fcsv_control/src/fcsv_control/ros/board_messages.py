@@ -12,7 +12,7 @@ from fcsv_control.agent.messages import Ack, AgentAlive, Instruction, Kind
 from fcsv_control.control_messages import MissionAlive
 from fcsv_control.errors import ControlError
 from fcsv_control.flight.messages import AutopilotLimits, EstimateMoved, HomeHeard, LinkLives, PoseEstimated, PoseFed
-from fcsv_control.guardian.messages import Verdict
+from fcsv_control.guardian.messages import GuardianVerdict
 from fcsv_control.guardian.port import MissionFence
 from fcsv_control.tracker_confidence import confidence
 from fcsv_geometry.errors import FcsvError
@@ -81,7 +81,7 @@ def estimated_of(m: PoseStamped) -> PoseEstimated:
 
 
 def moved_of(m: Vector3Stamped) -> EstimateMoved:
-    """By what the autopilot's estimate moved."""
+    """Says by what the autopilot's estimate moved."""
     return EstimateMoved(np.array([m.vector.x, m.vector.y, m.vector.z]))
 
 
@@ -112,13 +112,13 @@ def fence_of(m: FenceMessage) -> MissionFence:
 
 
 def confidence_of(m: Odometry) -> float:
-    """Of the tracking camera, 0 to 3; NaN where not known."""
+    """Gives the confidence of the tracking camera, 0 to 3; NaN where not known."""
     return confidence(m.pose.covariance[0])
 
 
-def verdict_of(m: GuardianState) -> Verdict:
+def verdict_of(m: GuardianState) -> GuardianVerdict:
     """What a guardian tells."""
     going_to_m = (m.going_to.x, m.going_to.y, m.going_to.z) if m.sent else None
-    return Verdict(
+    return GuardianVerdict(
         m.action, m.holds, m.uncontrolled, tuple(m.reasons), tuple(m.forbids), m.lost, m.taken, going_to_m, m.lost_s
     )

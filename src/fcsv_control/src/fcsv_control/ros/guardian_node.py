@@ -19,11 +19,11 @@ from sensor_msgs.msg import BatteryState
 
 from fcsv_control.flight import messages as flight
 from fcsv_control.guardian.findings import STICK
-from fcsv_control.guardian.messages import AskMode, HoldAt, RestartLink, Verdict, Warned
+from fcsv_control.guardian.messages import AskMode, GuardianVerdict, HoldAt, RestartLink, Warned
 from fcsv_control.guardian.port import GuardianPort, OtherGuarded, TrackerConfidence
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_control.ros import board_messages as convert
-from fcsv_control.ros.vehicle_messages import TOPICS
+from fcsv_control.ros.mission.vehicle_messages import TOPICS
 from fcsv_geometry import frames
 from fcsv_geometry.ros import conversions, node
 from fcsv_geometry.ros import telemetry_messages as telemetry
@@ -75,7 +75,7 @@ class GuardianNode:
         self._set_mode = rospy.ServiceProxy("mavros/set_mode", SetMode)
         self._do: Dict[type, Callable[[Any], None]] = {
             AskMode: lambda o: self._ask(o.mode), HoldAt: self._hold, RestartLink: self._end_link, Warned: self._say,
-            Verdict: self._publish,
+            GuardianVerdict: self._publish,
         }  # fmt: skip
         self._subscribe([v for v in p.vehicles if v != p.vehicle])
         self._timer = node.every(1.0 / _STEP_HZ, self._step)
@@ -161,7 +161,7 @@ class GuardianNode:
         severity = StatusText.ALERT if warned.acts else StatusText.CRITICAL
         self._texts.publish(StatusText(conversions.header(rospy.get_time(), ""), severity, warned.text))
 
-    def _publish(self, v: Verdict) -> None:
+    def _publish(self, v: GuardianVerdict) -> None:
         self._health.problem("guardian", f"{self._name}: {v.in_words}" if v.action else "")
         self._health.value("not to be handed over", "; ".join(v.forbids) or "nothing against it")
         wrong = [text for text in v.forbids if text != STICK]  # pilots who fly move their sticks

@@ -23,9 +23,9 @@ from fcsv_control.tello.messages import (
     LandNow,
     LogReport,
     Output,
-    Said,
     StayUp,
     TelloState,
+    TelloText,
 )
 from fcsv_control.tello.observer import ObserverRules
 from fcsv_control.tello.pid import PidConfig, PositionPid, Sticks
@@ -123,7 +123,8 @@ class TelloCore:
             raise CommandRefused(f"{self._name}: a Tello's motors start with its take-off and stop with its landing")
 
     def take_off(self, now_s: float, altitude_m: float) -> None:
-        """To an altitude above where it stands, in a pilot's hands or, with a tracker that sees it, in GUIDED."""
+        """Takes off to an altitude above where it stands, in a pilot's hands or, with a tracker that sees it, in
+        GUIDED."""
         r, report = self._rules, self.tracking.report
         if not self.state(now_s).connected or report is None:
             raise CommandRefused(f"{self._name}: no flight data; look at its Wi-Fi")
@@ -172,7 +173,7 @@ class TelloCore:
 
     @property
     def flying(self) -> bool:
-        """As its flight data said last."""
+        """Says whether it flies, as its flight data said last."""
         return self.tracking.report is not None and self.tracking.report.in_the_air
 
     def state(self, now_s: float) -> TelloState:
@@ -280,4 +281,4 @@ class TelloCore:
         return transforms.transform(T[:3, :3], T[:3, 3] + _STOPS_S * observer.v_mps)
 
     def _say(self, severity: int, text: str) -> None:
-        self._out.append(Said(severity, f"{self._name}: {text}"))
+        self._out.append(TelloText(severity, f"{self._name}: {text}"))

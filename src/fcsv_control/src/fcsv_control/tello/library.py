@@ -88,7 +88,7 @@ class TelloRadio:
 
     @property
     def connected(self) -> bool:
-        """As tellopy has it: it sends sticks."""
+        """Says whether it is connected, as tellopy has it: it sends sticks."""
         return self._tello.state == self._tello.STATE_CONNECTED
 
     @property
@@ -97,7 +97,7 @@ class TelloRadio:
         return self._tello.wifi_strength
 
     def sticks(self, s: Sticks) -> None:
-        """From now on; tellopy sends them whenever a packet arrives."""
+        """Sends the sticks from now on; tellopy sends them whenever a packet arrives."""
         t = self._tello
         t.set_pitch(s.forward)
         t.set_roll(-s.left)

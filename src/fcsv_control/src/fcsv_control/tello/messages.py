@@ -32,7 +32,7 @@ class LogReport:
 
 @dataclass(frozen=True)
 class GiveSticks:
-    """From now on."""
+    """Gives the sticks from now on."""
 
     sticks: Sticks
 
@@ -53,8 +53,8 @@ class StayUp:
 
 
 @dataclass(frozen=True)
-class Said:
-    """For people; ``severity`` as MAVLink has it."""
+class TelloText:
+    """Is a text for people; ``severity`` as MAVLink has it."""
 
     severity: int
     text: str
@@ -67,7 +67,7 @@ class EstimateMoved:
     step_m: np.ndarray
 
 
-Output = Union[GiveSticks, TakeOffNow, LandNow, StayUp, Said, EstimateMoved]
+Output = Union[GiveSticks, TakeOffNow, LandNow, StayUp, TelloText, EstimateMoved]
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ class Observer:
 
     @property
     def stamp_s(self) -> float:
-        """Of the newest pose that was taken."""
+        """Gives the stamp of the newest pose that was taken."""
         return self._stamp_s
 
     @property

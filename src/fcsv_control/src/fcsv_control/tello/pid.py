@@ -24,7 +24,7 @@ _NEARLY_NONE = 0.004  # of a stick: where so little is asked for, it is let go a
 
 @dataclass(frozen=True)
 class Gains:
-    """Of one axis. Output is m/s, rad/s for yaw, m/s2 horizontally with "attitude".
+    """Holds the gains of one axis. Output is m/s, rad/s for yaw, m/s2 horizontally with "attitude".
 
     ``integral_most`` bounds the integrator's output; ``integral_within``: error (m, rad) beyond which it waits.
     """
@@ -73,7 +73,7 @@ class StickModel:
         return math.copysign(min(1.0, self.dead_band + (1.0 - self.dead_band) * abs(share)), share)
 
     def share(self, stick: float) -> float:
-        """Of what the stick can ask."""
+        """Gives the share of what the stick can ask."""
         beyond = max(0.0, abs(stick) - self.dead_band) / (1.0 - self.dead_band)
         return math.copysign(beyond, stick)
 
@@ -147,7 +147,7 @@ class PositionPid:
 
     @staticmethod
     def _most_share(error: np.ndarray, gains: Gains) -> float:
-        """Of an error, that its proportional part alone does not saturate."""
+        """Gives the share of an error, that its proportional part alone does not saturate."""
         asked = gains.p * float(np.linalg.norm(error))
         return gains.most / asked if asked > 0.0 else math.inf
 

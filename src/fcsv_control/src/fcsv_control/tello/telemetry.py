@@ -26,7 +26,7 @@ _FASTEST_MPS = 20.0  # above what a Tello can fly: a record that was damaged
 
 
 def flight_report(data: Any) -> Optional[FlightReport]:
-    """From a ``tellopy`` FlightData; None where it could not be read.
+    """Makes a report from a ``tellopy`` FlightData; None where it could not be read.
 
     tellopy makes all fields 0 of a message of another length, as other firmware sends it: neither on the ground nor
     in the air, and no battery.
@@ -69,7 +69,7 @@ class OwnOdometry:
         self._height_m = height_m
 
     def imu(self, now_s: float, imu: Any) -> Optional[OwnMotion]:
-        """From a ``tellopy`` LogImuAtti that came at ``now_s``, monotonic; None where it cannot be."""
+        """Makes a motion from a ``tellopy`` LogImuAtti that came at ``now_s``, monotonic; None where it cannot be."""
         v_own = _UP * np.array([imu.vg_x, imu.vg_y, imu.vg_z], float)
         numbers = [imu.acc_x, imu.acc_y, imu.acc_z, imu.gyro_x, imu.gyro_y, imu.gyro_z]
         felt = np.array(numbers, float)

@@ -21,7 +21,8 @@ class TickClock:
         self._now_s = self._drone_s = self._apart_s = 0.0
 
     def stamp_s(self, now_s: float, tick: int) -> float:
-        """On the clock of ``now_s``, the time of arrival: not after it, and at most half a second before it.
+        """Gives the stamp on the clock of ``now_s``, the time of arrival: not after it, and at most half a second
+        before it.
 
         >>> clock = TickClock()
         >>> came = [(10.0, 1.0), (10.3, 1.1), (10.32, 1.3)]

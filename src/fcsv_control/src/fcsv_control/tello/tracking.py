@@ -6,7 +6,7 @@ from typing import Optional
 
 import numpy as np
 
-from fcsv_control.flight.fed import Fed
+from fcsv_control.flight.feeding.fed import Fed
 from fcsv_control.tello.messages import EstimateMoved, FlightReport, LogReport
 from fcsv_control.tello.observer import Observer, ObserverRules
 from fcsv_control.tello.pid import StickModel
@@ -30,7 +30,7 @@ class Tracking:
 
     @property
     def T_odom_body(self) -> Optional[np.ndarray]:
-        """By the tracker, else by its own odometry; None before either."""
+        """Gives the pose by the tracker, else by its own odometry; None before either."""
         return self.observer.T_odom_body if self.observer.known else self._own
 
     @property
@@ -45,11 +45,11 @@ class Tracking:
         return now_s - self.observer.stamp_s
 
     def steady_s(self, now_s: float, old_s: float) -> float:
-        """For how long good poses have come without a gap of ``old_s``; nought where they do not."""
+        """Says for how long good poses have come without a gap of ``old_s``; nought where they do not."""
         return now_s - self._good_since_s if self.age_s(now_s) <= old_s else 0.0
 
     def rate_hz(self, now_s: float) -> float:
-        """Of good poses."""
+        """Counts the rate of good poses."""
         return self._fed.rate_hz(now_s)
 
     def doubt(self, now_s: float) -> str:

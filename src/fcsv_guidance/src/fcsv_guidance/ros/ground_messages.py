@@ -45,7 +45,7 @@ def grid_of(message: OccupancyGrid) -> Tuple[Grid, np.ndarray]:
 
 
 def update_message(region: Region, stamp_s: float) -> OccupancyGridUpdate:
-    """As costmap_2d and rviz take it."""
+    """Makes the message as costmap_2d and rviz take it."""
     rows, columns = region.percents.shape
     header = conversions.header(stamp_s, frames.HOME)
     return OccupancyGridUpdate(header, region.column, region.row, columns, rows, region.percents.ravel().tolist())
@@ -97,5 +97,5 @@ def twist_of(command: DriveCommand) -> Twist:
 
 
 def stamp_of(message) -> float:
-    """Of a message's header, s."""
+    """Gives the stamp of a message's header, s."""
     return seconds(message.header.stamp)

@@ -12,8 +12,8 @@ os.environ.setdefault("MAVLINK20", "1")
 
 from pymavlink import mavutil
 
-from fcsv_control.flight import firmware
-from fcsv_control.flight.transport import Transport
+from fcsv_control.flight.mavlink import firmware
+from fcsv_control.flight.mavlink.transport import Transport
 from fcsv_sim.autopilot.elsewhere import TRUTH_HZ, ElsewhereError
 
 _M = mavutil.mavlink

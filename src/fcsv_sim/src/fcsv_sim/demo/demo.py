@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import List, Optional, Tuple
 
-from fcsv_control.mission.plan_check import require_flyable
+from fcsv_control.mission.plans.plan_check import require_flyable
 from fcsv_geometry.errors import FcsvError
 from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.programs.writing import in_words, require_folder

@@ -80,7 +80,7 @@ class FleetPlan:
 
     @property
     def window_arguments(self) -> List[str]:
-        """Of the operator's window."""
+        """Gives the arguments of the operator's window."""
         return arguments(self.vehicles, self.mission_file, self.session_folder)
 
     def start_xyz_yaw(self, index: int) -> List[float]:

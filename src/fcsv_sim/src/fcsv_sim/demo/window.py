@@ -11,7 +11,7 @@ _LOOK_S = 0.5
 
 
 def arguments(vehicles: Sequence[str], mission: Path, session: Path) -> List[str]:
-    """Of a window on a simulated fleet, whose machines all record into ``session``."""
+    """Gives the arguments of a window on a simulated fleet, whose machines all record into ``session``."""
     return ["--vehicles", ",".join(vehicles), "--mission", str(mission), "--session", str(session)]
 
 
@@ -23,7 +23,7 @@ class OperatorWindow:
         self._process: Optional[Process] = None
 
     def open(self, control: Machine, told: Sequence[str]) -> None:
-        """On the control PC's master, with the flight's clock; ``told``: its arguments."""
+        """Opens the window on the control PC's master, with the flight's clock; ``told``: its arguments."""
         self._process = Process([*self._command, *told], control.folder / "console.log", control.env)
 
     @property
@@ -31,11 +31,11 @@ class OperatorWindow:
         return self._process is not None and self._process.returncode is None
 
     def wait(self) -> None:
-        """Until it is closed."""
+        """Waits until it is closed."""
         while self.is_open:
             self._process.wait(_LOOK_S)
 
     def close(self) -> None:
-        """With what it maps. Safe to call again."""
+        """Closes it with what it maps. Safe to call again."""
         if self._process is not None:
             self._process.stop()

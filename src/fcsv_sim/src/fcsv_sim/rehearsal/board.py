@@ -12,7 +12,6 @@ from fcsv_control.agent.core import AgentRules
 from fcsv_control.agent.messages import Ack, AgentAlive, Ask, AskAnswered, Instruction, Kind, Pictures, SetPoint
 from fcsv_control.agent.port import AgentPort
 from fcsv_control.control_messages import MissionAlive
-from fcsv_control.flight.link_parameters import LinkParameters
 from fcsv_control.flight.messages import (
     AutopilotState,
     BatteryTold,
@@ -29,9 +28,10 @@ from fcsv_control.flight.messages import (
     ToAutopilot,
 )
 from fcsv_control.flight.port import FeedRules, FlightLinkPort
-from fcsv_control.flight.profile import Profile, load_profile
+from fcsv_control.flight.settings.link_parameters import LinkParameters
+from fcsv_control.flight.settings.profile import Profile, load_profile
 from fcsv_control.guardian.core import Guardian
-from fcsv_control.guardian.messages import AskMode, HoldAt, Verdict
+from fcsv_control.guardian.messages import AskMode, GuardianVerdict, HoldAt
 from fcsv_control.guardian.port import GuardianPort, OtherGuarded
 from fcsv_control.guardian.rules import GuardianRules
 from fcsv_geometry import transforms
@@ -56,7 +56,7 @@ _AGENT, _GUARDIAN = "agent", "guardian"
 
 @dataclass
 class _Call:
-    """Of a service of the flight link; ``number`` 0: it waits for the service, until a time."""
+    """Is a call of a service of the flight link; ``number`` 0: it waits for the service, until a time."""
 
     by: str
     ask: Ask
@@ -85,7 +85,7 @@ class OnBoard:
         self.state = AutopilotState(False, False, False, False, "", 0)  # as its link told it last
         self.state_s = -np.inf  # when that was
         self.battery_share = np.nan
-        self.verdict = Verdict()  # as its guardian told it last
+        self.verdict = GuardianVerdict()  # as its guardian told it last
         self.battery_said: Optional[float] = None  # what its monitor says, where that is not the truth
         self._latched: Dict[object, object] = {}  # what the control PC told for good, as it came last
         self.recording = False
@@ -106,7 +106,7 @@ class OnBoard:
             ParametersChecked: lambda now_s, m: self.guardian_port.receive(now_s, m.limits),
             Pictures: self._switch, PoseEstimated: self._estimated, RequestOver: self._request_over,
             SetPoint: self._tell_link, TextHeard: self.agent.receive, ToAutopilot: self._to_autopilot,
-            Verdict: self._judged, tm.OdometryEpoch: self._began,
+            GuardianVerdict: self._judged, tm.OdometryEpoch: self._began,
         }  # fmt: skip
         self._give(0.0, self._odometry)
 
@@ -152,7 +152,7 @@ class OnBoard:
 
     @property
     def guardian(self) -> Guardian:
-        """To look at."""
+        """Gives the guardian to look at."""
         return self.guardian_port.core
 
     def _hear(self, now_s: float, message: object) -> None:
@@ -218,7 +218,7 @@ class OnBoard:
         self.guardian_port.receive(now_s, tm.BatteryCharge(self.name, "", self.battery_share))
 
     def _mode_asked(self, now_s: float, m: ModeAsked) -> None:
-        """By the agent, or by the link itself where the feed died."""
+        """Notes that a mode was asked for by the agent, or by the link itself where the feed died."""
         self.modes_asked.append((now_s, m.mode))
         self.guardian_port.receive(now_s, m)
 
@@ -286,7 +286,7 @@ class OnBoard:
         self._tell_link(now_s, SetPoint(output.T_odom_body))
         self.told(now_s, "held", output)
 
-    def _judged(self, now_s: float, verdict: Verdict) -> None:
+    def _judged(self, now_s: float, verdict: GuardianVerdict) -> None:
         self.verdict = verdict
         self.agent.receive(now_s, verdict)
 
@@ -296,7 +296,7 @@ class OnBoard:
 
 @lru_cache(maxsize=None)
 def _profile() -> Profile:
-    """As launch/uav.launch names it."""
+    """Loads the profile, as launch/uav.launch names it."""
     return load_profile(str(bringup() / "config" / "autopilot" / "arducopter-4.3-t265.param")).at_port(_PORT)
 
 

@@ -184,8 +184,8 @@ class MissionRestarts(Fault):
 
 
 class MissionForgets(MissionRestarts):
-    """Likewise, and its memory is lost or damaged. Where it finds vehicles in GUIDED of which it knows nothing, the
-    operator reads so and aborts after 5 to 15 s."""
+    """Acts likewise likewise, and its memory is lost or damaged. Where it finds vehicles in GUIDED of which it knows
+    nothing, the operator reads so and aborts after 5 to 15 s."""
 
     name = "mission forgets"
     _remembers = False
@@ -205,7 +205,7 @@ class MissionForgets(MissionRestarts):
 
 
 class AutopilotReboots(Fault):
-    """In the air. Its filter then begins as late as a real one's."""
+    """Reboots it in the air. Its filter then begins as late as a real one's."""
 
     name = "autopilot reboots"
 
@@ -215,8 +215,8 @@ class AutopilotReboots(Fault):
 
 
 class ComesDown(Fault):
-    """In a vertical configuration of 3, 5 or 10 m the upper vehicle's autopilot lands by itself, on the lower one; in
-    one of two flights its tracker is gone as well."""
+    """Brings one down: in a vertical configuration of 3, 5 or 10 m the upper vehicle's autopilot lands by itself, on
+    the lower one; in one of two flights its tracker is gone as well."""
 
     name = "comes down"
 
@@ -248,7 +248,7 @@ class ComesDown(Fault):
 
 
 class ComesDownAlone(ComesDown):
-    """Likewise, and the control PC died just before."""
+    """Acts likewise likewise, and the control PC died just before."""
 
     name = "comes down alone"
 

@@ -5,7 +5,7 @@ is late."""
 from typing import Callable, Dict
 
 from fcsv_control.guardian.rules import GuardianRules
-from fcsv_control.mission.watch import POSE_STALE_S, STATE_STALE_S
+from fcsv_control.mission.watches.watch import POSE_STALE_S, STATE_STALE_S
 from fcsv_geometry.missions.phases import FLOWN
 from fcsv_sim.rehearsal.control import ControlPc
 from fcsv_sim.rehearsal.vehicle import RehearsedVehicle
@@ -40,7 +40,7 @@ class Calm:
             self._silent(now_s, name, POSES, now_s - before_s)
 
     def look(self, now_s: float) -> None:
-        """At everybody, every 0.05 s."""
+        """Looks at everybody, every 0.05 s."""
         flown = self._control.machine.phase in FLOWN
         for name, vehicle in self._fleet.items():
             verdict, asked = vehicle.guardian.verdict, vehicle.modes_asked

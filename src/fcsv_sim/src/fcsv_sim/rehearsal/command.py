@@ -16,7 +16,7 @@ from typing import Callable, Iterable, List, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
-from fcsv_control.mission import plan_check
+from fcsv_control.mission.plans import plan_check
 from fcsv_geometry.missions.mission import Mission, load_mission
 from fcsv_geometry.programs import commands
 from fcsv_geometry.programs.writing import require_file
@@ -49,7 +49,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Of its faults."""
+        """Gives the names of its faults."""
         return "+".join(faults_of(self.faults, self.seed)) or NONE
 
 
@@ -97,7 +97,7 @@ def _rehearse(args) -> int:
 
 
 def _write(results: Sequence[Tuple[Job, Result]], path: str) -> None:
-    """For programs: a list with an object for each flight."""
+    """Writes the results for programs: a list with an object for each flight."""
     told = [{
         "seed": job.seed, "faults": job.name, "phase": r.phase, "detail": r.detail, "flown_s": round(r.flown_s, 2),
         "captures": r.captures, "wanted": r.wanted, "nearest_m": r.nearest_m if isfinite(r.nearest_m) else None,

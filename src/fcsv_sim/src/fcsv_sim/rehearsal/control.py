@@ -23,11 +23,11 @@ from fcsv_control.control_messages import (
 from fcsv_control.errors import SessionError
 from fcsv_control.guardian.port import MissionFence
 from fcsv_control.mission import memory as memories
+from fcsv_control.mission.activities.standing import CaptureWindow
 from fcsv_control.mission.machine import MissionMachine
 from fcsv_control.mission.memory import Memory
 from fcsv_control.mission.port import MissionPort
 from fcsv_control.mission.snapshot import VehicleView
-from fcsv_control.mission.standing import CaptureWindow
 from fcsv_control.ports import ServingPort
 from fcsv_control.stopping.core import STOP, Report
 from fcsv_control.stopping.port import StopAllPort
@@ -101,12 +101,12 @@ class ControlPc:
 
     @property
     def sender(self) -> str:
-        """As whom the mission commands: each of its processes has a name of its own."""
+        """Says as whom the mission commands: each of its processes has a name of its own."""
         return f"mission-{self._runs}"
 
     @property
     def T_home_odom(self) -> Dict[str, np.ndarray]:
-        """By the calibration and home that were found."""
+        """Gives the transforms by the calibration and home that were found."""
         return self._in_home.T_home_odom
 
     def view(self, now_s: float, name: str) -> VehicleView:

@@ -147,7 +147,7 @@ class Flight:
         self.witness.posed = self._calm.posed
 
     def run(self, faults: Sequence[Callable[["Flight"], None]] = (), longest_s: float = LONGEST_S) -> Result:
-        """To its end, or for ``longest_s``; ``faults`` are told of every pass."""
+        """Flies to its end, or for ``longest_s``; ``faults`` are told of every pass."""
         cpu_s = time.process_time()
         while not self.over and self.now_s < longest_s:
             for fault in faults:

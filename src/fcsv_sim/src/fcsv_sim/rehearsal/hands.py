@@ -28,7 +28,7 @@ class HandsOn:
         self._phase_rad = float(random.uniform(0.0, 2.0 * math.pi))
 
     def sticks(self, since_s: float, sight: Sight) -> Sticks:
-        """Of this moment."""
+        """Gives the sticks of this moment."""
         if self._mode == "LOITER" and since_s < _FLICK_S and sight.mode != "LOITER":
             return Sticks(mode="ALT_HOLD")  # its switch may be at LOITER already: away and back
         if self._mode in ("LAND", "BRAKE"):

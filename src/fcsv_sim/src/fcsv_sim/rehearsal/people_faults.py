@@ -127,7 +127,7 @@ class StickOff(Fault):
 
 
 class ConfirmsAnything(Fault):
-    """For 3 s the operator confirms whatever comes to his mind, three times a second."""
+    """Confirms: for 3 s the operator confirms whatever comes to his mind, three times a second."""
 
     name = "operator confirms anything"
 

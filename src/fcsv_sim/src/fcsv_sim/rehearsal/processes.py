@@ -52,7 +52,7 @@ class Process:
             self.receive(now_s, message)
 
     def kill(self) -> None:
-        """Until ``start``."""
+        """Kills it until ``start``."""
         self.lives, self._sleeps, self._unread = False, False, []
 
     def start(self, now_s: float) -> None:

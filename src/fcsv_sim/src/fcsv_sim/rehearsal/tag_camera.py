@@ -18,7 +18,7 @@ _PLACE = 0.02  # error of the place that one picture tells: share of the distanc
 
 
 class TagCamera:
-    """Of ``vehicle``, which flies behind ``front``."""
+    """Is the camera of ``vehicle``, which flies behind ``front``."""
 
     def __init__(self, vehicle: RehearsedVehicle, front: RehearsedVehicle, random: np.random.Generator):
         self._vehicle, self._front, self._random = vehicle, front, random

@@ -31,7 +31,7 @@ class Trial:
 
     @property
     def vehicle(self) -> str:
-        """In turn."""
+        """Gives the vehicle, in turn."""
         return f"uav{1 + (PHASES.index(self.phase) + MODES.index(self.mode)) % self.vehicles}"
 
 
@@ -52,7 +52,8 @@ def trials(mission: Mission, vehicles: int, seed: int) -> List[Trial]:
 
 
 def fly(trial: Trial) -> Outcome:
-    """Until the phase, then for the time that the pilot has it. ABORTED is reached by an abort in CONFIGURATIONS."""
+    """Flies until the phase, then for the time that the pilot has it. ABORTED is reached by an abort in
+    CONFIGURATIONS."""
     flight = Flight(trial.mission, trial.vehicles, trial.seed)
     reached = _fly_to(flight, trial.phase)
     vehicle = flight.fleet[trial.vehicle]

@@ -19,7 +19,8 @@ _CALM_MPS = 0.3
 
 @dataclass
 class Answer:
-    """To one fault. ``after_s`` None: nobody answered. ``moved_m``: from the place at the fault until then."""
+    """Is the answer to one fault. ``after_s`` None: nobody answered. ``moved_m``: from the place at the fault until
+    then."""
 
     fault: str
     flown: bool  # by the companion (GUIDED) when it began; a hand-flown vehicle is the pilot's

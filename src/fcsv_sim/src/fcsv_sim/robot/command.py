@@ -60,7 +60,7 @@ def rehearse_place(job: PlaceJob) -> Tuple[str, List[DriveResult]]:
 
 
 def picture_name(result: DriveResult) -> str:
-    """Of the picture of a drive."""
+    """Gives the name of the picture of a drive."""
     return f"{result.world}-{result.seed}-{result.fault.replace(' ', '_')}.png"
 
 
@@ -88,7 +88,7 @@ def _rehearse(args: argparse.Namespace) -> int:
 
 
 def _all(jobs: List[PlaceJob], processes: int) -> Iterator[Tuple[str, List[DriveResult]]]:
-    """In order. Raises SimulationError where a process is killed."""
+    """Runs all in order. Raises SimulationError where a process is killed."""
     logging.getLogger("fcsv_stereo").setLevel(logging.ERROR)
     if processes == 1 or len(jobs) == 1:
         yield from map(rehearse_place, jobs)

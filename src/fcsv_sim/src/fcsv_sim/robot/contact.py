@@ -17,8 +17,8 @@ class TrueGround:
     clear: Clearance
 
     def room_m(self, x_m: float, y_m: float) -> float:
-        """From the footprint's edge to the nearest wall, block, beam below the robot's height, step, hole or slope
-        beyond its bounds; negative where the footprint touches it."""
+        """Measures the room from the footprint's edge to the nearest wall, block, beam below the robot's height, step,
+        hole or slope beyond its bounds; negative where the footprint touches it."""
         return float(self.clear.at(x_m, y_m)) - self.clear.robot.radius_m
 
     def T_world_robot(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:

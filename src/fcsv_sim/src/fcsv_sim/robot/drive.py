@@ -33,7 +33,7 @@ class WheelFlaws:
 
     @classmethod
     def drawn(cls, random: np.random.Generator) -> "WheelFlaws":
-        """Of a robot that was built and measured with some care."""
+        """Draws the flaws of a robot that was built and measured with some care."""
         radius = random.normal(1.0, 0.02)
         apart = random.normal(0.0, 0.004)
         return cls(radius + apart, radius - apart, random.normal(1.0, 0.04), random.uniform(0.0, 0.03), 0.03)
@@ -65,7 +65,7 @@ class SimulatedRobot:
 
     @property
     def speed_mps(self) -> float:
-        """Of the wheels' middle, as its computer believes."""
+        """Gives the speed of the wheels' middle, as its computer believes."""
         return float(self._wheels_mps.mean())
 
     @property

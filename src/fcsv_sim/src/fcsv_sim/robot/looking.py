@@ -72,7 +72,7 @@ class Lookout:
         self._chosen: List[int] = []
 
     def looked(self) -> Looked:
-        """From what was chosen so far."""
+        """Gives what is seen from what was chosen so far."""
         sights = np.array([self._sights[i] for i in self._chosen]).reshape(-1, *self.grid.shape)
         return Looked(tuple(self._candidates[i] for i in self._chosen), self.grid, sights)
 
@@ -138,7 +138,7 @@ def _worth(clear: Clearance, grid: Grid, start_m, goal_m) -> np.ndarray:
 
 
 def _seen(town: Town, grid: Grid, stations: Sequence[Station]):
-    """For each station (rows, columns) float32, 1 where nothing hides the ground from it."""
+    """Gives, for each station (rows, columns) float32, 1 where nothing hides the ground from it."""
     camera = CameraParameters().model
     xy = grid.middle_of(*np.indices(grid.shape)).reshape(-1, 2)
     points = np.column_stack([xy, town.plan.drawn_height(*xy.T)])

@@ -43,7 +43,7 @@ class MappedPlace:
 
     @property
     def name(self) -> str:
-        """Of its folder and of its rows."""
+        """Gives the name of its folder and of its rows."""
         return f"{self.world} {self.town.seed}"
 
 

@@ -79,7 +79,8 @@ class DriveResult:
 
 @dataclass
 class Track:
-    """For a picture: the true way (N,2), routes that were planned, boxes, where the contact was, and what was free."""
+    """Holds, for a picture: the true way (N,2), routes that were planned, boxes, where the contact was, and what was
+    free."""
 
     way: List[Tuple[float, float]] = field(default_factory=list)
     routes: List[Route] = field(default_factory=list)
@@ -116,7 +117,7 @@ class RobotDrive:
         self._slowest_s, self._said_none, self._blocked = 0.0, False, None
 
     def run(self, longest_s: float = LONGEST_S) -> DriveResult:
-        """To the goal, to a contact, or to where nothing more can come."""
+        """Drives to the goal, to a contact, or to where nothing more can come."""
         for number, ground in enumerate(self._place.grounds):
             if ground is not None:
                 self._guide.receive(0.0, GroundSeen(0.0, f"station {number}", ground))

@@ -57,7 +57,7 @@ def stations_line(place: MappedPlace) -> str:
 
 
 def verdict_line(results: Sequence[DriveResult]) -> str:
-    """In one sentence: whether a robot touched anything, and what else must not be."""
+    """Says, in one sentence: whether a robot touched anything, and what else must not be."""
     broken = [r for r in results if r.broke]
     if not broken:
         return f"Verdict: nothing touched and nothing untrue said in {len(results)} drives"

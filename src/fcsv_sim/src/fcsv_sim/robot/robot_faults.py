@@ -39,7 +39,7 @@ FAULTS: Dict[str, Fault] = {fault.name: fault for fault in (
 
 
 def faults_of(names: str) -> List[Fault]:
-    """As --faults takes them. Raises SimulationError naming the one that there is not."""
+    """Finds faults as --faults takes them. Raises SimulationError naming the one that there is not."""
     if names == ALL:
         return list(FAULTS.values())
     found = [name.strip() for name in names.split(",")]

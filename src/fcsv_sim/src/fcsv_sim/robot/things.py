@@ -27,7 +27,7 @@ class Box:
     yaw_rad: float = 0.0
 
     def gap_m(self, x_m, y_m) -> np.ndarray:
-        """From places (any shape) to its side; negative inside."""
+        """Measures the gap from places (any shape) to its side; negative inside."""
         c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         dx, dy = np.asarray(x_m) - self.x_m, np.asarray(y_m) - self.y_m
         off = np.abs(np.stack([c * dx + s * dy, c * dy - s * dx], -1)) - self.half_m

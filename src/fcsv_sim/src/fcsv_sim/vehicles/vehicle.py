@@ -7,7 +7,7 @@ from typing import Tuple
 
 import numpy as np
 
-from fcsv_control.flight.signing import read_key
+from fcsv_control.flight.mavlink.signing import read_key
 from fcsv_geometry import rotations, transforms
 from fcsv_sim.autopilot.core import Autopilot
 from fcsv_sim.autopilot.ground import READY_S

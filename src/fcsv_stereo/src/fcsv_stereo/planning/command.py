@@ -88,7 +88,8 @@ def _request(args) -> PlanRequest:
 
 
 def _camera(args) -> PinholeCamera:
-    """Of the calibration file, without its distortion: pairs are matched undistorted; or of an angle of view."""
+    """Makes the camera of the calibration file, without its distortion: pairs are matched undistorted; or of an angle
+    of view."""
     if args.camera:
         if any(given is not None for given in (args.focal_px, args.fov_deg, args.size)):
             raise PlanError("--camera has size and focal length: leave --focal-px, --fov-deg and --size out")

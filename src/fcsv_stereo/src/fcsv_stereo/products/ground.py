@@ -18,18 +18,18 @@ _MAKER = "fcsv_guidance.ground_product"
 
 @dataclass(frozen=True)
 class GroundShown:
-    """For the report: one line, and the picture from above (JPEG in base64)."""
+    """Holds, for the report: one line, and the picture from above (JPEG in base64)."""
 
     summary: str
     jpeg: str
 
     def to_dict(self) -> dict:
-        """For report.json."""
+        """Gives it for report.json."""
         return {"summary": self.summary}
 
 
 def check_robot(products: Sequence[str], robot: Optional[Path]) -> None:
-    """Before anything is mapped: ``ground`` needs a robot's file, and only ground has use for one.
+    """Checks, before anything is mapped: ``ground`` needs a robot's file, and only ground has use for one.
 
     Raises InputError, and ConfigError naming file and field.
     """

@@ -38,12 +38,12 @@ class Placed:
 
     @property
     def sigma_scale(self) -> float:
-        """As a share."""
+        """Gives sigma as a share."""
         return float(np.sqrt(self.covariance[6, 6]))
 
     @property
     def sigma_m(self) -> float:
-        """Of the camera's place, per axis."""
+        """Gives sigma of the camera's place, per axis."""
         return self.scale * float(np.sqrt(np.trace(self.covariance[3:6, 3:6]) / 3.0))
 
     @property
@@ -195,7 +195,7 @@ def _prior_at(prior: Prior, start: gtsam.Similarity3) -> Tuple[gtsam.Similarity3
 
 
 def _wrong_edges(starts, priors: Dict[str, Prior], edges: Sequence[Edge]) -> Dict[Tuple[str, str], str]:
-    """By (a, b): why graduated non-convexity throws an edge out."""
+    """Says, by (a, b): why graduated non-convexity throws an edge out."""
     if not edges:
         return {}
     graph, initial = _graph(starts, priors, edges)

@@ -104,7 +104,7 @@ def content_key(path: Path) -> str:
 
 
 def copies(keys: Dict[str, str]) -> Dict[str, str]:
-    """By name: the earlier view whose content is the same.
+    """Gives, by name: the earlier view whose content is the same.
 
     >>> copies({"a": "1", "b": "2", "c": "1"})
     {'c': 'a'}

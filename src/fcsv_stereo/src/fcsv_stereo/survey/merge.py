@@ -48,7 +48,8 @@ class SiteView:
         return ray @ self.R_site_cam.T
 
     def look(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Of points (N,3): whether they are in the picture, their pixels' rows and columns, and their depths (m)."""
+        """Says, of points (N,3): whether they are in the picture, their pixels' rows and columns, and their depths
+        (m)."""
         in_cam = (points - self.place) @ self.R_site_cam
         c, z = self.view.camera, in_cam[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -77,8 +78,9 @@ def site_view(view: View, placed: Placed, origin_m: np.ndarray) -> SiteView:
 
 @dataclass(frozen=True)
 class Joined:
-    """Of a view's N pixels with a depth: the cloud of those that it keeps (``baseline_index`` counts views), how many a
-    surer view tells (``duplicates``), how many others see through (``seen_through``), and how many two views see."""
+    """Holds the result of a view's N pixels with a depth: the cloud of those that it keeps (``baseline_index`` counts
+    views), how many a surer view tells (``duplicates``), how many others see through (``seen_through``), and how many
+    two views see."""
 
     cloud: Cloud
     duplicates: int

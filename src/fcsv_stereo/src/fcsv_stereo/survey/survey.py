@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From inputs to OUT/: maps, edges, adjustment, one cloud, its files."""
+"""Leads from inputs to OUT/: maps, edges, adjustment, one cloud, its files."""
 
 import itertools
 import json

@@ -42,12 +42,13 @@ from fcsv_console.model.facts.of_vehicle import (
     PictureHeard,
     Radio,
     Recorder,
-    Said,
     Tags,
+    VehicleText,
 )
 
 OfVehicle = Union[AutopilotState, Battery, OdometryHeard, CameraInHome, CameraKnown, PictureHeard, Guardian, Agent,
-                  Recorder, Clock, EpochHeard, Radio, Said, Answered, Tags, Captured, Diagnosed, NotInBags]  # fmt: skip
+                  Recorder, Clock, EpochHeard, Radio, VehicleText, Answered, Tags, Captured, Diagnosed,
+                  NotInBags]  # fmt: skip
 Fact = Union[
     OfVehicle,
     Calibrated,
@@ -103,7 +104,7 @@ __all__ = [
     "Radio",
     "Recorder",
     "RehearsalTold",
-    "Said",
+    "VehicleText",
     "SeenFrom",
     "StopTold",
     "Tags",

@@ -17,7 +17,8 @@ class Unusable:
 
 @dataclass(frozen=True)
 class EpipolarTold:
-    """Of a pair's newest pictures: median distance from the epipolar lines of their places, NaN: too few matches.
+    """Holds the error of a pair's newest pictures: median distance from the epipolar lines of their places, NaN: too
+    few matches.
 
     ``refined_px``: what is left of it once the pair is fitted as the map fits it, ``surprise``: how far that pose is
     from the trackers' (standard deviations of the map's prior); NaN: not fitted. ``focal_px``: of the picture.
@@ -33,8 +34,8 @@ class EpipolarTold:
 
 @dataclass(frozen=True)
 class RehearsalTold:
-    """Of a mission file's ``text``; ``state``: "runs", "passed", "broken", "impossible", "stopped"; ``share`` (0..1) of
-    one that runs, NaN: not known."""
+    """Holds the rehearsal of a mission file's ``text``; ``state``: "runs", "passed", "broken", "impossible", "stopped";
+    ``share`` (0..1) of one that runs, NaN: not known."""
 
     text: str
     state: str
@@ -44,7 +45,8 @@ class RehearsalTold:
 
 @dataclass(frozen=True)
 class JobTold:
-    """Of "gather", "map" or "report". ``state``: "runs", "done", "failed", "stopped"; ``share``: 0..1; NaN: unknown."""
+    """Holds the state of "gather", "map" or "report". ``state``: "runs", "done", "failed", "stopped"; ``share``: 0..1;
+    NaN: unknown."""
 
     job: str
     state: str

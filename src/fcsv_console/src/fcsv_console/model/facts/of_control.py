@@ -30,7 +30,7 @@ class CalibratedLink:
 
 @dataclass(frozen=True)
 class CalibrationFound:
-    """As fcsv_msgs/Calibration; without links where a tracker on the ground sees everybody."""
+    """Holds the calibration as fcsv_msgs/Calibration; without links where a tracker on the ground sees everybody."""
 
     links: Tuple[CalibratedLink, ...]
 
@@ -53,7 +53,7 @@ class Check:
 
 @dataclass(frozen=True)
 class MissionTold:
-    """As fcsv_msgs/MissionState."""
+    """Holds the mission's state as fcsv_msgs/MissionState."""
 
     phase: str
     detail: str = ""
@@ -80,7 +80,7 @@ class MissionAlive:
 
 @dataclass(frozen=True)
 class StopTold:
-    """As fcsv_msgs/StopReport; ``asked``: "stop", "land" or empty; ``words``: what became of it."""
+    """Holds the report as fcsv_msgs/StopReport; ``asked``: "stop", "land" or empty; ``words``: what became of it."""
 
     asked: str = ""
     words: str = ""
@@ -88,7 +88,7 @@ class StopTold:
 
 @dataclass(frozen=True)
 class MapTold:
-    """As fcsv_msgs/MapState."""
+    """Holds the state as fcsv_msgs/MapState."""
 
     state: str
     detail: str = ""

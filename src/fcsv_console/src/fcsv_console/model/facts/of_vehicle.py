@@ -59,7 +59,8 @@ class PictureHeard:
 
 @dataclass(frozen=True)
 class CameraKnown:
-    """As sensor_msgs/CameraInfo: size of the pictures, focal length (px) along the rows and across them."""
+    """Holds the camera as sensor_msgs/CameraInfo: size of the pictures, focal length (px) along the rows and across
+    them."""
 
     vehicle: str
     width: int
@@ -70,7 +71,7 @@ class CameraKnown:
 
 @dataclass(frozen=True)
 class Guardian:
-    """As fcsv_msgs/GuardianState."""
+    """Holds the state as fcsv_msgs/GuardianState."""
 
     vehicle: str
     action: str = ""
@@ -131,7 +132,7 @@ class Radio:
 
 
 @dataclass(frozen=True)
-class Said:
+class VehicleText:
     """A text for people; ``severity`` is MAVLink's (0 emergency .. 7 debug), ``who`` "autopilot" or "guardian"."""
 
     vehicle: str

@@ -10,7 +10,7 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
-from fcsv_control.ros.flight_check_messages import lines_of
+from fcsv_control.ros.checks.flight_check_messages import lines_of
 from fcsv_geometry.ros import node
 from fcsv_msgs.msg import Capture, FlightCheck, MapState, MissionState, RecorderStatus
 from fcsv_sim.demo.maps_in_flight import MapsInFlight

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""External navigation for the autopilot, and whether it can be believed."""

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Asks vehicles for GUIDED, again where they refuse."""
+
+from typing import Dict, Sequence
+
+from fcsv_control.mission.outbox import Order, Outbox
+from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.watches.hands import MissionModeOwner
+
+_MODE_SHOWS_S = 2.0  # a heartbeat a second tells the mode: so long after the acknowledgement it must show
+
+
+class Handover:
+    """One handing over. ``detail`` says who refuses and why."""
+
+    def __init__(self, outbox: Outbox, hands: MissionModeOwner):
+        self._outbox, self._hands = outbox, hands
+        self._orders: Dict[str, Order] = {}
+        self.detail = ""
+
+    def step(self, snapshot: Snapshot, vehicles: Sequence[str]) -> bool:
+        """Whether all show GUIDED; who does not is asked."""
+        waiting = [n for n in vehicles if snapshot.vehicles[n].mode != "GUIDED"]
+        for name in waiting:
+            if self._hands.may_be_asked(name, snapshot.vehicles[name].mode):
+                self._switch(snapshot, name)
+        return not waiting
+
+    def _switch(self, snapshot: Snapshot, name: str) -> None:
+        now_s, order = snapshot.now_s, self._orders.get(name)
+        if order is not None and order.failed:
+            self.detail = f"{name} does not go to GUIDED: {order.outcome}"
+        unheard = order is not None and order.outcome is None
+        if order is None or not (unheard or now_s - order.ordered_s < _MODE_SHOWS_S):
+            self._orders[name] = self._outbox.order(now_s, name, "SET_MODE", mode="GUIDED")
+            self._hands.asked(name, "GUIDED", snapshot.vehicles[name].mode)

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Standing at the places of configurations that are flown at once: become calm, record on every vehicle of them, watch
+that all hold still."""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Dict, List, Mapping, Optional, Tuple
+
+import numpy as np
+
+from fcsv_control.mission.activities.recorders import FIRST_PICTURE_S, LAST_PICTURE_S, Recorders
+from fcsv_control.mission.activities.stages import HOLDS, RECORDS
+from fcsv_control.mission.outbox import Outbox
+from fcsv_control.mission.snapshot import Snapshot
+from fcsv_control.mission.watches.calm import CalmCheck
+from fcsv_geometry.missions.mission import Mission
+
+_LONGEST = 4.0  # times the wanted recording, where pictures come in slowly
+
+
+@dataclass(frozen=True)
+class CaptureWindow:
+    """A recording window that counts: pictures stamped within it (s) belong to configuration ``index``."""
+
+    index: int
+    vehicle: str
+    start_s: float
+    stop_s: float
+    position_error_m: float  # largest distance of mover or reference from its place, by odometry
+
+
+class Progress(Enum):
+    """How far an attempt is."""
+
+    UNDER_WAY = auto()
+    DONE = auto()  # with its window
+    AGAIN = auto()  # it was disturbed
+    GIVEN_UP = auto()  # the vehicles do not become calm, or a recorder refuses for too long
+
+
+class Standing:
+    """One attempt; ``step`` answers how far it is. ``movers``: index of its configuration by vehicle."""
+
+    def __init__(
+        self, mission: Mission, movers: Mapping[str, int], places: Dict[str, np.ndarray], outbox: Outbox, last: bool
+    ):  # fmt: skip
+        self._bounds = mission.settle
+        self._movers = dict(movers)
+        listed = [mission.configurations[i] for i in self._movers.values()]
+        self._record_s = max(c.record_s for c in listed)
+        self._least_pictures = max(c.least_pictures for c in listed)
+        self._title = " and ".join(c.title for c in listed)
+        self._calm = CalmCheck(mission.settle, places)
+        self._recorders = Recorders(outbox, list(places), mission.limits.recorder_s)
+        self._last = last  # a disturbed recording counts: there is no further attempt
+        self._started_s: Optional[float] = None
+        self._calm_since_s: Optional[float] = None
+        self._start_s: Optional[float] = None
+        self._stop_s: Optional[float] = None
+        self._lacking = False  # pictures, when the wanted time was over
+        self._clock_set = 0  # as it began
+        self._worst_m = 0.0
+        self.detail = ""
+        self.why = ""  # it was given up
+
+    @property
+    def stage(self) -> str:
+        """Gives the stage as stages.py names it."""
+        return HOLDS if self._start_s is None else RECORDS
+
+    def stop(self, snapshot: Snapshot) -> None:
+        """Pictures off, where they are on."""
+        self._recorders.stop(snapshot)
+
+    def step(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
+        """Settle, switch the recorders on, watch, switch them off; the windows, one per configuration, once."""
+        self._started_s = snapshot.now_s if self._started_s is None else self._started_s
+        if not self._recorders.on:
+            return self._settle(snapshot), []
+        if self._start_s is None:
+            return self._await_recorders(snapshot), []
+        return self._watch(snapshot)
+
+    def _settle(self, snapshot: Snapshot) -> Progress:
+        self.detail = f"{' and '.join(self._movers)} settle{'s' * (len(self._movers) == 1)} at {self._title}"
+        if not self._calm.look(snapshot):
+            self.detail += f": {self._calm.said}"
+            self._calm_since_s = None
+            late = snapshot.now_s - self._started_s > self._bounds.timeout_s
+            return self._give_up(f"not calm there: {self._calm.in_the_way}") if late else Progress.UNDER_WAY
+        self._calm_since_s = snapshot.now_s if self._calm_since_s is None else self._calm_since_s
+        if snapshot.now_s - self._calm_since_s >= self._bounds.time_s:
+            self._recorders.start(snapshot)
+        return Progress.UNDER_WAY
+
+    def _give_up(self, why: str) -> Progress:
+        self.why = why
+        return Progress.GIVEN_UP
+
+    def _await_recorders(self, snapshot: Snapshot) -> Progress:
+        """The window opens when every recorder is known to be on."""
+        recorders = self._recorders
+        if recorders.started(snapshot):
+            self._start_s, self._clock_set = snapshot.now_s + FIRST_PICTURE_S, snapshot.clock_set
+        elif not recorders.refused:
+            self.detail = f"recorders start for {self._title}"
+        else:
+            self.detail = f"recorders do not start for {self._title}: {recorders.refused}"
+            if recorders.given_up:
+                return self._give_up(f"recorders do not start: {recorders.refused}")
+        return Progress.UNDER_WAY
+
+    def _watch(self, snapshot: Snapshot) -> Tuple[Progress, List[CaptureWindow]]:
+        if self._stop_s is None:
+            self._worst_m = max(self._worst_m, self._calm.error_m(snapshot))
+            self.detail = f"recording {self._title}"
+            self._stop_s = self._ended_s(snapshot)
+        gust = self._worst_m > self._bounds.hold_m and not self._last
+        if gust or snapshot.clock_set != self._clock_set:  # no time of day tells such a window
+            self.stop(snapshot)
+            return Progress.AGAIN, []
+        if self._stop_s is None or snapshot.now_s < self._stop_s + LAST_PICTURE_S:
+            return Progress.UNDER_WAY, []
+        self.stop(snapshot)
+        window = (self._start_s, self._stop_s, self._worst_m)
+        return Progress.DONE, [CaptureWindow(i, n, *window) for n, i in self._movers.items()]
+
+    def _ended_s(self, snapshot: Snapshot) -> Optional[float]:
+        """When the recording ended: at the wanted time, later where a vehicle did not have its pictures then."""
+        due_s, now_s = self._start_s + self._record_s, snapshot.now_s
+        if now_s < due_s:
+            return None
+        if self._recorders.enough(snapshot, self._least_pictures):
+            return now_s if self._lacking else due_s
+        self._lacking = True
+        return now_s if now_s >= self._start_s + _LONGEST * self._record_s else None

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a mission's plan is checked: before take-off, and once more from where the vehicles hang when home is set."""
+
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+
+from fcsv_control.mission.plans import plan_check
+from fcsv_control.mission.snapshot import Snapshot
+from fcsv_geometry.missions.mission import Mission
+
+
+class PlanGate:
+    """``radius_m`` by vehicle. Raises MissionError where a leg cannot be flown whatever the batteries hold."""
+
+    def __init__(self, mission: Mission, vehicles: Sequence[str], radius_m: Optional[Mapping[str, float]]):
+        plan_check.require_flyable(mission, vehicles, radius_m)
+        self._mission, self._vehicles, self._radius_m = mission, list(vehicles), radius_m
+        self._checked: Optional[Tuple[Dict[str, float], List[str]]] = None  # with these batteries
+
+    def before_take_off(self, snapshot: Snapshot) -> List[str]:
+        """Why nobody may take off."""
+        shares = _shares(snapshot)
+        if self._checked is None or self._checked[0] != shares:
+            situation = plan_check.on_the_ground(self._mission, self._vehicles, shares)
+            self._checked = shares, plan_check.check_plan(self._mission, situation, self._radius_m)
+        return self._checked[1]
+
+    def from_here(self, snapshot: Snapshot, indices: Optional[Sequence[int]]) -> str:
+        """Why the list cannot be flown from where the vehicles hang now, "" where it can or places are not known."""
+        views = snapshot.vehicles
+        if any(v.T_home_cam is None for v in views.values()):
+            return ""  # GUIDED waits for it
+        places = {n: snapshot.p_home_cam(n) for n in self._vehicles}
+        height_m = views[self._mission.reference].height_m
+        situation = plan_check.Situation(height_m, places, _shares(snapshot), before_s=0.0)
+        return "; ".join(plan_check.check_plan(self._mission, situation, self._radius_m, indices))
+
+
+def _shares(snapshot: Snapshot) -> Dict[str, float]:
+    """Gives the charges of the batteries that are known, in whole percent."""
+    return {n: round(v.battery_share, 2) for n, v in snapshot.vehicles.items() if v.battery_share == v.battery_share}

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is flown in which order, and how the operator changes it."""
+
+from dataclasses import dataclass
+from typing import Collection, List, Optional, Sequence, Set
+
+from fcsv_geometry.missions.mission import Mission
+
+
+@dataclass(frozen=True)
+class Task:
+    """A vehicle's place: that of a configuration, or (None) where it was parked when the list began. ``joins``: it
+    moves at the same time as the task before."""
+
+    vehicle: str
+    index: Optional[int] = None
+    joins: bool = False
+
+
+def tasks(
+    mission: Mission, vehicles: Sequence[str], indices: Optional[Sequence[int]] = None, away: Collection[str] = ()
+) -> List[Task]:
+    """What is flown in order. A vehicle that has done its part goes back to its place in the column before others
+    move and before all land, so that no vehicle comes down on another. ``away`` are out of the column already."""
+    found: List[Task] = []
+    for moment in mission.moments(indices):
+        movers = [mission.mover(i, vehicles) for i in moment]
+        found += _at_once([Task(n) for n in away if n not in movers])
+        found += _at_once([Task(n, i) for n, i in zip(movers, moment)])
+        away = movers
+    return found + _at_once([Task(n) for n in away])
+
+
+def _at_once(moves: Sequence[Task]) -> List[Task]:
+    return [Task(t.vehicle, t.index, joins=k > 0) for k, t in enumerate(moves)]
+
+
+class TaskList:
+    """The tasks that are left, the running ones first. Changes answer "" or why they cannot be made. ``away``: who is
+    out of the column."""
+
+    def __init__(
+        self, mission: Mission, vehicles: Sequence[str], left: Sequence[Task], flown: Sequence[int] = (),
+        away: Collection[str] = (),
+    ):  # fmt: skip
+        self._mission, self._vehicles = mission, list(vehicles)
+        self.left = list(left)
+        self.flown = list(flown)  # configurations that are behind, recorded or left out
+        self.away = list(away)
+        self._gone: Set[str] = set()  # take no part any more
+        self._last = next((t.index for t in self.left if t.index is not None), 0)
+
+    @property
+    def moment(self) -> List[Task]:
+        """The running tasks: they are flown at the same time."""
+        first = self.left[:1]
+        for task in self.left[1:]:
+            if not task.joins:
+                break
+            first.append(task)
+        return first
+
+    @property
+    def index(self) -> int:
+        """Gives the index of the running configuration, also on the way back from the last."""
+        running = self.running
+        self._last = self._last if running is None else running
+        return self._last
+
+    @property
+    def running(self) -> Optional[int]:
+        """Index of the (first) configuration that is flown, or that comes next; None on the last way back."""
+        return next((t.index for t in self.left if t.index is not None), None)
+
+    @property
+    def coming(self) -> List[int]:
+        """Indices of the configurations that are flown, or that come next; none on the last way back."""
+        indices = self._indices()
+        return self._mission.moments(indices)[0] if indices else []
+
+    def done(self) -> None:
+        """The running tasks are done."""
+        moment = self.moment
+        self.left = self.left[len(moment) :]
+        for task in moment:
+            self.away = [n for n in self.away if n != task.vehicle]
+            if task.index is not None:
+                self._last = task.index
+                self.flown.append(task.index)
+                self.away.append(task.vehicle)
+
+    def go_back(self) -> None:
+        """Nothing more is flown but the way back."""
+        self.left = _at_once([Task(n) for n in self._out()])
+
+    @property
+    def working(self) -> List[str]:
+        """Vehicles that have a configuration left."""
+        return [t.vehicle for t in self.left if t.index is not None]
+
+    def leave(self, vehicle: str) -> List[int]:
+        """A vehicle takes no part any more; which configurations are left out with it."""
+        self._gone.add(vehicle)
+        away = [n for n in self._out() if n != vehicle]
+        lost = [t.index for t in self.left if t.index is not None and t.vehicle == vehicle]
+        self.flown += lost
+        self.away = [n for n in self.away if n != vehicle]
+        if any(t.index is not None for t in self.left):
+            self.left = tasks(self._mission, self._vehicles, [i for i in self._indices() if i not in lost], away)
+        else:
+            self.left = _at_once([t for t in self.left if t.vehicle != vehicle])
+        return lost
+
+    def skip(self) -> str:
+        """Leave the running configurations out."""
+        if self.running is None:
+            return "no configuration is left that could be skipped"
+        first = self.coming
+        self._order(self._others())
+        self.flown += first
+        return ""
+
+    def put_off(self) -> str:
+        """Fly the next configurations first, the running ones after all others."""
+        first, others = self.coming, self._others()
+        if not others:
+            return "no other configuration is left that could come first"
+        self._order([*others, *first])
+        return ""
+
+    def before(self) -> str:
+        """Fly the configurations before again, then the running ones."""
+        possible = [i for i in self.flown if self._mission.mover(i, self._vehicles) not in self._gone]
+        if not possible:
+            return "no configuration was flown before"
+        again = [i for i in self._mission.moment_of(possible[-1]) if i in possible]
+        self.flown = [i for i in self.flown if i not in again]
+        self._order([*again, *self._indices()])
+        return ""
+
+    def again(self) -> str:
+        """Fly the running configurations from their start; on the last way back those before."""
+        return self.before() if self.running is None else ""
+
+    def _out(self) -> List[str]:
+        """Who is out of the column, or on its way."""
+        return list(dict.fromkeys([*self.away, *(t.vehicle for t in self.moment)]))
+
+    def _indices(self) -> List[int]:
+        return [t.index for t in self.left if t.index is not None]
+
+    def _others(self) -> List[int]:
+        return self._indices()[len(self.coming) :]
+
+    def _order(self, indices: Sequence[int]) -> None:
+        self.left = tasks(self._mission, self._vehicles, indices, self._out())

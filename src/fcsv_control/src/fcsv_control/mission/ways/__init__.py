@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where vehicles go, and ways that keep clear of the others."""

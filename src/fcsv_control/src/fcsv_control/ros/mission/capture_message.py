@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording window as /mission/capture says it."""
+
+import rospy
+
+from fcsv_control.mission.activities.standing import CaptureWindow
+from fcsv_geometry.missions.mission import Mission
+from fcsv_geometry.ros import conversions
+from fcsv_msgs.msg import Capture, Configuration
+
+
+def capture_message(mission: Mission, window: CaptureWindow, wall_offset_s: float = 0.0) -> Capture:
+    """What /mission/capture says of a recording window: in the time of day, by which pictures are stamped, minus the
+    clock of the window ``wall_offset_s``."""
+    c = mission.configurations[window.index]
+    axis = Configuration.HORIZONTAL if c.axis == "horizontal" else Configuration.VERTICAL
+    return Capture(
+        header=conversions.header(rospy.get_time(), ""),
+        index=window.index,
+        configuration=Configuration(c.title, axis, c.baseline_m, c.tilt_rad, c.record_s),
+        reference=mission.reference,
+        vehicle=window.vehicle,
+        start=rospy.Time.from_sec(window.start_s + wall_offset_s),
+        stop=rospy.Time.from_sec(window.stop_s + wall_offset_s),
+        position_error_m=window.position_error_m,
+    )

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A Tello's link as a node."""
