@@ -154,7 +154,8 @@ def test_what_is_heard_by_shared_functions_counts_where_they_are_called(monkeypa
     monkeypatch.syspath_prepend(str(ROOT / "tools" / "docs"))
     from node_topics import End, ends_of_node
 
-    mission, stop_all = (ends_of_node(ROOT, f"fcsv_control.ros.mission.{name}_node") for name in ("mission", "stop_all"))
+    names = (f"fcsv_control.ros.mission.{name}_node" for name in ("mission", "stop_all"))
+    mission, stop_all = (ends_of_node(ROOT, name) for name in names)
     assert {
         End("hears", "/VEHICLE/odometry/state", "Odometry"), End("hears", "/VEHICLE/command_ack", "CommandAck"),
         End("hears", "/VEHICLE/tags/detections", "TagDetections"), End("hears", "/relay/ages", "RelayAges"),
